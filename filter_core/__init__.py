@@ -1,0 +1,1 @@
+"""Decide which boxes the camera can see. Arrays in, numbers and verdicts out."""

@@ -1,0 +1,96 @@
+"""What can be wrong with an input, as one tree.
+
+FilterError
+|-- ImageError            a file is not an image that can be used
+|   |-- ImageSizeMismatch segmentation, image and camera disagree about the size
+|   `-- ImageTooLarge     a header promises more pixels than the limit allows
+|-- SegmentationError     an image, but not a segmentation that can be trusted
+|-- AnnotationError       one fault in a frame's annotation
+|-- AnnotationErrors      all faults of one annotation
+|-- ConfigError           a filter configuration that cannot be used
+|-- NotAvailable          asked for something this version does not offer
+`-- LayoutError           a folder or label file that cannot be read
+
+Messages name the thing, what was expected and what was found; never a server's path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+
+class FilterError(ValueError):
+    """Base of everything the library raises on bad input.
+
+    `code` is stable and for programs, the text is for people, `pointer` is the JSON
+    pointer of the field where there is one.
+    """
+
+    code: ClassVar[str] = "bad_input"
+
+    def __init__(self, detail: str, *, pointer: str = "", code: str = "") -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.pointer = pointer
+        self.kind = code or type(self).code
+
+
+class ImageError(FilterError):
+    """A file is not an image that can be used."""
+
+    code = "bad_image"
+
+
+class ImageSizeMismatch(ImageError):
+    """Segmentation, image and camera disagree about the size."""
+
+    code = "image_size_mismatch"
+
+
+class ImageTooLarge(ImageError):
+    """A header promises more pixels than the limit allows."""
+
+    code = "image_too_large"
+
+
+class SegmentationError(FilterError):
+    """The image cannot be trusted as a segmentation; `kind` says how."""
+
+    code = "bad_segmentation"
+
+
+class AnnotationError(FilterError):
+    """One fault in a frame's annotation."""
+
+    code = "bad_annotation"
+
+
+class AnnotationErrors(FilterError):
+    """All faults of one annotation, found in one pass."""
+
+    code = "bad_annotation"
+
+    def __init__(self, errors: Sequence[AnnotationError]) -> None:
+        first = errors[0].detail
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        super().__init__(f"{first}{more}", pointer=errors[0].pointer)
+        self.errors = tuple(errors)
+
+
+class ConfigError(FilterError):
+    """A filter configuration that cannot be used."""
+
+    code = "bad_config"
+
+
+class NotAvailable(FilterError):
+    """Asked for something that this version does not offer."""
+
+    code = "not_available"
+
+
+class LayoutError(FilterError):
+    """A folder or a label file that cannot be read."""
+
+    code = "bad_layout"

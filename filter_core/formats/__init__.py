@@ -1,0 +1,1 @@
+"""Label formats and folder layouts: the only file access of the package."""
