@@ -1,0 +1,225 @@
+"""What the service refuses, as one tree. Knows no HTTP; `http_errors` translates.
+
+AppError                     anything that the service says no to
+|-- BadRequest               the request itself is malformed
+|   |-- UnknownParameter     a query parameter that the route does not have
+|   `-- MisdirectedHost      asked under a host name that is not served here
+|-- Unauthorised             no credentials, or none that are valid
+|-- Forbidden                valid credentials, but not for this
+|-- NotFound                 no such thing
+|-- Conflict                 the state, or other content, is in the way
+|   |-- FrameConflict        another frame is stored under this key
+|   `-- RunAlreadyFinished   a run that ended cannot be cancelled
+|-- StaleRevision            someone changed the thing since it was looked at
+|   `-- StaleReview          ... the thing is a box under review
+|-- TooLarge                 larger than a limit of the settings
+|-- UnsupportedMedia         a media type that is not read here
+|-- RangeNotSatisfiable      a byte range outside the file
+|-- Unprocessable            understood, but the content cannot be used
+|   `-- IdempotencyKeyReuse  the key was used for another request
+`-- TryLater                 the same request may succeed later
+    |-- TooManyRequests      a quota is used up
+    |-- DatabaseBusy         the database did not take the work in time
+    |-- StorageFull          no room for what was sent
+    `-- NotReady             the service is not (or no longer) able to work
+
+Messages name the thing, what was expected and what was found; never a path of the
+server, SQL or a secret.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One of several things that are wrong with a request.
+
+    `pointer` is a JSON pointer into the body (``/boxes/3/xyxy``), `code` is stable.
+    """
+
+    pointer: str
+    code: str
+    detail: str
+
+
+class AppError(Exception):
+    """Base of everything the service refuses.
+
+    `code` is stable and for programs, the text is for people; `faults` lists the
+    single mistakes where there are several.
+    """
+
+    code: ClassVar[str] = "internal"
+
+    def __init__(
+        self, detail: str, *, code: str = "", faults: Sequence[Fault] = ()
+    ) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.kind = code or type(self).code
+        self.faults = tuple(faults)
+
+
+class BadRequest(AppError):
+    """The request itself is malformed."""
+
+    code = "bad_request"
+
+
+class UnknownParameter(BadRequest):
+    """A query parameter that the route does not have."""
+
+    code = "unknown_parameter"
+
+
+class MisdirectedHost(BadRequest):
+    """Asked under a host name that is not served here."""
+
+    code = "misdirected_host"
+
+
+class Unauthorised(AppError):
+    """No credentials, or none that are valid."""
+
+    code = "unauthorised"
+
+
+class Forbidden(AppError):
+    """Valid credentials, but not for this."""
+
+    code = "forbidden"
+
+
+class NotFound(AppError):
+    """No such thing: ``NotFound("dataset", "town10")``."""
+
+    code = "not_found"
+
+    def __init__(self, kind: str, key: object) -> None:
+        super().__init__(f"there is no {kind} {key!r}")
+
+
+class Conflict(AppError):
+    """The state, or other content, is in the way."""
+
+    code = "conflict"
+
+
+class FrameConflict(Conflict):
+    """Another frame is stored under this key."""
+
+    code = "frame_conflict"
+
+
+class RunAlreadyFinished(Conflict):
+    """A run that ended cannot be cancelled."""
+
+    code = "run_already_finished"
+
+
+class StaleRevision(AppError):
+    """Someone changed the thing since it was looked at; `current` is how it is now."""
+
+    code = "stale_revision"
+
+    def __init__(self, detail: str, *, current: Mapping[str, Any] | None) -> None:
+        super().__init__(detail)
+        self.current = current
+
+
+class StaleReview(StaleRevision):
+    """A box was reviewed by someone else since; `current` is its decision now."""
+
+    code = "stale_review"
+
+    def __init__(
+        self,
+        *,
+        box_id: int,
+        seen: int,
+        found: int,
+        current: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(
+            f"box {box_id} is at revision {found}, you reviewed revision {seen}",
+            current=current,
+        )
+
+
+class TooLarge(AppError):
+    """Larger than a limit of the settings."""
+
+    code = "too_large"
+
+
+class UnsupportedMedia(AppError):
+    """A media type that is not read here."""
+
+    code = "unsupported_media_type"
+
+
+class RangeNotSatisfiable(AppError):
+    """A byte range outside the file."""
+
+    code = "range_not_satisfiable"
+
+    def __init__(self, *, size_bytes: int) -> None:
+        super().__init__(f"the range is outside the file's {size_bytes} bytes")
+        self.size_bytes = size_bytes
+
+
+class Unprocessable(AppError):
+    """Understood, but the content cannot be used."""
+
+    code = "unprocessable"
+
+
+class IdempotencyKeyReuse(Unprocessable):
+    """The Idempotency-Key was used for another request."""
+
+    code = "idempotency_key_reuse"
+
+
+class TryLater(AppError):
+    """The same request may succeed after `retry_after_s` seconds."""
+
+    code = "try_later"
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        retry_after_s: int = 1,
+        code: str = "",
+        faults: Sequence[Fault] = (),
+    ) -> None:
+        super().__init__(detail, code=code, faults=faults)
+        self.retry_after_s = retry_after_s
+
+
+class TooManyRequests(TryLater):
+    """A quota is used up."""
+
+    code = "too_many_requests"
+
+
+class DatabaseBusy(TryLater):
+    """The database did not take the work in time."""
+
+    code = "database_busy"
+
+
+class StorageFull(TryLater):
+    """No room for what was sent."""
+
+    code = "storage_full"
+
+
+class NotReady(TryLater):
+    """The service is not, or no longer, able to work."""
+
+    code = "not_ready"
