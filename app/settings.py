@@ -1,0 +1,161 @@
+"""Everything a deployment can choose, from ``UNGHOST_*`` variables. No thresholds here.
+
+Frozen after start. What a verdict depends on is a filter configuration, not a setting.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import ByteSize, Field, field_validator
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+LOOPBACK_HOSTS: Final = ("localhost", "127.0.0.1", "[::1]")
+ANY_HOST: Final = "*"
+_ALL_INTERFACES: Final = ("", "0.0.0.0", "::")
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+
+
+class Settings(BaseSettings):
+    """Where the service keeps things, how it is reached, and what it refuses."""
+
+    model_config = SettingsConfigDict(
+        env_prefix="UNGHOST_", frozen=True, extra="forbid", env_ignore_empty=True
+    )
+
+    data: Path = Field(
+        default=Path("unghost-data"),
+        description="Folder of the database, the stored files and the first token.",
+    )
+    host: str = Field(
+        default="127.0.0.1",
+        description="Address to listen on; 0.0.0.0 listens on every interface.",
+    )
+    port: int = Field(
+        default=8000, ge=0, le=65535, description="Port to listen on; 0: any free one."
+    )
+    database_url: str | None = Field(
+        default=None,
+        description="SQLAlchemy URL; unset: SQLite in the data folder.",
+    )
+    allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(),
+        description="Host names under which the service may be asked, separated by "
+        "commas, beside localhost and the address it listens on; * allows any.",
+    )
+    log_level: LogLevel = Field(
+        default="info", description="debug, info, warning or error."
+    )
+    workers: int = Field(
+        default_factory=lambda: os.cpu_count() or 1,
+        ge=1,
+        le=256,
+        description="Threads that measure pixels; the number of cores by default.",
+    )
+    session_hours: int = Field(
+        default=720,
+        ge=1,
+        le=8784,
+        description="Hours after which a browser must log in again.",
+    )
+    write_wait_s: float = Field(
+        default=30.0,
+        gt=0,
+        le=600,
+        description="Seconds a request waits for its turn to write before it is told "
+        "to try later.",
+    )
+    min_free_bytes: ByteSize = Field(
+        default=ByteSize(256 * 1024**2),
+        ge=0,
+        description="Free disk space below which the service says it is not ready.",
+    )
+    idempotency_hours: int = Field(
+        default=72,
+        ge=1,
+        le=8784,
+        description="Hours for which the answer to an Idempotency-Key is kept.",
+    )
+
+    max_body_bytes: ByteSize = Field(
+        default=ByteSize(256 * 1024**2),
+        ge=1024,
+        description="Largest body of a request, other than a batch of frames.",
+    )
+    max_batch_bytes: ByteSize = Field(
+        default=ByteSize(64 * 1024**3),
+        ge=1024,
+        description="Largest batch of frames; it is streamed, never held in memory.",
+    )
+    max_part_bytes: ByteSize = Field(
+        default=ByteSize(64 * 1024**2),
+        ge=1024,
+        description="Largest file of a frame, and largest annotation.",
+    )
+    max_parts: int = Field(
+        default=16, ge=3, le=1000, description="Most parts of one upload."
+    )
+    max_image_side_px: int = Field(
+        default=16384, ge=1, description="Longest side of an image."
+    )
+    max_image_pixels: int = Field(
+        default=64_000_000, ge=1, description="Most pixels of one image."
+    )
+    max_boxes_per_frame: int = Field(
+        default=10_000, ge=1, description="Most boxes in one annotation."
+    )
+    max_config_bytes: ByteSize = Field(
+        default=ByteSize(1024**2),
+        ge=1024,
+        description="Largest filter configuration, as JSON or YAML.",
+    )
+    max_bulk_boxes: int = Field(
+        default=100_000,
+        ge=1,
+        description="Most boxes that one bulk review may change.",
+    )
+    max_open_runs: int = Field(
+        default=100,
+        ge=1,
+        description="Most runs and exports that may wait or work at the same time.",
+    )
+    max_event_streams: int = Field(
+        default=64, ge=1, description="Most progress streams open at the same time."
+    )
+
+    @field_validator("allowed_hosts", mode="before")
+    @classmethod
+    def _split_hosts(cls, value: object) -> object:
+        if isinstance(value, str):
+            return tuple(name.strip() for name in value.split(",") if name.strip())
+        return value
+
+    @field_validator("log_level", mode="before")
+    @classmethod
+    def _lower(cls, value: object) -> object:
+        return value.lower() if isinstance(value, str) else value
+
+    @property
+    def sqlalchemy_url(self) -> str:
+        """Where the database is: `database_url`, else SQLite in the data folder."""
+        return self.database_url or f"sqlite:///{self.data.resolve()}/unghost.db"
+
+    @property
+    def token_file(self) -> Path:
+        """The first token in the clear, readable by its owner alone."""
+        return self.data / "token"
+
+    @property
+    def served_hosts(self) -> frozenset[str]:
+        """Names that a Host header may carry (without a port); ``*`` for any."""
+        own = () if self.host in _ALL_INTERFACES else (bracketed(self.host),)
+        names = (*LOOPBACK_HOSTS, *own, *self.allowed_hosts)
+        return frozenset(name.lower() for name in names)
+
+
+def bracketed(host: str) -> str:
+    """A host as it stands in a URL: IPv6 addresses carry brackets there."""
+    return f"[{host}]" if ":" in host and not host.startswith("[") else host
