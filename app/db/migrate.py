@@ -1,0 +1,79 @@
+"""Bringing a database to the schema that this version needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, Engine
+
+
+def migrate(engine: Engine, scripts: Path, revision: str = "head") -> None:
+    """Upgrade (or downgrade) to a revision, in one transaction, all or nothing.
+
+    SQLite rebuilds a table to change it, and with foreign keys on that would silently
+    delete the rows of its children: they are off meanwhile and checked afterwards.
+    """
+    with engine.connect() as connection:
+        if connection.dialect.name != "sqlite":
+            with connection.begin():
+                _run(connection, scripts, revision)
+            return
+        _sqlite_foreign_keys(connection, on=False)
+        try:
+            with connection.execution_options(writes=True).begin():
+                _run(connection, scripts, revision)
+                _check_foreign_keys(connection)
+        finally:
+            _sqlite_foreign_keys(connection, on=True)
+
+
+def current_revision(engine: Engine) -> str | None:
+    """What the database is at; None for an empty one."""
+    with engine.connect() as connection:
+        return MigrationContext.configure(connection).get_current_revision()
+
+
+def head_revision(scripts: Path) -> str | None:
+    """What this version needs."""
+    return ScriptDirectory.from_config(_config(scripts)).get_current_head()
+
+
+def _run(connection: Connection, scripts: Path, revision: str) -> None:
+    config = _config(scripts)
+    config.attributes["connection"] = connection
+    if revision == "head" or _is_ahead(connection, scripts, revision):
+        command.upgrade(config, revision)
+    else:
+        command.downgrade(config, revision)
+
+
+def _is_ahead(connection: Connection, scripts: Path, revision: str) -> bool:
+    if revision == "base":
+        return False
+    current = MigrationContext.configure(connection).get_current_revision()
+    known = ScriptDirectory.from_config(_config(scripts)).walk_revisions()
+    order = [script.revision for script in known]
+    return current is None or order.index(revision) < order.index(current)
+
+
+def _config(scripts: Path) -> Config:
+    config = Config()
+    config.set_main_option("script_location", str(scripts).replace("%", "%%"))
+    return config
+
+
+def _sqlite_foreign_keys(connection: Connection, *, on: bool) -> None:
+    # The pragma does nothing inside a transaction, so it goes to the driver.
+    driver = connection.connection.dbapi_connection
+    if driver is not None:
+        driver.cursor().execute(f"PRAGMA foreign_keys={'ON' if on else 'OFF'}")
+
+
+def _check_foreign_keys(connection: Connection) -> None:
+    broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+    if broken:
+        raise RuntimeError(f"the migration left {len(broken)} rows without a parent")
