@@ -1,0 +1,85 @@
+# Unghost: `make` alone lists the targets. Works with GNU make 3.81 or newer.
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.PHONY: help demo serve setup test check fmt lint types imports js unit browser bench migrate docs clean
+
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+PYTEST := $(BIN)/python -m pytest
+CODE := app filter_core unghost migrations tests benchmarks tools setup.py
+# Each stamp says that a step is done; touching what it depends on does it again.
+PROGRAM := $(VENV)/.program
+DEVELOPMENT := $(VENV)/.development
+CHROMIUM := $(VENV)/.chromium
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' Makefile
+
+demo: $(PROGRAM) ## Render a small street with ghosts, filter it and serve the review page
+	$(BIN)/unghost demo $(ARGS)
+
+serve: $(PROGRAM) ## Serve your own data folder (./unghost-data, or UNGHOST_DATA)
+	$(BIN)/unghost serve $(ARGS)
+
+setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
+
+test: check $(CHROMIUM) ## Set up and pass everything: checks, all tests, the browser's too
+	$(PYTEST) $(ARGS)
+
+check: lint types imports js ## Every check that runs no Python test
+
+fmt: $(DEVELOPMENT) ## Format the code and mend what can be mended by a machine
+	$(BIN)/ruff format $(CODE)
+	$(BIN)/ruff check --fix $(CODE)
+
+lint: $(DEVELOPMENT) ## Style and format
+	$(BIN)/ruff check $(CODE)
+	$(BIN)/ruff format --check $(CODE)
+
+types: $(DEVELOPMENT) ## Static types, strict
+	$(BIN)/mypy
+
+imports: $(DEVELOPMENT) ## Which package may import which
+	$(BIN)/lint-imports
+
+js: ## Types and tests of the page's modules (where Node is installed)
+	@sh tools/check_page.sh
+
+unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
+	$(PYTEST) tests/unit tests/property $(ARGS)
+
+browser: $(CHROMIUM) ## The review page in a real Chromium
+	$(PYTEST) tests/browser $(ARGS)
+
+bench: $(DEVELOPMENT) ## Measure; the figures of docs/benchmarks.md
+	@for bench in benchmarks/bench_*.py; do echo "== $$bench"; $(BIN)/python "$$bench" || exit 1; done
+
+migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema
+	$(BIN)/unghost doctor $(ARGS)
+
+docs: $(DEVELOPMENT) ## Check that the documentation tells the truth
+	$(PYTEST) tests/docs $(ARGS)
+
+clean: ## Remove what make made; the data folders stay
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Order-only: an environment that is there is never thrown away because a script changed.
+$(VENV)/pyvenv.cfg:
+	@sh tools/make_venv.sh $(VENV)
+
+$(PROGRAM): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
+	@echo "Installing Unghost into $(VENV) (the first time takes a minute) ..."
+	@$(PIP) install --editable .
+	@touch $@
+
+$(DEVELOPMENT): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
+	@echo "Installing Unghost and its development tools into $(VENV) ..."
+	@$(PIP) install --editable '.[dev]'
+	@touch $@ $(PROGRAM)
+
+$(CHROMIUM): $(DEVELOPMENT) tools/ensure_chromium.py
+	$(BIN)/python tools/ensure_chromium.py
+	@touch $@

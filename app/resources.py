@@ -1,0 +1,34 @@
+"""Where the page and the migrations are: in the package or beside it. Reads nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import app
+
+_PACKAGE = Path(app.__file__).resolve().parent
+
+
+def static_dir() -> Path:
+    """The folder with the review page's files."""
+    return _resource("static")
+
+
+def migrations_dir() -> Path:
+    """The folder with Alembic's environment and versions."""
+    return _resource("migrations")
+
+
+def _resource(name: str) -> Path:
+    """A wheel carries `app/_<name>`; a checkout has `<name>` beside `app`.
+
+    Raises
+    ------
+    FileNotFoundError
+        The installation is incomplete.
+    """
+    candidates = (_PACKAGE / f"_{name}", _PACKAGE.parent / name)
+    for folder in candidates:
+        if folder.is_dir():
+            return folder
+    raise FileNotFoundError(f"this installation has no {name!r} folder; reinstall it")

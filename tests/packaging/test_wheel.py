@@ -1,0 +1,92 @@
+"""What `pip install` gives: complete, light to import, and working anywhere."""
+
+from __future__ import annotations
+
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.packaging.conftest import CHECKOUT, Installation
+
+
+def shipped(folder: str, pattern: str) -> set[str]:
+    """The files of a checkout's folder that belong into the wheel."""
+    return {
+        path.relative_to(CHECKOUT / folder).as_posix()
+        for path in (CHECKOUT / folder).rglob(pattern)
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+@pytest.mark.parametrize(
+    ("folder", "inside"), [("static", "app/_static"), ("migrations", "app/_migrations")]
+)
+def test_the_wheel_carries_every_resource_inside_the_package(wheel, folder, inside):
+    names = zipfile.ZipFile(wheel).namelist()
+
+    carried = {
+        name.removeprefix(f"{inside}/") for name in names if name.startswith(inside)
+    }
+
+    assert carried == shipped(folder, "*")
+
+
+def test_the_wheel_has_every_module_and_the_type_markers(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+
+    for package in ("app", "filter_core", "unghost"):
+        modules = {f"{package}/{name}" for name in shipped(package, "*.py")}
+        assert modules <= names
+    assert {"filter_core/py.typed", "unghost/py.typed"} <= names
+
+
+def test_the_wheel_has_nothing_else_at_the_top(wheel):
+    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+
+    assert {top for top in tops if not top.endswith(".dist-info")} == {
+        "app",
+        "filter_core",
+        "unghost",
+    }
+
+
+def test_the_sdist_has_what_the_wheel_is_built_from(distributions: Path):
+    (archive,) = distributions.glob("unghost-*.tar.gz")
+
+    with tarfile.open(archive) as sdist:
+        names = {name.partition("/")[2] for name in sdist.getnames()}
+
+    assert {"LICENSE", "README.md", "pyproject.toml", "setup.py"} <= names
+    assert {f"static/{name}" for name in shipped("static", "*")} <= names
+    assert {f"migrations/{name}" for name in shipped("migrations", "*")} <= names
+
+
+def test_the_command_explains_itself(installation: Installation):
+    outcome = installation.run(str(installation.command("unghost")), "--help")
+
+    assert outcome.returncode == 0, outcome.stderr
+    assert "push" in outcome.stdout
+
+
+def test_the_client_is_light_to_import(installation: Installation):
+    heavy = "{'cv2', 'fastapi', 'sqlalchemy', 'app'} & set(sys.modules)"
+
+    outcome = installation.run(
+        "-c", f"import sys, unghost; unghost.Client; print(sorted({heavy}))"
+    )
+
+    assert outcome.stdout.strip() == "[]", outcome.stderr
+
+
+def test_resources_are_found_in_the_installed_package(installation: Installation):
+    outcome = installation.run(
+        "-c",
+        "from app import resources\n"
+        "print(resources.static_dir())\nprint(resources.migrations_dir())",
+    )
+
+    static, migrations = (Path(line) for line in outcome.stdout.splitlines())
+    assert (static.name, migrations.name) == ("_static", "_migrations")
+    assert installation.python.parents[1] in static.parents

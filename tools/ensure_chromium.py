@@ -1,0 +1,91 @@
+"""Makes sure that the browser tests have a Chromium that starts.
+
+What is there is used: the system's Chromium, or Playwright's own. Otherwise Playwright
+downloads its build; where that download is out of reach, apt is asked.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+
+from playwright.sync_api import Error, sync_playwright
+
+SYSTEM_NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+def starts(executable: str | None) -> bool:
+    """True when Chromium opens a page; None stands for Playwright's own build."""
+    sandbox = [] if os.name == "nt" or os.geteuid() else ["--no-sandbox"]
+    with sync_playwright() as playwright:
+        try:
+            browser = playwright.chromium.launch(
+                executable_path=executable, args=sandbox
+            )
+        except Error:
+            return False
+        browser.new_page().close()
+        browser.close()
+    return True
+
+
+def found() -> str:
+    """Which Chromium works: its path, "Playwright's own", or nothing."""
+    for name in SYSTEM_NAMES:
+        path = shutil.which(name)
+        if path and starts(path):
+            return path
+    return "Playwright's own" if starts(None) else ""
+
+
+def run(*command: str) -> None:
+    """Runs without a terminal; failure is judged by `found`, not by the exit code."""
+    print("+", " ".join(command), flush=True)
+    quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    subprocess.run(command, check=False, stdin=subprocess.DEVNULL, env=quiet)
+
+
+def as_root(*command: str) -> None:
+    """Runs with sudo unless already root; without either there is nothing to try."""
+    if os.geteuid() == 0:
+        run(*command)
+    elif shutil.which("sudo"):
+        run("sudo", "env", "DEBIAN_FRONTEND=noninteractive", *command)
+
+
+def from_playwright() -> None:
+    """Playwright's build for this user, without the system's libraries."""
+    run(sys.executable, "-m", "playwright", "install", "chromium")
+
+
+def with_libraries() -> None:
+    """Playwright's build and the libraries it needs; asks for sudo where needed."""
+    run(sys.executable, "-m", "playwright", "install", "--with-deps", "chromium")
+
+
+def from_apt() -> None:
+    """The distribution's own package."""
+    if os.name != "nt" and shutil.which("apt-get"):
+        as_root("apt-get", "update", "-q")
+        as_root("apt-get", "install", "-qy", "--no-install-recommends", "chromium")
+
+
+def main() -> int:
+    """Tries one source after the other and says which browser will be used."""
+    attempts: list[Callable[[], None]] = [from_playwright, from_apt, with_libraries]
+    browser = found()
+    while not browser and attempts:
+        attempts.pop(0)()
+        browser = found()
+    if not browser:
+        print("No Chromium could be installed; install one and run make again.")
+        return 1
+    print(f"browser tests use {browser}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
