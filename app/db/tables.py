@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, ClassVar
+from typing import Any
 
 from sqlalchemy import (
     CheckConstraint,
@@ -231,8 +231,8 @@ class FrameEvidence(Base):
 class Decision(Base):
     """The current verdict of a box: derived, refreshed by uploads, runs and reviews.
 
-    `match_percent` and `crowding` are copied from the evidence because lists sort by
-    them; `review` and `revision` from the latest review because lists filter by it.
+    `match_percent`, `crowding` and `distance` are copied from the evidence because lists
+    sort and filter by them; `review` and `revision` from the latest review because lists filter by it.
     """
 
     __tablename__ = "decisions"
@@ -258,13 +258,7 @@ class Decision(Base):
             sqlite_where=text("large"),
             postgresql_where=text("large"),
         ),
-        Index(
-            "ix_decisions_crowded",
-            "dataset_id",
-            "crowding",
-            sqlite_where=text("crowding >= 50"),
-            postgresql_where=text("crowding >= 50"),
-        ),
+        Index("ix_decisions_by_crowding", "dataset_id", "crowding"),
         Index(
             "ix_decisions_reviewed",
             "dataset_id",
@@ -286,6 +280,7 @@ class Decision(Base):
     class_id: Mapped[int] = mapped_column(Key)
     match_percent: Mapped[float | None]
     crowding: Mapped[float]
+    distance: Mapped[float | None]
     reason: Mapped[int] = mapped_column(SmallInteger)
     large: Mapped[bool]
     toss_up: Mapped[bool]
@@ -312,7 +307,7 @@ class Flip(Base):
     """A box whose reason a run changed."""
 
     __tablename__ = "flips"
-    __table_args__: ClassVar = {"sqlite_with_rowid": False}
+    __table_args__ = ({"sqlite_with_rowid": False},)
 
     run_id: Mapped[int] = mapped_column(
         Key,

@@ -434,6 +434,7 @@ def upgrade() -> None:
         sa.Column("class_id", KEY, nullable=False),
         sa.Column("match_percent", sa.Double(), nullable=True),
         sa.Column("crowding", sa.Double(), nullable=False),
+        sa.Column("distance", sa.Double(), nullable=True),
         sa.Column("reason", sa.SmallInteger(), nullable=False),
         sa.Column("large", sa.Boolean(), nullable=False),
         sa.Column("toss_up", sa.Boolean(), nullable=False),
@@ -470,12 +471,10 @@ def upgrade() -> None:
         unique=False,
     )
     op.create_index(
-        "ix_decisions_crowded",
+        "ix_decisions_by_crowding",
         "decisions",
         ["dataset_id", "crowding"],
         unique=False,
-        sqlite_where=sa.text("crowding >= 50"),
-        postgresql_where=sa.text("crowding >= 50"),
     )
     op.create_index(
         op.f("ix_decisions_frame_id"), "decisions", ["frame_id"], unique=False
@@ -589,12 +588,7 @@ def downgrade() -> None:
         postgresql_where=sa.text("large"),
     )
     op.drop_index(op.f("ix_decisions_frame_id"), table_name="decisions")
-    op.drop_index(
-        "ix_decisions_crowded",
-        table_name="decisions",
-        sqlite_where=sa.text("crowding >= 50"),
-        postgresql_where=sa.text("crowding >= 50"),
-    )
+    op.drop_index("ix_decisions_by_crowding", table_name="decisions")
     op.drop_index("ix_decisions_by_reason", table_name="decisions")
     op.drop_index("ix_decisions_by_match", table_name="decisions")
     op.drop_index("ix_decisions_by_class", table_name="decisions")
