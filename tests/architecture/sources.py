@@ -1,0 +1,55 @@
+"""The project's own files, read once for every rule. Vendored code is not ours."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+PRODUCT = ("app", "filter_core", "unghost")
+PYTHON = (*PRODUCT, "migrations", "tests", "benchmarks", "tools")
+PAGE = ("static", "tests/js")
+FOREIGN = frozenset({"__pycache__", "vendor", "node_modules"})
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file: its path from the top of the checkout, and its text."""
+
+    name: str
+    text: str
+
+    @property
+    def lines(self) -> list[str]:
+        return self.text.splitlines()
+
+    @property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.text, self.name)
+
+
+@lru_cache
+def sources(folders: tuple[str, ...], *suffixes: str) -> tuple[Source, ...]:
+    """Every file with one of the suffixes below the folders, in a stable order."""
+    found = [
+        path
+        for folder in folders
+        for path in sorted((CHECKOUT / folder).rglob("*"))
+        if path.suffix in suffixes and path.is_file() and not FOREIGN & {*path.parts}
+    ]
+    return tuple(
+        Source(path.relative_to(CHECKOUT).as_posix(), path.read_text("utf-8"))
+        for path in found
+    )
+
+
+def python_sources(*folders: str) -> tuple[Source, ...]:
+    """The Python modules of these folders; of all when none is named."""
+    return sources(folders or PYTHON, ".py")
+
+
+def page_sources() -> tuple[Source, ...]:
+    """The page's scripts, styles and markup."""
+    return sources(PAGE, ".js", ".mjs", ".css", ".html")

@@ -1,0 +1,50 @@
+"""A name says what the thing is; these names say nothing."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import PurePath
+
+from tests.architecture.sources import page_sources, python_sources
+
+EMPTY_NAMES = frozenset(
+    {"util", "utils", "helper", "helpers", "common", "misc", "manager", "managers"}
+    | {"handler", "handlers", "data", "info", "stuff", "core", "base_utils"}
+)
+
+
+def test_no_module_has_an_empty_name():
+    files = [source.name for source in (*python_sources(), *page_sources())]
+
+    assert [name for name in files if PurePath(name).stem in EMPTY_NAMES] == []
+
+
+def test_no_package_has_an_empty_name():
+    folders = {
+        folder
+        for source in (*python_sources("app", "filter_core", "unghost"),)
+        for folder in PurePath(source.name).parts[:-1]
+    }
+
+    assert folders & EMPTY_NAMES == set()
+
+
+def test_imports_are_absolute():
+    relative = [
+        f"{source.name}:{node.lineno}"
+        for source in python_sources()
+        for node in ast.walk(source.tree)
+        if isinstance(node, ast.ImportFrom) and node.level
+    ]
+
+    assert relative == []
+
+
+def test_every_module_says_what_it_is():
+    silent = [
+        source.name
+        for source in python_sources("app", "filter_core", "unghost")
+        if source.text.strip() and not ast.get_docstring(source.tree)
+    ]
+
+    assert silent == []

@@ -1,0 +1,40 @@
+"""Others' libraries that the page carries are exactly what their authors published."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+from tests.architecture.sources import CHECKOUT
+
+VENDOR = CHECKOUT / "static" / "vendor"
+LOCKED = json.loads((VENDOR / "lock.json").read_text("utf-8"))["files"]
+WELCOME_LICENCES = frozenset(
+    {"MIT", "ISC", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause"}
+)
+
+
+def test_every_vendored_file_has_the_recorded_content():
+    found = {
+        file["path"]: hashlib.sha256((VENDOR / file["path"]).read_bytes()).hexdigest()
+        for file in LOCKED
+    }
+
+    assert found == {file["path"]: file["sha256"] for file in LOCKED}
+
+
+def test_no_code_is_vendored_without_a_record():
+    code = {
+        path.relative_to(VENDOR).as_posix()
+        for path in VENDOR.rglob("*")
+        if path.suffix in {".js", ".mjs", ".css", ".wasm"}
+    }
+
+    assert code == {file["path"] for file in LOCKED}
+
+
+def test_every_vendored_file_brings_its_licence_and_origin():
+    for file in LOCKED:
+        assert file["licence"] in WELCOME_LICENCES
+        assert (VENDOR / file["licence_file"]).stat().st_size > 0
+        assert file["version"] in file["source"]
