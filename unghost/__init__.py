@@ -1,1 +1,95 @@
-"""Client and command line of Unghost."""
+"""Client of Unghost, which finds the boxes that CARLA's camera cannot see.
+
+Importing this needs httpx and nothing else of weight: no server, no numpy, no OpenCV.
+"""
+
+from unghost.client import Client
+from unghost.discovery import Server, find_server
+from unghost.errors import (
+    ApiError,
+    BadRequest,
+    Conflict,
+    DamagedDownload,
+    Fault,
+    Forbidden,
+    Invalid,
+    NotFound,
+    RunFailed,
+    ServerFault,
+    StaleReview,
+    TooLarge,
+    Unauthorized,
+    Unavailable,
+    UnexpectedAnswer,
+)
+from unghost.results import (
+    Counts,
+    Dataset,
+    Decision,
+    Frame,
+    HiddenBy,
+    HistoryEntry,
+    RefusedFrame,
+    Review,
+    ReviewBatch,
+    ReviewMark,
+    SegmentationReport,
+    StoredFile,
+    StoredFrame,
+    UndoneBatch,
+)
+from unghost.retry import RetryPolicy
+from unghost.work_results import (
+    ConfigVersion,
+    Export,
+    Flip,
+    Histogram,
+    Preview,
+    Run,
+    Stats,
+    Version,
+)
+
+__all__ = [
+    "ApiError",
+    "BadRequest",
+    "Client",
+    "ConfigVersion",
+    "Conflict",
+    "Counts",
+    "DamagedDownload",
+    "Dataset",
+    "Decision",
+    "Export",
+    "Fault",
+    "Flip",
+    "Forbidden",
+    "Frame",
+    "HiddenBy",
+    "Histogram",
+    "HistoryEntry",
+    "Invalid",
+    "NotFound",
+    "Preview",
+    "RefusedFrame",
+    "RetryPolicy",
+    "Review",
+    "ReviewBatch",
+    "ReviewMark",
+    "Run",
+    "RunFailed",
+    "SegmentationReport",
+    "Server",
+    "ServerFault",
+    "StaleReview",
+    "Stats",
+    "StoredFile",
+    "StoredFrame",
+    "TooLarge",
+    "Unauthorized",
+    "Unavailable",
+    "UndoneBatch",
+    "UnexpectedAnswer",
+    "Version",
+    "find_server",
+]

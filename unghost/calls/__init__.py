@@ -1,0 +1,1 @@
+"""The methods of `Client`, one module per resource of the API."""

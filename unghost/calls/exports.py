@@ -1,0 +1,62 @@
+"""Exports: made by the server, then downloaded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+
+from unghost.calls.base import Calls, dataset_path
+from unghost.download import Download, fetch
+from unghost.errors import RunFailed
+from unghost.transport import API
+from unghost.work_results import Export
+
+
+class ExportCalls(Calls):
+    """Methods on exports."""
+
+    def exports(self, dataset: str) -> Iterator[Export]:
+        """The exports of a dataset, newest first."""
+        return self._all(Export, dataset_path(dataset, "exports"))
+
+    def start_export(self, dataset: str, format: str, **options: object) -> Export:
+        """Have the labels written as "yolo" or "decisions-jsonl"; options as in the
+        documentation of the format.
+        """
+        body = {"format": format, "options": options}
+        return self._post(Export, dataset_path(dataset, "exports"), body)
+
+    def export(self, export_id: int) -> Export:
+        """One export as it is now."""
+        return self._get(Export, f"{API}/exports/{export_id}")
+
+    def wait_for_export(
+        self,
+        export: Export | int,
+        *,
+        progress: Callable[[Export], object] | None = None,
+        timeout_s: float | None = None,
+    ) -> Export:
+        """The export when it is done; raises as `wait` does for a run."""
+        export_id = export if isinstance(export, int) else export.id
+        ended = self._polled(lambda: self.export(export_id), progress, timeout_s)
+        if ended.state != "done":
+            why = ended.error or "no error"
+            raise RunFailed(f"export {export_id} is {ended.state}: {why}")
+        return ended
+
+    def download(
+        self,
+        export: Export,
+        path: str | PathLike[str],
+        *,
+        progress: Callable[[int, int | None], object] | None = None,
+    ) -> Path:
+        """Fetch a finished export to `path`, which appears whole or not at all.
+
+        An interrupted download goes on where it stopped when it is asked for again.
+        """
+        url = export.download or f"{API}/exports/{export.id}/download"
+        wanted = Download(url, Path(path), export.sha256, export.size_bytes)
+        return fetch(self._transport, wanted, progress)

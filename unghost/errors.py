@@ -1,0 +1,178 @@
+"""What a call to the server can raise, as one tree.
+
+ApiError                the server answered, and the answer is not a success
+|-- BadRequest          400: a parameter that the server does not know
+|-- Unauthorized        401: no token, or one that the server does not know
+|-- Forbidden           403: the token's role does not allow it
+|-- NotFound            404
+|-- Conflict            409: other content under the same name, or the wrong state
+|   `-- StaleReview     412: someone answered meanwhile; `current` says what
+|-- TooLarge            413
+|-- Invalid             422 and 415: `errors` lists every fault
+|-- Unavailable         429, 502, 503, 504: try again later
+|-- ServerFault         500
+`-- UnexpectedAnswer    an answer that is not Unghost's
+RunFailed               a run or an export that was waited for did not succeed
+DamagedDownload         the bytes that came are not those that were promised
+
+No answer at all is `httpx.TransportError`, which is passed on untouched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a request: where (a JSON pointer), which, and what to do."""
+
+    pointer: str
+    code: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.pointer}: {self.detail}" if self.pointer else self.detail
+
+
+class ApiError(Exception):
+    """The server answered, and the answer is not a success.
+
+    `code` is stable and for programs, `detail` is for people, `errors` are the single
+    faults, `request_id` finds the request in the server's log.
+    """
+
+    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
+        self.status = status
+        self.problem = dict(problem)
+        self.code = str(problem.get("code") or "unknown")
+        self.detail = str(problem.get("detail") or problem.get("title") or status)
+        self.request_id = problem.get("request_id")
+        self.errors = tuple(_faults(problem.get("errors")))
+        super().__init__(self.detail)
+
+
+class BadRequest(ApiError):
+    """400: the request names something that the server does not know."""
+
+
+class Unauthorized(ApiError):
+    """401: no token, or one that the server does not know."""
+
+
+class Forbidden(ApiError):
+    """403: the token's role does not allow it."""
+
+
+class NotFound(ApiError):
+    """404: there is no such thing."""
+
+
+class Conflict(ApiError):
+    """409: other content under the same name, or the wrong state."""
+
+
+class StaleReview(Conflict):
+    """412: someone answered meanwhile; `current` is the decision as it is now."""
+
+    @property
+    def current(self) -> Mapping[str, Any] | None:
+        """The box as the server has it now, `revision` and verdicts included."""
+        current = self.problem.get("current")
+        return current if isinstance(current, Mapping) else None
+
+
+class TooLarge(ApiError):
+    """413: more bytes than the server takes."""
+
+
+class Invalid(ApiError):
+    """422 or 415: the content cannot be used; `errors` lists every fault."""
+
+
+class Unavailable(ApiError):
+    """429, 502, 503 or 504: the server cannot answer now."""
+
+
+class ServerFault(ApiError):
+    """500: the server failed; its log has the request id."""
+
+
+class UnexpectedAnswer(ApiError):
+    """An answer that is not Unghost's: another server, or a proxy's own page."""
+
+
+class RunFailed(Exception):
+    """A run or an export that was waited for failed or was cancelled."""
+
+
+class DamagedDownload(Exception):
+    """The downloaded bytes are not those that the server promised."""
+
+
+_BY_STATUS: dict[int, type[ApiError]] = {
+    400: BadRequest,
+    401: Unauthorized,
+    403: Forbidden,
+    404: NotFound,
+    409: Conflict,
+    412: StaleReview,
+    413: TooLarge,
+    415: Invalid,
+    422: Invalid,
+    429: Unavailable,
+    500: ServerFault,
+    502: Unavailable,
+    503: Unavailable,
+    504: Unavailable,
+}
+
+
+def error_of(response: httpx.Response) -> ApiError:
+    """The exception that a response which is not 2xx stands for; its body is read."""
+    problem = json_object(response)
+    kind = _BY_STATUS.get(response.status_code, ApiError)
+    if problem is not None and "code" in problem:
+        return kind(response.status_code, problem)
+    # Without a problem body somebody else answered: a proxy, another program.
+    if kind is not Unavailable:
+        kind = UnexpectedAnswer
+    detail = f"{response.url.copy_with(query=None)} answered {response.status_code}"
+    return kind(
+        response.status_code,
+        {"code": "unexpected_answer", "detail": f"{detail} without saying why"},
+    )
+
+
+def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:
+    """The exception for a 2xx that does not say what it should."""
+    where = response.url.copy_with(query=None)
+    problem = {"code": "unexpected_answer", "detail": f"the answer of {where} {why}"}
+    return UnexpectedAnswer(response.status_code, problem)
+
+
+def json_object(response: httpx.Response) -> Mapping[str, Any] | None:
+    """The body as a JSON object, or None if it is anything else."""
+    try:
+        body = response.json()
+    except ValueError:
+        return None
+    return body if isinstance(body, dict) else None
+
+
+def _faults(errors: object) -> list[Fault]:
+    if not isinstance(errors, list):
+        return []
+    return [
+        Fault(
+            pointer=str(error.get("pointer") or ""),
+            code=str(error.get("code") or "invalid"),
+            detail=str(error.get("detail") or ""),
+        )
+        for error in errors
+        if isinstance(error, Mapping)
+    ]

@@ -1,0 +1,147 @@
+"""One request, with the token, the retries and the errors; knows no endpoint."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import httpx
+
+from unghost.discovery import is_local
+from unghost.errors import error_of, json_object, unexpected
+from unghost.retry import RETRIED_STATUS, RetryPolicy, retry_after_s
+
+API: Final = "/api/v1"
+# A POST carries an Idempotency-Key, so that the server does it once only.
+_REPEATABLE: Final = frozenset({"GET", "HEAD", "PUT", "DELETE", "POST"})
+
+Params = Mapping[str, Any]
+Files = Mapping[str, tuple[str, bytes, str]]
+
+
+@dataclass(frozen=True)
+class Call:
+    """A request that can be sent more than once: its bodies are values, not streams."""
+
+    method: str
+    path: str
+    params: Params = field(default_factory=dict)
+    json: object = None
+    files: Files | None = None
+    content: bytes | None = None
+    headers: Mapping[str, str] = field(default_factory=dict)
+    retried: bool = True
+
+
+class Transport:
+    """An HTTP connection pool to one server; safe to use from many threads."""
+
+    def __init__(
+        self,
+        url: str,
+        token: str | None,
+        *,
+        timeout: float | httpx.Timeout,
+        retry: RetryPolicy,
+    ) -> None:
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        # Redirects are not followed: the token would go along.
+        self._http = httpx.Client(
+            base_url=url,
+            headers=headers,
+            timeout=timeout,
+            # A proxy for the network has no way to this machine.
+            trust_env=not is_local(httpx.URL(url).host),
+        )
+        self._retry = retry
+        self._closed = threading.Event()
+
+    def close(self) -> None:
+        """Close the connections and stop every wait for a retry."""
+        self._closed.set()
+        self._http.close()
+
+    def pause(self, seconds: float) -> None:
+        """Wait, but not longer than until `close`."""
+        self._closed.wait(seconds)
+
+    def send(self, call: Call) -> httpx.Response:
+        """The response, if it is a success; else the exception that it stands for."""
+        request = self._request(call)
+        attempt = 1
+        while True:
+            try:
+                response = self._http.send(request)
+            except httpx.TransportError:
+                if not self._again(call, attempt):
+                    raise
+                self.pause(self._retry.delay_s(attempt))
+            else:
+                busy = response.status_code in RETRIED_STATUS
+                if not busy or not self._again(call, attempt):
+                    return _success(response)
+                asked = retry_after_s(response.headers.get("Retry-After"))
+                self.pause(self._retry.delay_s(attempt, asked))
+            attempt += 1
+            request = self._request(call, key=request.headers.get("Idempotency-Key"))
+
+    def json(self, call: Call) -> Mapping[str, Any]:
+        """The JSON object of a successful answer."""
+        return body_of(self.send(call))
+
+    @contextmanager
+    def stream(self, call: Call) -> Iterator[httpx.Response]:
+        """A response whose body has not been read; who reads it resumes by itself."""
+        request = self._request(call)
+        response = self._http.send(request, stream=True)
+        try:
+            if not response.is_success:
+                response.read()
+            yield _success(response)
+        finally:
+            response.close()
+
+    def _request(self, call: Call, key: str | None = None) -> httpx.Request:
+        headers = dict(call.headers)
+        if call.method == "POST":
+            headers["Idempotency-Key"] = key or uuid.uuid4().hex
+        return self._http.build_request(
+            call.method,
+            call.path,
+            params=_query(call.params),
+            json=call.json,
+            files=call.files,
+            content=call.content,
+            headers=headers,
+        )
+
+    def _again(self, call: Call, attempt: int) -> bool:
+        if not call.retried or call.method not in _REPEATABLE:
+            return False
+        return attempt < self._retry.attempts and not self._closed.is_set()
+
+
+def body_of(response: httpx.Response) -> Mapping[str, Any]:
+    """The JSON object of a response."""
+    body = json_object(response)
+    if body is None:
+        raise unexpected(response, "is not a JSON object")
+    return body
+
+
+def _success(response: httpx.Response) -> httpx.Response:
+    if response.is_success:
+        return response
+    raise error_of(response)
+
+
+def _query(params: Params) -> dict[str, Any]:
+    given = {key: value for key, value in params.items() if value is not None}
+    return {
+        key: str(value).lower() if isinstance(value, bool) else value
+        for key, value in given.items()
+    }
