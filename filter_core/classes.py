@@ -1,0 +1,233 @@
+"""What a box claims to be: class names, blueprints, and the tags each class accepts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Final
+
+from filter_core.config_values import nearest
+from filter_core.errors import ConfigError
+from filter_core.measure import PUBLISHED_COLORS
+from filter_core.palettes import FAMILIES, Palette
+
+ALIASES: Final = {"street_light": "traffic_light"}
+"""Other names under which a class is known."""
+
+_VEHICLES: Final = {
+    "car": """
+        audi.a2 audi.etron audi.tt bmw.grandtourer chevrolet.impala citroen.c3
+        dodge.charger_2020 dodge.charger_police dodge.charger_police_2020
+        ford.crown ford.mustang jeep.wrangler_rubicon lincoln.mkz_2017
+        lincoln.mkz_2020 mercedes.coupe mercedes.coupe_2020 micro.microlino
+        mini.cooper_s mini.cooper_s_2021 nissan.micra nissan.patrol
+        nissan.patrol_2021 seat.leon tesla.model3 toyota.prius
+    """,
+    "truck": """
+        carlamotors.carlacola carlamotors.european_hgv carlamotors.firetruck
+        tesla.cybertruck
+    """,
+    "van": """
+        ford.ambulance mercedes.sprinter volkswagen.t2 volkswagen.t2_2021
+    """,
+    "bus": """
+        mitsubishi.fusorosa
+    """,
+    "motorcycle": """
+        harley-davidson.low_rider kawasaki.ninja vespa.zx125 yamaha.yzf
+    """,
+    "bicycle": """
+        bh.crossbike diamondback.century gazelle.omafiets
+    """,
+}
+BLUEPRINT_CLASS: Final = {
+    f"vehicle.{name}": base_type
+    for base_type, names in _VEHICLES.items()
+    for name in names.split()
+}
+"""CARLA's vehicle blueprints and the class of each."""
+
+_BASE_TYPES: Final = frozenset(_VEHICLES)
+_PREFIXES: Final = (("walker.", "walker"), ("traffic.traffic_light", "traffic_light"))
+
+# A class accepts a set of tags, not one: a driven van is tagged Truck and a parked one
+# Car, a cybertruck either, and the box of a two-wheeler holds its rider too.
+_ACCEPT_SINCE_0_9_14: Final = {
+    "car": ("Car",),
+    "truck": ("Truck", "Car"),
+    "van": ("Truck", "Car"),
+    "bus": ("Bus",),
+    "motorcycle": ("Motorcycle", "Rider"),
+    "bicycle": ("Bicycle", "Rider"),
+    "walker": ("Pedestrian",),
+    "traffic_light": ("TrafficLight",),
+    "vehicle": ("Car", "Truck", "Bus", "Motorcycle", "Bicycle", "Rider"),
+}
+_ACCEPT_BEFORE: Final = {
+    **dict.fromkeys(("car", "truck", "van", "bus", "vehicle"), ("Vehicle",)),
+    **dict.fromkeys(("motorcycle", "bicycle"), ("Vehicle", "Pedestrian")),
+    "walker": ("Pedestrian",),
+}
+_ACCEPT: Final[dict[str, dict[str, tuple[str, ...]]]] = {
+    "carla-0.9.14": _ACCEPT_SINCE_0_9_14,
+    "carla-0.9.10": {**_ACCEPT_BEFORE, "traffic_light": ("TrafficLight",)},
+    "carla-0.9.0": _ACCEPT_BEFORE,
+}
+
+_MAX_ACCEPT: Final = 32
+
+
+def canonical_class(name: str) -> str:
+    """The class's own name, if this is an alias of it."""
+    return ALIASES.get(name, name)
+
+
+def class_of(type_id: str | None, base_type: str | None) -> str | None:
+    """The class of a CARLA actor, or None if nothing maps it.
+
+    Parameters
+    ----------
+    type_id : str or None
+        Blueprint, such as ``vehicle.audi.tt``: looked up in CARLA's catalogue.
+    base_type : str or None
+        The actor's own attribute: decides for blueprints that the catalogue of another
+        version has. Only then ``walker.*`` and ``traffic.traffic_light*`` map by
+        prefix; any other blueprint is not guessed at.
+    """
+    blueprint = type_id or ""
+    if blueprint in BLUEPRINT_CLASS:
+        return BLUEPRINT_CLASS[blueprint]
+    if base_type in _BASE_TYPES:
+        return base_type
+    for prefix, name in _PREFIXES:
+        if blueprint.startswith(prefix):
+            return name
+    return None
+
+
+def accept_mask_of(
+    class_name: str,
+    family: str | None,
+    profile: str = "paper",
+    override: Sequence[str | int] | None = None,
+) -> int:
+    """The tags whose pixels count for a class, as bits: bit t is set for tag t.
+
+    Parameters
+    ----------
+    class_name : str
+        Aliases are understood.
+    family : str or None
+        A key of `filter_core.palettes.FAMILIES`. None: nothing was measured, so only
+        whether the class is mapped matters; the newest family that maps it answers.
+    profile : {"paper", "carlasimu"}
+        ``carlasimu`` (as family ``paper-table1``): one colour per class.
+    override : tag names and numbers, or None
+        Replaces the class's own set.
+
+    Returns
+    -------
+    int
+        0 if the class is not mapped.
+
+    Raises
+    ------
+    ConfigError
+        The override names a tag that the family does not have.
+    """
+    if family is None:
+        return _mask_in_any_family(class_name, profile, override)
+    palette = FAMILIES[family]
+    if override is not None:
+        return _mask_of_tags(tuple(override), palette, class_name)
+    return _default_mask(canonical_class(class_name), family, profile)
+
+
+def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
+    """The names of the tags in an accept set, in the order of their numbers."""
+    tags = FAMILIES[family].tags
+    return tuple(tag.name for tag in tags if accept_mask >> tag.tag & 1)
+
+
+def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
+    """A config's accept set: tag names and numbers, sorted, each of them once.
+
+    Raises
+    ------
+    ConfigError
+        Not a list, or a tag that no palette has; names the nearest tag.
+    """
+    if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_ACCEPT:
+        raise ConfigError(
+            f"accept: expected a list of 1 to {_MAX_ACCEPT} tag names or numbers, "
+            f"found {str(value)[:60]!r}",
+            pointer=at,
+        )
+    tags = {_canonical_tag(tag, at) for tag in value}
+    return tuple(sorted(tags, key=lambda tag: (isinstance(tag, int), tag)))
+
+
+_TAG_NAMES: Final = {
+    tag.name.casefold(): tag.name
+    for palette in FAMILIES.values()
+    for tag in palette.tags
+}
+_LAST_TAG: Final = max(palette.tags[-1].tag for palette in FAMILIES.values())
+
+
+def _canonical_tag(tag: object, at: str) -> str | int:
+    if isinstance(tag, int) and not isinstance(tag, bool):
+        if 0 <= tag <= _LAST_TAG:
+            return tag
+        fault = f"expected a tag from 0 to {_LAST_TAG}, found {str(tag)[:60]}"
+    elif isinstance(tag, str) and tag.casefold() in _TAG_NAMES:
+        return _TAG_NAMES[tag.casefold()]
+    else:
+        close = nearest(str(tag).casefold(), _TAG_NAMES)
+        fault = (
+            f"unknown tag {str(tag)[:60]!r}; the nearest valid name is "
+            f"{_TAG_NAMES[close]!r}"
+        )
+    raise ConfigError(f"accept: {fault}", pointer=at)
+
+
+@lru_cache(maxsize=1024)
+def _default_mask(class_name: str, family: str, profile: str) -> int:
+    palette = FAMILIES[family]
+    if profile == "carlasimu" or family == "paper-table1":
+        color = PUBLISHED_COLORS.get(class_name)
+        return sum(1 << tag.tag for tag in palette.tags if tuple(tag.rgb) == color)
+    names = _ACCEPT[family].get(class_name, ())
+    return sum(1 << tag.tag for tag in palette.tags if tag.name in names)
+
+
+def _mask_of_tags(tags: tuple[str | int, ...], palette: Palette, owner: str) -> int:
+    numbers = {one.name: one.tag for one in palette.tags}
+    mask = 0
+    for tag in tags:
+        number = tag if isinstance(tag, int) else numbers.get(tag)
+        if number is None or number not in numbers.values():
+            raise ConfigError(
+                f"classes.{owner}.accept: palette {palette.name} has no tag {tag!r}; "
+                f"the nearest is {nearest(tag, numbers)!r}",
+                pointer=f"/classes/{owner}/accept",
+            )
+        mask |= 1 << number
+    return mask
+
+
+def _mask_in_any_family(
+    class_name: str, profile: str, override: Sequence[str | int] | None
+) -> int:
+    for family in ("carla-0.9.14", "carla-0.9.10", "carla-0.9.0", "paper-table1"):
+        if override is None:
+            mask = _default_mask(canonical_class(class_name), family, profile)
+        else:
+            known = {
+                key for tag in FAMILIES[family].tags for key in (tag.tag, tag.name)
+            }
+            tags = tuple(tag for tag in override if tag in known)
+            mask = _mask_of_tags(tags, FAMILIES[family], class_name)
+        if mask:
+            return mask
+    return 0

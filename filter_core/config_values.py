@@ -1,0 +1,159 @@
+"""What each key of a configuration may hold, and how a wrong value is refused."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from filter_core.errors import ConfigError, NotAvailable
+
+Number = float | int
+
+
+@dataclass(frozen=True)
+class NumberRange:
+    """A number's permitted range, both ends included."""
+
+    low: float
+    high: float
+    unit: str = ""
+    whole: bool = False
+    nullable: bool = False
+
+    def __str__(self) -> str:
+        kind = "a whole number" if self.whole else "a number"
+        span = f"from {self.low:.15g} to {self.high:.15g}"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{kind} {span}{unit}{' or null' if self.nullable else ''}"
+
+
+_PERCENT: Final = NumberRange(0, 100, "percent")
+_METRES: Final = NumberRange(0, 1_000_000, "metres")
+_METRES_OR_NULL: Final = NumberRange(0, 1_000_000, "metres", nullable=True)
+# What a signed 32-bit column holds, so that every count can be stored anywhere.
+_COUNT: Final = NumberRange(0, 2**31 - 1, whole=True)
+
+NUMBERS: Final = {
+    "threshold_small_box": _PERCENT,
+    "size_big_box": _PERCENT,
+    "threshold_big_box": _PERCENT,
+    "min_visible_pixels": _COUNT,
+    "min_distance": _METRES_OR_NULL,
+    "max_distance": _METRES_OR_NULL,
+    "depth_tolerance": _METRES,
+    "ordered_min_pixels": _COUNT,
+    "lidar_min_points": _COUNT,
+}
+CHOICES: Final = {
+    "profile": ("paper", "carlasimu"),
+    "evidence": (
+        "semantic",
+        "ordered",
+        "depth",
+        "depth_center",
+        "instance",
+        "lidar",
+        "auto",
+    ),
+    "projection": ("clipped", "naive"),
+    "palette": ("auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"),
+    "encoding": ("auto", "palette", "raw"),
+    "channel_order": ("auto", "rgb", "bgr"),
+    "lossy_segmentation": ("refuse", "nearest"),
+}
+_CHANNELS_THERE: Final = ("semantic",)
+
+
+def checked_number(key: str, value: object, *, at: str = "") -> Number | None:
+    """The value of a numeric key in its one canonical form.
+
+    Whole numbers become ``int`` and others ``float``, so that 10 and 10.0 are the same
+    configuration with the same digest.
+
+    Raises
+    ------
+    ConfigError
+        Not a number, not finite, or out of range; names key, value and range.
+    """
+    allowed = NUMBERS[key]
+    if value is None and allowed.nullable:
+        return None
+    # YAML's yes and no are booleans, which Python would take for 1 and 0.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _refused(key, value, str(allowed), at)
+    inside = allowed.low <= value <= allowed.high  # False for NaN
+    if not inside or (allowed.whole and value != int(value)):
+        raise _refused(key, value, str(allowed), at)
+    return int(value) if value == int(value) else value
+
+
+def checked_choice(key: str, value: object) -> str:
+    """The value of a key that takes one of a few words.
+
+    Raises
+    ------
+    ConfigError
+        Not one of the words; names the nearest.
+    NotAvailable
+        An evidence channel that this version does not measure yet.
+    """
+    words = CHOICES[key]
+    if not isinstance(value, str) or value not in words:
+        expected = f"one of {', '.join(words)}"
+        hint = f"; did you mean {nearest(value, words)!r}?"
+        raise _refused(key, value, expected, hint=hint if value is not None else "")
+    if key == "evidence" and value not in _CHANNELS_THERE:
+        raise NotAvailable(
+            f"evidence: {value!r} is a known channel that this version does not "
+            f"measure yet; available: {', '.join(_CHANNELS_THERE)}",
+            pointer="/evidence",
+        )
+    return value
+
+
+def refuse_unknown_keys(
+    keys: Iterable[object], valid: Iterable[str], *, at: str = ""
+) -> None:
+    """Raise `ConfigError` for the first key that is none of the valid ones."""
+    known = tuple(valid)
+    for key in keys:
+        if key not in known:
+            raise ConfigError(
+                f"{_place(at)}unknown key {_shown(key)}; the nearest valid key is "
+                f"{nearest(key, known)!r}",
+                pointer=f"{at}/{pointer_token(key)}",
+                code="unknown_key",
+            )
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """The known word most like this one, however unlike it is."""
+    candidates = sorted(known)
+    # difflib is quadratic: a kilobyte of nonsense must not cost a second.
+    matches = difflib.get_close_matches(str(word)[:80], candidates, n=1, cutoff=0.0)
+    return matches[0]
+
+
+def pointer_token(key: object) -> str:
+    """A key as one token of a JSON pointer (RFC 6901)."""
+    return str(key)[:80].replace("~", "~0").replace("/", "~1")
+
+
+def _refused(
+    key: str, value: object, expected: str, at: str = "", hint: str = ""
+) -> ConfigError:
+    return ConfigError(
+        f"{_place(at)}{key}: expected {expected}, found {_shown(value)}{hint}",
+        pointer=f"{at}/{key}",
+    )
+
+
+def _place(at: str) -> str:
+    return f"{at.strip('/').replace('/', '.')}: " if at else ""
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
