@@ -1,0 +1,173 @@
+"""Collects every fault of one annotation, each with its place, in one pass."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from filter_core.errors import AnnotationError, AnnotationErrors
+
+MAX_MAGNITUDE: Final = 1e9
+"""A larger number is not a coordinate: in metres it lies beyond any map."""
+
+_SHOWN_TEXT: Final = 60
+_NUMBER: Final = (int, float, np.integer, np.floating)
+
+
+class Place:
+    """Where in the JSON a value stands, and what people call that spot.
+
+    ``Place() / "boxes" / 3`` points to ``/boxes/3``. A place with a label (``box 3
+    (id "217")``) starts a new sentence: what lies below is named relative to it.
+    """
+
+    __slots__ = ("_key", "_label", "_parent")
+
+    def __init__(
+        self, key: str | int = "", parent: Place | None = None, label: str = ""
+    ) -> None:
+        self._key = key
+        self._parent = parent
+        self._label = label
+
+    def __truediv__(self, key: str | int) -> Place:
+        return Place(key, self)
+
+    def labelled(self, label: str) -> Place:
+        """This place under a name of its own."""
+        return Place(self._key, self._parent, label)
+
+    @property
+    def pointer(self) -> str:
+        """The JSON pointer (RFC 6901)."""
+        if self._parent is None:
+            return ""
+        key = str(self._key).replace("~", "~0").replace("/", "~1")
+        return f"{self._parent.pointer}/{key}"
+
+    @property
+    def words(self) -> str:
+        """The place for people, such as ``box 3 (id "217"), xyxy[2]``."""
+        label, field = self._label_and_field()
+        return ", ".join(part for part in (label, field) if part)
+
+    def _label_and_field(self) -> tuple[str, str]:
+        if self._label or self._parent is None:
+            return self._label, ""
+        label, field = self._parent._label_and_field()
+        if isinstance(self._key, int):
+            return label, f"{field}[{self._key}]"
+        return label, f"{field}.{self._key}" if field else self._key
+
+
+class Faults:
+    """The faults found so far; nothing is raised until `raise_any`."""
+
+    def __init__(self, frame: str = "") -> None:
+        self._frame = frame
+        self._errors: list[AnnotationError] = []
+
+    def __len__(self) -> int:
+        return len(self._errors)
+
+    def add(self, at: Place, code: str, expected: str, found: str) -> None:
+        """Note one fault: its place, a stable code, what was expected and found."""
+        frame = f"frame {self._frame}" if self._frame else ""
+        subject = ", ".join(part for part in (frame, at.words) if part)
+        detail = f"{subject or 'annotation'}: expected {expected}, found {found}"
+        self._errors.append(AnnotationError(detail, pointer=at.pointer, code=code))
+
+    def raise_any(self) -> None:
+        """Raise all faults together, if there are any.
+
+        Raises
+        ------
+        AnnotationErrors
+            Every fault, in the order of the document.
+        """
+        if self._errors:
+            raise AnnotationErrors(self._errors)
+
+
+def shown(value: object) -> str:
+    """A value as an error names it: short, on one line, its type where that matters."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        cut = value if len(value) <= _SHOWN_TEXT else value[:_SHOWN_TEXT] + "…"
+        # repr-like escapes keep control characters out of logs and terminals.
+        return "the text " + ascii(cut) if not cut.isprintable() else f'"{cut}"'
+    if isinstance(value, dict):
+        return "an object"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    return _shown_number(value) if isinstance(value, _NUMBER) else type(value).__name__
+
+
+def _shown_number(value: object) -> str:
+    if isinstance(value, int) and value.bit_length() > 256:
+        return f"an integer of {value.bit_length()} bits"
+    return str(value)
+
+
+def read_number(value: object, at: Place, faults: Faults) -> float | None:
+    """A finite number of at most `MAX_MAGNITUDE`, or None and a fault.
+
+    Text and booleans are not numbers, however they look.
+    """
+    if isinstance(value, bool) or not isinstance(value, _NUMBER):
+        faults.add(at, "not_a_number", "a number", shown(value))
+    elif not isinstance(value, int) and not math.isfinite(value):
+        faults.add(at, "not_finite", "a finite number", shown(value))
+    elif abs(value) > MAX_MAGNITUDE:
+        expected = "a number between -1e9 and 1e9"
+        faults.add(at, "number_too_large", expected, shown(value))
+    else:
+        return float(value)
+    return None
+
+
+def read_numbers(
+    value: object, count: int, at: Place, faults: Faults
+) -> tuple[float, ...] | None:
+    """A list of exactly `count` numbers, or None and every fault in it."""
+    if type(value) is list and len(value) == count:
+        for item in value:
+            kind = type(item)
+            if (kind is not float and kind is not int) or not (
+                -MAX_MAGNITUDE <= item <= MAX_MAGNITUDE
+            ):
+                break
+        else:
+            return tuple(map(float, value))
+    return _read_numbers_one_by_one(value, count, at, faults)
+
+
+def _read_numbers_one_by_one(
+    value: object, count: int, at: Place, faults: Faults
+) -> tuple[float, ...] | None:
+    items = read_list(value, count, at, faults, of="numbers")
+    if items is None:
+        return None
+    read = [read_number(item, at / i, faults) for i, item in enumerate(items)]
+    known = tuple(number for number in read if number is not None)
+    return known if len(known) == count else None
+
+
+def read_list(
+    value: object, count: int, at: Place, faults: Faults, *, of: str
+) -> list[object] | None:
+    """A list, tuple or array of exactly `count` items, or None and a fault."""
+    items = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(items, (list, tuple)):
+        faults.add(at, "not_a_list", f"a list of {count} {of}", shown(items))
+    elif len(items) != count:
+        expected = f"a list of {count} {of}"
+        faults.add(at, "wrong_length", expected, shown(items))
+    else:
+        return list(items)
+    return None
