@@ -1,0 +1,41 @@
+"""Many rows at once, without the cost that the ORM and Core add to each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sqlalchemy import Executable
+from sqlalchemy.orm import Session
+from sqlalchemy.sql.dml import UpdateBase
+
+
+def execute_many(
+    session: Session, statement: UpdateBase, columns: Mapping[str, Sequence[Any]]
+) -> None:
+    """Run an insert or update once per row of `columns`, named as its parameters.
+
+    The statement is compiled once and goes to the driver with plain tuples: Core builds
+    a dictionary per row and costs four times as much at a million rows.
+    """
+    if not columns or not len(next(iter(columns.values()))):
+        return
+    connection = session.connection()
+    compiled = statement.compile(dialect=connection.dialect)
+    rows: list[Any]
+    if compiled.positional:
+        order = compiled.positiontup or []
+        rows = list(zip(*(columns[name] for name in order), strict=True))
+    else:
+        names = list(columns)
+        rows = [
+            dict(zip(names, row, strict=True))
+            for row in zip(*columns.values(), strict=True)
+        ]
+    connection.exec_driver_sql(str(compiled), rows)
+
+
+def fetch_columns(session: Session, statement: Executable) -> list[tuple[Any, ...]]:
+    """All rows as columns; for reading many narrow rows."""
+    rows = session.execute(statement).all()
+    return list(zip(*rows, strict=True)) if rows else []

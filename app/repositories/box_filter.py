@@ -1,0 +1,121 @@
+"""Which boxes a list shows: conditions on current decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import ColumnElement, and_, false, or_
+
+from app.db.tables import Decision
+from filter_core.types import Reason, Verdict
+
+
+@dataclass(frozen=True)
+class ClassThresholds:
+    """What the active config asks of a class, in percent."""
+
+    class_id: int
+    small: float
+    large: float
+
+
+@dataclass(frozen=True)
+class BoxFilter:
+    """A selection of boxes; None or empty means any."""
+
+    dataset_id: int
+    reasons: tuple[int, ...] = ()
+    class_ids: tuple[int, ...] | None = None
+    review: str = ""
+    effective: Verdict | None = None
+    toss_up: bool | None = None
+    match_min: float | None = None
+    match_max: float | None = None
+    margin_max: float | None = None
+    distance_min: float | None = None
+    distance_max: float | None = None
+    thresholds: Sequence[ClassThresholds] = ()
+
+    def conditions(self) -> list[ColumnElement[bool]]:
+        """The selection as SQL."""
+        found: list[ColumnElement[bool]] = [Decision.dataset_id == self.dataset_id]
+        if self.reasons:
+            found.append(Decision.reason.in_(self.reasons))
+        if self.class_ids is not None:
+            found.append(Decision.class_id.in_(self.class_ids))
+        if self.review:
+            found.append(_REVIEW_STATES[self.review]())
+        if self.effective is not None:
+            found.append(is_effective(self.effective))
+        if self.toss_up is not None:
+            found.append(Decision.toss_up.is_(self.toss_up))
+        return found + self._ranges()
+
+    def _ranges(self) -> list[ColumnElement[bool]]:
+        found: list[ColumnElement[bool]] = []
+        if self.match_min is not None:
+            found.append(Decision.match_percent >= self.match_min)
+        if self.match_max is not None:
+            found.append(Decision.match_percent <= self.match_max)
+        if self.distance_min is not None:
+            found.append(Decision.distance >= self.distance_min)
+        if self.distance_max is not None:
+            found.append(Decision.distance <= self.distance_max)
+        if self.margin_max is not None:
+            found.append(is_near(self.thresholds, self.margin_max))
+        return found
+
+
+REVIEW_STATES = ("undecided", "decided", "keep", "reject", "unsure", "none", "any")
+
+
+def _undecided() -> ColumnElement[bool]:
+    return or_(Decision.review.is_(None), Decision.review == "unsure")
+
+
+_REVIEW_STATES: dict[str, Callable[[], ColumnElement[bool]]] = {
+    "undecided": _undecided,
+    "decided": lambda: Decision.review.in_(("keep", "reject")),
+    "keep": lambda: Decision.review == "keep",
+    "reject": lambda: Decision.review == "reject",
+    "unsure": lambda: Decision.review == "unsure",
+    "none": lambda: Decision.review.is_(None),
+    "any": lambda: Decision.review.is_not(None),
+}
+
+THRESHOLD_REASONS = (
+    Reason.VISIBLE,
+    Reason.BELOW_THRESHOLD,
+    Reason.LARGE_BELOW_THRESHOLD,
+)
+"""Reasons of decisions that have a margin."""
+
+
+def reasons_of(verdict: Verdict) -> tuple[int, ...]:
+    """The reasons that give this verdict."""
+    return tuple(int(reason) for reason in Reason if reason.verdict is verdict)
+
+
+def is_effective(verdict: Verdict) -> ColumnElement[bool]:
+    """A person's keep or reject counts; without one, the filter's verdict."""
+    by_filter = and_(_undecided(), Decision.reason.in_(reasons_of(verdict)))
+    answer = {Verdict.KEPT: "keep", Verdict.REJECTED: "reject"}.get(verdict)
+    return or_(Decision.review == answer, by_filter) if answer else by_filter
+
+
+def is_near(
+    thresholds: Sequence[ClassThresholds], margin: float
+) -> ColumnElement[bool]:
+    """A threshold applied, and the match is within `margin` percent of it."""
+    near = [
+        and_(
+            Decision.class_id == wanted.class_id,
+            Decision.large.is_(large),
+            Decision.match_percent.between(threshold - margin, threshold + margin),
+        )
+        for wanted in thresholds
+        for large, threshold in ((False, wanted.small), (True, wanted.large))
+    ]
+    with_margin = Decision.reason.in_([int(reason) for reason in THRESHOLD_REASONS])
+    return and_(with_margin, or_(*near)) if near else false()

@@ -1,0 +1,292 @@
+"""Pages of boxes in the orders that people review in, each read off an index.
+
+Doubt depends on thresholds that change, so it cannot be a column: a million rows would
+have to be rewritten for every trial. The match does not change. Around a class's
+threshold the index on (dataset, class, match) is already in order of doubt, upwards for
+kept boxes and downwards for rejected ones: a page is a merge of these streams.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from sqlalchemy import (
+    ColumnElement,
+    Select,
+    SQLColumnExpression,
+    and_,
+    literal,
+    not_,
+    or_,
+    select,
+    union_all,
+)
+from sqlalchemy.orm import Session
+
+from app.db.tables import Decision
+from app.errors import BadRequest
+from app.repositories.box_filter import (
+    THRESHOLD_REASONS,
+    BoxFilter,
+    ClassThresholds,
+    is_near,
+)
+from filter_core.types import Reason
+
+ORDERS: Final = ("id", "doubt", "match_percent", "-match_percent", "crowding")
+NEAR_PERCENT: Final = 5.0
+"""A margin up to this makes a box doubtful even if no toss-up."""
+CROWDED_PERCENT: Final = 50.0
+"""From this share on, another box may have lent a hidden one its pixels."""
+_EPSILON: Final = 1e-9
+
+
+class Position(NamedTuple):
+    """Where a page ended: the tier, the score in it, the stream, and the box."""
+
+    tier: int
+    score: float
+    stream: int
+    box_id: int
+
+
+START: Final = Position(0, float("-inf"), -1, 0)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Boxes in index order whose score rises by `sign` times a column."""
+
+    column: SQLColumnExpression[Any]
+    conditions: Sequence[ColumnElement[bool]]
+    origin: float = 0.0
+    sign: int = 1
+
+    def score(self) -> ColumnElement[Any]:
+        """Distance from the origin, rising along the stream."""
+        return (self.column - self.origin) * self.sign
+
+    def beyond(self, number: int, at: Position) -> list[ColumnElement[bool]]:
+        """Only rows after a position, with a bound that the index can use."""
+        if at.score == float("-inf"):
+            return []
+        value = self.origin + self.sign * at.score
+        bound = (
+            self.column >= value - _EPSILON
+            if self.sign > 0
+            else self.column <= value + _EPSILON
+        )
+        score = self.score()
+        if number < at.stream:
+            return [bound, score > at.score]
+        if number > at.stream:
+            return [bound, score >= at.score]
+        later = (
+            Decision.box_id > at.box_id
+            if self.sign > 0
+            else Decision.box_id < at.box_id
+        )
+        return [bound, or_(score > at.score, and_(score == at.score, later))]
+
+    def rows(self, number: int, at: Position, limit: int) -> Select[Any]:
+        """The next rows of this stream alone."""
+        order = (
+            (self.column, Decision.box_id)
+            if self.sign > 0
+            else (self.column.desc(), Decision.box_id.desc())
+        )
+        inner = (
+            select(
+                self.score().label("score"),
+                literal(number).label("stream"),
+                Decision.box_id.label("box_id"),
+            )
+            .where(*self.conditions, *self.beyond(number, at))
+            .order_by(*order)
+            .limit(limit)
+            .subquery()
+        )
+        return select(inner.c.score, inner.c.stream, inner.c.box_id)
+
+
+class BoxPages:
+    """Keyset pages over current decisions."""
+
+    def __init__(self, session: Session, wanted: BoxFilter, present: Present) -> None:
+        self._session = session
+        self._wanted = wanted
+        self._present = present
+
+    def page(self, order: str, cursor: str, limit: int) -> tuple[list[int], str | None]:
+        """Ids of the next boxes, and the cursor of the page after them."""
+        at = _decode(cursor) if cursor else START
+        found: list[Position] = []
+        for tier, streams in enumerate(self._tiers(order)):
+            if tier < at.tier or not streams:
+                continue
+            start = at if tier == at.tier else START
+            found += self._merge(tier, streams, start, limit + 1 - len(found))
+            if len(found) > limit:
+                break
+        more = len(found) > limit
+        found = found[:limit]
+        cursor_after = _encode(found[-1]) if more and found else None
+        return [position.box_id for position in found], cursor_after
+
+    def _merge(
+        self, tier: int, streams: Sequence[Stream], at: Position, limit: int
+    ) -> list[Position]:
+        parts = [
+            stream.rows(number, at, limit) for number, stream in enumerate(streams)
+        ]
+        query = union_all(*parts) if len(parts) > 1 else parts[0]
+        rows = [
+            (float(row[0]), int(row[1]), int(row[2]))
+            for row in self._session.execute(query)
+        ]
+        rows.sort(key=lambda row: (row[0], row[1], row[2] * streams[row[1]].sign))
+        return [Position(tier, *row) for row in rows[:limit]]
+
+    def _tiers(self, order: str) -> Iterator[Sequence[Stream]]:
+        if order == "doubt":
+            yield from self._doubt()
+        elif order == "id":
+            yield self._by_id()
+        elif order == "crowding":
+            yield [self._crowding([])]
+        else:
+            yield self._by_match(1 if order == "match_percent" else -1)
+            yield self._by_id(Decision.match_percent.is_(None))
+
+    def _by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
+        # One stream per reason: "reason in (...) order by id" would sort them all.
+        wanted = self._wanted
+        every = [*wanted.conditions(), *conditions]
+        reasons = [r for r in self._present.reasons if r in wanted.reasons]
+        if not wanted.reasons:
+            return [Stream(Decision.box_id, every)]
+        return [
+            Stream(Decision.box_id, [*every, Decision.reason == r]) for r in reasons
+        ]
+
+    def _by_match(self, sign: int) -> list[Stream]:
+        every = self._wanted.conditions()
+        return [
+            Stream(
+                Decision.match_percent,
+                [
+                    *every,
+                    Decision.class_id == class_id,
+                    Decision.match_percent.is_not(None),
+                ],
+                sign=sign,
+            )
+            for class_id in self._class_ids()
+        ]
+
+    def _crowding(self, conditions: Sequence[ColumnElement[bool]]) -> Stream:
+        every = [*self._wanted.conditions(), *conditions]
+        return Stream(Decision.crowding, every, sign=-1)
+
+    def _doubt(self) -> Iterator[Sequence[Stream]]:
+        """Toss-ups; near the threshold; kept and crowded; the rest; no threshold."""
+        near = is_near(self._thresholds(), NEAR_PERCENT)
+        crowded = and_(
+            Decision.reason == int(Reason.VISIBLE),
+            Decision.crowding >= CROWDED_PERCENT,
+        )
+        plain = Decision.toss_up.is_(False)
+        if self._present.toss_ups:
+            yield self._around([Decision.toss_up.is_(True)])
+        else:
+            yield []
+        yield self._around([plain], within=NEAR_PERCENT)
+        yield [self._crowding([plain, not_(near), crowded])]
+        yield self._around([plain, not_(near), not_(crowded)])
+        others = [
+            reason
+            for reason in self._present.reasons
+            if reason not in [int(known) for known in THRESHOLD_REASONS]
+            and (not self._wanted.reasons or reason in self._wanted.reasons)
+        ]
+        every = self._wanted.conditions()
+        yield [
+            Stream(Decision.box_id, [*every, Decision.reason == reason])
+            for reason in others
+        ]
+
+    def _around(
+        self, conditions: Sequence[ColumnElement[bool]], within: float | None = None
+    ) -> list[Stream]:
+        every = [*self._wanted.conditions(), *conditions]
+        found = []
+        for wanted in self._thresholds():
+            for large in (False, True) if self._present.large else (False,):
+                threshold = wanted.large if large else wanted.small
+                below = (
+                    Reason.LARGE_BELOW_THRESHOLD if large else Reason.BELOW_THRESHOLD
+                )
+                for sign, reason in ((1, Reason.VISIBLE), (-1, below)):
+                    if self._wanted.reasons and reason not in self._wanted.reasons:
+                        continue
+                    side = [
+                        Decision.class_id == wanted.class_id,
+                        Decision.large.is_(large),
+                        Decision.reason == int(reason),
+                        *_bounds(threshold, sign, within),
+                    ]
+                    found.append(
+                        Stream(Decision.match_percent, [*every, *side], threshold, sign)
+                    )
+        return found
+
+    def _class_ids(self) -> list[int]:
+        return [wanted.class_id for wanted in self._thresholds()]
+
+    def _thresholds(self) -> list[ClassThresholds]:
+        wanted = self._wanted.class_ids
+        return [
+            each
+            for each in self._wanted.thresholds
+            if each.class_id in self._present.class_ids
+            and (wanted is None or each.class_id in wanted)
+        ]
+
+
+@dataclass(frozen=True)
+class Present:
+    """What occurs in a dataset, so that no stream is opened in vain."""
+
+    reasons: tuple[int, ...]
+    class_ids: frozenset[int]
+    toss_ups: bool
+    large: bool
+
+
+def _bounds(
+    threshold: float, sign: int, within: float | None
+) -> list[ColumnElement[bool]]:
+    column = Decision.match_percent
+    inner = column >= threshold if sign > 0 else column <= threshold
+    if within is None:
+        return [inner]
+    limit = threshold + sign * within
+    return [inner, column <= limit if sign > 0 else column >= limit]
+
+
+def _encode(position: Position) -> str:
+    text = json.dumps(list(position), separators=(",", ":"))
+    return base64.urlsafe_b64encode(text.encode()).decode().rstrip("=")
+
+
+def _decode(cursor: str) -> Position:
+    try:
+        padded = cursor + "=" * (-len(cursor) % 4)
+        tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))
+        return Position(int(tier), float(score), int(stream), int(box_id))
+    except (ValueError, TypeError) as error:
+        raise BadRequest(f"cursor {cursor!r} is not one of ours") from error

@@ -1,0 +1,141 @@
+"""Current decisions: what runs change in them, and the tallies summed from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from sqlalchemy import bindparam, func, insert, select, update
+from sqlalchemy.orm import Session
+
+from app.db.bulk import execute_many
+from app.db.tables import Decision, Flip
+from filter_core.types import Decisions, IntArray
+
+
+class CurrentRow(NamedTuple):
+    """A current decision as it is stored."""
+
+    box_id: int
+    frame_id: int
+    class_id: int
+    reason: int
+    toss_up: bool
+    large: bool
+    review: str | None
+    revision: int
+
+
+class TallyRow(NamedTuple):
+    """How many boxes are alike in this."""
+
+    class_id: int
+    reason: int
+    toss_up: bool
+    review: str
+    boxes: int
+
+
+class DecisionRepository:
+    """Rows of `decisions`, `flips` and `tallies`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def rows(self, box_ids: Iterable[int]) -> dict[int, CurrentRow]:
+        """Current decisions of these boxes, by id."""
+        return self._fetch(Decision.box_id.in_(list(box_ids)))
+
+    def of_frame(self, frame_id: int) -> dict[int, CurrentRow]:
+        """Current decisions of a frame's boxes."""
+        return self._fetch(Decision.frame_id == frame_id)
+
+    def per_frame(self, frame_ids: Sequence[int]) -> dict[int, list[TallyRow]]:
+        """Tallies of single frames."""
+        review = func.coalesce(Decision.review, "")
+        rows = (
+            select(
+                Decision.frame_id,
+                Decision.class_id,
+                Decision.reason,
+                Decision.toss_up,
+                review,
+                func.count(),
+            )
+            .where(Decision.frame_id.in_(frame_ids))
+            .group_by(
+                Decision.frame_id,
+                Decision.class_id,
+                Decision.reason,
+                Decision.toss_up,
+                review,
+            )
+        )
+        found: dict[int, list[TallyRow]] = {key: [] for key in frame_ids}
+        for row in self._session.execute(rows):
+            found[row[0]].append(TallyRow(row[1], row[2], row[3], row[4], row[5]))
+        return found
+
+    def record_flips(
+        self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
+    ) -> None:
+        """Store for ever what a run changed."""
+        count = len(box_ids)
+        columns = {
+            "run": [run_id] * count,
+            "box": box_ids.tolist(),
+            "before": before.tolist(),
+            "after": after.tolist(),
+        }
+        statement = insert(Flip).values(
+            run_id=bindparam("run"),
+            box_id=bindparam("box"),
+            reason_before=bindparam("before"),
+            reason_after=bindparam("after"),
+        )
+        execute_many(self._session, statement, columns)
+
+    def refresh(self, box_ids: IntArray, after: Decisions) -> None:
+        """Make these the current decisions."""
+        columns = {
+            "box": box_ids.tolist(),
+            "to_reason": after.reason.tolist(),
+            "to_large": after.large.tolist(),
+            "to_toss_up": after.toss_up.tolist(),
+        }
+        statement = (
+            update(Decision)
+            .where(Decision.box_id == bindparam("box"))
+            .values(
+                reason=bindparam("to_reason"),
+                large=bindparam("to_large"),
+                toss_up=bindparam("to_toss_up"),
+            )
+        )
+        execute_many(self._session, statement, columns)
+
+    def flips_of_box(self, box_id: int) -> list[tuple[int, int, int]]:
+        """(run, reason before, reason after), oldest first."""
+        rows = (
+            select(Flip.run_id, Flip.reason_before, Flip.reason_after)
+            .where(Flip.box_id == box_id)
+            .order_by(Flip.run_id)
+        )
+        return [(row[0], row[1], row[2]) for row in self._session.execute(rows)]
+
+    def _fetch(self, condition: object) -> dict[int, CurrentRow]:
+        rows = (
+            select(
+                Decision.box_id,
+                Decision.frame_id,
+                Decision.class_id,
+                Decision.reason,
+                Decision.toss_up,
+                Decision.large,
+                Decision.review,
+                Decision.revision,
+            )
+            .where(condition)  # type: ignore[arg-type]  # any condition
+            .order_by(Decision.box_id)
+        )
+        return {row[0]: CurrentRow(*row) for row in self._session.execute(rows)}

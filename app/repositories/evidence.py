@@ -1,0 +1,135 @@
+"""Evidence of frames, one row per frame and measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from sqlalchemy import delete, insert, select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.tables import Frame, FrameEvidence, Measurement
+
+
+class EvidenceRow(NamedTuple):
+    """The packed numbers of one frame; see `app.db.evidence_record`."""
+
+    frame_id: int
+    first_box_id: int
+    box_count: int
+    numbers: bytes
+    tag_counts: bytes
+    geometry: bytes
+    segmentation: Mapping[str, Any] | None
+
+
+class NumbersRow(NamedTuple):
+    """What a decision needs of one frame."""
+
+    frame_id: int
+    first_box_id: int
+    box_count: int
+    numbers: bytes
+
+
+class EvidenceRepository:
+    """Rows of `evidence` and `measurements`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def measurement(self, dataset_id: int, digest: str) -> Measurement | None:
+        """The measurement of a dataset with these options."""
+        return self._session.scalar(
+            select(Measurement).where(
+                Measurement.dataset_id == dataset_id, Measurement.digest == digest
+            )
+        )
+
+    def add_measurement(self, measurement: Measurement) -> Measurement:
+        """Insert, or the one that someone else has just inserted."""
+        self._session.add(measurement)
+        try:
+            with self._session.begin_nested():
+                self._session.flush()
+        except IntegrityError:
+            found = self.measurement(measurement.dataset_id, measurement.digest)
+            if found is None:
+                raise
+            return found
+        return measurement
+
+    def add(self, rows: list[dict[str, Any]]) -> None:
+        """Insert evidence of frames."""
+        if rows:
+            self._session.execute(insert(FrameEvidence), rows)
+
+    def remove_measurement(self, measurement_id: int) -> None:
+        """Forget evidence that never became current."""
+        self._session.execute(
+            delete(FrameEvidence).where(FrameEvidence.measurement_id == measurement_id)
+        )
+
+    def of_frames(
+        self, frame_ids: Iterable[int], measurement_id: int
+    ) -> dict[int, EvidenceRow]:
+        """Evidence by frame."""
+        rows = (
+            select(
+                FrameEvidence.frame_id,
+                Frame.first_box_id,
+                Frame.box_count,
+                FrameEvidence.numbers,
+                FrameEvidence.tag_counts,
+                FrameEvidence.geometry,
+                FrameEvidence.segmentation,
+            )
+            .join(Frame, Frame.id == FrameEvidence.frame_id)
+            .where(
+                FrameEvidence.frame_id.in_(set(frame_ids)),
+                FrameEvidence.measurement_id == measurement_id,
+            )
+        )
+        return {row[0]: EvidenceRow(*row) for row in self._session.execute(rows)}
+
+    def numbers(
+        self, dataset_id: int, measurement_id: int, *, after_frame_id: int = 0
+    ) -> list[NumbersRow]:
+        """The numbers of all current frames, in the order of their ids."""
+        rows = (
+            select(Frame.id, Frame.first_box_id, Frame.box_count, FrameEvidence.numbers)
+            .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                Frame.id > after_frame_id,
+                FrameEvidence.measurement_id == measurement_id,
+            )
+            .order_by(Frame.id)
+        )
+        return [NumbersRow(*row) for row in self._session.execute(rows)]
+
+    def unmeasured_frames(
+        self, dataset_id: int, measurement_id: int, *, limit: int
+    ) -> list[int]:
+        """Current frames that this measurement does not cover yet."""
+        covered = (
+            select(FrameEvidence.frame_id)
+            .where(
+                FrameEvidence.frame_id == Frame.id,
+                FrameEvidence.measurement_id == measurement_id,
+            )
+            .exists()
+        )
+        rows = (
+            select(Frame.id)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                ~covered,
+            )
+            .order_by(Frame.id)
+            .limit(limit)
+        )
+        return list(self._session.scalars(rows))

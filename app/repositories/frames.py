@@ -1,0 +1,265 @@
+"""Frames, their files and their boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from sqlalchemy import (
+    ColumnElement,
+    delete,
+    exists,
+    func,
+    insert,
+    select,
+    update,
+)
+from sqlalchemy.orm import Session, undefer
+
+from app.db.base import utc_now
+from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem
+from app.errors import NotFound
+from app.repositories.box_filter import BoxFilter
+
+
+class FileRow(NamedTuple):
+    """A file of a frame."""
+
+    kind: str
+    sha256: str
+    size_bytes: int
+    media_type: str
+
+
+@dataclass(frozen=True)
+class FrameFilter:
+    """Which frames of a dataset to list."""
+
+    dataset_id: int
+    key_prefix: str = ""
+    boxes: BoxFilter | None = None
+
+
+@dataclass(frozen=True)
+class NewBoxes:
+    """Boxes and current decisions of a new frame, as rows."""
+
+    boxes: list[dict[str, Any]] = field(default_factory=list)
+    decisions: list[dict[str, Any]] = field(default_factory=list)
+
+
+class FrameRepository:
+    """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def current(self, dataset_id: int, key: str) -> Frame | None:
+        """The newest revision under a key."""
+        return self._session.scalar(
+            select(Frame).where(
+                Frame.dataset_id == dataset_id,
+                Frame.key == key,
+                Frame.superseded_at.is_(None),
+            )
+        )
+
+    def with_id(self, frame_id: int, *, annotation: bool = False) -> Frame:
+        """A frame, with its annotation on request; NotFound."""
+        options = [undefer(Frame.annotation)] if annotation else []
+        found = self._session.get(Frame, frame_id, options=options)
+        if found is None:
+            raise NotFound("frame", frame_id)
+        return found
+
+    def with_ids(self, frame_ids: Iterable[int]) -> dict[int, Frame]:
+        """Frames with their annotations, by id."""
+        rows = (
+            select(Frame)
+            .where(Frame.id.in_(set(frame_ids)))
+            .options(undefer(Frame.annotation))
+        )
+        return {frame.id: frame for frame in self._session.scalars(rows)}
+
+    def page(self, wanted: FrameFilter, *, after: str, limit: int) -> list[Frame]:
+        """The next current frames by key."""
+        rows = (
+            select(Frame)
+            .where(
+                Frame.dataset_id == wanted.dataset_id,
+                Frame.superseded_at.is_(None),
+                Frame.key > after,
+            )
+            .order_by(Frame.key)
+            .limit(limit)
+        )
+        if wanted.key_prefix:
+            rows = rows.where(
+                Frame.key >= wanted.key_prefix,
+                Frame.key < wanted.key_prefix + "\U0010ffff",
+            )
+        if wanted.boxes is not None:
+            rows = rows.where(_has_box(wanted.boxes))
+        return list(self._session.scalars(rows))
+
+    def chunk(self, dataset_id: int, *, after_id: int, limit: int) -> list[Frame]:
+        """The next current frames by id, with annotations: for work on all of them."""
+        rows = (
+            select(Frame)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                Frame.id > after_id,
+            )
+            .options(undefer(Frame.annotation))
+            .order_by(Frame.id)
+            .limit(limit)
+        )
+        return list(self._session.scalars(rows))
+
+    def neighbours(self, frame: Frame) -> tuple[int | None, int | None]:
+        """Ids of the frames before and after, in the order of keys."""
+        of_dataset = (
+            Frame.dataset_id == frame.dataset_id,
+            Frame.superseded_at.is_(None),
+        )
+        before = (
+            select(Frame.id)
+            .where(*of_dataset, Frame.key < frame.key)
+            .order_by(Frame.key.desc())
+            .limit(1)
+        )
+        after = (
+            select(Frame.id)
+            .where(*of_dataset, Frame.key > frame.key)
+            .order_by(Frame.key)
+            .limit(1)
+        )
+        return self._session.scalar(before), self._session.scalar(after)
+
+    def count(self, dataset_id: int) -> int:
+        """How many current frames a dataset has."""
+        rows = (
+            select(func.count())
+            .select_from(Frame)
+            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
+        )
+        return self._session.scalar(rows) or 0
+
+    def first_with_image(self, dataset_id: int) -> int | None:
+        """A frame whose picture can stand for the dataset."""
+        rows = (
+            select(Frame.id)
+            .join(FrameFile, FrameFile.frame_id == Frame.id)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                FrameFile.kind == "image",
+            )
+            .order_by(Frame.id)
+            .limit(1)
+        )
+        return self._session.scalar(rows)
+
+    def files(self, frame_ids: Iterable[int]) -> dict[int, dict[str, FileRow]]:
+        """Files of frames by kind."""
+        found: dict[int, dict[str, FileRow]] = {key: {} for key in frame_ids}
+        rows = (
+            select(
+                FrameFile.frame_id,
+                FrameFile.kind,
+                Blob.sha256,
+                Blob.size_bytes,
+                Blob.media_type,
+            )
+            .join(Blob, Blob.sha256 == FrameFile.sha256)
+            .where(FrameFile.frame_id.in_(found))
+        )
+        for row in self._session.execute(rows):
+            file = FileRow(row.kind, row.sha256, row.size_bytes, row.media_type)
+            found[row.frame_id][file.kind] = file
+        return found
+
+    def take_ids(self, name: str, count: int) -> int:
+        """Reserve `count` ids of ``frames`` or ``boxes``; the first of them."""
+        after: int | None = self._session.scalar(
+            update(IdBlock)
+            .where(IdBlock.name == name)
+            .values(next_id=IdBlock.next_id + count)
+            .returning(IdBlock.next_id)
+        )
+        if after is None:
+            raise RuntimeError(f"the table id_blocks lacks {name!r}")
+        return after - count
+
+    def add(self, frame: Mapping[str, Any], files: Sequence[FileRow]) -> None:
+        """Insert a frame and its files."""
+        if files:
+            known = set(
+                self._session.scalars(
+                    select(Blob.sha256).where(
+                        Blob.sha256.in_([file.sha256 for file in files])
+                    )
+                )
+            )
+            new = {file.sha256: file for file in files if file.sha256 not in known}
+            if new:
+                self._session.execute(insert(Blob), [_blob(f) for f in new.values()])
+        self._session.execute(insert(Frame), [dict(frame)])
+        if files:
+            rows = [
+                {"frame_id": frame["id"], "kind": file.kind, "sha256": file.sha256}
+                for file in files
+            ]
+            self._session.execute(insert(FrameFile), rows)
+
+    def add_boxes(self, new: NewBoxes) -> None:
+        """Insert boxes and their current decisions."""
+        if new.boxes:
+            self._session.execute(insert(Box), new.boxes)
+            self._session.execute(insert(Decision), new.decisions)
+
+    def supersede(self, frame: Frame) -> None:
+        """A newer revision is coming: this one has no current decisions any more."""
+        self._session.execute(
+            update(Frame).where(Frame.id == frame.id).values(superseded_at=utc_now())
+        )
+        self._session.execute(delete(Decision).where(Decision.frame_id == frame.id))
+
+    def remove(self, dataset_id: int, key: str) -> None:
+        """Delete every revision under a key."""
+        self._session.execute(
+            delete(Frame).where(Frame.dataset_id == dataset_id, Frame.key == key)
+        )
+
+    def forget_problems(self, dataset_id: int, key: str) -> None:
+        """The frame came in after all."""
+        self._session.execute(
+            delete(Problem).where(Problem.dataset_id == dataset_id, Problem.key == key)
+        )
+
+    def sources(self, frame_id: int) -> dict[str, Box]:
+        """Boxes of a frame by the sender's own ids."""
+        rows = select(Box).where(Box.frame_id == frame_id)
+        return {box.source_id: box for box in self._session.scalars(rows)}
+
+    def box(self, box_id: int) -> Box:
+        """A box; NotFound."""
+        found = self._session.get(Box, box_id)
+        if found is None:
+            raise NotFound("box", box_id)
+        return found
+
+
+def _blob(file: FileRow) -> dict[str, Any]:
+    return {
+        "sha256": file.sha256,
+        "size_bytes": file.size_bytes,
+        "media_type": file.media_type,
+        "created_at": utc_now(),
+    }
+
+
+def _has_box(wanted: BoxFilter) -> ColumnElement[bool]:
+    return exists().where(Decision.frame_id == Frame.id, *wanted.conditions())

@@ -1,0 +1,125 @@
+"""Answers of people: added, never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+from sqlalchemy import bindparam, func, insert, select, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.bulk import execute_many
+from app.db.tables import Decision, Review, ReviewBatch
+from app.errors import Conflict, NotFound
+
+
+class LatestReview(NamedTuple):
+    """The answer that counts for a box."""
+
+    box_id: int
+    revision: int
+    verdict: str
+    comment: str
+    reviewer: str
+    batch_id: int | None
+
+
+class ReviewRepository:
+    """Rows of `reviews` and `review_batches`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def add(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Insert answers; unique (box, revision) settles a race between two people."""
+        try:
+            self._session.execute(insert(Review), list(rows))
+        except IntegrityError as error:
+            raise Conflict(
+                "someone answered one of these boxes at the same moment; look again",
+                code="stale_review",
+            ) from error
+        execute_many(
+            self._session,
+            update(Decision)
+            .where(Decision.box_id == bindparam("box"))
+            .values(review=bindparam("answer"), revision=bindparam("to_revision")),
+            {
+                "box": [row["box_id"] for row in rows],
+                "answer": [
+                    None if row["verdict"] == "clear" else row["verdict"]
+                    for row in rows
+                ],
+                "to_revision": [row["revision"] for row in rows],
+            },
+        )
+
+    def of_box(self, box_id: int) -> list[Review]:
+        """All answers on a box, oldest first."""
+        rows = select(Review).where(Review.box_id == box_id).order_by(Review.revision)
+        return list(self._session.scalars(rows))
+
+    def latest(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
+        """The newest answer of each box that has one."""
+        newest = (
+            select(Review.box_id, func.max(Review.revision).label("revision"))
+            .where(Review.box_id.in_(list(box_ids)))
+            .group_by(Review.box_id)
+            .subquery()
+        )
+        rows = select(
+            Review.box_id,
+            Review.revision,
+            Review.verdict,
+            Review.comment,
+            Review.reviewer,
+            Review.batch_id,
+        ).join(
+            newest,
+            (Review.box_id == newest.c.box_id) & (Review.revision == newest.c.revision),
+        )
+        return {row[0]: LatestReview(*row) for row in self._session.execute(rows)}
+
+    def before(self, batch_id: int) -> dict[int, tuple[str, str]]:
+        """Per box of a batch: verdict and comment of the answer before it."""
+        earlier = (
+            select(
+                Review.box_id,
+                Review.revision,
+                Review.verdict,
+                Review.comment,
+            )
+        ).subquery()
+        rows = (
+            select(Review.box_id, earlier.c.verdict, earlier.c.comment)
+            .outerjoin(
+                earlier,
+                (earlier.c.box_id == Review.box_id)
+                & (earlier.c.revision == Review.revision - 1),
+            )
+            .where(Review.batch_id == batch_id)
+            .order_by(Review.box_id)
+        )
+        return {
+            row[0]: (row[1] or "clear", row[2] or "")
+            for row in self._session.execute(rows)
+        }
+
+    def add_batch(self, batch: ReviewBatch) -> ReviewBatch:
+        """Insert a batch."""
+        self._session.add(batch)
+        self._session.flush()
+        return batch
+
+    def batch(self, batch_id: int) -> ReviewBatch:
+        """A batch; NotFound."""
+        found = self._session.get(ReviewBatch, batch_id)
+        if found is None:
+            raise NotFound("review batch", batch_id)
+        return found
+
+    def undone(self, batch_id: int) -> bool:
+        """Whether a batch was undone already."""
+        rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
+        return self._session.scalar(rows.limit(1)) is not None

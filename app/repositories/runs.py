@@ -1,0 +1,176 @@
+"""Config versions, runs, exports and problems: what happened to a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.db.tables import ConfigVersion, Export, Flip, Problem, Run
+from app.errors import NotFound
+
+
+class ConfigRepository:
+    """Rows of `config_versions`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
+        """A dataset's version with this digest."""
+        return self._session.scalar(
+            select(ConfigVersion).where(
+                ConfigVersion.dataset_id == dataset_id, ConfigVersion.digest == digest
+            )
+        )
+
+    def with_id(self, config_id: int) -> ConfigVersion:
+        """A version that another row refers to."""
+        found = self._session.get(ConfigVersion, config_id)
+        if found is None:
+            raise NotFound("config", config_id)
+        return found
+
+    def with_digest(self, digest: str) -> ConfigVersion:
+        """Any dataset's version with this digest; they are equal."""
+        rows = select(ConfigVersion).where(ConfigVersion.digest == digest)
+        found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
+        if found is None:
+            raise NotFound("config", digest)
+        return found
+
+    def add(self, version: ConfigVersion) -> ConfigVersion:
+        """Insert."""
+        self._session.add(version)
+        self._session.flush()
+        return version
+
+    def page(
+        self, dataset_id: int, *, before_id: int | None, limit: int
+    ) -> list[ConfigVersion]:
+        """Versions, newest first."""
+        rows = select(ConfigVersion).where(ConfigVersion.dataset_id == dataset_id)
+        if before_id is not None:
+            rows = rows.where(ConfigVersion.id < before_id)
+        rows = rows.order_by(ConfigVersion.id.desc()).limit(limit)
+        return list(self._session.scalars(rows))
+
+    def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
+        """Digests by id."""
+        rows = select(ConfigVersion.id, ConfigVersion.digest).where(
+            ConfigVersion.id.in_(set(config_ids))
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
+
+
+class RunRepository:
+    """Rows of `runs`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def add(self, run: Run) -> Run:
+        """Insert."""
+        self._session.add(run)
+        self._session.flush()
+        return run
+
+    def with_id(self, run_id: int) -> Run:
+        """A run; NotFound."""
+        found = self._session.get(Run, run_id)
+        if found is None:
+            raise NotFound("run", run_id)
+        return found
+
+    def page(self, dataset_id: int, *, before_id: int | None, limit: int) -> list[Run]:
+        """Runs, newest first."""
+        rows = select(Run).where(Run.dataset_id == dataset_id)
+        if before_id is not None:
+            rows = rows.where(Run.id < before_id)
+        return list(self._session.scalars(rows.order_by(Run.id.desc()).limit(limit)))
+
+    def unfinished(self) -> list[Run]:
+        """Runs that are queued, or were interrupted, oldest first."""
+        rows = select(Run).where(Run.state.in_(("queued", "running")))
+        return list(self._session.scalars(rows.order_by(Run.id)))
+
+    def open_count(self) -> int:
+        """How many runs wait or work."""
+        rows = (
+            select(func.count())
+            .select_from(Run)
+            .where(Run.state.in_(("queued", "running")))
+        )
+        return self._session.scalar(rows) or 0
+
+    def flips_of_box(self, box_id: int) -> list[Flip]:
+        """What runs changed in a box, oldest first."""
+        rows = select(Flip).where(Flip.box_id == box_id).order_by(Flip.run_id)
+        return list(self._session.scalars(rows))
+
+
+class ExportRepository:
+    """Rows of `exports`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def add(self, export: Export) -> Export:
+        """Insert."""
+        self._session.add(export)
+        self._session.flush()
+        return export
+
+    def with_id(self, export_id: int) -> Export:
+        """An export; NotFound."""
+        found = self._session.get(Export, export_id)
+        if found is None:
+            raise NotFound("export", export_id)
+        return found
+
+    def page(
+        self, dataset_id: int, *, before_id: int | None, limit: int
+    ) -> list[Export]:
+        """Exports, newest first."""
+        rows = select(Export).where(Export.dataset_id == dataset_id)
+        if before_id is not None:
+            rows = rows.where(Export.id < before_id)
+        rows = rows.order_by(Export.id.desc()).limit(limit)
+        return list(self._session.scalars(rows))
+
+    def unfinished(self) -> list[Export]:
+        """Exports that are queued, or were interrupted, oldest first."""
+        rows = select(Export).where(Export.state.in_(("queued", "running")))
+        return list(self._session.scalars(rows.order_by(Export.id)))
+
+
+class ProblemRepository:
+    """Rows of `problems`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def add(self, problem: Problem) -> None:
+        """Insert."""
+        self._session.add(problem)
+        self._session.flush()
+
+    def page(
+        self, dataset_id: int, *, before_id: int | None, limit: int
+    ) -> list[Problem]:
+        """Problems, newest first."""
+        rows = select(Problem).where(Problem.dataset_id == dataset_id)
+        if before_id is not None:
+            rows = rows.where(Problem.id < before_id)
+        rows = rows.order_by(Problem.id.desc()).limit(limit)
+        return list(self._session.scalars(rows))
+
+    def count(self, dataset_id: int) -> int:
+        """How many frames of a dataset were refused and have not come since."""
+        rows = (
+            select(func.count())
+            .select_from(Problem)
+            .where(Problem.dataset_id == dataset_id)
+        )
+        return self._session.scalar(rows) or 0

@@ -1,0 +1,96 @@
+"""Tokens and the sessions that they opened. Never sees a secret, only hashes."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import NamedTuple
+
+from sqlalchemy import ColumnElement, delete, or_, select
+from sqlalchemy.orm import Session
+
+from app.db.access_tables import LoginSession, Token
+
+
+class TokenRow(NamedTuple):
+    """A token that is valid now."""
+
+    id: int
+    name: str
+    role: str
+    hash: str
+
+
+class Tokens:
+    """Tokens and sessions of one database session."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def valid_by_hash(self, digest: str, now: datetime) -> TokenRow | None:
+        """The token with this hash, unless it is revoked or has expired."""
+        statement = (
+            select(Token.id, Token.name, Token.role, Token.hash)
+            .where(Token.hash == digest, *_is_valid(now))
+            .order_by(Token.id)
+        )
+        row = self._session.execute(statement).one_or_none()
+        return TokenRow(*row) if row else None
+
+    def valid_by_session(self, digest: str, now: datetime) -> TokenRow | None:
+        """The token that opened this session, if both are still valid."""
+        statement = (
+            select(Token.id, Token.name, Token.role, LoginSession.hash)
+            .join(LoginSession, LoginSession.token_id == Token.id)
+            .where(
+                LoginSession.hash == digest,
+                LoginSession.expires_at > now,
+                *_is_valid(now),
+            )
+            .order_by(Token.id)
+        )
+        row = self._session.execute(statement).one_or_none()
+        return TokenRow(*row) if row else None
+
+    def replace(self, name: str, role: str, digest: str) -> None:
+        """Give the token of this name a new hash; what the old one opened ends."""
+        token = self._session.scalars(
+            select(Token).where(Token.name == name).order_by(Token.id)
+        ).one_or_none()
+        if token is None:
+            self._session.add(Token(name=name, role=role, hash=digest))
+        else:
+            self.end_sessions_of(token.id)
+            token.hash, token.role = digest, role
+            token.revoked_at = token.expires_at = None
+        self._session.flush()
+
+    def open_session(self, token_id: int, digest: str, expires_at: datetime) -> None:
+        """Remember a session that this token opened."""
+        self._session.add(
+            LoginSession(token_id=token_id, hash=digest, expires_at=expires_at)
+        )
+        self._session.flush()
+
+    def end_session(self, digest: str) -> None:
+        """Forget one session."""
+        self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))
+
+    def end_sessions_of(self, token_id: int) -> None:
+        """Forget all sessions that a token opened."""
+        self._session.execute(
+            delete(LoginSession).where(LoginSession.token_id == token_id)
+        )
+
+    def end_expired_sessions(self, now: datetime) -> None:
+        """Forget sessions that nobody can use any more."""
+        self._session.execute(
+            delete(LoginSession).where(LoginSession.expires_at <= now)
+        )
+
+
+def _is_valid(now: datetime) -> tuple[ColumnElement[bool], ...]:
+    """Conditions under which a token may be used."""
+    return (
+        Token.revoked_at.is_(None),
+        or_(Token.expires_at.is_(None), Token.expires_at > now),
+    )
