@@ -279,8 +279,8 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
         name = canonical_class(_checked_class_name(given_name))
         if name in classes:
             raise ConfigError(
-                f"classes: {given_name!r} is another name of {name!r}, which is given "
-                "as well; keep one",
+                f"classes: {' and '.join(map(repr, _names_of(name, raw)))} name the "
+                "same class; keep one",
                 pointer=f"/classes/{pointer_token(given_name)}",
             )
         one = (
@@ -296,6 +296,10 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
     )
 
 
+def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
+    return [given for given in classes if canonical_class(given) == name]
+
+
 def _checked_class_name(name: object) -> str:
     if not isinstance(name, str) or not 0 < len(name) <= _MAX_CLASS_NAME:
         raise ConfigError(
@@ -304,36 +308,3 @@ def _checked_class_name(name: object) -> str:
             pointer="/classes",
         )
     return name
-
-
-@dataclass(frozen=True)
-class ConfigChange:
-    """One key in which two configurations differ; `classes.van.accept` if nested."""
-
-    key: str
-    before: object
-    after: object
-
-
-def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
-    """Every key whose value differs, in the order of the keys.
-
-    An override that only one of them has is shown as None on the other side.
-    """
-    old, new = _flat(before), _flat(after)
-    keys = list(dict.fromkeys([*old, *new]))
-    return [
-        ConfigChange(key, old.get(key), new.get(key))
-        for key in keys
-        if old.get(key, INHERIT) != new.get(key, INHERIT)
-    ]
-
-
-def _flat(config: FilterConfig) -> dict[str, object]:
-    plain = {key: getattr(config, key) for key in CONFIG_KEYS if key != "classes"}
-    nested = {
-        f"classes.{name}.{key}": value
-        for name, one in config.classes.items()
-        for key, value in one.as_dict().items()
-    }
-    return {**plain, **nested}

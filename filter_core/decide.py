@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -25,6 +26,51 @@ _BLOCK: Final = 1 << 15
 
 _Limit: TypeAlias = FloatArray | IntArray | np.float64 | np.int64
 """One number per box, or one for all."""
+
+
+class _Bit(IntEnum):
+    """What is true of a box; its state (`BoxState`) is in the two lowest bits."""
+
+    OUT_OF_RANGE = 1 << 2
+    UNMAPPED = 1 << 3
+    UNMEASURED = 1 << 4
+    TOO_FEW_PIXELS = 1 << 5
+    FAILS_BIG = 1 << 6
+    FAILS_SMALL = 1 << 7
+
+
+_STATE_BITS: Final = 0b11
+_RULES: Final = (
+    (Reason.OUTSIDE_IMAGE, _STATE_BITS, BoxState.OUTSIDE_IMAGE),
+    (Reason.COVERS_IMAGE, _STATE_BITS, BoxState.COVERS_IMAGE),
+    (Reason.DEGENERATE, _STATE_BITS, BoxState.DEGENERATE),
+    (Reason.OUT_OF_RANGE, _Bit.OUT_OF_RANGE, _Bit.OUT_OF_RANGE),
+    (Reason.UNMAPPED_CLASS, _Bit.UNMAPPED, _Bit.UNMAPPED),
+    (Reason.NO_SEGMENTATION, _Bit.UNMEASURED, _Bit.UNMEASURED),
+    (Reason.NO_VISIBLE_PIXELS, _Bit.TOO_FEW_PIXELS, _Bit.TOO_FEW_PIXELS),
+    (Reason.LARGE_BELOW_THRESHOLD, _Bit.FAILS_BIG, _Bit.FAILS_BIG),
+    (Reason.BELOW_THRESHOLD, _Bit.FAILS_SMALL, _Bit.FAILS_SMALL),
+    (Reason.VISIBLE, 0, 0),
+)
+"""Algorithm 2 in its order: the first row whose bits under the mask are these."""
+
+_REASON_OF_BITS: Final = np.array(
+    [
+        next(reason for reason, mask, value in _RULES if bits & mask == value)
+        for bits in range(256)
+    ],
+    dtype=np.uint8,
+)
+"""The rules, applied once to every combination: masks per rule cost 4 ms per million
+boxes and rule, one look-up 0.7 ms for all of them."""
+
+# Columns of the table of thresholds that can have applied to a class.
+_SMALL, _BIG, _KEPT_LARGE, _NONE = range(4)
+_COLUMN_OF_REASON: Final = np.full(2 * 16, _NONE, dtype=np.uint8)
+_COLUMN_OF_REASON[[Reason.BELOW_THRESHOLD, 16 + Reason.BELOW_THRESHOLD]] = _SMALL
+_COLUMN_OF_REASON[16 + Reason.LARGE_BELOW_THRESHOLD] = _BIG
+_COLUMN_OF_REASON[[Reason.VISIBLE, 16 + Reason.VISIBLE]] = _SMALL, _KEPT_LARGE
+"""By reason, plus 16 if the box is large."""
 
 
 def decide(evidence: Evidence, config: FilterConfig) -> Decisions:
@@ -85,54 +131,48 @@ class _Block:
 
     def write(self, decisions: Decisions) -> None:
         """Decide these boxes into their places."""
-        limits, part = self.limits, self.part
-        big = self._limit(limits.threshold_big_box)
-        small = self._limit(limits.threshold_small_box)
+        part = self.part
         large = self._is_large()
-        fails_big, fails_small = self._fails(big) & large, self._fails(small)
-        if self.published:
-            # Its code tests large boxes against the small threshold as well.
-            threshold = np.where(large & (fails_big | (big >= small)), big, small)
-        else:
-            threshold = np.where(large, big, small)
-            fails_small &= ~large
-
-        reason = self._reason(fails_big, fails_small)
-        judged = (reason == Reason.VISIBLE) | (reason == Reason.BELOW_THRESHOLD)
-        judged |= reason == Reason.LARGE_BELOW_THRESHOLD
-        np.copyto(threshold, np.nan, where=~judged)
+        reason = _REASON_OF_BITS.take(self._bits(large))
+        column = _COLUMN_OF_REASON.take(reason | large.view(np.uint8) << 4)
+        threshold = self._threshold(column)
         # The published code's float area can give more than all of a box's pixels.
         margin = np.minimum(self.match, 100.0) - threshold
         decisions.reason[part] = reason
         decisions.threshold[part] = threshold
         decisions.margin[part] = margin
         decisions.toss_up[part] = self._is_toss_up(threshold, margin)
-        decisions.large[part] = large & judged
+        decisions.large[part] = large & (column != _NONE)
 
-    def _reason(
-        self, fails_big: BoolArray, fails_small: BoolArray
-    ) -> NDArray[np.uint8]:
-        """The rules in their order, written from the last to the first."""
-        evidence, part = self.evidence, self.part
-        state = evidence.state[part]
-        too_few = evidence.matched_pixels[part] < self._limit(
-            self.limits.min_visible_pixels
-        )
-        reason = np.full(len(self.class_index), Reason.VISIBLE, np.uint8)
-        for matches, name in (
-            (fails_small, Reason.BELOW_THRESHOLD),
-            (fails_big, Reason.LARGE_BELOW_THRESHOLD),
-            (too_few, Reason.NO_VISIBLE_PIXELS),
-            (~evidence.measured[part], Reason.NO_SEGMENTATION),
-            (evidence.accept_mask[part] == 0, Reason.UNMAPPED_CLASS),
-            (self._is_out_of_range(), Reason.OUT_OF_RANGE),
-            (state == BoxState.DEGENERATE, Reason.DEGENERATE),
-            (state == BoxState.COVERS_IMAGE, Reason.COVERS_IMAGE),
-            (state == BoxState.OUTSIDE_IMAGE, Reason.OUTSIDE_IMAGE),
+    def _bits(self, large: BoolArray) -> NDArray[np.uint8]:
+        evidence, limits, part = self.evidence, self.limits, self.part
+        fails_small = self._fails(limits.threshold_small_box)
+        if not self.published:  # whose code tests large boxes by this one as well
+            fails_small &= ~large
+        bits: NDArray[np.uint8] = evidence.state[part].copy()
+        for holds, bit in (
+            (self._is_out_of_range(), _Bit.OUT_OF_RANGE),
+            (evidence.accept_mask[part] == 0, _Bit.UNMAPPED),
+            (~evidence.measured[part], _Bit.UNMEASURED),
+            (self._has_too_few_pixels(), _Bit.TOO_FEW_PIXELS),
+            (self._fails(limits.threshold_big_box) & large, _Bit.FAILS_BIG),
+            (fails_small, _Bit.FAILS_SMALL),
         ):
-            # Several times faster than reason[matches] = name.
-            np.copyto(reason, np.uint8(name), where=matches)
-        return reason
+            bits |= holds.view(np.uint8) * np.uint8(bit)
+        return bits
+
+    def _threshold(self, column: NDArray[np.uint8]) -> FloatArray:
+        """The threshold in each box's class and column."""
+        small, big = self.limits.threshold_small_box, self.limits.threshold_big_box
+        kept_large = np.maximum(small, big) if self.published else big
+        table = np.column_stack([small, big, kept_large, np.full(len(small), np.nan)])
+        threshold: FloatArray = table.take(self.class_index * 4 + column)
+        return threshold
+
+    def _has_too_few_pixels(self) -> BoolArray:
+        needed = self._limit(self.limits.min_visible_pixels)
+        too_few: BoolArray = self.evidence.matched_pixels[self.part] < needed
+        return too_few
 
     def _is_out_of_range(self) -> BoolArray:
         limits = self.limits
@@ -148,7 +188,8 @@ class _Block:
         size = self._limit(self.limits.size_big_box)
         return area >= size if self.published else area > size
 
-    def _fails(self, threshold: _Limit) -> BoolArray:
+    def _fails(self, per_class: FloatArray) -> BoolArray:
+        threshold = self._limit(per_class)
         if self.published:
             return self.match <= threshold
         return self.match < threshold
@@ -163,5 +204,5 @@ class _Block:
 
     def _limit(self, per_class: FloatArray | IntArray) -> _Limit:
         alike = bool((per_class == per_class[0]).all())
-        chosen: _Limit = per_class[0] if alike else per_class[self.class_index]
+        chosen: _Limit = per_class[0] if alike else per_class.take(self.class_index)
         return chosen

@@ -1,0 +1,205 @@
+"""One honest sentence per decision, and what hides a box. For people to read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, TypedDict
+
+from filter_core.palettes import FAMILIES
+from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, Reason
+
+_HIDES_NOTHING: Final = frozenset(
+    {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
+)
+"""What lies around an object in its box rather than in front of it."""
+_MOST_SHOWN: Final = 3
+
+
+class HiddenBy(TypedDict):
+    """A tag that a box's class does not accept, and how much of the box it covers."""
+
+    tag: int
+    name: str
+    percent: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a sentence about one box is made of.
+
+    `accepted` are the names of the tags that count; distances are metres, None where
+    unknown or without limit; `published` is profile ``carlasimu``, which needs more
+    than the threshold where profile ``paper`` needs at least that.
+    """
+
+    reason: Reason
+    class_name: str
+    match_percent: float | None = None
+    threshold: float | None = None
+    area_percent: float | None = None
+    large: bool = False
+    matched_pixels: int | None = None
+    min_visible_pixels: int = 1
+    distance: float | None = None
+    min_distance: float | None = None
+    max_distance: float | None = None
+    accepted: tuple[str, ...] = ()
+    hidden_by: Sequence[HiddenBy] = ()
+    published: bool = False
+
+
+def hidden_by(
+    tag_counts: Sequence[int], accept_mask: int, family: str
+) -> list[HiddenBy]:
+    """The up to three commonest tags in a box that its class does not accept.
+
+    Parameters
+    ----------
+    tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
+    accept_mask : bit t is set if the class accepts tag t
+    family : a key of `filter_core.palettes.FAMILIES`
+
+    Returns
+    -------
+    list of {"tag", "name", "percent"}, the commonest first (ties: the lower tag)
+        Percent of the pixels counted. What surrounds objects without hiding them
+        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) is left out.
+    """
+    total = sum(tag_counts)
+    palette = FAMILIES[family]
+    found: list[tuple[int, int, str]] = []
+    for column, count in enumerate(tag_counts):
+        if count == 0 or accept_mask >> column & 1:
+            continue
+        tag = UNKNOWN_TAG if column == UNKNOWN_COLUMN else column
+        name = palette.name_of(tag)
+        if name not in _HIDES_NOTHING:
+            found.append((-count, tag, name))
+    return [
+        {"tag": tag, "name": name, "percent": 100.0 * -negative / total}
+        for negative, tag, name in sorted(found)[:_MOST_SHOWN]
+    ]
+
+
+def explain(judgement: Judgement) -> str:
+    """Why a box was kept, rejected or not measured, in one sentence.
+
+    Numbers are rounded only as far as the sentence stays true: 9.96 % is never shown
+    as the 10 % that are needed.
+    """
+    sentence = _SENTENCES[judgement.reason](judgement)
+    return f"{judgement.reason.verdict.value}: {sentence}"
+
+
+def percent(value: float, against: float | None = None) -> str:
+    """A percentage for people, with as many digits as keep it honest.
+
+    Whole from 10 up, one decimal below; more if it would otherwise read like
+    `against`, 0 or 100 without being it.
+    """
+    fixed_points = [0.0, 100.0] + ([against] if against is not None else [])
+    for digits in range(0 if value >= 10 else 1, 10):
+        shown = float(f"{value:.{digits}f}")
+        if all((value == point) == (shown == point) for point in fixed_points):
+            break
+    return f"{shown:.9f}".rstrip("0").rstrip(".") + " %"
+
+
+def _exact_percent(value: float) -> str:
+    return f"{value:.15g} %"
+
+
+def _metres(value: float, against: float) -> str:
+    digits = next((d for d in range(6) if round(value, d) != against), 6)
+    return f"{value:.{digits}f} m"
+
+
+def _outside(_: Judgement) -> str:
+    return "the box lies outside the image"
+
+
+def _covers(_: Judgement) -> str:
+    return "the box covers the whole image"
+
+
+def _degenerate(_: Judgement) -> str:
+    return "the box has no area inside the image"
+
+
+def _out_of_range(box: Judgement) -> str:
+    distance = box.distance if box.distance is not None else float("nan")
+    low, high = box.min_distance, box.max_distance
+    if low is not None and distance < low:
+        limit, words = low, "at least"
+    elif high is not None and distance > high:
+        limit, words = high, "at most"
+    else:
+        return "it is not in the range of distances that is wanted"
+    return f"it is {_metres(distance, limit)} away, {words} {limit:.15g} m are wanted"
+
+
+def _unmapped(box: Judgement) -> str:
+    return f"no tag is accepted for the class {box.class_name!r}"
+
+
+def _unmeasured(_: Judgement) -> str:
+    return "there is no segmentation to measure with"
+
+
+def _no_visible_pixels(box: Judgement) -> str:
+    names = _any_of(box.accepted)
+    found, needed = box.matched_pixels or 0, box.min_visible_pixels
+    if found == 0:
+        return f"none of its pixels are {names}{_hiding(box)}"
+    are = "pixel is" if found == 1 else "pixels are"
+    return f"only {found} of its {are} {names}, {needed} are needed{_hiding(box)}"
+
+
+def _share(box: Judgement) -> str:
+    match, threshold = box.match_percent, box.threshold
+    if match is None or threshold is None:
+        return f"some of its pixels are {_any_of(box.accepted)}"
+    large = ""
+    if box.large and box.area_percent is not None:
+        large = f"it covers {percent(box.area_percent)} of the image and "
+    more = "more than " if box.published else ""
+    return (
+        f"{large}{percent(match, threshold)} of its pixels are "
+        f"{_any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
+    )
+
+
+def _too_little(box: Judgement) -> str:
+    return _share(box) + _hiding(box)
+
+
+def _hiding(box: Judgement) -> str:
+    if not box.hidden_by:
+        return ""
+    first = box.hidden_by[0]
+    return f"; {first['name']} covers {percent(first['percent'])}"
+
+
+def _any_of(names: Sequence[str]) -> str:
+    if len(names) < 2:
+        return names[0] if names else "of its class"
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+_SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
+    Reason.OUTSIDE_IMAGE: _outside,
+    Reason.COVERS_IMAGE: _covers,
+    Reason.DEGENERATE: _degenerate,
+    Reason.OUT_OF_RANGE: _out_of_range,
+    Reason.UNMAPPED_CLASS: _unmapped,
+    Reason.NO_SEGMENTATION: _unmeasured,
+    Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
+    Reason.LARGE_BELOW_THRESHOLD: _too_little,
+    Reason.BELOW_THRESHOLD: _too_little,
+    Reason.EXPLAINED_BY_NEARER: lambda _: "nearer boxes explain all of its pixels",
+    Reason.HIDDEN_BY_DEPTH: lambda _: "what is seen there is at another depth",
+    Reason.HIDDEN_BY_INSTANCE: lambda _: "no instance in the image belongs to it",
+    Reason.TOO_FEW_LIDAR_POINTS: lambda _: "too few LiDAR points lie inside it",
+    Reason.VISIBLE: _share,
+}
