@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from filter_core.errors import AnnotationError, AnnotationErrors
+from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
 
 MAX_MAGNITUDE: Final = 1e9
 """A larger number is not a coordinate: in metres it lies beyond any map."""
@@ -79,16 +79,23 @@ class Faults:
         detail = f"{subject or 'annotation'}: expected {expected}, found {found}"
         self._errors.append(AnnotationError(detail, pointer=at.pointer, code=code))
 
-    def raise_any(self) -> None:
-        """Raise all faults together, if there are any.
+    def take(self, error: FilterError) -> None:
+        """Note a fault that a constructor has raised."""
+        frame = f"frame {self._frame}, " if self._frame else ""
+        self._errors.append(
+            AnnotationError(
+                f"{frame}{error.detail}", pointer=error.pointer, code=error.kind
+            )
+        )
 
-        Raises
-        ------
-        AnnotationErrors
-            Every fault, in the order of the document.
-        """
+    def as_error(self) -> AnnotationErrors:
+        """All faults as one error, in the order in which they were noted."""
+        return AnnotationErrors(self._errors)
+
+    def raise_any(self) -> None:
+        """Raise `as_error` if there are any faults."""
         if self._errors:
-            raise AnnotationErrors(self._errors)
+            raise self.as_error()
 
 
 def shown(value: object) -> str:
@@ -111,6 +118,10 @@ def shown(value: object) -> str:
 def _shown_number(value: object) -> str:
     if isinstance(value, int) and value.bit_length() > 256:
         return f"an integer of {value.bit_length()} bits"
+    if isinstance(value, (float, np.floating)) and not math.isfinite(value):
+        return (
+            "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
+        )
     return str(value)
 
 

@@ -1,0 +1,110 @@
+"""Reads the annotation of one frame: everything that is wrong with it, in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from filter_core.annotation_boxes import read_boxes, read_extra
+from filter_core.annotation_camera import read_camera, read_sensors, require_camera
+from filter_core.annotation_json import decode_json
+from filter_core.annotation_text import read_kept_object, read_text, read_time
+from filter_core.annotation_types import (
+    AnnotationLimits,
+    BoxAnnotation,
+    FrameAnnotation,
+    Sensor,
+)
+from filter_core.faults import Faults, Place, shown
+from filter_core.frame_geometry import GeometryResult, frame_boxes_2d
+
+__all__ = [
+    "AnnotationLimits",
+    "BoxAnnotation",
+    "FrameAnnotation",
+    "GeometryResult",
+    "Sensor",
+    "frame_boxes_2d",
+    "parse_annotation",
+]
+
+_DEFAULT_LIMITS: Final = AnnotationLimits()
+_KNOWN_KEYS: Final = frozenset(
+    {
+        "boxes",
+        "camera",
+        "captured_at",
+        "carla_version",
+        "extra",
+        "map",
+        "sensors",
+        "weather",
+    }
+)
+
+
+def parse_annotation(
+    raw: Mapping[str, object] | bytes | str,
+    *,
+    limits: AnnotationLimits = _DEFAULT_LIMITS,
+    frame: str = "",
+) -> FrameAnnotation:
+    """The annotation of one frame, read and checked.
+
+    Parameters
+    ----------
+    raw : mapping, or JSON as bytes (UTF-8) or text
+        Never changed. A key that JSON repeats is an error, as is NaN or Infinity.
+    limits : AnnotationLimits
+    frame : str
+        The frame's key; errors name it.
+
+    Returns
+    -------
+    FrameAnnotation
+        Null stands for an absent value, except in a geometry. Keys that nobody knows
+        are in `extra`, of the frame and of each box.
+
+    Raises
+    ------
+    AnnotationErrors
+        Every fault at once, each with its JSON pointer, a stable code, and a text that
+        names the box (index and id), the field, what was expected and what was found.
+    """
+    faults = Faults(frame)
+    document = decode_json(raw, faults) if isinstance(raw, (bytes, str)) else raw
+    if not isinstance(document, Mapping):
+        faults.add(Place(), "not_an_object", "an object", shown(document))
+        raise faults.as_error()
+    annotation = _read_frame(document, faults, limits)
+    faults.raise_any()
+    return annotation
+
+
+def _read_frame(
+    raw: Mapping[str, object], faults: Faults, limits: AnnotationLimits
+) -> FrameAnnotation:
+    at = Place()
+    before = len(faults)
+    camera, camera_wh = read_camera(raw.get("camera"), faults)
+    camera_faults = len(faults) - before
+    version, town = (
+        read_text(raw.get(key), at / key, faults, limits.max_text)
+        for key in ("carla_version", "map")
+    )
+    captured_at = read_time(raw.get("captured_at"), at / "captured_at", faults, 64)
+    boxes = read_boxes(raw.get("boxes"), faults, limits)
+    if camera is None and camera_faults == 0:
+        require_camera(raw, faults)
+    return FrameAnnotation(
+        boxes=boxes,
+        camera=camera,
+        camera_wh=camera_wh,
+        carla_version=version,
+        captured_at=captured_at,
+        map=town,
+        weather=read_kept_object(raw.get("weather"), at / "weather", faults),
+        sensors=read_sensors(raw.get("sensors"), faults),
+        extra=read_extra(raw, _KNOWN_KEYS, at, faults),
+        raw=raw,
+    )
