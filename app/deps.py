@@ -1,0 +1,146 @@
+"""What routes depend on: a database session, who is asking, the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Final
+
+from fastapi import Depends, Path, Query, Request
+from fastapi.security import APIKeyCookie, HTTPBearer
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+
+from app.db.engine import Database
+from app.errors import Forbidden, Unauthorised
+from app.security import (
+    SAFE_METHODS,
+    SESSION_COOKIE,
+    Principal,
+    Role,
+    bearer_token,
+    comes_from_own_page,
+)
+from app.services import access
+from app.services.context import ServiceContext
+from app.services.idempotency import claim_on_begin
+from app.settings import Settings
+
+MAX_ID: Final = 2**63 - 1
+
+RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
+"""An id in a path; larger ones would overflow the database's integers."""
+
+RowIdQuery = Annotated[int, Query(ge=1, le=MAX_ID)]
+"""An id in a query."""
+
+
+def settings_of(request: Request) -> Settings:
+    """The settings this service was started with."""
+    settings: Settings = request.app.state.settings
+    return settings
+
+
+def database_of(request: Request) -> Database:
+    """The service's database."""
+    database: Database = request.app.state.database
+    return database
+
+
+def services_of(request: Request) -> ServiceContext:
+    """What services share for the life of the process."""
+    services: ServiceContext = request.app.state.services
+    return services
+
+
+async def authorise(request: Request, needed: Role) -> Principal:
+    """The one place where it is decided who may come in.
+
+    Called for each route by `app.routing`, before the body is read.
+
+    Raises
+    ------
+    Unauthorised
+        No valid token or session.
+    Forbidden
+        Not with this role, or a browser sent it for another page.
+    """
+    principal = await run_in_threadpool(_identify, request)
+    request.state.principal = principal
+    if not principal.role.includes(needed):
+        raise Forbidden(
+            f"this needs the role {needed.value}, "
+            f"token {principal.name!r} has {principal.role.value}"
+        )
+    return principal
+
+
+def _identify(request: Request) -> Principal:
+    header = request.headers.get("authorization")
+    cookie = request.cookies.get(SESSION_COOKIE)
+    with database_of(request).read() as session:
+        if header is not None:
+            return access.by_token(session, bearer_token(header) or "")
+        if cookie is None:
+            raise Unauthorised("show a token: Authorization: Bearer ug_...")
+        principal = access.by_session(session, cookie)
+    if request.method not in SAFE_METHODS and not comes_from_own_page(request.headers):
+        raise Forbidden("the page's session only writes for the page itself")
+    return principal
+
+
+def current_principal(request: Request) -> Principal:
+    """Who is asking, as `authorise` found."""
+    principal: Principal = request.state.principal
+    return principal
+
+
+def admin(request: Request) -> None:
+    """Refuse everyone but an admin, on a route that others share a router with."""
+    principal = current_principal(request)
+    if not principal.role.includes(Role.ADMIN):
+        raise Forbidden(
+            f"this needs the role admin, "
+            f"token {principal.name!r} has {principal.role.value}"
+        )
+
+
+def read_session(request: Request) -> Iterator[Session]:
+    """One consistent state of the database for the whole request."""
+    with database_of(request).read() as session:
+        yield session
+
+
+def write_session(request: Request) -> Iterator[Session]:
+    """One transaction per request: commit on return, leave no trace on raise."""
+    with database_of(request).write() as session:
+        repeatable = getattr(request.state, "repeatable", None)
+        if repeatable is not None:
+            claim_on_begin(session, repeatable)
+        request.state.write_session = session
+        yield session
+
+
+ADMIN = Depends(admin)
+BEARER = Depends(
+    HTTPBearer(
+        auto_error=False,
+        scheme_name="token",
+        description="A token (ug_...), as printed at first start.",
+    )
+)
+COOKIE = Depends(
+    APIKeyCookie(
+        name=SESSION_COOKIE,
+        auto_error=False,
+        scheme_name="session",
+        description="The page's session; writing needs the page's own Origin.",
+    )
+)
+
+AppSettings = Annotated[Settings, Depends(settings_of)]
+AppServices = Annotated[ServiceContext, Depends(services_of)]
+AppDatabase = Annotated[Database, Depends(database_of)]
+CurrentPrincipal = Annotated[Principal, Depends(current_principal)]
+ReadSession = Annotated[Session, Depends(read_session, scope="function")]
+# scope="function": it ends, and commits, before the answer is sent. 201 means stored.
+WriteSession = Annotated[Session, Depends(write_session, scope="function")]

@@ -1,0 +1,226 @@
+"""Turns whatever was raised into RFC 9457 problem+json. Knows nothing else."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from fastapi.encoders import jsonable_encoder
+from fastapi.exceptions import RequestValidationError
+from sqlalchemy import exc as sql
+from starlette.exceptions import HTTPException
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Match
+
+from app import errors
+from app.errors import AppError, Fault
+from app.logs import current_request_id, error_log
+from app.security import SESSION_COOKIE
+from filter_core.errors import AnnotationErrors, FilterError
+
+PROBLEM_TYPE: Final = "application/problem+json"
+BUSY_RETRY_S: Final = 2
+AWAY_RETRY_S: Final = 5
+
+STATUS: Final[Mapping[type[Exception], HTTPStatus]] = {
+    errors.BadRequest: HTTPStatus.BAD_REQUEST,
+    errors.MisdirectedHost: HTTPStatus.MISDIRECTED_REQUEST,
+    errors.Unauthorised: HTTPStatus.UNAUTHORIZED,
+    errors.Forbidden: HTTPStatus.FORBIDDEN,
+    errors.NotFound: HTTPStatus.NOT_FOUND,
+    errors.Conflict: HTTPStatus.CONFLICT,
+    errors.StaleRevision: HTTPStatus.PRECONDITION_FAILED,
+    errors.TooLarge: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    errors.UnsupportedMedia: HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+    errors.RangeNotSatisfiable: HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
+    errors.Unprocessable: HTTPStatus.UNPROCESSABLE_ENTITY,
+    errors.TooManyRequests: HTTPStatus.TOO_MANY_REQUESTS,
+    errors.TryLater: HTTPStatus.SERVICE_UNAVAILABLE,
+    AppError: HTTPStatus.INTERNAL_SERVER_ERROR,
+    FilterError: HTTPStatus.UNPROCESSABLE_ENTITY,
+}
+
+# What Starlette and FastAPI say by themselves: unknown routes, other methods, bodies.
+HTTP_CODES: Final[Mapping[int, str]] = {
+    400: "bad_request",
+    401: errors.Unauthorised.code,
+    403: errors.Forbidden.code,
+    404: errors.NotFound.code,
+    405: "method_not_allowed",
+    413: errors.TooLarge.code,
+    415: errors.UnsupportedMedia.code,
+    416: errors.RangeNotSatisfiable.code,
+    422: errors.Unprocessable.code,
+}
+_LOCKED: Final = ("locked", "busy", "deadlock", "could not serialize", "lock timeout")
+_FULL: Final = ("disk is full", "no space left", "disk full")
+_FULL_ERRNO: Final = (errno.ENOSPC, errno.EDQUOT)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One error as it goes over the wire."""
+
+    status: int
+    code: str
+    detail: str
+    faults: tuple[Fault, ...] = ()
+    headers: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def response(self, *, instance: str, request_id: str) -> JSONResponse:
+        """The answer; `instance` is the path that was asked for."""
+        body = {
+            "type": "about:blank",
+            "title": HTTPStatus(self.status).phrase,
+            "status": self.status,
+            "detail": self.detail,
+            "instance": instance,
+            "code": self.code,
+            "request_id": request_id,
+            "errors": [vars(fault) for fault in self.faults],
+            **jsonable_encoder(self.extra),
+        }
+        return JSONResponse(
+            body, self.status, headers=dict(self.headers), media_type=PROBLEM_TYPE
+        )
+
+
+def install(app: FastAPI) -> None:
+    """Have the app answer with problems where Starlette would answer with text.
+
+    Everything that is not named here travels on to `middleware.Problems`.
+    """
+    app.add_exception_handler(HTTPException, _answer)
+    app.add_exception_handler(RequestValidationError, _answer)
+
+
+async def _answer(request: Request, exc: Exception) -> Response:
+    problem = problem_of(exc)
+    if problem.status == HTTPStatus.METHOD_NOT_ALLOWED:
+        allowed = ", ".join(_methods_at(request))
+        problem = replace(problem, headers={"Allow": allowed})
+    return problem.response(
+        instance=request.url.path, request_id=current_request_id.get()
+    )
+
+
+def _methods_at(request: Request) -> Iterator[str]:
+    # Starlette names the methods of the first route that fits the path only.
+    for method in ("GET", "POST", "PUT", "PATCH", "DELETE"):
+        scope: dict[str, Any] = {"type": "http", "method": method, "headers": []}
+        scope |= {"path": request.url.path, "root_path": "", "app": request.app}
+        routes = request.app.router.routes
+        if any(route.matches(dict(scope))[0] is Match.FULL for route in routes):
+            yield method
+
+
+def problem_of(exc: Exception) -> Problem:
+    """The problem for any exception; what nobody foresaw is logged and is a 500."""
+    if isinstance(exc, RequestValidationError):
+        return _invalid_request(exc)
+    if isinstance(exc, HTTPException):
+        return _http_problem(exc)
+    known = _translated(exc)
+    if isinstance(known, AppError):
+        return _app_problem(known)
+    if isinstance(known, FilterError):
+        return _filter_problem(known)
+    error_log.error("unexpected error", exc_info=exc)
+    return Problem(
+        500, "internal", "the service failed; the request id finds it in its log"
+    )
+
+
+def _translated(exc: Exception) -> Exception:
+    """Failures of the database and the disk, in the service's own words."""
+    full = isinstance(exc, OSError) and exc.errno in _FULL_ERRNO
+    if full or _says(exc, _FULL):
+        error_log.error("no room left", exc_info=exc)
+        return errors.StorageFull(
+            "there is no room left to store this", retry_after_s=AWAY_RETRY_S
+        )
+    if isinstance(exc, sql.TimeoutError) or _says(exc, _LOCKED):
+        return errors.DatabaseBusy(
+            "the service is busy writing; try again", retry_after_s=BUSY_RETRY_S
+        )
+    if isinstance(exc, (sql.OperationalError, sql.InterfaceError)):
+        error_log.error("the database failed", exc_info=exc)
+        return errors.NotReady(
+            "the database does not answer; try again", retry_after_s=AWAY_RETRY_S
+        )
+    if isinstance(exc, sql.IntegrityError):
+        error_log.warning("lost a race", exc_info=exc)
+        return errors.Conflict("someone changed the same thing meanwhile; look again")
+    return exc
+
+
+def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
+    if not isinstance(exc, sql.OperationalError):
+        return False
+    text = str(exc.orig).lower()
+    return any(phrase in text for phrase in phrases)
+
+
+def _app_problem(exc: AppError) -> Problem:
+    status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
+    extra = {"current": exc.current} if isinstance(exc, errors.StaleRevision) else {}
+    return Problem(
+        int(status), exc.kind, exc.detail, exc.faults, dict(_headers_of(exc)), extra
+    )
+
+
+def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
+    if isinstance(exc, errors.Unauthorised):
+        yield "WWW-Authenticate", 'Bearer realm="unghost"'
+    if isinstance(exc, errors.TryLater):
+        yield "Retry-After", str(exc.retry_after_s)
+    if isinstance(exc, errors.RangeNotSatisfiable):
+        yield "Content-Range", f"bytes */{exc.size_bytes}"
+    if isinstance(exc, errors.TooLarge):
+        # What the client still sends is not wanted.
+        yield "Connection", "close"
+
+
+def _filter_problem(exc: FilterError) -> Problem:
+    single = exc.errors if isinstance(exc, AnnotationErrors) else (exc,)
+    faults = [Fault(one.pointer, one.kind, one.detail) for one in single]
+    return Problem(422, exc.kind, exc.detail, tuple(faults))
+
+
+def _http_problem(exc: HTTPException) -> Problem:
+    if isinstance(exc.__cause__, AppError):  # FastAPI wraps what reading a body raises
+        return _app_problem(exc.__cause__)
+    code = HTTP_CODES.get(exc.status_code, "http_error")
+    return Problem(exc.status_code, code, str(exc.detail), headers=exc.headers or {})
+
+
+def _invalid_request(exc: RequestValidationError) -> Problem:
+    faults = tuple(_fault_of(error) for error in exc.errors())
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    place = f"{faults[0].pointer}: " if faults[0].pointer else ""
+    detail = f"{place}{faults[0].detail}{more}"
+    return Problem(422, "invalid_request", detail, faults)
+
+
+def _fault_of(error: Mapping[str, Any]) -> Fault:
+    # Never the input itself: it may be a token.
+    where, *path = error["loc"]
+    if error["type"] == "json_invalid":
+        return Fault("", "json_invalid", f"not JSON at character {path[0]}")
+    detail = error["msg"]
+    if where != "body":
+        detail = f"{where} parameter {path[0]!r}: {detail}"
+        path = [where, *path]
+    if SESSION_COOKIE in path:
+        detail = "the session cookie cannot be read"
+    return Fault(_json_pointer(path), error["type"], detail)
+
+
+def _json_pointer(path: list[str | int]) -> str:
+    steps = (str(step).replace("~", "~0").replace("/", "~1") for step in path)
+    return "".join(f"/{step}" for step in steps)

@@ -1,0 +1,46 @@
+"""What lives as long as the process: opened before the first request, closed after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Final
+
+from app.db.engine import Database
+from app.db.migrate import migrate
+from app.engine import LocalEngine
+from app.repositories.locks import migrating_alone
+from app.resources import migrations_dir
+from app.services import access
+from app.services.context import ServiceContext
+from app.services.idempotency import forget_old_answers
+from app.settings import Settings
+from app.storage import FolderStorage
+
+_PRIVATE: Final = 0o700
+
+
+@contextmanager
+def running(settings: Settings) -> Iterator[ServiceContext]:
+    """Bring the data folder up to date, open everything, and close it at the end."""
+    settings.data.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+    database = Database(settings.sqlalchemy_url)
+    try:
+        with migrating_alone(database.engine):
+            migrate(database.engine, migrations_dir())
+        with database.write() as session:
+            access.ensure_first_token(session, settings.token_file)
+            forget_old_answers(session, timedelta(hours=settings.idempotency_hours))
+        services = ServiceContext(
+            settings=settings,
+            database=database,
+            storage=FolderStorage(settings.data / "blobs"),
+            engine=LocalEngine(settings.workers),
+        )
+        try:
+            yield services
+        finally:
+            services.close()
+    finally:
+        database.close()

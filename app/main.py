@@ -1,0 +1,77 @@
+"""Puts the service together: settings, routes, and what surrounds every request."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+from importlib import import_module
+from importlib.metadata import version
+from pkgutil import iter_modules
+
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+
+from app import http_errors, openapi, routes
+from app.lifetime import running
+from app.middleware import (
+    AccessLog,
+    BodyLimit,
+    KnownHosts,
+    Problems,
+    RequestId,
+    SecurityHeaders,
+)
+from app.page_files import content_security_policy
+from app.resources import static_dir
+from app.routing import repeat_answer
+from app.services.idempotency import AlreadyAnswered
+from app.settings import Settings
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """The service; what it keeps open is opened when the server starts it."""
+    settings = settings or Settings()
+    app = FastAPI(
+        title="Unghost",
+        version=version("unghost"),
+        summary="Finds the boxes that CARLA's camera cannot see, and explains why.",
+        lifespan=_lifespan,
+        middleware=_surroundings(settings),
+        redirect_slashes=False,
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.settings = settings
+    http_errors.install(app)
+    app.add_exception_handler(AlreadyAnswered, repeat_answer)
+    for module in sorted(found.name for found in iter_modules(routes.__path__)):
+        app.include_router(import_module(f"{routes.__name__}.{module}").router)
+    app.openapi = partial(openapi.document, app)  # type: ignore[method-assign]  # FastAPI's own way
+    return app
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    # Opening and closing block (migrations, waiting for work to stop): off the loop.
+    lifetime = running(app.state.settings)
+    services = await run_in_threadpool(lifetime.__enter__)
+    app.state.database, app.state.services = services.database, services
+    try:
+        yield
+    finally:
+        await run_in_threadpool(lifetime.__exit__, None, None, None)
+
+
+def _surroundings(settings: Settings) -> list[Middleware]:
+    policy = content_security_policy(static_dir() / "index.html")
+    return [
+        Middleware(RequestId),
+        Middleware(AccessLog),
+        Middleware(SecurityHeaders, content_security_policy=policy),
+        Middleware(Problems),
+        Middleware(KnownHosts, hosts=settings.served_hosts),
+        Middleware(BodyLimit, max_body_bytes=int(settings.max_body_bytes)),
+    ]

@@ -1,0 +1,205 @@
+"""What surrounds every request, as plain ASGI: streams stay streams.
+
+From the outside in: RequestId, AccessLog, SecurityHeaders, Problems, KnownHosts,
+BodyLimit. All but the first two run inside Problems, so what they raise has the one
+shape of an error as well.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.errors import MisdirectedHost, TooLarge
+from app.http_errors import problem_of
+from app.logs import access_log, current_request_id, error_log
+from app.security import host_name
+from app.settings import ANY_HOST
+
+BODY_ALLOWANCE: Final = "unghost.body_allowance"
+"""Key of the ASGI scope: a `BodyAllowance`, which a route may raise for itself."""
+
+SECURITY_HEADERS: Final[Mapping[str, str]] = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "private, no-cache",
+}
+_REQUEST_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+class RequestId:
+    """Gives each request an id: the client's own if it is harmless, else a new one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get("x-request-id", "")
+        request_id = given if _REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
+        reset = current_request_id.set(request_id)
+
+        async def send_with_id(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message)["X-Request-ID"] = request_id
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        finally:
+            current_request_id.reset(reset)
+
+
+class AccessLog:
+    """One line per request: method, path, status, time, who. No query, no header."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started = time.perf_counter()
+        status = 0
+
+        async def send_and_note(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_and_note)
+        finally:
+            principal = scope.get("state", {}).get("principal")
+            access_log.info(
+                "%s %s %d %.1f ms %s",
+                scope["method"],
+                scope["path"],
+                status,
+                (time.perf_counter() - started) * 1000,
+                principal.name if principal else "-",
+            )
+
+
+class SecurityHeaders:
+    """Puts the strict headers on every answer; a route may have set its own."""
+
+    def __init__(self, app: ASGIApp, content_security_policy: str) -> None:
+        self._app = app
+        self._headers = {
+            **SECURITY_HEADERS,
+            "Content-Security-Policy": content_security_policy,
+        }
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in self._headers.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, send_with_headers)
+
+
+class Problems:
+    """The last to catch: whatever was raised becomes a problem document."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started = False
+
+        async def send_and_note(message: Message) -> None:
+            nonlocal started
+            started = started or message["type"] == "http.response.start"
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_and_note)
+        except Exception as exc:
+            if started:
+                # Half an answer is out: only cutting it off tells the client.
+                error_log.error("failed while answering", exc_info=exc)
+                raise
+            response = problem_of(exc).response(
+                instance=scope["path"], request_id=current_request_id.get()
+            )
+            await response(scope, receive, send)
+
+
+class KnownHosts:
+    """Answers only under the names it is meant to have (against DNS rebinding)."""
+
+    def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
+        self._app = app
+        self._hosts = hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] == "http" and ANY_HOST not in self._hosts:
+            names = Headers(scope=scope).getlist("host")
+            if len(names) != 1 or host_name(names[0]) not in self._hosts:
+                raise MisdirectedHost(
+                    "this service is not known under that host name; "
+                    "UNGHOST_ALLOWED_HOSTS adds names"
+                )
+        await self._app(scope, receive, send)
+
+
+@dataclass
+class BodyAllowance:
+    """How large the body of one request may be."""
+
+    max_bytes: int
+
+
+class BodyLimit:
+    """Stops reading a body that is larger than allowed, whatever it said it was."""
+
+    def __init__(self, app: ASGIApp, max_body_bytes: int) -> None:
+        self._app = app
+        self._max_body_bytes = max_body_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        allowance = scope[BODY_ALLOWANCE] = BodyAllowance(self._max_body_bytes)
+        announced = Headers(scope=scope).get("content-length", "0")
+        received = 0
+
+        async def receive_limited() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            promised = int(announced) if announced.isdecimal() else 0
+            if max(received, promised) > allowance.max_bytes:
+                raise TooLarge(f"the body is larger than {allowance.max_bytes} bytes")
+            return message
+
+        await self._app(scope, receive_limited, send)

@@ -1,0 +1,105 @@
+"""The OpenAPI document: what FastAPI derives, and the errors that all routes share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI
+
+from app.http_errors import PROBLEM_TYPE
+
+_TEXT: Final = {"type": "string"}
+FAULT_SCHEMA: Final = {
+    "type": "object",
+    "required": ["pointer", "code", "detail"],
+    "properties": {
+        "pointer": {
+            **_TEXT,
+            "description": "JSON pointer into the body, or /query/name, /path/name.",
+        },
+        "code": _TEXT,
+        "detail": _TEXT,
+    },
+}
+PROBLEM_SCHEMA: Final = {
+    "type": "object",
+    "description": "RFC 9457. `code` is stable and for programs, `detail` is for "
+    "people. A 412 carries the thing as it is now under `current`.",
+    "required": [
+        *("type", "title", "status", "detail", "instance", "code", "request_id"),
+        "errors",
+    ],
+    "properties": {
+        "type": _TEXT,
+        "title": _TEXT,
+        "status": {"type": "integer"},
+        "detail": _TEXT,
+        "instance": _TEXT,
+        "code": _TEXT,
+        "request_id": _TEXT,
+        "errors": {"type": "array", "items": {"$ref": "#/components/schemas/Fault"}},
+        "current": {"type": ["object", "null"]},
+    },
+}
+_EVERYWHERE: Final = (400, 404, 421, 422, 500, 503)
+_WITH_TOKEN: Final = (401, 403)
+_WITH_BODY: Final = (409, 412, 413, 415, 429)
+_BODY_METHODS: Final = ("post", "put", "patch", "delete")
+_FOREIGN_SCHEMAS: Final = ("HTTPValidationError", "ValidationError")
+IDEMPOTENCY_PARAMETER: Final = {
+    "name": "Idempotency-Key",
+    "in": "header",
+    "required": False,
+    "description": "Sent again with the same request, it gets the same answer and "
+    "nothing is done twice.",
+    "schema": {"type": "string", "minLength": 1, "maxLength": 200},
+}
+
+
+def document(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document of the service, made once."""
+    if app.openapi_schema is None:
+        schema = FastAPI.openapi(app)
+        _add_components(schema)
+        for method, operation in _operations(schema):
+            _add_problems(method, operation)
+            if method == "post":
+                operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
+        app.openapi_schema = schema
+    return app.openapi_schema
+
+
+def _operations(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for path in schema["paths"].values():
+        yield from path.items()
+
+
+def _add_components(schema: dict[str, Any]) -> None:
+    components = schema.setdefault("components", {})
+    schemas = components.setdefault("schemas", {})
+    for name in _FOREIGN_SCHEMAS:
+        schemas.pop(name, None)
+    schemas["Problem"] = PROBLEM_SCHEMA
+    schemas["Fault"] = FAULT_SCHEMA
+    content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    statuses = (*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY)
+    components["responses"] = {
+        f"Problem{status}": {
+            "description": HTTPStatus(status).phrase,
+            "content": content,
+        }
+        for status in statuses
+    }
+
+
+def _add_problems(method: str, operation: dict[str, Any]) -> None:
+    statuses = [*_EVERYWHERE]
+    if "security" in operation:
+        statuses += _WITH_TOKEN
+    if method in _BODY_METHODS:
+        statuses += _WITH_BODY
+    for status in sorted(statuses):
+        reference = f"#/components/responses/Problem{status}"
+        operation["responses"][str(status)] = {"$ref": reference}

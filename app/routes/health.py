@@ -1,0 +1,63 @@
+"""Is it alive, is it ready, which version is it."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+
+from fastapi import APIRouter
+from pydantic import BaseModel
+
+from app.deps import AppDatabase, AppSettings
+from app.routing import ApiRouter, OpenRouter
+from app.services import readiness
+
+
+class Alive(BaseModel):
+    """The process answers."""
+
+    status: str = "ok"
+
+
+class Ready(BaseModel):
+    """The service can work, and what each check found."""
+
+    ready: bool
+    checks: dict[str, str]
+
+
+class Version(BaseModel):
+    """What is running."""
+
+    version: str
+    api: str
+    python: str
+
+
+probes = OpenRouter(tag="health")
+about = ApiRouter(tag="health")
+
+
+@probes.get("/healthz")
+async def healthz() -> Alive:
+    """The process is alive. Looks at nothing else."""
+    return Alive()
+
+
+@probes.get("/readyz")
+def readyz(settings: AppSettings, database: AppDatabase) -> Ready:
+    """The database takes writes, its schema is current, and there is room; else 503."""
+    return Ready(ready=True, checks=dict(readiness.check(settings, database)))
+
+
+@about.get("/version")
+async def running_version() -> Version:
+    """The version of the service and of its API."""
+    return Version(
+        version=version("unghost"), api="v1", python=platform.python_version()
+    )
+
+
+router = APIRouter(redirect_slashes=False)
+router.include_router(probes)
+router.include_router(about)

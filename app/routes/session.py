@@ -1,0 +1,63 @@
+"""Logging the page in and out."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, ConfigDict, StringConstraints
+
+from app.deps import AppSettings, CurrentPrincipal, WriteSession
+from app.errors import Forbidden
+from app.routing import ApiRouter, OpenRouter
+from app.security import SESSION_COOKIE, Role, comes_from_no_other_page
+from app.services import access
+
+PREFIX: Final = "/api/v1"
+
+
+class LogIn(BaseModel):
+    """A token, as in the login link."""
+
+    model_config = ConfigDict(extra="forbid", hide_input_in_errors=True)
+
+    token: Annotated[str, StringConstraints(min_length=1, max_length=200)]
+
+
+entrance = OpenRouter(prefix=PREFIX, tag="session")
+inside = ApiRouter(prefix=PREFIX, tag="session", write=Role.VIEWER)
+
+
+@entrance.post("/session", status_code=204)
+def log_in(
+    body: LogIn, request: Request, session: WriteSession, settings: AppSettings
+) -> Response:
+    """Trade a token for the page's session cookie."""
+    if not comes_from_no_other_page(request.headers):
+        raise Forbidden("only the service's own page may log in")
+    lifetime = timedelta(hours=settings.session_hours)
+    response = Response(status_code=204)
+    response.set_cookie(
+        SESSION_COOKIE,
+        access.log_in(session, body.token, lifetime),
+        max_age=int(lifetime.total_seconds()),
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return response
+
+
+@inside.delete("/session", status_code=204)
+def log_out(session: WriteSession, principal: CurrentPrincipal) -> Response:
+    """End this browser's session."""
+    access.log_out(session, principal)
+    response = Response(status_code=204)
+    response.delete_cookie(SESSION_COOKIE, httponly=True, samesite="strict")
+    return response
+
+
+router = APIRouter(redirect_slashes=False)
+router.include_router(entrance)
+router.include_router(inside)

@@ -1,0 +1,106 @@
+"""Secrets, roles and origins, as pure functions. Knows neither requests nor tables."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+TOKEN_PREFIX: Final = "ug_"  # lets secret scanners recognise a leaked token
+SESSION_COOKIE: Final = "unghost_session"
+SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+_SECRET_BYTES: Final = 32
+_PORT: Final = re.compile(r":\d{1,5}$")
+
+
+class Role(str, Enum):
+    """What a token may do; each role may do what the one before may."""
+
+    VIEWER = "viewer"
+    REVIEWER = "reviewer"
+    ADMIN = "admin"
+
+    def includes(self, other: Role) -> bool:
+        """True if this role may do what the other may."""
+        order = list(Role)
+        return order.index(self) >= order.index(other)
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Who is asking: a token, shown directly or through the page's session.
+
+    `name` is the reviewer. `session_hash` is set if a cookie was shown.
+    """
+
+    token_id: int
+    name: str
+    role: Role
+    session_hash: str | None = None
+
+
+def new_token() -> str:
+    """A bearer token that nobody can guess."""
+    return TOKEN_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+
+
+def new_session_id() -> str:
+    """The value of a session cookie.
+
+    Random and stored as a hash, rather than signed: logging out, or revoking the
+    token, ends the session at once, and there is no signing key to lose.
+    """
+    return secrets.token_urlsafe(_SECRET_BYTES)
+
+
+def hash_secret(secret: str) -> str:
+    """What is stored of a token or cookie.
+
+    SHA-256 without salt or stretching is enough for 256 random bits.
+    """
+    return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def same_hash(one: str, other: str) -> bool:
+    """Comparison whose time says nothing about where two hashes differ."""
+    return hmac.compare_digest(one, other)
+
+
+def bearer_token(authorization: str) -> str | None:
+    """The token of an ``Authorization: Bearer`` header; None for any other."""
+    scheme, _, token = authorization.strip().partition(" ")
+    return token.strip() if scheme.lower() == "bearer" and token.strip() else None
+
+
+def host_name(host: str) -> str:
+    """A Host header without its port, in lower case."""
+    return _PORT.sub("", host).lower()
+
+
+def comes_from_own_page(headers: Mapping[str, str]) -> bool:
+    """True if a browser says that our own page sent this request.
+
+    SameSite does not tell ports of one machine apart; Origin and Sec-Fetch-Site do.
+    One of them must be there, and none may name another place.
+    """
+    origin, site = headers.get("origin"), headers.get("sec-fetch-site")
+    if origin is None and site is None:
+        return False
+    return comes_from_no_other_page(headers)
+
+
+def comes_from_no_other_page(headers: Mapping[str, str]) -> bool:
+    """True unless a browser says that another page sent this request."""
+    origin, site = headers.get("origin"), headers.get("sec-fetch-site")
+    if site is not None and site.lower() not in ("same-origin", "none"):
+        return False
+    if origin is None:
+        return True
+    # The scheme is left out: a proxy in front may speak TLS.
+    _, separator, place = origin.partition("://")
+    return bool(separator) and place.lower() == headers.get("host", "").lower()

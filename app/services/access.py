@@ -1,0 +1,108 @@
+"""Who may come in: the first token, logging in and out, and telling who is asking."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from datetime import timedelta
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.errors import Unauthorised
+from app.repositories.tokens import TokenRow, Tokens
+from app.security import (
+    Principal,
+    Role,
+    hash_secret,
+    new_session_id,
+    new_token,
+    same_hash,
+)
+
+FIRST_TOKEN_NAME: Final = "admin"
+_NO_ENTRY: Final = "show a valid token, or log in with one"
+
+
+def ensure_first_token(session: Session, file: Path) -> str:
+    """The token in the file; a new one if there is none or it opens nothing.
+
+    Deleting the file and starting again therefore changes the token. Whoever can do
+    that can read the database as well. The database sees only the hash.
+    """
+    tokens = Tokens(session)
+    tokens.end_expired_sessions(utc_now())
+    token = _read(file)
+    if token and tokens.valid_by_hash(hash_secret(token), utc_now()):
+        return token
+    token = new_token()
+    # The file first: a hash whose token is lost would lock everybody out.
+    write_secret(file, token)
+    tokens.replace(FIRST_TOKEN_NAME, Role.ADMIN.value, hash_secret(token))
+    return token
+
+
+def write_secret(file: Path, text: str) -> None:
+    """Write a file that was never, not even for a moment, readable by others."""
+    draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(text + "\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(file)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+
+
+def log_in(session: Session, token: str, lifetime: timedelta) -> str:
+    """Open a session for the page; the value of its cookie."""
+    principal = by_token(session, token)
+    session_id = new_session_id()
+    Tokens(session).open_session(
+        principal.token_id, hash_secret(session_id), utc_now() + lifetime
+    )
+    return session_id
+
+
+def log_out(session: Session, principal: Principal) -> None:
+    """End the session of this browser; a bearer token has none."""
+    if principal.session_hash is not None:
+        Tokens(session).end_session(principal.session_hash)
+
+
+def by_token(session: Session, token: str) -> Principal:
+    """Who shows this bearer token.
+
+    Raises
+    ------
+    Unauthorised
+        It is unknown, revoked or expired; which of them is not said.
+    """
+    digest = hash_secret(token)
+    row = _matching(Tokens(session).valid_by_hash(digest, utc_now()), digest)
+    return Principal(row.id, row.name, Role(row.role))
+
+
+def by_session(session: Session, session_id: str) -> Principal:
+    """Who shows this cookie; raises `Unauthorised` like `by_token`."""
+    digest = hash_secret(session_id)
+    row = _matching(Tokens(session).valid_by_session(digest, utc_now()), digest)
+    return Principal(row.id, row.name, Role(row.role), session_hash=digest)
+
+
+def _matching(row: TokenRow | None, digest: str) -> TokenRow:
+    if row is None or not same_hash(row.hash, digest):
+        raise Unauthorised(_NO_ENTRY)
+    return row
+
+
+def _read(file: Path) -> str | None:
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except FileNotFoundError:
+        return None

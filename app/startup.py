@@ -1,0 +1,152 @@
+"""Serving on a port: pick it, run, say where to log in, leave a note, stop cleanly."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import uvicorn
+
+from app.logs import configure_logging
+from app.main import create_app
+from app.services.access import write_secret
+from app.settings import Settings, bracketed
+
+STOP_WAIT_S: Final = 10
+_ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}
+
+OnReady = Callable[[str], None]
+
+
+class CannotServe(Exception):
+    """The service could not start; the text says why and what to do."""
+
+
+def serve(
+    settings: Settings,
+    *,
+    open_browser: bool = False,
+    on_ready: OnReady | None = None,
+) -> None:
+    """Serve until interrupted.
+
+    `on_ready` gets the login link as soon as requests are answered.
+
+    Raises
+    ------
+    CannotServe
+        The port is taken, or the data folder cannot be used.
+    """
+    configure_logging(settings.log_level)
+    with _listen(settings) as listener:
+        url = _url(settings, listener.getsockname()[1])
+        note = ServerNote(url, settings.token_file)
+
+        def ready() -> None:
+            note.write()
+            link = f"{url}/#token={settings.token_file.read_text('utf-8').strip()}"
+            (on_ready or _print_link)(link)
+            if open_browser:
+                webbrowser.open(link)
+
+        server = _Server(_uvicorn_config(settings), ready)
+        try:
+            server.run(sockets=[listener])
+        finally:
+            note.remove()
+    if not server.started:
+        raise CannotServe(
+            f"the service could not start with the data folder {str(settings.data)!r}; "
+            "the reason is above"
+        )
+
+
+class ServerNote:
+    """Tells the command line on this machine where the token of a server is."""
+
+    def __init__(self, url: str, token_file: Path) -> None:
+        self._url = url
+        self._token_file = token_file
+        place = url.partition("://")[2].replace("[", "").replace("]", "")
+        host, _, port = place.rpartition(":")
+        self.path = _state_folder() / "servers" / f"{host}_{port}.json"
+
+    def write(self) -> None:
+        """Leave the note; a machine that cannot keep it works without."""
+        note = {
+            "url": self._url,
+            "token_file": str(self._token_file.resolve()),
+            "pid": os.getpid(),
+        }
+        try:
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_secret(self.path, json.dumps(note))
+        except OSError as exc:
+            sys.stderr.write(f"no note for the command line: {exc.strerror}\n")
+
+    def remove(self) -> None:
+        """Take the note away, unless it is another server's by now."""
+        try:
+            if json.loads(self.path.read_text("utf-8"))["pid"] == os.getpid():
+                self.path.unlink()
+        except (OSError, ValueError, KeyError, TypeError):
+            return
+
+
+class _Server(uvicorn.Server):
+    """Uvicorn, saying when it is ready."""
+
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start as uvicorn does, then say so."""
+        await super().startup(sockets)
+        if self.started and not self.should_exit:
+            self._ready()
+
+
+def _uvicorn_config(settings: Settings) -> uvicorn.Config:
+    return uvicorn.Config(
+        create_app(settings),
+        access_log=False,
+        log_config=None,
+        server_header=False,
+        timeout_graceful_shutdown=STOP_WAIT_S,
+        lifespan="on",
+        ws="none",
+    )
+
+
+def _listen(settings: Settings) -> socket.socket:
+    host = settings.host.strip("[]")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, settings.port), family=family, backlog=2048)
+    except OSError as exc:
+        raise CannotServe(
+            f"cannot listen on {bracketed(host)}:{settings.port}: {exc.strerror}; "
+            "is another server running there? --port chooses another port"
+        ) from exc
+
+
+def _url(settings: Settings, port: int) -> str:
+    host = settings.host.strip("[]")
+    return f"http://{bracketed(_ANYWHERE.get(host, host))}:{port}"
+
+
+def _print_link(link: str) -> None:
+    sys.stdout.write(f"Unghost is ready. Log in with\n\n    {link}\n\n")
+    sys.stdout.flush()
+
+
+def _state_folder() -> Path:
+    state = os.environ.get("XDG_STATE_HOME")
+    return Path(state or Path.home() / ".local" / "state") / "unghost"
