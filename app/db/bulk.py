@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import Executable
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
+
+MAX_PARAMETERS: Final = 10_000
 
 
 def execute_many(
@@ -35,7 +36,8 @@ def execute_many(
     connection.exec_driver_sql(str(compiled), rows)
 
 
-def fetch_columns(session: Session, statement: Executable) -> list[tuple[Any, ...]]:
-    """All rows as columns; for reading many narrow rows."""
-    rows = session.execute(statement).all()
-    return list(zip(*rows, strict=True)) if rows else []
+def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
+    """Ids in portions that fit the number of parameters a statement may have."""
+    source = iter(ids)
+    while portion := list(islice(source, MAX_PARAMETERS)):
+        yield portion

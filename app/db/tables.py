@@ -231,8 +231,8 @@ class FrameEvidence(Base):
 class Decision(Base):
     """The current verdict of a box: derived, refreshed by uploads, runs and reviews.
 
-    `match_percent`, `crowding` and `distance` are copied from the evidence, `review` and
-    `revision` from the latest review, because lists sort and filter by them.
+    `match_percent`, `crowding` and `distance` are copied from the evidence, `review`
+    and `revision` from the latest review, because lists sort and filter by them.
     """
 
     __tablename__ = "decisions"

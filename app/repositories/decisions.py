@@ -8,8 +8,10 @@ from typing import NamedTuple
 from sqlalchemy import bindparam, func, insert, select, update
 from sqlalchemy.orm import Session
 
-from app.db.bulk import execute_many
+from app.db.bulk import chunks, execute_many
 from app.db.tables import Decision, Flip
+from app.errors import NotFound
+from app.repositories.box_filter import BoxFilter
 from filter_core.types import Decisions, IntArray
 
 
@@ -44,7 +46,38 @@ class DecisionRepository:
 
     def rows(self, box_ids: Iterable[int]) -> dict[int, CurrentRow]:
         """Current decisions of these boxes, by id."""
-        return self._fetch(Decision.box_id.in_(list(box_ids)))
+        found: dict[int, CurrentRow] = {}
+        for chunk in chunks(box_ids):
+            found |= self._fetch(Decision.box_id.in_(chunk))
+        return found
+
+    def dataset_of(self, box_id: int) -> int:
+        """The dataset of a box that has a current decision."""
+        rows = select(Decision.dataset_id).where(Decision.box_id == box_id)
+        found = self._session.scalar(rows)
+        if found is None:
+            raise NotFound("box", box_id)
+        return found
+
+    def ids_in_dataset(self, box_ids: Iterable[int], dataset_id: int) -> set[int]:
+        """Those of these boxes that are current boxes of the dataset."""
+        found: set[int] = set()
+        for chunk in chunks(box_ids):
+            rows = select(Decision.box_id).where(
+                Decision.box_id.in_(chunk), Decision.dataset_id == dataset_id
+            )
+            found.update(self._session.scalars(rows))
+        return found
+
+    def selection(self, wanted: BoxFilter, *, limit: int) -> list[int]:
+        """Ids of all boxes of a filter, in order, up to a limit."""
+        rows = (
+            select(Decision.box_id)
+            .where(*wanted.conditions())
+            .order_by(Decision.box_id)
+            .limit(limit)
+        )
+        return list(self._session.scalars(rows))
 
     def of_frame(self, frame_id: int) -> dict[int, CurrentRow]:
         """Current decisions of a frame's boxes."""

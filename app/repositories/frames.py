@@ -147,6 +147,14 @@ class FrameRepository:
         )
         return self._session.scalar(rows) or 0
 
+    def state(self, dataset_id: int) -> tuple[int, int]:
+        """Changes whenever frames come or go: ids only grow, and are never reused."""
+        rows = select(func.max(Frame.id), func.count()).where(
+            Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None)
+        )
+        newest, count = self._session.execute(rows).one()
+        return newest or 0, count
+
     def first_with_image(self, dataset_id: int) -> int | None:
         """A frame whose picture can stand for the dataset."""
         rows = (

@@ -9,7 +9,7 @@ from sqlalchemy import bindparam, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.bulk import execute_many
+from app.db.bulk import chunks, execute_many
 from app.db.tables import Decision, Review, ReviewBatch
 from app.errors import Conflict, NotFound
 
@@ -62,9 +62,15 @@ class ReviewRepository:
 
     def latest(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The newest answer of each box that has one."""
+        found: dict[int, LatestReview] = {}
+        for chunk in chunks(box_ids):
+            found |= self._latest(chunk)
+        return found
+
+    def _latest(self, box_ids: Sequence[int]) -> dict[int, LatestReview]:
         newest = (
             select(Review.box_id, func.max(Review.revision).label("revision"))
-            .where(Review.box_id.in_(list(box_ids)))
+            .where(Review.box_id.in_(box_ids))
             .group_by(Review.box_id)
             .subquery()
         )

@@ -1,0 +1,140 @@
+"""Datasets as they are sent and answered."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+NAME_PATTERN = r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$"
+
+Palette = Literal["auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"]
+Encoding = Literal["auto", "palette", "raw"]
+ChannelOrder = Literal["auto", "rgb", "bgr"]
+Lossy = Literal["refuse", "nearest"]
+ClassName = Annotated[str, Field(min_length=1, max_length=200)]
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000)]
+
+
+class IgnoreMask(BaseModel):
+    """Pixels that never count, such as the ego's own bonnet, as polygons in pixels."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    polygons: Annotated[list[Polygon], Field(min_length=1, max_length=100)]
+
+
+class DatasetIn(BaseModel):
+    """A new dataset."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Annotated[
+        str,
+        Field(
+            pattern=NAME_PATTERN,
+            description="Lower-case letters, digits, dots, dashes, underscores.",
+        ),
+    ]
+    description: Annotated[str, Field(max_length=2000)] = ""
+    classes: Annotated[list[ClassName], Field(max_length=1000)] | None = Field(
+        default=None, description="Ordered; unset: the eight classes of CARLA."
+    )
+    palette: Palette = "auto"
+    encoding: Encoding = "auto"
+    channel_order: ChannelOrder = "auto"
+    lossy_segmentation: Lossy = "refuse"
+    ignore_mask: IgnoreMask | None = None
+
+
+class DatasetPatch(BaseModel):
+    """What to change; how segmentations are read starts a run that measures again."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    description: Annotated[str, Field(max_length=2000)] | None = None
+    palette: Palette | None = None
+    encoding: Encoding | None = None
+    channel_order: ChannelOrder | None = None
+    lossy_segmentation: Lossy | None = None
+    ignore_mask: IgnoreMask | None = None
+
+
+class DatasetCounts(BaseModel):
+    """How many of what; `to_review` waits for a person."""
+
+    frames: int
+    boxes: int
+    kept: int
+    rejected: int
+    unmeasured: int
+    reviewed: int
+    to_review: int
+    problems: int
+
+
+class DatasetOut(BaseModel):
+    """A dataset and where it stands."""
+
+    name: str
+    description: str
+    classes: list[str]
+    classes_frozen: bool
+    palette: str
+    encoding: str
+    channel_order: str
+    lossy_segmentation: str
+    has_ignore_mask: bool
+    created_at: datetime
+    config: str = Field(description="Digest of the active configuration.")
+    active_run: int
+    thumbnail_frame_id: int | None
+    counts: DatasetCounts
+
+
+class ProblemOut(BaseModel):
+    """A frame that was refused."""
+
+    id: int
+    key: str
+    error: dict[str, Any]
+    created_at: datetime
+
+
+class ClassCounts(BaseModel):
+    """Verdicts of one class."""
+
+    kept: int = 0
+    rejected: int = 0
+    unmeasured: int = 0
+
+
+class StatsOut(BaseModel):
+    """Everything that can be counted without looking at a box."""
+
+    frames: int
+    boxes: int
+    kept: int
+    rejected: int
+    unmeasured: int
+    reviewed: int
+    to_review: int
+    unsure: int
+    conflicts: int
+    toss_ups: int
+    lossy: int
+    effective: ClassCounts
+    by_reason: dict[str, int]
+    by_class: dict[str, ClassCounts]
+    config: str
+    run: int
+
+
+class HistogramOut(BaseModel):
+    """match_percent per class; edges are one more than counts."""
+
+    edges: list[float]
+    classes: dict[str, list[int]]
+    thresholds: dict[str, float]

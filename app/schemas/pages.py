@@ -1,0 +1,37 @@
+"""Lists: how a page is asked for and how it is answered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Generic, TypeVar
+
+from fastapi import Query, Request
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+
+Item = TypeVar("Item")
+
+Limit = Annotated[int, Query(ge=1, le=1000, description="Most items of a page.")]
+Cursor = Annotated[
+    str | None,
+    Query(max_length=2000, description="`next_cursor` of the page before this one."),
+]
+
+
+class Page(BaseModel, Generic[Item]):
+    """One page of a list."""
+
+    items: list[Item]
+    next_cursor: str | None = None
+
+
+def page_response(
+    request: Request, items: Sequence[Mapping[str, Any]], next_cursor: str | None
+) -> JSONResponse:
+    """A page as JSON, with a Link to the next one; rows are not validated again."""
+    headers = {}
+    if next_cursor is not None:
+        following = request.url.include_query_params(cursor=next_cursor)
+        target = f"{following.path}?{following.query}"
+        headers["Link"] = f'<{target}>; rel="next"'
+    return JSONResponse({"items": items, "next_cursor": next_cursor}, headers=headers)

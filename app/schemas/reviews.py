@@ -1,0 +1,89 @@
+"""Answers of people as they are sent and answered."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Answer = Literal["keep", "reject", "unsure", "clear"]
+Comment = Annotated[str, Field(max_length=2000)]
+Id = Annotated[int, Field(ge=1, le=2**63 - 1)]
+
+
+class ReviewIn(BaseModel):
+    """An answer on one box as it was seen."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    verdict: Answer
+    comment: Comment = ""
+    seen_revision: Annotated[int, Field(ge=0, le=2**31)]
+
+
+class ReviewOut(BaseModel):
+    """An answer as it is stored."""
+
+    box_id: int
+    revision: int
+    verdict: str
+    reviewer: str
+    comment: str
+    created_at: datetime
+    effective_verdict: str
+
+
+class BoxSelection(BaseModel):
+    """Boxes of a list, by the same filters that the list takes."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    verdict: Literal["kept", "rejected", "unmeasured"] | None = None
+    effective: Literal["kept", "rejected", "unmeasured"] | None = None
+    reason: str | None = None
+    class_name: str | None = Field(default=None, alias="class")
+    review: str | None = None
+    toss_up: bool | None = None
+    match_min: float | None = None
+    match_max: float | None = None
+    margin_max: float | None = None
+    distance_min: float | None = None
+    distance_max: float | None = None
+
+
+class BulkIn(BaseModel):
+    """One answer on many boxes: listed, or all of a filter that has so many."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    dataset: str
+    box_ids: list[Id] | None = None
+    filter: BoxSelection | None = None
+    expected_count: Annotated[int, Field(ge=0)] | None = None
+    verdict: Answer
+    comment: Comment = ""
+
+
+class BulkOut(BaseModel):
+    """A batch of answers: one act, one undo."""
+
+    id: int
+    dataset: str
+    verdict: str
+    count: int
+    skipped: list[int]
+
+
+class UndoOut(BaseModel):
+    """What an undo put back, and what someone had changed since."""
+
+    id: int
+    undone: int
+    skipped: list[int]
+
+
+class HistoryOut(BaseModel):
+    """What happened to a box, newest first."""
+
+    items: list[dict[str, Any]]

@@ -1,0 +1,98 @@
+"""The numbers of a whole dataset as columns: what previews and runs decide on.
+
+A million boxes are decided in milliseconds once their numbers are in memory. They are
+loaded when first needed, kept while they fit, and loaded anew when frames came or went.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session
+
+from app.db.evidence_record import to_evidence, unpack_numbers
+from app.repositories.datasets import DatasetRepository
+from app.repositories.evidence import EvidenceRepository
+from app.repositories.frames import FrameRepository
+from filter_core.types import Evidence, IntArray
+
+MAX_CACHED_BOXES: Final = 8_000_000
+"""About 100 bytes each."""
+
+
+@dataclass(frozen=True)
+class DatasetNumbers:
+    """Evidence of all current boxes of a dataset, in the order of their ids."""
+
+    state: tuple[int, int]
+    box_ids: IntArray
+    frame_ids: IntArray
+    class_ids: IntArray
+    evidence: Evidence
+
+    def __len__(self) -> int:
+        return len(self.box_ids)
+
+
+class NumbersCache:
+    """Columns of the datasets used last."""
+
+    def __init__(self, max_boxes: int = MAX_CACHED_BOXES) -> None:
+        self._max_boxes = max_boxes
+        self._held: OrderedDict[tuple[int, int], DatasetNumbers] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def load(
+        self, session: Session, dataset_id: int, measurement_id: int
+    ) -> DatasetNumbers:
+        """The numbers as this session sees them."""
+        key = (dataset_id, measurement_id)
+        state = FrameRepository(session).state(dataset_id)
+        with self._lock:
+            held = self._held.get(key)
+            if held is not None and held.state == state:
+                self._held.move_to_end(key)
+                return held
+        loaded = load_numbers(session, dataset_id, measurement_id, state)
+        self._hold(key, loaded)
+        return loaded
+
+    def _hold(self, key: tuple[int, int], loaded: DatasetNumbers) -> None:
+        with self._lock:
+            self._held.pop(key, None)
+            if len(loaded) > self._max_boxes:
+                return
+            self._held[key] = loaded
+            while sum(map(len, self._held.values())) > self._max_boxes:
+                self._held.popitem(last=False)
+
+
+def load_numbers(
+    session: Session, dataset_id: int, measurement_id: int, state: tuple[int, int]
+) -> DatasetNumbers:
+    """Read them from the database."""
+    rows = EvidenceRepository(session).numbers(dataset_id, measurement_id)
+    record = unpack_numbers([row.numbers for row in rows])
+    classes = DatasetRepository(session).classes(dataset_id)
+    counts = np.array([row.box_count for row in rows], np.int64)
+    firsts = np.array([row.first_box_id for row in rows], np.int64)
+    return DatasetNumbers(
+        state=state,
+        box_ids=_consecutive(firsts, counts),
+        frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
+        class_ids=record["class_id"].astype(np.int64),
+        evidence=to_evidence(record, list(classes), list(classes.values())),
+    )
+
+
+def _consecutive(firsts: IntArray, counts: IntArray) -> IntArray:
+    """``first, first + 1, ...`` per frame, one after the other."""
+    total = int(counts.sum())
+    starts = np.cumsum(counts) - counts
+    within: NDArray[np.int64] = np.arange(total) - np.repeat(starts, counts)
+    return np.repeat(firsts, counts) + within

@@ -1,0 +1,158 @@
+"""Answers of people: on one box, on many at once, and taken back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.tables import Dataset, ReviewBatch
+from app.errors import Conflict, NotFound, StaleReview, TooLarge
+from app.repositories.box_filter import BoxFilter
+from app.repositories.decisions import CurrentRow, DecisionRepository
+from app.repositories.reviews import ReviewRepository
+from app.repositories.tallies import TallyKey, TallyRepository
+from filter_core.types import Reason
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a person says of a box, and who."""
+
+    verdict: str
+    comment: str
+    reviewer: str
+
+
+@dataclass(frozen=True)
+class StoredReview:
+    """An answer as it is stored."""
+
+    row: dict[str, object]
+    effective_verdict: str
+
+
+def effective_verdict(reason: int, review: str | None) -> str:
+    """A person's keep or reject counts; without one, the filter's verdict."""
+    if review == "keep":
+        return "kept"
+    if review == "reject":
+        return "rejected"
+    return Reason(reason).verdict.value
+
+
+def review_box(
+    session: Session, box_id: int, answer: Answer, seen_revision: int
+) -> StoredReview:
+    """Add one answer; StaleReview if someone answered since it was seen."""
+    current = DecisionRepository(session).rows([box_id]).get(box_id)
+    if current is None:
+        raise NotFound("box", box_id)
+    if current.revision != seen_revision:
+        raise StaleReview(box_id=box_id, seen=seen_revision, found=current.revision)
+    dataset_id = DecisionRepository(session).dataset_of(box_id)
+    (row,) = _store(session, dataset_id, [(current, answer)], batch_id=None)
+    review = None if answer.verdict == "clear" else answer.verdict
+    return StoredReview(row, effective_verdict(current.reason, review))
+
+
+def review_many(
+    session: Session, dataset: Dataset, box_ids: Sequence[int], answer: Answer
+) -> tuple[ReviewBatch, list[int], list[int]]:
+    """Add one answer to many boxes: the batch, those answered, those that are gone."""
+    found = DecisionRepository(session).rows(box_ids)
+    mine = DecisionRepository(session).ids_in_dataset(box_ids, dataset.id)
+    batch = ReviewRepository(session).add_batch(
+        ReviewBatch(
+            dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
+        )
+    )
+    answered = [box_id for box_id in dict.fromkeys(box_ids) if box_id in mine]
+    _store(
+        session,
+        dataset.id,
+        [(found[box_id], answer) for box_id in answered],
+        batch_id=batch.id,
+    )
+    skipped = [box_id for box_id in dict.fromkeys(box_ids) if box_id not in mine]
+    return batch, answered, skipped
+
+
+def select_boxes(
+    session: Session, wanted: BoxFilter, expected: int | None, limit: int
+) -> list[int]:
+    """All boxes of a filter, if they are as many as the person was shown."""
+    found = DecisionRepository(session).selection(wanted, limit=limit + 1)
+    if len(found) > limit:
+        raise TooLarge(
+            f"the filter selects more than {limit} boxes, the most of one bulk review"
+        )
+    if expected is not None and expected != len(found):
+        raise Conflict(
+            f"the filter selects {len(found)} boxes by now, you expected {expected}",
+            code="count_changed",
+        )
+    return found
+
+
+def undo_batch(
+    session: Session, batch_id: int, reviewer: str
+) -> tuple[ReviewBatch, int, list[int]]:
+    """Say again what was said before a batch, but where someone spoke since."""
+    reviews = ReviewRepository(session)
+    batch = reviews.batch(batch_id)
+    if reviews.undone(batch_id):
+        raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
+    before = reviews.before(batch_id)
+    latest = reviews.latest(before)
+    mine = [box for box in before if latest[box].batch_id == batch_id]
+    current = DecisionRepository(session).rows(mine)
+    undo = reviews.add_batch(
+        ReviewBatch(
+            dataset_id=batch.dataset_id,
+            verdict="clear",
+            undoes_id=batch_id,
+            reviewer=reviewer,
+        )
+    )
+    answers = [
+        (current[box], Answer(before[box][0], before[box][1], reviewer))
+        for box in mine
+        if box in current
+    ]
+    _store(session, batch.dataset_id, answers, batch_id=undo.id)
+    skipped = sorted(set(before) - {row.box_id for row, _ in answers})
+    return undo, len(answers), skipped
+
+
+def _store(
+    session: Session,
+    dataset_id: int,
+    answers: Iterable[tuple[CurrentRow, Answer]],
+    *,
+    batch_id: int | None,
+) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    changes: dict[TallyKey, int] = {}
+    for current, answer in answers:
+        rows.append(
+            {
+                "box_id": current.box_id,
+                "revision": current.revision + 1,
+                "verdict": answer.verdict,
+                "comment": answer.comment,
+                "reviewer": answer.reviewer,
+                "batch_id": batch_id,
+                "created_at": utc_now(),
+            }
+        )
+        review = "" if answer.verdict == "clear" else answer.verdict
+        for said, change in ((current.review or "", -1), (review, 1)):
+            key = TallyKey(current.class_id, current.reason, current.toss_up, said)
+            changes[key] = changes.get(key, 0) + change
+    if rows:
+        ReviewRepository(session).add(rows)
+        TallyRepository(session).add(dataset_id, changes)
+    return rows
