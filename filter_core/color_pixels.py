@@ -1,0 +1,184 @@
+"""Read a palette-coloured image: count its colours, recognise the family, or refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.color_codes import (
+    COLOR_BITS,
+    NO_FAMILY,
+    Codes,
+    count_codes,
+    exact_codes,
+    nearest_tags,
+    recognizable_codes,
+    tags_of_codes,
+    unpacked,
+)
+from filter_core.errors import SegmentationError
+from filter_core.palettes import FAMILIES, RGB
+from filter_core.pixel_codes import PixelCodes, Segmentation, tags_below
+from filter_core.recognition import (
+    Named,
+    Reading,
+    Recognition,
+    color_of,
+    recognize,
+)
+from filter_core.types import UNKNOWN_TAG, IntArray
+
+MAX_NO_FAMILY_PERCENT: Final = 1.0
+"""Above this share of colours of no family an image is not believed."""
+_LOSSY_FLOOR_PERCENT: Final = 0.1
+"""A lossy colour must cover this much to count: blends at edges imitate others."""
+
+
+def count_colors(bgra: NDArray[np.uint8]) -> IntArray:
+    """(256,) int64: how often each known colour's code occurs; 0 is no family's."""
+    return count_codes(bgra, exact_codes())
+
+
+def read_exact_colors(
+    bgra: NDArray[np.uint8], counts: IntArray, named: Named
+) -> Segmentation:
+    """A segmentation whose colours are exactly those of a palette.
+
+    Parameters
+    ----------
+    bgra : (H, W, 4) uint8, the fourth channel 255
+    counts : what `count_colors` says of it
+    named : Named
+
+    Raises
+    ------
+    SegmentationError
+        ``foreign_colors``: more than 1 % of the pixels have colours of no family; and
+        what `recognize` raises.
+    """
+    _refuse_no_family(bgra, counts, [NO_FAMILY])
+    found = recognize(_occurring(counts), named)
+    foreign, senseless = _split_missing(found)
+    no_family = [NO_FAMILY, *senseless]
+    _refuse_no_family(bgra, counts, no_family)
+    foreign_pixels = int(counts[foreign].sum())
+    tags = tags_of_codes(found.family, found.order)
+    return Segmentation(
+        codes=PixelCodes(bgra, exact_codes(), tags, counts),
+        family=found.family,
+        encoding="palette",
+        channel_order=found.order,
+        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
+        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
+        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
+        rivals=found.rivals,
+    )
+
+
+def read_nearest_colors(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
+    """A segmentation whose colours have suffered: each pixel by the nearest colour.
+
+    Parameters
+    ----------
+    bgra : (H, W, 4) uint8, the fourth channel 255
+    named : Named
+
+    Raises
+    ------
+    SegmentationError
+        ``foreign_colors``: nothing resembles a palette; and what `recognize` raises.
+    """
+    near = count_codes(bgra, recognizable_codes())
+    floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
+    occurring = _occurring(np.where(near >= floor, near, 0))
+    if not occurring:
+        raise SegmentationError(
+            "no colour of the image is near one of a known family; "
+            "expected a segmentation",
+            code="foreign_colors",
+        )
+    found = recognize(occurring, named)
+    table = nearest_tags(found.family, found.order)
+    counts = count_codes(bgra, table)
+    unknown = int(counts[UNKNOWN_TAG])
+    share = 100.0 * unknown / float(counts.sum())
+    return Segmentation(
+        codes=PixelCodes(bgra, table, tags_below(UNKNOWN_TAG), counts),
+        family=found.family,
+        encoding="palette",
+        channel_order=found.order,
+        lossy=True,
+        unknown_pixels=unknown,
+        notes=(
+            *found.notes,
+            f"lossy: tags by the nearest colour, {share:.2f} % of the pixels "
+            "are too far from any",
+        ),
+        rivals=found.rivals,
+    )
+
+
+def _occurring(counts: IntArray) -> list[int]:
+    return [int(code) for code in np.flatnonzero(counts) if code != NO_FAMILY]
+
+
+def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:
+    """Other families' colours, and those that are some family's only when swapped."""
+    readings = [Reading(family, found.order) for family in FAMILIES]
+    foreign = [
+        code
+        for code in sorted(found.missing)
+        if any(not reading.missing(frozenset({code})) for reading in readings)
+    ]
+    return foreign, sorted(found.missing - set(foreign))
+
+
+def _refuse_no_family(
+    bgra: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
+) -> None:
+    share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
+    if share <= MAX_NO_FAMILY_PERCENT:
+        return
+    red, green, blue = _commonest_color(bgra, codes, exact_codes())
+    raise SegmentationError(
+        f"{share:.1f} % of the pixels have colours of no known family, most often "
+        f"({red}, {green}, {blue}); at most {MAX_NO_FAMILY_PERCENT:g} % may. "
+        "Raw tags need encoding: raw; a palette image that was a JPEG or was resized "
+        "needs lossy_segmentation: nearest",
+        code="foreign_colors",
+    )
+
+
+def _commonest_color(
+    bgra: NDArray[np.uint8], codes: Sequence[int], table: Codes
+) -> RGB:
+    colors = bgra.view(np.uint32).reshape(-1) & COLOR_BITS
+    odd, how_often = np.unique(
+        colors[np.isin(table[colors], codes)], return_counts=True
+    )
+    return unpacked(int(odd[how_often.argmax()]))
+
+
+def _unknown_notes(
+    counts: IntArray, found: Recognition, foreign: list[int], no_family: list[int]
+) -> Iterable[str]:
+    total = float(counts.sum())
+    for code in foreign:
+        reading = next(
+            reading
+            for reading in (Reading(family, found.order) for family in FAMILIES)
+            if not reading.missing(frozenset({code}))
+        )
+        yield (
+            f"{100.0 * counts[code] / total:.2f} % of the pixels are "
+            f"{color_of(code, found.order)}, {reading.name_of(code)} of "
+            f"{reading.family}; counted as Unknown"
+        )
+    if pixels := int(counts[no_family].sum()):
+        yield (
+            f"{100.0 * pixels / total:.2f} % of the pixels have colours of no family; "
+            "counted as Unknown"
+        )

@@ -1,0 +1,142 @@
+"""A segmentation that has been read: its pixels as codes, and what the codes mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.color_codes import ChannelOrder, Codes
+from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
+
+
+@dataclass(frozen=True, eq=False)
+class PixelCodes:
+    """Pixels with a small code each; nothing is converted before it is asked for.
+
+    Attributes
+    ----------
+    pixels : (H, W) uint8, or (H, W, 4) uint8
+        The codes themselves, or B, G, R and 255.
+    table : (2^24,) uint8 or None
+        The code of each packed colour; None if `pixels` are the codes.
+    tag_of_code : (256,) uint8
+        The tag that a code means; 255 is Unknown.
+    counts : (256,) int64, px
+        How often each code occurs in the image.
+    """
+
+    pixels: NDArray[np.uint8]
+    table: Codes | None
+    tag_of_code: NDArray[np.uint8]
+    counts: IntArray
+
+    @property
+    def hw(self) -> tuple[int, int]:
+        """Height and width, px."""
+        return self.pixels.shape[0], self.pixels.shape[1]
+
+    def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
+        """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
+        part = self.pixels[y0:y1, x0:x1]
+        if self.table is None:
+            return part
+        # The fourth byte is 255, so a packed colour is a negative number that counts
+        # from the end of the table's 2^24 rows: wrapping drops the byte for free.
+        return self.table.take(part.view(np.int32)[:, :, 0], mode="wrap")
+
+    def occurring(self) -> list[int]:
+        """The codes that occur, the commonest first."""
+        order = np.argsort(-self.counts, kind="stable")
+        return [int(code) for code in order if self.counts[code]]
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """A segmentation image, decoded, and what was recognised.
+
+    Attributes
+    ----------
+    codes : PixelCodes
+    family : key of `filter_core.palettes.FAMILIES`
+    encoding : ``palette`` or ``raw``
+    channel_order : ``rgb`` or ``bgr``
+    lossy : bool
+        Tags were found by the nearest colour.
+    unknown_pixels : px without a tag of the family
+    foreign_percent : percent of the image
+        Those of them whose colour is exactly one of another family.
+    notes : tuple of str
+        What a person should know about the reading.
+    rivals : tuple of str
+        Families that explain the same colours, but call some of them otherwise.
+    """
+
+    codes: PixelCodes
+    family: str
+    encoding: str
+    channel_order: ChannelOrder
+    lossy: bool = False
+    unknown_pixels: int = 0
+    foreign_percent: float = 0.0
+    notes: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def height(self) -> int:
+        """Rows, px."""
+        return self.codes.hw[0]
+
+    @property
+    def width(self) -> int:
+        """Columns, px."""
+        return self.codes.hw[1]
+
+    @property
+    def wh(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.width, self.height
+
+    @property
+    def unknown_percent(self) -> float:
+        """Percent of the image without a tag of the family."""
+        return 100.0 * self.unknown_pixels / (self.width * self.height)
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """As decoded: (H, W) raw tags, or (H, W, 4) B, G, R and 255."""
+        return self.codes.pixels
+
+    @cached_property
+    def tags(self) -> TagImage:
+        """(H, W) uint8, 255 is Unknown; computed when first asked for, read-only."""
+        tags = self.tags_in(0, 0, self.width, self.height)
+        tags.setflags(write=False)
+        return tags
+
+    def tags_in(self, x0: int, y0: int, x1: int, y1: int) -> TagImage:
+        """A new array with the tags of columns x0..x1-1 and rows y0..y1-1."""
+        codes = self.codes.crop(x0, y0, x1, y1)
+        tags: TagImage = self.codes.tag_of_code[codes]
+        return tags
+
+
+def as_bgra(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W, 4) with the fourth channel 255, from B, G, R with or without alpha."""
+    if pixels.ndim == 2:
+        pixels = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)
+    if pixels.shape[2] == 3:
+        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2BGRA), np.uint8)
+    opaque: NDArray[np.uint8] = pixels.copy()
+    opaque[:, :, 3] = 255
+    return opaque
+
+
+def tags_below(count: int) -> NDArray[np.uint8]:
+    """(256,) uint8: each tag below `count` means itself, others are Unknown."""
+    tags = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
+    tags[:count] = np.arange(count)
+    return tags
