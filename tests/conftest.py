@@ -1,12 +1,16 @@
-"""What every test shares: reproducible examples, a data folder, nothing left behind."""
+"""What every test shares: reproducible examples, a data folder, a real server."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.servers import RunningServer, running_server
 
 settings.register_profile(
     "machine",
@@ -17,12 +21,16 @@ settings.register_profile(
 settings.register_profile("ci", settings.get_profile("machine"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "machine")
 
+StartServer = Callable[..., RunningServer]
 
-@pytest.fixture(autouse=True)
-def _no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_settings_from_outside() -> Iterator[None]:
     """A developer's own UNGHOST_* variables never change the outcome of a test."""
-    for name in [key for key in os.environ if key.startswith("UNGHOST_")]:
-        monkeypatch.delenv(name)
+    with pytest.MonkeyPatch.context() as patch:
+        for name in [key for key in os.environ if key.startswith("UNGHOST_")]:
+            patch.delenv(name)
+        yield
 
 
 @pytest.fixture
@@ -31,3 +39,24 @@ def data_dir(tmp_path: Path) -> Path:
     folder = tmp_path / "data"
     folder.mkdir()
     return folder
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    """One server for all tests that only add to it; name your datasets apart."""
+    with running_server(tmp_path_factory.mktemp("server") / "data") as running:
+        yield running
+
+
+@pytest.fixture
+def start_server(data_dir: Path) -> Iterator[StartServer]:
+    """Starts a server of the test's own: `start_server(UNGHOST_MAX_PARTS="3")`.
+
+    Called again, it serves the same data folder; all are ended with the test.
+    """
+    with ExitStack() as started:
+
+        def start(**settings: str) -> RunningServer:
+            return started.enter_context(running_server(data_dir, settings))
+
+        yield start

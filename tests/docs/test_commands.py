@@ -1,0 +1,79 @@
+"""The commands that people type exist, and say what they do."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import pytest
+
+from tests.docs.documents import CHECKOUT, DOCUMENTS, blocks, read
+from tools.reference import commands
+
+MAKE_TARGET = re.compile(r"^([a-z]+):.*## ", re.MULTILINE)
+COMMANDS = dict(commands())
+
+
+def shell_lines():
+    """Every command of the documents' shell examples."""
+    return [
+        line.strip()
+        for document in DOCUMENTS
+        for language in ("sh", "console", "powershell")
+        for block in blocks(document.read_text("utf-8"), language)
+        for line in block.replace("\\\n", " ").splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
+
+
+def test_every_make_command_is_a_target():
+    targets = set(MAKE_TARGET.findall(read("Makefile")))
+    prose = [document.read_text("utf-8") for document in DOCUMENTS]
+
+    named = {name for text in prose for name in re.findall(r"`make ([a-z]+)`", text)}
+    typed = {line.split()[1] for line in shell_lines() if line.startswith("make ")}
+
+    assert named | typed <= targets
+    assert {"demo", "test"} <= typed
+
+
+def test_every_target_has_help():
+    phony = re.search(r"^\.PHONY: (.*)$", read("Makefile"), re.MULTILINE)
+
+    assert phony is not None
+    assert set(phony[1].split()) == set(MAKE_TARGET.findall(read("Makefile")))
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_every_command_and_option_has_help(path):
+    command = COMMANDS[path]
+
+    silent = [
+        parameter.name
+        for parameter in command.params
+        if parameter.name != "help" and not getattr(parameter, "help", None)
+    ]
+
+    assert command.help
+    assert silent == []
+
+
+@pytest.mark.parametrize(
+    "line", [line for line in shell_lines() if line.startswith("unghost ")]
+)
+def test_every_documented_command_line_can_be_parsed(line):
+    words = shlex.split(line, comments=True)
+    path = max(
+        (known for known in COMMANDS if f"{' '.join(words)} ".startswith(f"{known} ")),
+        key=len,
+    )
+    command = COMMANDS[path]
+
+    known = {option for each in command.params for option in each.opts}
+    options = {word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)}
+
+    assert options - {"--help"} <= known
+
+
+def test_ci_runs_what_the_readme_names():
+    assert "make test" in (CHECKOUT / ".ci" / "run").read_text("utf-8")

@@ -1,0 +1,38 @@
+"""docs/configuration.md says what the code does: every key, every setting, defaults."""
+
+from __future__ import annotations
+
+import yaml
+
+from app.settings import Settings
+from filter_core.config import FilterConfig
+from tests.docs.documents import blocks, read
+from tools.reference import PARTS, part_pattern, settings_table
+
+
+def test_the_first_example_is_the_default_configuration():
+    example = yaml.safe_load(blocks(read("docs/configuration.md"), "yaml")[0])
+
+    assert example == FilterConfig().as_dict()
+
+
+def test_every_example_is_a_valid_configuration():
+    for text in blocks(read("docs/configuration.md"), "yaml"):
+        FilterConfig.from_mapping(yaml.safe_load(text))
+
+
+def test_every_setting_says_what_it_does():
+    silent = [
+        name for name, field in Settings.model_fields.items() if not field.description
+    ]
+
+    assert silent == []
+    assert len(list(settings_table())) == len(Settings.model_fields) + 2
+
+
+def test_the_parts_that_repeat_the_code_are_up_to_date():
+    for name, (path, lines) in PARTS.items():
+        found = part_pattern(name).search(path.read_text("utf-8"))
+
+        assert found is not None
+        assert found[2].splitlines() == list(lines()), f"{path.name}: run `make docs`"

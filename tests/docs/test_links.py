@@ -1,0 +1,36 @@
+"""Whatever a document points to is there."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.docs.documents import CHECKOUT, DOCUMENTS, anchors, links
+
+
+@pytest.mark.parametrize(
+    "document", DOCUMENTS, ids=lambda path: path.relative_to(CHECKOUT).as_posix()
+)
+def test_every_link_leads_somewhere(document):
+    text = document.read_text("utf-8")
+
+    broken = [link for link in links(text) if not leads_somewhere(document, link)]
+
+    assert broken == []
+
+
+def leads_somewhere(document, link):
+    if "://" in link:
+        return link.startswith("https://")
+    path, _, anchor = link.partition("#")
+    target = (document.parent / path) if path else document
+    if not target.exists():
+        return False
+    return not anchor or anchor in anchors(target.read_text("utf-8"))
+
+
+def test_the_index_lists_every_page():
+    index = CHECKOUT / "docs" / "index.md"
+
+    listed = {(index.parent / link).resolve() for link in links(index.read_text())}
+
+    assert set((CHECKOUT / "docs").glob("*.md")) - {index} <= listed
