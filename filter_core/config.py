@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -183,7 +184,7 @@ class FilterConfig:
         overrides = {name: one.as_dict() for name, one in self.classes.items()}
         return {**plain, "classes": overrides}
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical JSON, as 64 hexadecimal digits."""
         canonical = json.dumps(
@@ -202,13 +203,18 @@ class FilterConfig:
         """The overrides of a class, aliases understood; none if it has none."""
         return self.classes.get(canonical_class(name), _NO_OVERRIDES)
 
+    def limit_of(self, class_name: str, key: str) -> Number | None:
+        """One number as it applies to a class: its own, or the one for all."""
+        own: Number | Inherit | None = getattr(self.of_class(class_name), key)
+        applies: Number | None = getattr(self, key) if own is INHERIT else own
+        return applies
+
     def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
         """The numbers that apply to each class, in the order given."""
-        overrides = [self.of_class(name) for name in class_names]
+        names = tuple(class_names)
 
         def column(key: str, absent: float = np.nan) -> FloatArray:
-            own = [getattr(one, key) for one in overrides]
-            values = [getattr(self, key) if v is INHERIT else v for v in own]
+            values = [self.limit_of(name, key) for name in names]
             return np.array([absent if v is None else v for v in values], np.float64)
 
         return Thresholds(
