@@ -1,0 +1,57 @@
+"""Every error that can be raised has an answer: a status and a code of its own tree."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+import pytest
+
+import app
+import filter_core
+from app.errors import AppError
+from app.http_errors import STATUS
+from filter_core.errors import FilterError
+
+
+def load_everything() -> None:
+    """Import every module of the service and the library, so no subclass is missed."""
+    for package in (app, filter_core):
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not found.name.endswith("__main__"):
+                importlib.import_module(found.name)
+
+
+def below(cls: type[Exception]) -> list[type[Exception]]:
+    """The class and everything derived from it."""
+    return [cls, *(found for child in cls.__subclasses__() for found in below(child))]
+
+
+load_everything()
+ERRORS = [*below(AppError), *below(FilterError)]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
+def test_every_error_has_a_status(error):
+    statuses = [STATUS[cls] for cls in error.__mro__ if cls in STATUS]
+
+    assert statuses
+    assert 400 <= statuses[0] < 600
+    assert error is AppError or statuses[0] < 500 or statuses[0] == 503
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
+def test_every_error_has_a_stable_code_and_a_docstring(error):
+    assert error.code.replace("_", "").isalpha()
+    assert error.code.islower()
+    assert error.__doc__
+
+
+def test_every_tree_is_drawn_where_it_is_planted():
+    for root in (AppError, FilterError):
+        module = importlib.import_module(root.__module__)
+        own = {
+            each.__name__ for each in below(root) if each.__module__ == root.__module__
+        }
+
+        assert {name for name in own if name not in (module.__doc__ or "")} == set()

@@ -1,0 +1,55 @@
+"""Only repositories build SQL; elsewhere are sessions and errors, no statements."""
+
+from __future__ import annotations
+
+import ast
+
+from tests.architecture.sources import Source, python_sources
+
+# Opening, passing on and closing; nothing with which a statement could be written.
+HARMLESS = {"Connection", "Engine", "Session", "event", "exc"}
+HARMLESS_MODULES = ("sqlalchemy.exc",)
+SPEAKS_SQL = ("app/repositories/", "app/db/", "migrations/")
+STATEMENT = {"execute", "exec_driver_sql", "scalars", "scalar"}
+
+
+def builders(source: Source) -> list[str]:
+    """What a module imports from SQLAlchemy that can build a statement."""
+    return [
+        f"{source.name}: {alias.name}"
+        for node in ast.walk(source.tree)
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").startswith("sqlalchemy")
+        and node.module not in HARMLESS_MODULES
+        for alias in node.names
+        if alias.name not in HARMLESS
+    ]
+
+
+def calls(source: Source) -> list[str]:
+    """Where a module runs a statement on a session or connection."""
+    return [
+        f"{source.name}:{node.lineno}"
+        for node in ast.walk(source.tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in STATEMENT
+    ]
+
+
+def test_only_repositories_build_and_run_statements():
+    outside = [
+        source
+        for source in python_sources("app", "unghost", "filter_core")
+        if not source.name.startswith(SPEAKS_SQL)
+    ]
+
+    assert [found for source in outside for found in builders(source)] == []
+    assert [found for source in outside for found in calls(source)] == []
+
+
+def test_the_rule_would_notice_a_statement():
+    source = Source("app/services/x.py", "from sqlalchemy import select\ns.execute(1)")
+
+    assert builders(source) == ["app/services/x.py: select"]
+    assert calls(source) == ["app/services/x.py:2"]
