@@ -57,13 +57,14 @@ def running_server(
 def start(
     command: list[str], data: Path, log: Path, settings: Mapping[str, str]
 ) -> subprocess.Popen[str]:
-    """The process, with nothing of the developer's own settings."""
+    """The process, beside its data, with nothing of the developer's own settings."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("UNGHOST_")}
     own = {"UNGHOST_DATA": str(data), "UNGHOST_PORT": "0"}
     state = {"XDG_STATE_HOME": str(data.with_name(f"{data.name}-state"))}
     with log.open("a", encoding="utf-8") as stderr:
         return subprocess.Popen(
             command,
+            cwd=data.parent,
             env={**clean, **own, **state, **settings},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

@@ -1,0 +1,128 @@
+"""The container's recipe, followed by hand: no container engine is needed for it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+import yaml
+
+from tests.packaging.conftest import CHECKOUT, Installation
+from tests.packaging.dockerfile import Stage, parse_dockerfile
+from tests.servers import start, stop, wait_for_link
+
+STAGES = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))
+IMAGE = STAGES[-1]
+NOBODY = 65534
+# Any user but root, with no right but to read: the Python that runs the tests may lie
+# in a folder that is root's own.
+AS_NOBODY = [
+    "setpriv",
+    f"--reuid={NOBODY}",
+    f"--regid={NOBODY}",
+    "--clear-groups",
+    "--inh-caps=-all,+dac_read_search",
+    "--ambient-caps=-all,+dac_read_search",
+]
+
+
+@pytest.fixture
+def service():
+    return yaml.safe_load((CHECKOUT / "docker-compose.yml").read_text("utf-8"))[
+        "services"
+    ]["unghost"]
+
+
+@pytest.fixture
+def nobodys_folder() -> Iterator[Path]:
+    """A folder of the user that the service runs as, reachable by that user."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if os.geteuid() == 0:
+            os.chown(folder, NOBODY, NOBODY)
+        yield folder
+
+
+def health_check(stage: Stage) -> list[str]:
+    """The command of HEALTHCHECK in its exec form."""
+    words: list[str] = json.loads(re.sub(r"^.*?CMD ", "", stage.last("HEALTHCHECK")))
+    return words
+
+
+def test_the_image_does_not_run_as_root():
+    assert IMAGE.last("USER") not in {"root", "0"}
+    assert IMAGE.all("VOLUME") == ["/data"]
+
+
+def test_the_image_installs_what_the_first_stage_built():
+    built = shlex.split(STAGES[0].last("RUN"))
+
+    assert built[:4] == ["python", "-m", "pip", "wheel"]
+    assert built[-3:] == ["--wheel-dir", "/wheels", "."]
+    assert "pip install --no-cache-dir /wheels/*.whl" in IMAGE.all("RUN")[0]
+
+
+def test_the_build_context_has_what_the_wheel_needs_and_no_more():
+    lines = (CHECKOUT / ".dockerignore").read_text("utf-8").split()
+    allowed = {line[1:] for line in lines if line.startswith("!")}
+
+    assert lines[0] == "*"
+    assert {"app", "filter_core", "unghost", "static", "migrations"} <= allowed
+    assert all((CHECKOUT / name).exists() for name in allowed)
+
+
+def test_compose_shows_the_service_to_this_machine_alone(service):
+    assert service["ports"] == ["127.0.0.1:8000:8000"]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["volumes"] == ["unghost-data:/data"]
+
+
+def test_compose_and_image_ask_for_health_alike(service):
+    assert service["healthcheck"]["test"] == ["CMD", *health_check(IMAGE)]
+
+
+def test_the_start_command_serves_as_an_ordinary_user(
+    installation: Installation, nobodys_folder: Path
+):
+    name, *arguments = IMAGE.command
+    command = [str(installation.command(name)), *arguments]
+    drop = AS_NOBODY if os.geteuid() == 0 else []
+    data, log = nobodys_folder / "data", nobodys_folder / "log"
+    environment = here(IMAGE.environment, nobodys_folder)
+
+    process = start([*drop, *command], data, log, environment)
+    try:
+        url, _ = wait_for_link(process, log)
+        ready = httpx.get(f"{url}/readyz", timeout=30)
+        python, *words = at(url, health_check(IMAGE))
+        healthy = subprocess.run([installation.python, *words], check=False)
+    finally:
+        stop(process)
+
+    assert ready.status_code == 200, ready.text
+    assert (python, healthy.returncode) == ("python", 0)
+    assert url.startswith("http://127.0.0.1:")
+    assert process.returncode == 0, log.read_text("utf-8")
+
+
+def here(environment: dict[str, str], folder: Path) -> dict[str, str]:
+    """The image's environment, with its volume and its port moved to ours."""
+    moved = {
+        name: value.replace("/data", str(folder / "data"), 1)
+        for name, value in environment.items()
+    }
+    return {**moved, "UNGHOST_PORT": "0", "UNGHOST_HOST": "127.0.0.1"}
+
+
+def at(url: str, command: list[str]) -> list[str]:
+    """The health check for a server on another port."""
+    return [word.replace("http://127.0.0.1:8000", url) for word in command]
