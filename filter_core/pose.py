@@ -123,12 +123,18 @@ def as_transform(value: TransformLike) -> Transform:
 
 def as_vector(value: VectorLike, name: str = "location") -> Triple:
     """Three numbers from ``{x, y, z}`` or ``[x, y, z]``; raises `AnnotationErrors`."""
-    return _as_triple(value, name, _VECTOR_KEYS)
+    faults = Faults()
+    read = read_vector(value, Place() / name, faults)
+    faults.raise_any()
+    return read or ZERO
 
 
 def as_rotation(value: VectorLike) -> Triple:
-    """Pitch, yaw and roll from an object or a list; raises `AnnotationErrors`."""
-    return _as_triple(value, "rotation", _ROTATION_KEYS)
+    """Pitch, yaw and roll as `read_rotation` takes them; raises `AnnotationErrors`."""
+    faults = Faults()
+    read = read_rotation(value, Place() / "rotation", faults)
+    faults.raise_any()
+    return read or ZERO
 
 
 def read_vector(value: object, at: Place, faults: Faults) -> Triple | None:
@@ -162,13 +168,6 @@ def read_transform(value: object, at: Place, faults: Faults) -> Transform | None
     if location is None or rotation is None:
         return None
     return Transform(location, rotation)
-
-
-def _as_triple(value: VectorLike, name: str, keys: tuple[str, ...]) -> Triple:
-    faults = Faults()
-    read = _read_triple(value, Place() / name, faults, keys)
-    faults.raise_any()
-    return read or ZERO
 
 
 def _read_triple(
