@@ -1,0 +1,83 @@
+"""Folders that carlasimu writes: images/, labels/labelNN/, and seg/ beside them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from filter_core.errors import LayoutError
+from filter_core.formats.class_lists import carlasimu_classes
+from filter_core.formats.frame_source import FrameSet, ReadOptions, Unmatched
+from filter_core.formats.matching import frame_key, walk
+from filter_core.formats.yolo import LabelFolders, frame_set, segmentation_folder
+
+_BAND: Final = re.compile(r"label(\d+)", re.IGNORECASE)
+_IMAGES: Final = ("images", "img")
+
+
+def camera_folder(root: Path) -> Path | None:
+    """The folder with carlasimu's labels: the one given, or one right below it."""
+    if not root.is_dir():
+        return None
+    below = sorted(path for path in root.iterdir() if path.is_dir())
+    return next((path for path in (root, *below) if _has_labels(path)), None)
+
+
+def read_carlasimu(root: Path, options: ReadOptions) -> FrameSet:
+    """The frames of a carlasimu folder, by the widest of its distance bands.
+
+    The bands are cumulative (``label200`` holds what ``label50`` does), so the others
+    add nothing; a frame that only a narrower band has is listed as unmatched.
+
+    Raises
+    ------
+    LayoutError
+        There is neither ``labels/labelNN/`` nor ``label/``.
+    """
+    camera = camera_folder(root)
+    if camera is None:
+        raise LayoutError("expected labels/labelNN/ or label/, found neither")
+    bands = _bands(camera)
+    labels = options.labels or bands[-1]
+    folders = LabelFolders(
+        images=next((camera / n for n in _IMAGES if (camera / n).is_dir()), labels),
+        labels=labels,
+        segmentations=options.segmentation or _segmentations(camera),
+        classes=tuple(options.classes or carlasimu_classes(camera)),
+        default_class=options.default_class,
+    )
+    frames = frame_set("carlasimu", folders, walk(labels, (".txt",)))
+    narrower = [] if options.labels else list(_only_narrower(bands))
+    return replace(frames, unmatched=(*frames.unmatched, *narrower))
+
+
+def _has_labels(folder: Path) -> bool:
+    return bool(_bands(folder))
+
+
+def _bands(folder: Path) -> list[Path]:
+    """The folders of the distance bands, the widest last; else the only one."""
+    labels = folder / "labels"
+    if labels.is_dir():
+        found = [path for path in labels.iterdir() if _BAND.fullmatch(path.name)]
+        if found:
+            return sorted(found, key=lambda path: int(path.name[len("label") :]))
+    single = folder / "label"
+    return [single] if single.is_dir() else []
+
+
+def _segmentations(camera: Path) -> Path | None:
+    return segmentation_folder(camera) or segmentation_folder(camera.parent)
+
+
+def _only_narrower(bands: list[Path]) -> Iterator[Unmatched]:
+    widest = {frame_key(name) for name in walk(bands[-1], (".txt",))}
+    for band in bands[:-1]:
+        for name in walk(band, (".txt",)):
+            if frame_key(name) not in widest:
+                yield Unmatched(
+                    f"{band.name}/{name}", f"not in the widest band, {bands[-1].name}"
+                )

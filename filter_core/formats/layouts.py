@@ -1,0 +1,103 @@
+"""Which layout a folder has, and the frames in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from filter_core.config_values import nearest
+from filter_core.errors import LayoutError, NotAvailable
+from filter_core.formats.carlasimu import camera_folder, read_carlasimu
+from filter_core.formats.class_lists import find_class_list
+from filter_core.formats.frame_source import FrameSet, ReadOptions
+from filter_core.formats.manifest import MANIFEST_NAME, read_manifest
+from filter_core.formats.matching import walk
+from filter_core.formats.voc import read_voc_folder
+from filter_core.formats.yolo import read_yolo
+
+_READERS: Final[dict[str, Callable[[Path, ReadOptions], FrameSet]]] = {
+    "manifest": read_manifest,
+    "carlasimu": read_carlasimu,
+    "yolo": read_yolo,
+    "voc": read_voc_folder,
+}
+LAYOUTS: Final = ("auto", *_READERS)
+"""What `read_source` takes."""
+
+_KNOWN_NOT_READ: Final = ("kitti", "coco")
+_FILES_LOOKED_AT: Final = 2000
+
+
+def read_source(
+    source: Path, layout: str = "auto", options: ReadOptions | None = None
+) -> FrameSet:
+    """The frames of a folder or a manifest, in the order of their keys or lines.
+
+    Parameters
+    ----------
+    source : Path
+        A folder in a recognised layout, or a ``.jsonl`` file.
+    layout : {"auto", "manifest", "carlasimu", "yolo", "voc"}
+    options : ReadOptions, optional
+
+    Raises
+    ------
+    LayoutError
+        Nothing there, no layout or several recognised, or no list of classes.
+    NotAvailable
+        A layout that this version does not read.
+    """
+    if not source.exists():
+        raise LayoutError(f"{source.name}: expected a folder or a manifest, found none")
+    name = detect_layout(source) if layout == "auto" else layout
+    if name in _KNOWN_NOT_READ:
+        raise NotAvailable(
+            f"layout {name!r} is not read by this version; available: "
+            f"{', '.join(_READERS)}"
+        )
+    if name not in _READERS:
+        raise LayoutError(
+            f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
+        )
+    return _READERS[name](source, options or ReadOptions())
+
+
+def detect_layout(source: Path) -> str:
+    """The one layout that the files of a folder speak for.
+
+    Raises
+    ------
+    LayoutError
+        None or several; names what was looked for or found.
+    """
+    found = list(_layouts_of(source))
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise LayoutError(
+            f"{source.name}: could be {' or '.join(found)}; name the layout"
+        )
+    raise LayoutError(
+        f"{source.name}: no layout recognised; expected {MANIFEST_NAME}, carlasimu's "
+        "labels/labelNN/ or label/, YOLO's labels with data.yaml or classes.txt, or "
+        "Pascal VOC's .xml files"
+    )
+
+
+def _layouts_of(source: Path) -> Iterator[str]:
+    if source.is_file() or (source / MANIFEST_NAME).is_file():
+        yield "manifest"
+        return
+    if camera_folder(source) is not None:
+        yield "carlasimu"
+        return
+    names = list(islice(walk(source, (".txt", ".xml")), _FILES_LOOKED_AT))
+    class_list = find_class_list(source)
+    if any(name.endswith(".xml") for name in names):
+        yield "voc"
+    if class_list and any(
+        name.endswith(".txt") and name != class_list for name in names
+    ):
+        yield "yolo"

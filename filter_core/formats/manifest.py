@@ -1,0 +1,100 @@
+"""The JSONL manifest: one frame per line, its annotation and the paths of its files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.frame_source import (
+    MAX_LABEL_BYTES,
+    FrameSet,
+    FrameSource,
+    ReadOptions,
+)
+
+MANIFEST_NAME: Final = "manifest.jsonl"
+_FILES: Final = (
+    "image",
+    "segmentation",
+    "depth",
+    "instances",
+    "lidar",
+    "radar",
+    "ignore_mask",
+)
+_MAX_KEY: Final = 512
+
+
+def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
+    """The frames of a manifest, read line by line in its order.
+
+    Paths are relative to the manifest's folder, or absolute. With
+    ``options.segmentation``, relative segmentations are looked for in that folder.
+
+    Raises
+    ------
+    LayoutError
+        There is no such file.
+    """
+    path = source / MANIFEST_NAME if source.is_dir() else source
+    if not path.is_file():
+        raise LayoutError(f"expected {MANIFEST_NAME}, found no such file")
+    return FrameSet(layout="manifest", frames=lambda: _read_lines(path, options))
+
+
+def _read_lines(path: Path, options: ReadOptions) -> Iterator[FrameSource]:
+    with path.open("rb") as file:
+        number = 0
+        while line := file.readline(MAX_LABEL_BYTES + 1):
+            number += 1
+            at = f"{path.name}, line {number}"
+            if len(line) > MAX_LABEL_BYTES:
+                _skip_rest_of_line(file, line)
+                yield _problem(at, f"at most {MAX_LABEL_BYTES} bytes", "more")
+            elif line.strip():
+                yield _read_line(line, at, path.parent, options)
+
+
+def _skip_rest_of_line(file: Iterator[bytes], line: bytes) -> None:
+    if not line.endswith(b"\n"):
+        next(file, None)
+
+
+def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
+    error = LayoutError(f"{at}: expected {expected}, found {found}")
+    return FrameSource(key=key or at, annotation=None, problem=error)
+
+
+def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> FrameSource:
+    try:
+        raw = json.loads(line.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as exc:
+        return _problem(at, "one JSON object", f"{exc}")
+    if not isinstance(raw, dict):
+        return _problem(at, "one JSON object", type(raw).__name__)
+    key = raw.pop("key", None)
+    if not isinstance(key, str) or not 0 < len(key) <= _MAX_KEY:
+        found = repr(key)[:60]
+        return _problem(at, f'"key" of 1 to {_MAX_KEY} characters', found)
+    files: dict[str, Path] = {}
+    problem: FilterError | None = None
+    for name in _FILES:
+        given = raw.pop(name, None)
+        if isinstance(given, str) and given:
+            base = options.segmentation if name == "segmentation" else None
+            files[name] = (base or folder) / given
+        elif given is not None:
+            problem = LayoutError(
+                f"{at}, {name}: expected a path, found {repr(given)[:60]}"
+            )
+    return FrameSource(
+        key=key,
+        annotation=None if problem else raw,
+        image=files.pop("image", None),
+        segmentation=files.pop("segmentation", None),
+        others=files,
+        problem=problem,
+    )

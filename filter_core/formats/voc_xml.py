@@ -1,0 +1,145 @@
+"""One Pascal VOC file as an annotation; XML from strangers, so read with defusedxml."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import DefusedXMLParser
+
+from filter_core.errors import LayoutError
+
+_CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
+_KEPT: Final = ("pose", "truncated", "difficult", "occluded")
+_MAX_SIDE: Final = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """A parsed file: its root, its name, and the line that each element starts on."""
+
+    name: str
+    root: Element
+    lines: dict[Element, int]
+
+    def error(self, at: Element, expected: str, found: str) -> LayoutError:
+        return LayoutError(
+            f"{self.name}, line {self.lines[at]}: expected {expected}, found {found}"
+        )
+
+
+def read_voc(content: bytes, name: str) -> dict[str, object]:
+    """The annotation in one VOC file; `name` is the file, as errors name it.
+
+    Corners that are whole numbers throughout the file are Pascal VOC's own, counted
+    from 1 and inclusive, and become half-open; a fraction anywhere means that a script
+    wrote pixel coordinates as it had them, and they are taken as they are. What VOC
+    says of pose, truncation, difficulty and occlusion is kept with the box.
+
+    Raises
+    ------
+    LayoutError
+        Not XML, with a DTD or entities, or not VOC; names file, line, what was
+        expected and what was found.
+    """
+    tree = _parse(content, name)
+    if tree.root.tag != "annotation":
+        raise tree.error(tree.root, "<annotation>", f"<{tree.root.tag}>")
+    objects = list(tree.root.iter("object"))
+    corners = [_corners(tree, one) for one in objects]
+    shift = 1.0 if all(map(_is_whole, corners)) else 0.0
+    boxes = [
+        {
+            "class": _text(tree, one, "name"),
+            "xyxy": [x_min - shift, y_min - shift, x_max, y_max],
+            **dict(_kept(one)),
+        }
+        for one, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
+    ]
+    annotation: dict[str, object] = {"boxes": boxes}
+    size = tree.root.find("size")
+    if size is not None:
+        width, height = (_side(tree, size, key) for key in ("width", "height"))
+        # Some tools write zeros where they do not know; that is no size.
+        if width and height:
+            annotation["camera"] = {"width": width, "height": height}
+    return annotation
+
+
+class _LineParser(DefusedXMLParser):
+    """Notes the line of each element, which errors are to name."""
+
+    def __init__(self) -> None:
+        super().__init__(forbid_dtd=True)
+        self.lines: dict[Element, int] = {}
+
+    def _start(self, tag: str, attributes: list[str]) -> Element:
+        started: Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
+        self.lines[started] = self.parser.CurrentLineNumber
+        return started
+
+
+def _parse(content: bytes, name: str) -> _Tree:
+    parser = _LineParser()
+    try:
+        parser.feed(content)
+        root = parser.close()
+    except ParseError as exc:
+        line, column = exc.position
+        raise LayoutError(
+            f"{name}, line {line}, column {column + 1}: not XML: {exc.msg}"
+        ) from exc
+    except DefusedXmlException as exc:
+        raise LayoutError(f"{name}: XML with a DTD or entities is refused") from exc
+    except (ValueError, LookupError) as exc:
+        raise LayoutError(f"{name}: not XML that can be read: {exc}") from exc
+    return _Tree(name, root, parser.lines)
+
+
+def _corners(tree: _Tree, one: Element) -> list[float]:
+    rectangle = one.find("bndbox")
+    if rectangle is None:
+        raise tree.error(one, "<bndbox> in the object", "none")
+    return [_number(tree, rectangle, key) for key in _CORNERS]
+
+
+def _number(tree: _Tree, parent: Element, key: str) -> float:
+    text = _text(tree, parent, key)
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        child = parent.find(key)
+        at = parent if child is None else child
+        raise tree.error(at, f"a finite number in <{key}>", repr(text[:40]))
+    return number
+
+
+def _side(tree: _Tree, size: Element, key: str) -> int:
+    number = _number(tree, size, key)
+    if not 0 <= number <= _MAX_SIDE or number != int(number):
+        raise tree.error(size, f"a whole <{key}> up to {_MAX_SIDE}", f"{number:g}")
+    return int(number)
+
+
+def _text(tree: _Tree, parent: Element, key: str) -> str:
+    text = (parent.findtext(key) or "").strip()
+    if not text:
+        raise tree.error(parent, f"<{key}> in <{parent.tag}>", "nothing")
+    return text
+
+
+def _kept(one: Element) -> Iterator[tuple[str, object]]:
+    for key in _KEPT:
+        text = (one.findtext(key) or "").strip()
+        if text:
+            yield key, int(text) if text in ("0", "1") else text
+
+
+def _is_whole(corners: list[float]) -> bool:
+    return all(number.is_integer() for number in corners)
