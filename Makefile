@@ -57,9 +57,10 @@ bench: $(DEVELOPMENT) ## Measure; the figures of docs/benchmarks.md
 	@for bench in benchmarks/bench_*.py; do echo "== $$bench"; $(BIN)/python "$$bench" || exit 1; done
 
 migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema
-	$(BIN)/unghost doctor $(ARGS)
+	$(BIN)/python -m tools.migrate
 
-docs: $(DEVELOPMENT) ## Check that the documentation tells the truth
+docs: $(DEVELOPMENT) ## Write what the documentation repeats of the code, and check the rest
+	$(BIN)/python -m tools.reference
 	$(PYTEST) tests/docs $(ARGS)
 
 clean: ## Remove what make made; the data folders stay
@@ -81,5 +82,5 @@ $(DEVELOPMENT): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
 	@touch $@ $(PROGRAM)
 
 $(CHROMIUM): $(DEVELOPMENT) tools/ensure_chromium.py
-	$(BIN)/python tools/ensure_chromium.py
+	$(BIN)/python -m tools.ensure_chromium
 	@touch $@

@@ -1,4 +1,4 @@
-"""Writes the parts of the documentation that repeat the code: settings and commands.
+"""Writes the parts of the documentation that repeat the code.
 
 Each part stands between two marks, `<!-- NAME: written by ... -->` and
 `<!-- end of NAME -->`. Run without arguments to write them; tests compare them.
@@ -8,17 +8,38 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
-import click
 import typer
 from pydantic import ByteSize
 from pydantic_core import PydanticUndefined
 
+from app.main import create_app
 from app.settings import Settings
 from unghost.cli.program import app as program
+
+
+class Parameter(Protocol):
+    """What is asked of an option or argument; typer and click each have their own."""
+
+    name: str | None
+    opts: list[str]
+
+
+class Command(Protocol):
+    """What is asked of a command."""
+
+    help: str | None
+
+    @property
+    def params(self) -> Sequence[Parameter]:
+        """Its options and arguments."""
+
+    def get_short_help_str(self, limit: int) -> str:
+        """The first sentence of its help."""
+
 
 DOCS: Final = Path(__file__).resolve().parents[1] / "docs"
 
@@ -34,10 +55,21 @@ def settings_table() -> Iterator[str]:
         elif default is None or default == ():
             shown = "unset"
         elif isinstance(default, ByteSize):
-            shown = f"`{default.human_readable()}`"
+            shown = f"`{default.human_readable().replace('.0', '')}`"
         else:
             shown = f"`{default}`"
         yield f"| `UNGHOST_{name.upper()}` | {shown} | {field.description} |"
+
+
+def route_table() -> Iterator[str]:
+    """Every route of the OpenAPI document."""
+    yield "| method | path | what it does |"
+    yield "|---|---|---|"
+    for path, operations in create_app(Settings()).openapi()["paths"].items():
+        for method, operation in operations.items():
+            text = operation.get("description") or operation["summary"]
+            first = text.split("\n\n")[0].replace("\n", " ").replace("|", "\\|")
+            yield f"| {method.upper()} | `{path}` | {first} |"
 
 
 def command_table() -> Iterator[str]:
@@ -48,12 +80,12 @@ def command_table() -> Iterator[str]:
         yield f"| `{path}` | {command.get_short_help_str(limit=200)} |"
 
 
-def commands() -> Iterator[tuple[str, click.Command]]:
+def commands() -> Iterator[tuple[str, Command]]:
     """Every command that can be typed, with the words that call it."""
     yield from _below("unghost", typer.main.get_command(program))
 
 
-def _below(path: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
+def _below(path: str, command: Command) -> Iterator[tuple[str, Command]]:
     children = getattr(command, "commands", None)
     if children is None:
         yield path, command
@@ -65,6 +97,7 @@ def _below(path: str, command: click.Command) -> Iterator[tuple[str, click.Comma
 PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
     "settings": (DOCS / "configuration.md", settings_table),
     "commands": (DOCS / "commands.md", command_table),
+    "routes": (DOCS / "api.md", route_table),
 }
 
 

@@ -1,0 +1,53 @@
+"""What the README shows can be typed as it stands."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.docs.documents import blocks, read
+
+CLIENT, LIBRARY = blocks(read("README.md"), "python")
+CAR_OF_THE_EXAMPLE = np.s_[410:640, 83:466]
+CAR_COLOR_BGR = (142, 0, 0)
+
+
+def run(example):
+    """Runs a block as a program of its own."""
+    exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})
+
+
+@pytest.fixture
+def one_frame(tmp_path, monkeypatch):
+    """The example's two files, in the folder that it runs in."""
+    monkeypatch.chdir(tmp_path)
+    colors = np.full((720, 1280, 3), 70, np.uint8)
+    colors[CAR_OF_THE_EXAMPLE] = CAR_COLOR_BGR
+    for name in ("000001.png", "000001.seg.png"):
+        assert cv2.imwrite(name, colors)
+
+
+def test_the_library_example_keeps_the_visible_car_and_rejects_the_ghost(capsys):
+    run(LIBRARY)
+
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("0 kept kept: 100 %")
+    assert second.startswith("1 rejected rejected: ")
+    assert "Building" in second
+
+
+def test_the_library_example_is_ten_lines_beside_its_imports():
+    code = [line for line in LIBRARY.splitlines() if line.strip()]
+
+    assert len([line for line in code if "import" not in line]) <= 10
+
+
+@pytest.mark.usefixtures("one_frame")
+def test_the_client_example_uploads_and_explains(server, monkeypatch, capsys):
+    monkeypatch.setenv("UNGHOST_SERVER", server.url)
+    monkeypatch.setenv("UNGHOST_TOKEN", server.token)
+
+    run(CLIENT)
+
+    assert capsys.readouterr().out.startswith("7 kept: 100 %")

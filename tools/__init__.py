@@ -1,0 +1,1 @@
+"""What make and the tests run besides the product; nothing here is shipped."""

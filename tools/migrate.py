@@ -1,0 +1,18 @@
+"""Brings the database of the data folder to the newest schema, without serving it."""
+
+from __future__ import annotations
+
+from app.db.migrate import current_revision
+from app.lifetime import running
+from app.settings import Settings
+
+
+def main() -> None:
+    """Open the data folder as the service does, and say what it is at now."""
+    settings = Settings()
+    with running(settings) as services:
+        print(f"{settings.data}: schema {current_revision(services.database.engine)}")
+
+
+if __name__ == "__main__":
+    main()
