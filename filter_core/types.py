@@ -1,10 +1,10 @@
-"""The values that flow through the filter: evidence in, decisions out. No rules here."""
+"""The values that flow through the filter. No rules here."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum, IntEnum
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +130,18 @@ class Evidence:
 
     def __len__(self) -> int:
         return len(self.class_index)
+
+    def take(self, rows: IntArray) -> Evidence:
+        """Some of the boxes, in the order asked for."""
+        columns: dict[str, Any] = {
+            spec.name: getattr(self, spec.name) for spec in fields(self)
+        }
+        names = columns.pop("class_names")
+        chosen = {
+            name: None if column is None else column[rows]
+            for name, column in columns.items()
+        }
+        return Evidence(class_names=names, **chosen)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,114 @@
+"""The files of an upload: what they are by their content, and that they fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from app.errors import Unprocessable
+from app.repositories.frames import FileRow
+from app.services.measuring import FrameFiles
+from app.settings import Settings
+from app.storage import sha256_of
+from filter_core.annotation_types import FrameAnnotation
+from filter_core.errors import ImageError, ImageTooLarge
+from filter_core.image_header import ImageHeader, read_image_header, require_size
+
+PICTURES: Final = ("image", "segmentation", "depth", "instances", "ignore_mask")
+CLOUDS: Final = ("lidar", "radar")
+KINDS: Final = (*PICTURES, *CLOUDS)
+_SAME_SIZE: Final = ("segmentation", "ignore_mask")
+_CLOUD_TYPES: Final = (
+    (b"ply\n", "application/x-ply"),
+    (b"ply\r\n", "application/x-ply"),
+    (b"\x93NUMPY", "application/x-npy"),
+)
+
+
+@dataclass(frozen=True)
+class CheckedFiles:
+    """Files whose headers are in order; their pixels were not looked at."""
+
+    contents: Mapping[str, bytes]
+    rows: tuple[FileRow, ...]
+    image_wh: tuple[int, int]
+
+    def measured(self) -> FrameFiles:
+        """What the measurement reads."""
+        return FrameFiles(
+            segmentation=self.contents.get("segmentation"),
+            image_wh=self.image_wh,
+            ignore_mask=self.contents.get("ignore_mask"),
+        )
+
+
+def check_files(
+    contents: Mapping[str, bytes], annotation: FrameAnnotation, settings: Settings
+) -> CheckedFiles:
+    """Check types and sizes by the headers alone.
+
+    Raises
+    ------
+    ImageError
+        A file is no image, is too large, or has another size than the RGB image.
+    Unprocessable
+        ``unknown_size``: neither a picture nor the camera says how large the image is.
+    """
+    headers = {
+        kind: _header(kind, contents[kind], settings)
+        for kind in PICTURES
+        if kind in contents
+    }
+    types = {kind: header.media_type for kind, header in headers.items()}
+    types |= {
+        kind: _cloud_type(kind, contents[kind]) for kind in CLOUDS & set(contents)
+    }
+    wh = _image_wh(headers, annotation)
+    for kind in _SAME_SIZE:
+        if kind in headers:
+            require_size(headers[kind], wh, what=f"the {kind}", than="the image")
+    rows = tuple(
+        FileRow(kind, sha256_of(content), len(content), types[kind])
+        for kind, content in sorted(contents.items())
+    )
+    return CheckedFiles(contents, rows, wh)
+
+
+def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
+    try:
+        header = read_image_header(content, max_side=settings.max_image_side_px)
+    except ImageError as error:
+        raise type(error)(f"{kind}: {error.detail}", pointer=f"/{kind}") from error
+    if header.width * header.height > settings.max_image_pixels:
+        raise ImageTooLarge(
+            f"{kind}: expected at most {settings.max_image_pixels} pixels, "
+            f"found {header.width} x {header.height}",
+            pointer=f"/{kind}",
+        )
+    return header
+
+
+def _image_wh(
+    headers: Mapping[str, ImageHeader], annotation: FrameAnnotation
+) -> tuple[int, int]:
+    for kind in ("image", "segmentation"):
+        if kind in headers:
+            return headers[kind].width, headers[kind].height
+    if annotation.camera_wh is not None:
+        return annotation.camera_wh
+    raise Unprocessable(
+        "the size of the image is not known: expected an image, a segmentation or a "
+        "camera with width and height, found none of them",
+        code="unknown_size",
+    )
+
+
+def _cloud_type(kind: str, content: bytes) -> str:
+    for magic, media_type in _CLOUD_TYPES:
+        if content.startswith(magic):
+            return media_type
+    raise ImageError(
+        f"{kind}: expected a .ply or .npy file, found {content[:8]!r}",
+        pointer=f"/{kind}",
+    )

@@ -1,0 +1,72 @@
+"""A newer revision of a frame: what people said stays with boxes that did not change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.tables import Frame
+from app.repositories.decisions import DecisionRepository
+from app.repositories.frames import FrameRepository
+from app.repositories.reviews import ReviewRepository
+from app.repositories.tallies import TallyRepository
+from app.services.statistics import tallies_of
+from filter_core.annotation_types import GEOMETRIES
+
+
+def retire(session: Session, frame: Frame) -> None:
+    """Take a frame's boxes out of every list and count; its history stays."""
+    rows = DecisionRepository(session).of_frame(frame.id).values()
+    gone = tallies_of(
+        (row.class_id, row.reason, row.toss_up, row.review) for row in rows
+    )
+    TallyRepository(session).add(
+        frame.dataset_id, {key: -boxes for key, boxes in gone.items()}
+    )
+    FrameRepository(session).supersede(frame)
+
+
+def carry_reviews(
+    session: Session, old: Frame, boxes: Sequence[Mapping[str, Any]]
+) -> None:
+    """Repeat the latest answers on boxes whose class and geometry are the same.
+
+    Parameters
+    ----------
+    boxes : sequence of mappings
+        Of the new revision: ``id`` (the server's), ``source_id``, ``class_id`` and
+        ``raw``, the box as it came.
+    """
+    before = FrameRepository(session).sources(old.id)
+    latest = ReviewRepository(session).latest(box.id for box in before.values())
+    raw_before = old.annotation["boxes"]
+    rows = []
+    for box in boxes:
+        former = before.get(box["source_id"])
+        review = latest.get(former.id) if former is not None else None
+        if former is None or review is None or review.verdict == "clear":
+            continue
+        if former.class_id == box["class_id"] and _geometry(box["raw"]) == _geometry(
+            raw_before[former.id - old.first_box_id]
+        ):
+            rows.append(
+                {
+                    "box_id": box["id"],
+                    "revision": 1,
+                    "verdict": review.verdict,
+                    "comment": review.comment,
+                    "reviewer": review.reviewer,
+                    "batch_id": None,
+                    "carried_from": former.id,
+                    "created_at": utc_now(),
+                }
+            )
+    if rows:
+        ReviewRepository(session).add(rows)
+
+
+def _geometry(raw: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: raw[key] for key in GEOMETRIES if key in raw}

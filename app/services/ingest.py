@@ -1,0 +1,183 @@
+"""Taking in a frame: checked, measured, decided, and durable before it is answered."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset, Problem
+from app.errors import FrameConflict
+from app.repositories.datasets import DatasetRepository
+from app.repositories.frames import FrameRepository
+from app.repositories.runs import ProblemRepository
+from app.services.configs import active_version, config_of
+from app.services.context import ServiceContext
+from app.services.frame_files import CheckedFiles, check_files
+from app.services.frame_rows import FrameContent, write_frame
+from app.services.measuring import MeasuredFrame, MeasurePlan, measure_frame, plan_for
+from filter_core.annotation import AnnotationLimits, parse_annotation
+from filter_core.annotation_types import FrameAnnotation
+from filter_core.errors import AnnotationErrors, FilterError
+
+_DIGEST_OF: Final = b"frame 1\n"
+"""Begins every content digest, should its definition ever change."""
+
+
+@dataclass(frozen=True)
+class FrameUpload:
+    """A frame as it was sent."""
+
+    key: str
+    annotation: bytes
+    files: Mapping[str, bytes]
+    sender: str
+    replace: bool = False
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """Where an upload ended: `created` is False for what was there already."""
+
+    frame_id: int
+    created: bool
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A frame whose annotation and headers are in order."""
+
+    upload: FrameUpload
+    annotation: FrameAnnotation
+    files: CheckedFiles
+    digest: str
+
+
+def store_frame(
+    context: ServiceContext, session: Session, name: str, upload: FrameUpload
+) -> StoredFrame:
+    """Store one frame whole, or raise and store nothing.
+
+    The pixels are measured before the transaction begins, so frames are decoded in
+    parallel and only their rows wait for each other.
+
+    Raises
+    ------
+    FilterError
+        What is wrong with the frame; it is noted among the dataset's problems.
+    FrameConflict
+        Another frame has this key, and `replace` was not asked for.
+    """
+    with context.database.read() as reading:
+        dataset = DatasetRepository(reading).named(name)
+        config = config_of(active_version(reading, dataset))
+    try:
+        prepared = _prepare(context, upload)
+        same = _same_frame(context, dataset, prepared)
+        if same is not None:
+            return StoredFrame(same, created=False)
+        plan = plan_for(dataset, config, context.settings.max_image_side_px)
+        measured = _measure(plan, prepared)
+    except FilterError as error:
+        note_problem(context, dataset.id, upload.key, error)
+        raise
+    context.storage.put(upload.files.values())
+    return _insert(context, session, (prepared, plan, measured), name)
+
+
+def note_problem(
+    context: ServiceContext, dataset_id: int, key: str, error: FilterError
+) -> None:
+    """Remember a refusal, so that nobody has to search for a missing frame."""
+    faults = error.errors if isinstance(error, AnnotationErrors) else ()
+    described = {
+        "code": error.kind,
+        "detail": error.detail,
+        "errors": [
+            {"pointer": fault.pointer, "code": fault.kind, "detail": fault.detail}
+            for fault in faults
+        ],
+    }
+    with context.database.write() as session:
+        ProblemRepository(session).add(
+            Problem(dataset_id=dataset_id, key=key, error=described)
+        )
+
+
+def _prepare(context: ServiceContext, upload: FrameUpload) -> _Prepared:
+    """Read the annotation and the headers of the files; nothing is decoded yet."""
+    settings = context.settings
+    annotation = parse_annotation(
+        upload.annotation,
+        limits=AnnotationLimits(max_boxes=settings.max_boxes_per_frame),
+        frame=upload.key,
+    )
+    files = check_files(upload.files, annotation, settings)
+    return _Prepared(upload, annotation, files, _content_digest(annotation, files))
+
+
+def _same_frame(
+    context: ServiceContext, dataset: Dataset, prepared: _Prepared
+) -> int | None:
+    with context.database.read() as session:
+        return _known(session, dataset, prepared)
+
+
+def _known(session: Session, dataset: Dataset, prepared: _Prepared) -> int | None:
+    """The frame, if it is stored already; FrameConflict if another one has its key."""
+    current = FrameRepository(session).current(dataset.id, prepared.upload.key)
+    if current is None:
+        return None
+    if current.content_digest == prepared.digest:
+        return current.id
+    if prepared.upload.replace:
+        return None
+    raise FrameConflict(
+        f"dataset {dataset.name!r} has another frame {prepared.upload.key!r}; "
+        "send ?replace=true to store this one as its next revision"
+    )
+
+
+def _measure(plan: MeasurePlan, prepared: _Prepared) -> MeasuredFrame:
+    return measure_frame(plan, prepared.annotation, prepared.files.measured())
+
+
+def _insert(
+    context: ServiceContext,
+    session: Session,
+    work: tuple[_Prepared, MeasurePlan, MeasuredFrame],
+    name: str,
+) -> StoredFrame:
+    prepared, plan, measured = work
+    dataset = DatasetRepository(session).named(name)
+    same = _known(session, dataset, prepared)
+    if same is not None:
+        return StoredFrame(same, created=False)
+    config = config_of(active_version(session, dataset))
+    newest = plan_for(dataset, config, context.settings.max_image_side_px)
+    if newest.digest != plan.digest:
+        # A run was activated in between: rare, so it may cost a second measurement.
+        measured = _measure(newest, prepared)
+    content = FrameContent(
+        key=prepared.upload.key,
+        digest=prepared.digest,
+        sender=prepared.upload.sender,
+        annotation=prepared.annotation,
+        files=prepared.files,
+        measured=measured,
+    )
+    return StoredFrame(write_frame(session, dataset, content, config), created=True)
+
+
+def _content_digest(annotation: FrameAnnotation, files: CheckedFiles) -> str:
+    """Names what was sent: the files' bytes, and the annotation's meaning."""
+    digest = hashlib.sha256(_DIGEST_OF)
+    for file in files.rows:
+        digest.update(f"{file.kind} {file.sha256}\n".encode())
+    canonical = json.dumps(annotation.raw, sort_keys=True, separators=(",", ":"))
+    digest.update(canonical.encode())
+    return digest.hexdigest()

@@ -1,0 +1,211 @@
+"""Measuring the frames of one dataset under one configuration."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from app.db.evidence_record import (
+    Geometry,
+    pack_geometry,
+    pack_numbers,
+    pack_tag_counts,
+)
+from app.db.tables import Dataset
+from filter_core.annotation_types import FrameAnnotation
+from filter_core.classes import class_of
+from filter_core.config import FilterConfig
+from filter_core.frame_geometry import GeometryResult, frame_boxes_2d
+from filter_core.ignore_mask import read_ignore_mask
+from filter_core.measure import FrameBoxes, MeasureOptions, Profile, measure
+from filter_core.segmentation import (
+    Segmentation,
+    SegmentationOptions,
+    read_segmentation,
+)
+from filter_core.types import Evidence, Mask
+
+
+@dataclass(frozen=True)
+class MeasurePlan:
+    """Everything that measured numbers depend on, apart from the frame itself."""
+
+    config: FilterConfig
+    reading: SegmentationOptions
+    ignored: Any | None
+    max_side_px: int
+
+    @property
+    def digest(self) -> str:
+        """Equal plans measure equal numbers."""
+        reading = {**vars_of(self.reading), "sources": None, "carla_version": None}
+        overrides = {
+            name: one.as_dict().get("accept")
+            for name, one in self.config.classes.items()
+        }
+        parts = [list(self.config.measure_key()), overrides, reading, self.ignored]
+        text = json.dumps(parts, sort_keys=True, default=list)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def needs_pixels_after(self, other: MeasurePlan) -> bool:
+        """Whether this plan's numbers cannot be had from the other's."""
+        return (
+            self.config.measure_key() != other.config.measure_key()
+            or self.reading != other.reading
+            or self.ignored != other.ignored
+        )
+
+
+def vars_of(reading: SegmentationOptions) -> dict[str, Any]:
+    """Options as a mapping."""
+    names = ("palette", "encoding", "channel_order", "lossy", "carla_version")
+    return {name: getattr(reading, name) for name in names}
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The bytes of a frame that are measured."""
+
+    segmentation: bytes | None
+    image_wh: tuple[int, int]
+    ignore_mask: bytes | None = None
+
+
+@dataclass(frozen=True)
+class MeasuredFrame:
+    """The numbers of one frame, before any decision."""
+
+    evidence: Evidence
+    geometry: GeometryResult
+    segmentation: Segmentation | None
+
+    def report(self) -> dict[str, Any] | None:
+        """What was recognised in the segmentation."""
+        found = self.segmentation
+        if found is None:
+            return None
+        return {
+            "palette": found.family,
+            "encoding": found.encoding,
+            "channel_order": found.channel_order,
+            "lossy": found.lossy,
+            "unknown_percent": 100.0
+            * found.unknown_pixels
+            / (found.width * found.height),
+            "notes": list(found.notes),
+        }
+
+    def packed(self, class_ids: Sequence[int]) -> dict[str, Any]:
+        """The columns of an evidence row."""
+        return {
+            "numbers": pack_numbers(self.evidence, class_ids),
+            "tag_counts": pack_tag_counts(self.evidence.tag_counts),
+            "geometry": pack_geometry(_geometry(self.geometry)),
+            "segmentation": self.report(),
+        }
+
+
+def plan_for(dataset: Dataset, config: FilterConfig, max_side_px: int) -> MeasurePlan:
+    """What the dataset and the configuration say together; they must agree."""
+    layers = {
+        f"dataset {dataset.name!r}": _options(dataset),
+        "the configuration": _options(config),
+    }
+    return MeasurePlan(
+        config=config,
+        reading=SegmentationOptions.agreed(layers),
+        ignored=dataset.ignore_mask,
+        max_side_px=max_side_px,
+    )
+
+
+def _options(source: Dataset | FilterConfig) -> SegmentationOptions:
+    return SegmentationOptions(
+        palette=source.palette,
+        encoding=cast("Any", source.encoding),
+        channel_order=cast("Any", source.channel_order),
+        lossy=cast("Any", source.lossy_segmentation),
+    )
+
+
+def measure_frame(
+    plan: MeasurePlan, annotation: FrameAnnotation, files: FrameFiles
+) -> MeasuredFrame:
+    """Decode, project and measure one frame.
+
+    Raises
+    ------
+    FilterError
+        Whatever is wrong with the frame, naming it.
+    """
+    config = plan.config
+    segmentation = None
+    if files.segmentation is not None:
+        segmentation = read_segmentation(
+            files.segmentation,
+            replace(plan.reading, carla_version=annotation.carla_version),
+            expected_wh=files.image_wh,
+            max_side=plan.max_side_px,
+        )
+    geometry = frame_boxes_2d(annotation, files.image_wh, config.projection)
+    family = segmentation.family if segmentation is not None else None
+    classes = [
+        class_name(box.class_name, box.type_id, box.base_type)
+        for box in annotation.boxes
+    ]
+    names = tuple(dict.fromkeys(classes))
+    masks = dict(zip(names, config.accept_masks(names, family).tolist(), strict=True))
+    boxes = FrameBoxes.of(
+        geometry.xyxy, classes, masks, files.image_wh, geometry.distance
+    )
+    evidence = measure(
+        segmentation,
+        boxes,
+        MeasureOptions(profile=cast("Profile", config.profile)),
+        ignore=_ignore(plan, files),
+    )
+    return MeasuredFrame(evidence, geometry, segmentation)
+
+
+def class_name(given: str | None, type_id: str | None, base_type: str | None) -> str:
+    """The class of a box: as given, else of its blueprint; else the blueprint itself.
+
+    A blueprint that maps to no class keeps its name, so that a reviewer can see it.
+    """
+    if given is not None:
+        return given
+    return class_of(type_id or "", base_type) or type_id or "unmapped"
+
+
+def _ignore(plan: MeasurePlan, files: FrameFiles) -> Mask | None:
+    masks = []
+    if plan.ignored is not None:
+        masks.append(read_ignore_mask(plan.ignored["polygons"], files.image_wh))
+    if files.ignore_mask is not None:
+        masks.append(read_ignore_mask(files.ignore_mask, files.image_wh))
+    if not masks:
+        return None
+    joined: Mask = np.logical_or.reduce(masks)
+    return joined
+
+
+def _geometry(found: GeometryResult) -> list[Geometry | None]:
+    return [
+        None
+        if edges is None
+        else Geometry(
+            _row(found.amodal_xyxy[row]),
+            _row(found.visible_xyxy[row]),
+            edges.astype(np.float32),
+        )
+        for row, edges in enumerate(found.edges)
+    ]
+
+
+def _row(values: Any) -> tuple[float, ...] | None:  # noqa: ANN401  # a row of an array
+    return None if np.isnan(values[0]) else tuple(values.tolist())
