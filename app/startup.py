@@ -8,10 +8,12 @@ import socket
 import sys
 import webbrowser
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import uvicorn
+from fastapi import FastAPI
 
 from app.logs import configure_logging
 from app.main import create_app
@@ -55,11 +57,9 @@ def serve(
             if open_browser:
                 webbrowser.open(link)
 
-        server = _Server(_uvicorn_config(settings), ready)
-        try:
+        server = _Server(server_config(create_app(settings)), ready, note.remove)
+        with suppress(KeyboardInterrupt):  # the usual way to end it
             server.run(sockets=[listener])
-        finally:
-            note.remove()
     if not server.started:
         raise CannotServe(
             f"the service could not start with the data folder {str(settings.data)!r}; "
@@ -100,11 +100,17 @@ class ServerNote:
 
 
 class _Server(uvicorn.Server):
-    """Uvicorn, saying when it is ready."""
+    """Uvicorn, saying when it is ready and when it stops."""
 
-    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        ready: Callable[[], None],
+        stopping: Callable[[], None],
+    ) -> None:
         super().__init__(config)
         self._ready = ready
+        self._stopping = stopping
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start as uvicorn does, then say so."""
@@ -112,10 +118,16 @@ class _Server(uvicorn.Server):
         if self.started and not self.should_exit:
             self._ready()
 
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Say so, then stop: afterwards a SIGTERM may end the process at once."""
+        self._stopping()
+        await super().shutdown(sockets)
 
-def _uvicorn_config(settings: Settings) -> uvicorn.Config:
+
+def server_config(app: FastAPI) -> uvicorn.Config:
+    """How uvicorn serves the app: quietly, our own access log says it better."""
     return uvicorn.Config(
-        create_app(settings),
+        app,
         access_log=False,
         log_config=None,
         server_header=False,

@@ -1,0 +1,64 @@
+"""A service per module for tests that only add to it, and one of a test's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import httpx
+import pytest
+
+from app.security import Role, hash_secret, new_token
+from tests.api.live import Live, live
+
+Serve = Callable[..., Live]
+AsRole = Callable[[Role], httpx.Client]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    """One service for the module, with small limits."""
+    folder = tmp_path_factory.mktemp("service") / "data"
+    with live(folder, max_body_bytes=10_000, max_batch_bytes=1_000_000) as running:
+        yield running
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Serve]:
+    """Serves the test's own data folder; called again, the same folder."""
+    with ExitStack() as started:
+
+        def start(**settings: object) -> Live:
+            return started.enter_context(live(tmp_path / "data", **settings))
+
+        yield start
+
+
+@pytest.fixture
+def admin(service: Live) -> Iterator[httpx.Client]:
+    with service.admin() as client:
+        yield client
+
+
+@pytest.fixture
+def anybody(service: Live) -> Iterator[httpx.Client]:
+    with service.client() as client:
+        yield client
+
+
+@pytest.fixture
+def as_role(service: Live) -> Iterator[AsRole]:
+    """Clients with a token of each role, made as the service stores them."""
+    from app.db.access_tables import Token
+
+    with ExitStack() as opened:
+
+        def client(role: Role) -> httpx.Client:
+            token = new_token()
+            digest = hash_secret(token)
+            with service.app.state.database.write() as session:
+                session.add(Token(name=digest[:20], role=role.value, hash=digest))
+            return opened.enter_context(service.client(Authorization=f"Bearer {token}"))
+
+        yield client

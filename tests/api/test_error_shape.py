@@ -1,0 +1,161 @@
+"""Every answer that is not 2xx is one kind of document, whoever made it."""
+
+from __future__ import annotations
+
+import pytest
+
+from app import errors
+from app.errors import AppError
+from app.http_errors import STATUS, problem_of
+from app.security import Role
+
+KEYS = {
+    *("type", "title", "status", "detail", "instance", "code", "request_id", "errors")
+}
+
+
+def subclasses(cls):
+    return [cls, *(deep for sub in cls.__subclasses__() for deep in subclasses(sub))]
+
+
+@pytest.mark.parametrize("error", subclasses(AppError))
+def test_every_error_of_the_service_has_a_status_and_a_code(error):
+    assert any(cls in STATUS for cls in error.__mro__)
+    assert error.code.islower()
+
+
+def test_codes_are_not_used_twice():
+    codes = [error.code for error in subclasses(AppError)]
+
+    assert sorted(codes) == sorted(set(codes))
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("GET", "/probe/raise/bad-request", 400, "bad_request"),
+        ("GET", "/probe/items/1?nonsense=1", 400, "unknown_parameter"),
+        ("GET", "/no-such-page", 404, "not_found"),
+        ("GET", "/api/v1/no-such-resource", 404, "not_found"),
+        ("GET", "/healthz/", 404, "not_found"),
+        ("GET", "/static/no-such-file.js", 404, "not_found"),
+        ("GET", "/probe/raise/missing", 404, "not_found"),
+        ("PATCH", "/healthz", 405, "method_not_allowed"),
+        ("GET", "/probe/raise/conflict", 409, "frame_conflict"),
+        ("GET", "/probe/raise/stale", 412, "stale_review"),
+        ("GET", "/probe/raise/range", 416, "range_not_satisfiable"),
+        ("GET", "/probe/items/none", 422, "invalid_request"),
+        ("GET", "/probe/items/99999999999999999999", 422, "invalid_request"),
+        ("GET", "/probe/raise/filter", 422, "bad_annotation"),
+        ("GET", "/probe/raise/quota", 429, "too_many_requests"),
+        ("GET", "/probe/raise/internal", 500, "internal"),
+        ("GET", "/probe/raise/busy", 503, "database_busy"),
+        ("GET", "/probe/raise/full", 503, "storage_full"),
+        ("GET", "/probe/raise/away", 503, "not_ready"),
+    ],
+)
+def test_an_error_is_a_problem_document(admin, method, path, status, code):
+    answer = admin.request(method, path)
+
+    problem = answer.json()
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.status_code, problem["status"]) == (status, status)
+    assert problem.keys() - {"current"} == KEYS
+    assert problem["code"] == code
+    assert problem["instance"] == path.partition("?")[0]
+    assert problem["request_id"] == answer.headers["x-request-id"]
+
+
+@pytest.mark.parametrize(
+    ("body", "media_type", "status", "code"),
+    [
+        ('{"name": ', "application/json", 422, "invalid_request"),
+        ('{"name": 1}', "application/json", 422, "invalid_request"),
+        ("[" * 5000, "application/json", 400, "bad_request"),
+        (b'{"name": "\xff"}', "application/json", 400, "bad_request"),
+        ("name: x", "application/yaml", 415, "unsupported_media_type"),
+        ('{"name": "x"}', "text/plain", 415, "unsupported_media_type"),
+    ],
+)
+def test_a_body_that_cannot_be_read_is_a_problem(admin, body, media_type, status, code):
+    answer = admin.post(
+        "/probe/tokens", content=body, headers={"Content-Type": media_type}
+    )
+
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+def test_faults_of_a_body_have_json_pointers(admin):
+    answer = admin.post("/probe/tokens", json={"count": "many"})
+
+    faults = {fault["pointer"]: fault["code"] for fault in answer.json()["errors"]}
+    assert faults == {"/name": "missing", "/count": "int_parsing"}
+
+
+def test_faults_of_parameters_say_where_they_are(admin):
+    answer = admin.get("/probe/items/0?limit=all")
+
+    pointers = [fault["pointer"] for fault in answer.json()["errors"]]
+    assert pointers == ["/path/item_id", "/query/limit"]
+
+
+def test_all_faults_of_an_annotation_are_listed(admin):
+    problem = admin.get("/probe/raise/filter").json()
+
+    assert [fault["pointer"] for fault in problem["errors"]] == [
+        "/boxes/0/xyxy",
+        "/boxes/2",
+    ]
+
+
+def test_a_stale_review_carries_the_current_decision(admin):
+    problem = admin.get("/probe/raise/stale").json()
+
+    assert problem["current"] == {"box_id": 7}
+
+
+@pytest.mark.parametrize("name", ["busy", "full", "away", "internal"])
+def test_a_failure_says_nothing_of_its_insides(admin, name):
+    text = admin.get(f"/probe/raise/{name}").text.lower()
+
+    assert not any(word in text for word in ("locked", "select", "srv", "traceback"))
+
+
+@pytest.mark.parametrize("name", ["busy", "full", "away", "quota"])
+def test_what_may_work_later_says_when(admin, name):
+    answer = admin.get(f"/probe/raise/{name}")
+
+    assert int(answer.headers["retry-after"]) > 0
+
+
+def test_another_method_is_told_all_that_are_allowed(admin):
+    answer = admin.put("/api/v1/session")
+
+    assert answer.status_code == 405
+    assert answer.headers["allow"] == "POST, DELETE"
+
+
+def test_a_range_outside_the_file_is_told_its_size(admin):
+    answer = admin.get("/probe/raise/range")
+
+    assert answer.headers["content-range"] == "bytes */10"
+
+
+def test_a_role_that_does_not_suffice_is_403(as_role):
+    answer = as_role(Role.VIEWER).post("/probe/tokens", json={"name": "x"})
+
+    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+
+
+def test_a_token_in_a_body_is_never_repeated(anybody):
+    answer = anybody.post("/api/v1/session", json={"token": ["ug_secret"]})
+
+    assert answer.status_code == 422
+    assert "ug_secret" not in answer.text
+
+
+def test_a_message_keeps_the_pointer_of_its_fault():
+    problem = problem_of(errors.BadRequest("no", faults=[errors.Fault("/a", "b", "c")]))
+
+    assert problem.faults == (errors.Fault("/a", "b", "c"),)

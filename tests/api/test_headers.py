@@ -1,0 +1,52 @@
+"""The headers that every answer carries, and the id that follows a request."""
+
+from __future__ import annotations
+
+import pytest
+
+ANSWERS = ["/healthz", "/no-such-page", "/probe/raise/internal", "/openapi.json"]
+
+
+@pytest.mark.parametrize("path", ANSWERS)
+def test_every_answer_carries_the_strict_headers(admin, path):
+    headers = admin.get(path).headers
+
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cross-origin-opener-policy"] == "same-origin"
+    assert "access-control-allow-origin" not in headers
+    assert "server" not in headers
+
+
+def test_what_is_refused_in_front_of_the_routes_carries_them_too(admin):
+    answer = admin.get("/healthz", headers={"Host": "evil.example"})
+
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["x-request-id"] == answer.json()["request_id"]
+
+
+def test_there_is_no_cross_origin_sharing(admin):
+    ask = {"Origin": "http://evil.example", "Access-Control-Request-Method": "PUT"}
+
+    answer = admin.options("/healthz", headers=ask)
+
+    assert answer.status_code == 405
+    assert "access-control-allow-origin" not in answer.headers
+
+
+def test_the_clients_request_id_is_used(admin):
+    answer = admin.get("/healthz", headers={"X-Request-ID": "upload-17.frame_3"})
+
+    assert answer.headers["x-request-id"] == "upload-17.frame_3"
+
+
+@pytest.mark.parametrize("given", ["", "a b", "x" * 65, "-x", 'a"b', "ä"])
+def test_a_harmful_request_id_is_replaced(admin, given):
+    answer = admin.get("/healthz", headers=[(b"X-Request-ID", given.encode("latin-1"))])
+
+    assert answer.headers["x-request-id"] != given
+    assert len(answer.headers["x-request-id"]) == 32

@@ -1,0 +1,110 @@
+"""The OpenAPI document is complete: every error, every parameter, every scheme."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.http_errors import PROBLEM_TYPE
+
+METHODS = {"get", "post", "put", "patch", "delete"}
+
+
+@pytest.fixture(scope="module")
+def schema(service):
+    with service.admin() as client:
+        return client.get("/openapi.json").json()
+
+
+@pytest.fixture(scope="module")
+def operations(schema):
+    return {
+        (method, path): operation
+        for path, item in schema["paths"].items()
+        for method, operation in item.items()
+    }
+
+
+def references(node):
+    if isinstance(node, dict):
+        if isinstance(node.get("$ref"), str):
+            yield node["$ref"]
+        for value in node.values():
+            yield from references(value)
+    if isinstance(node, list):
+        for value in node:
+            yield from references(value)
+
+
+def resolve(schema, reference):
+    assert reference.startswith("#/")
+    for step in reference[2:].split("/"):
+        schema = schema[step.replace("~1", "/").replace("~0", "~")]
+    return schema
+
+
+def test_it_is_openapi_3_1(schema):
+    assert schema["openapi"].startswith("3.1.")
+    assert schema["info"]["title"] == "Unghost"
+    assert {method for item in schema["paths"].values() for method in item} <= METHODS
+
+
+def test_every_reference_leads_somewhere(schema):
+    for reference in set(references(schema)):
+        assert resolve(schema, reference)
+
+
+def test_every_error_is_a_problem_document(schema, operations):
+    for operation in operations.values():
+        for status, answer in operation["responses"].items():
+            if int(status) >= 400:
+                content = resolve(schema, answer["$ref"])["content"]
+                assert list(content) == [PROBLEM_TYPE]
+
+
+def test_every_route_says_how_it_can_fail(operations):
+    for (method, _), operation in operations.items():
+        expected = {"400", "404", "421", "422", "500", "503"}
+        if "security" in operation:
+            expected |= {"401", "403"}
+        if method != "get":
+            expected |= {"409", "412", "413", "415", "429"}
+        assert expected <= operation["responses"].keys()
+
+
+def test_every_post_takes_an_idempotency_key(operations):
+    for (method, _), operation in operations.items():
+        names = [one["name"] for one in operation.get("parameters", ())]
+        assert ("Idempotency-Key" in names) == (method == "post")
+
+
+def test_every_operation_has_a_name_of_its_own_and_says_what_it_does(operations):
+    ours = [
+        operation
+        for (_, path), operation in operations.items()
+        if not path.startswith(("/probe", "/open/"))
+    ]
+
+    names = [operation["operationId"] for operation in ours]
+    assert len(set(names)) == len(names)
+    assert [one["operationId"] for one in ours if not one.get("description")] == []
+
+
+def test_both_ways_to_show_who_one_is_are_described(schema):
+    schemes = schema["components"]["securitySchemes"]
+
+    assert schemes["token"]["scheme"] == "bearer"
+    assert schemes["session"] == {
+        **schemes["session"],
+        "type": "apiKey",
+        "in": "cookie",
+        "name": "unghost_session",
+    }
+
+
+def test_the_problem_schema_matches_a_problem(schema, service):
+    problem_schema = schema["components"]["schemas"]["Problem"]
+
+    with service.client() as client:
+        problem = client.get("/version").json()
+
+    assert set(problem) == set(problem_schema["required"])

@@ -1,0 +1,140 @@
+"""The page's shell and files, and what the API says of itself."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+
+import pytest
+
+from app.page_files import content_security_policy, page_file
+from app.resources import static_dir
+
+FILES = sorted(
+    path.relative_to(static_dir()).as_posix()
+    for path in static_dir().rglob("*")
+    if path.suffix in (".css", ".js", ".html", ".json", ".svg")
+)
+TYPES = {
+    "css": "text/css; charset=utf-8",
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "json": "application/json",
+    "svg": "image/svg+xml",
+}
+
+
+def test_the_shell_is_open_and_takes_any_filter(anybody):
+    answer = anybody.get("/?dataset=town10&verdict=rejected")
+
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_the_page_has_its_type(anybody, name):
+    answer = anybody.get(f"/static/{name}")
+
+    assert answer.content == (static_dir() / name).read_bytes()
+    assert answer.headers["content-type"] == TYPES[name.rpartition(".")[2]]
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_a_file_that_is_known_is_not_sent_again(anybody):
+    etag = anybody.get("/").headers["etag"]
+
+    again = anybody.get("/", headers={"If-None-Match": f'"other", W/{etag}'})
+    other = anybody.get("/", headers={"If-None-Match": '"other"'})
+
+    assert (again.status_code, again.content, other.status_code) == (304, b"", 200)
+    assert again.headers["etag"] == etag
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../pyproject.toml",
+        "%2e%2e/pyproject.toml",
+        "..%2fpyproject.toml",
+        "js/../../pyproject.toml",
+        "/etc/hostname.txt",
+        "//etc/passwd",
+        "..\\pyproject.toml",
+        "js%00.js",
+        "js",
+        "",
+        "x" * 5000 + ".js",
+    ],
+)
+def test_nothing_outside_the_page_is_a_file_of_it(service, name):
+    """Sent as it is: a client would tidy the path up."""
+    import http.client
+
+    connection = http.client.HTTPConnection(service.url.removeprefix("http://"))
+    connection.request("GET", f"/static/{name}")
+    status = connection.getresponse().status
+    connection.close()
+
+    assert status == 404
+
+
+def test_a_link_that_leaves_the_folder_is_not_followed(tmp_path):
+    (tmp_path / "secret.js").write_text("secret")
+    page = tmp_path / "page"
+    page.mkdir()
+    (page / "link.js").symlink_to(tmp_path / "secret.js")
+
+    with pytest.raises(LookupError if False else Exception, match=r"no file 'link.js'"):
+        page_file(page, "link.js")
+
+
+def test_a_changed_file_is_sent_anew(tmp_path):
+    (tmp_path / "a.js").write_text("1")
+    before = page_file(tmp_path, "a.js")
+    (tmp_path / "a.js").write_text("22")
+
+    after = page_file(tmp_path, "a.js")
+
+    assert (before.content, after.content) == (b"1", b"22")
+    assert before.etag != after.etag
+
+
+def test_the_policy_allows_just_the_import_map_of_the_page(tmp_path):
+    text = b'{"imports": {"preact": "/static/vendor/preact.js"}}'
+    index = tmp_path / "index.html"
+    index.write_bytes(
+        b'<script type="importmap">' + text + b"</script><script>x</script>"
+    )
+
+    policy = content_security_policy(index)
+
+    digest = base64.b64encode(hashlib.sha256(text).digest()).decode()
+    assert f"script-src 'self' 'sha256-{digest}';" in policy
+    assert policy.count("sha256-") == 1
+
+
+def test_the_page_has_no_inline_script_that_the_policy_would_block(anybody):
+    page = anybody.get("/")
+
+    inline = re.findall(
+        r"<script(?![^>]*\bsrc=)([^>]*)>(.*?)</script>", page.text, re.S
+    )
+    policy = page.headers["content-security-policy"]
+    for attributes, text in inline:
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert "importmap" in attributes
+        assert digest in policy
+
+
+def test_the_description_for_people_names_every_route(admin):
+    schema = admin.get("/openapi.json").json()
+
+    page = admin.get("/docs")
+
+    assert page.headers["content-type"] == "text/html; charset=utf-8"
+    assert "<script" not in page.text
+    assert "http://" not in page.text
+    assert "https://" not in page.text
+    assert [path for path in schema["paths"] if path not in page.text] == []
+    assert admin.get("/docs/style.css").headers["content-type"].startswith("text/css")

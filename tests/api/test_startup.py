@@ -1,0 +1,128 @@
+"""Starting and stopping, as a process of its own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import stat
+import sys
+
+import httpx
+
+from tests.servers import running_server, start
+
+
+def note_of(server):
+    port = server.url.rpartition(":")[2]
+    state = server.data.with_name(f"{server.data.name}-state")
+    return state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
+
+
+def test_the_login_link_logs_in(start_server):
+    server = start_server()
+
+    answer = httpx.post(f"{server.url}/api/v1/session", json={"token": server.token})
+
+    assert answer.status_code == 204
+
+
+def test_a_note_tells_the_command_line_where_the_token_is(start_server):
+    server = start_server()
+
+    note = note_of(server)
+
+    assert json.loads(note.read_text()) == {
+        "url": server.url,
+        "token_file": str(server.data / "token"),
+        "pid": server.process.pid,
+    }
+    assert stat.S_IMODE(note.stat().st_mode) == 0o600
+
+
+def test_the_note_goes_when_the_server_goes(data_dir):
+    with running_server(data_dir) as server:
+        note = note_of(server)
+        assert note.exists()
+
+    assert not note.exists()
+
+
+def test_an_interrupt_is_a_clean_end(start_server):
+    server = start_server()
+
+    server.process.send_signal(signal.SIGINT)
+
+    assert server.process.wait(30) == 0
+    assert "Traceback" not in server.log.read_text()
+
+
+def test_a_port_that_is_taken_is_said_in_one_line(start_server, tmp_path):
+    server = start_server()
+    log = tmp_path / "second.log"
+    port = {"UNGHOST_PORT": server.url.rpartition(":")[2]}
+
+    second = start([sys.executable, "-m", "app"], tmp_path / "second", log, port)
+
+    assert second.wait(60) == 1
+    second.stdout.close()
+    assert "another server" in log.read_text()
+    assert len(log.read_text().splitlines()) == 1
+
+
+def test_a_setting_that_cannot_be_is_named(tmp_path):
+    log = tmp_path / "log"
+    wrong = {"UNGHOST_PORT": "many"}
+
+    process = start([sys.executable, "-m", "app"], tmp_path / "data", log, wrong)
+
+    assert process.wait(60) == 2
+    process.stdout.close()
+    assert log.read_text().startswith("UNGHOST_PORT: ")
+    assert "many" not in log.read_text()
+
+
+def test_a_data_folder_that_cannot_be_one_is_said(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("not a folder")
+    log = tmp_path / "log"
+
+    process = start([sys.executable, "-m", "app"], file, log, {})
+
+    assert process.wait(60) == 1
+    process.stdout.close()
+    assert "could not start" in log.read_text()
+
+
+def test_two_processes_that_start_together_migrate_once(tmp_path):
+    data = tmp_path / "data"
+    command = [sys.executable, "-m", "app"]
+    processes = [start(command, data, tmp_path / f"log{n}", {}) for n in range(2)]
+
+    links = [
+        next(line for line in process.stdout if "#token=" in line).partition("#")[2]
+        for process in processes
+    ]
+
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0
+        process.stdout.close()
+    assert links[0] == links[1]
+
+
+def test_the_token_is_in_no_log(start_server):
+    server = start_server()
+    httpx.get(f"{server.url}/version?token={server.token}")
+    httpx.get(f"{server.url}/version", headers=server.headers)
+
+    assert server.token not in server.log.read_text()
+
+
+def test_a_line_break_in_a_path_starts_no_line_in_the_log(start_server):
+    server = start_server()
+
+    httpx.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")
+
+    lines = server.log.read_text().splitlines()
+    assert not [line for line in lines if line.startswith("2026-01-01 forged")]
+    assert "\\u000a2026-01-01 forged\\u001b[2J" in server.log.read_text()
