@@ -57,7 +57,8 @@ def server_note(url: str, environ: Mapping[str, str] | None = None) -> Path:
     parsed = httpx.URL(url)
     port = parsed.port or _DEFAULT_PORT[parsed.scheme]
     state = env.get("XDG_STATE_HOME") or Path(_home(env), ".local", "state")
-    return Path(state, "unghost", "servers", f"{parsed.host}_{port}.json")
+    host = "127.0.0.1" if parsed.host == "localhost" else parsed.host
+    return Path(state, "unghost", "servers", f"{host}_{port}.json")
 
 
 def _home(env: Mapping[str, str]) -> Path:

@@ -85,7 +85,7 @@ def _continue(
 def _copy(
     response: httpx.Response, file: BinaryIO, copied: Callable[[int], object]
 ) -> None:
-    for chunk in response.iter_bytes(_CHUNK_BYTES):
+    for chunk in response.iter_raw():
         file.write(chunk)
         copied(file.tell())
 

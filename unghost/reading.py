@@ -71,8 +71,8 @@ def _plan(cls: type[Result]) -> Plan:
 def _converter(hint: object) -> Convert:
     origin = get_origin(hint)
     if origin in (Union, types.UnionType):
-        (inner,) = (arg for arg in get_args(hint) if arg is not type(None))
-        return _converter(inner)
+        inner = [arg for arg in get_args(hint) if arg is not type(None)]
+        return _converter(inner[0]) if len(inner) == 1 else _as_it_is
     if origin is tuple:
         item = _converter(get_args(hint)[0])
         return lambda values: tuple(item(value) for value in values)
@@ -83,7 +83,11 @@ def _converter(hint: object) -> Convert:
         return hint.read
     if hint is datetime:
         return _time
-    return lambda value: value
+    return _as_it_is
+
+
+def _as_it_is(value: object) -> object:
+    return value
 
 
 def _time(text: str) -> datetime:

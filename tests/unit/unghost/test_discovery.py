@@ -1,0 +1,106 @@
+"""The server and its token are found by rules that people can rely on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from unghost import find_server
+from unghost.discovery import BadServerUrl, server_note
+
+LOCAL = "http://127.0.0.1:8000"
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch) -> Path:
+    """An empty home, in which the current folder is."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def env_of(home: Path, **more: str) -> dict[str, str]:
+    return {"HOME": str(home), **more}
+
+
+def write_token(folder: Path, token: str) -> Path:
+    folder.mkdir(parents=True)
+    file = folder / "token"
+    file.write_text(token + "\n")
+    return file
+
+
+def note(home: Path, url: str, token_file: Path) -> None:
+    file = server_note(url, env_of(home))
+    file.parent.mkdir(parents=True)
+    file.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
+
+
+def test_without_anything_it_is_this_machine_and_no_token(home):
+    found = find_server(environ=env_of(home))
+
+    assert (found.url, found.token) == (LOCAL, None)
+
+
+def test_what_is_said_wins_over_the_environment(home):
+    environ = env_of(home, UNGHOST_SERVER="http://a:1", UNGHOST_TOKEN="env")
+
+    said = find_server("http://b:2/", "mine", environ=environ)
+    from_environ = find_server(environ=environ)
+
+    assert (said.url, said.token) == ("http://b:2", "mine")
+    assert (from_environ.url, from_environ.token) == ("http://a:1", "env")
+
+
+def test_tokens_are_looked_for_in_order(home):
+    write_token(home / "unghost-data", "guess")
+    assert find_server(environ=env_of(home)).token == "guess"
+
+    note(home, LOCAL, write_token(home / "elsewhere", "noted"))
+    assert find_server(environ=env_of(home)).token == "noted"
+
+    write_token(home / "chosen", "chosen")
+    chosen = env_of(home, UNGHOST_DATA=str(home / "chosen"))
+    assert find_server(environ=chosen).token == "chosen"
+
+
+def test_a_note_is_for_its_address_only(home):
+    note(home, "http://127.0.0.1:9000", write_token(home / "elsewhere", "noted"))
+
+    assert find_server("http://127.0.0.1:9000", environ=env_of(home)).token == "noted"
+    assert find_server("http://127.0.0.1:9001", environ=env_of(home)).token is None
+
+
+def test_a_token_of_this_machine_is_not_shown_to_another(home):
+    write_token(home / "unghost-data", "guess")
+
+    assert find_server("http://labels.example", environ=env_of(home)).token is None
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.9.9.9", "[::1]"])
+def test_this_machine_has_many_names(home, host):
+    write_token(home / "unghost-data", "guess")
+
+    assert find_server(f"http://{host}:8000", environ=env_of(home)).token == "guess"
+
+
+def test_a_note_that_cannot_be_read_is_passed_over(home):
+    file = server_note(LOCAL, env_of(home))
+    file.parent.mkdir(parents=True)
+    file.write_text("{half a no")
+
+    assert find_server(environ=env_of(home)).token is None
+
+
+def test_notes_follow_the_state_folder_of_the_desktop_standard(home):
+    environ = env_of(home, XDG_STATE_HOME=str(home / "state"))
+
+    expected = home / "state" / "unghost" / "servers" / "127.0.0.1_8000.json"
+    assert server_note(LOCAL, environ) == expected
+
+
+@pytest.mark.parametrize("url", ["127.0.0.1:8000", "ftp://a", "http://", "http://a:x"])
+def test_an_address_that_is_none_is_refused(home, url):
+    with pytest.raises(BadServerUrl, match="not the address of a server"):
+        find_server(url, environ=env_of(home))

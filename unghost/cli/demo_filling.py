@@ -1,0 +1,84 @@
+"""Fills a server that has just started with the demo, through its API like anyone."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from unghost.cli.options import SourceOptions
+from unghost.cli.push import ensure_dataset
+from unghost.cli.push_report import PushReport
+from unghost.cli.screen import Screen
+from unghost.cli.sources import open_source, outgoing
+from unghost.client import Client
+from unghost.upload import Known, Upload
+from unghost.work_results import Stats
+
+DATASET: Final = "demo"
+
+
+class Filling:
+    """Pushes the street in a thread, since the main thread serves."""
+
+    def __init__(self, street: Path, screen: Screen, *, stop_when_done: bool) -> None:
+        self._street = street
+        self._screen = screen
+        self._stop_when_done = stop_when_done
+        self._error: Exception | None = None
+        self.ended_the_server = False
+
+    def start(self, login_link: str) -> None:
+        """Begin; the server answers from now on."""
+        # A daemon: an interruption does not wait for frames that nobody wants.
+        threading.Thread(target=self._run, args=(login_link,), daemon=True).start()
+
+    def raise_if_failed(self) -> None:
+        """What went wrong, if something did."""
+        if self._error is not None:
+            raise self._error
+
+    def _run(self, login_link: str) -> None:
+        try:
+            self._fill(login_link)
+        except Exception as error:  # told by the main thread, which it ends
+            self._error = error
+        if self._error is not None or self._stop_when_done:
+            self.ended_the_server = True
+            signal.raise_signal(signal.SIGINT)
+
+    def _fill(self, login_link: str) -> None:
+        url, _, token = login_link.partition("/#token=")
+        with Client(url, token) as client:
+            report = _push(client, self._street, self._screen)
+            numbers = client.stats(DATASET)
+        for problem in report.problems:
+            self._screen.note(f"refused: {problem.key}: {problem.error}")
+        self._screen.record(
+            {"login_link": login_link, "dataset": DATASET, "stats": numbers.raw}
+        )
+        self._screen.table(("boxes", "verdict", "reason"), _rows(numbers))
+        self._screen.text(f"\nLog in with\n\n    {login_link}\n")
+
+
+def _push(client: Client, street: Path, screen: Screen) -> PushReport:
+    report = PushReport(Screen())
+    found = open_source(street, SourceOptions())
+    ensure_dataset(client, DATASET, {}, found.classes or ())
+    upload = Upload(client, DATASET, known=Known(client.frames(DATASET)))
+    with screen.progress("filter the street", "frames") as advance:
+        for outcome in upload.send(outgoing(found)):
+            report.add(outcome)
+            advance(report.seen, found.count)
+    return report
+
+
+def _rows(numbers: Stats) -> Iterator[tuple[object, ...]]:
+    from filter_core.types import Reason
+
+    verdicts = {reason.label: reason.verdict.value for reason in Reason}
+    by_count = sorted(numbers.by_reason.items(), key=lambda item: -item[1])
+    for reason, count in by_count:
+        yield count, verdicts.get(reason, ""), reason.replace("_", " ")

@@ -1,0 +1,158 @@
+"""`unghost push`: a folder of frames to the server."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from unghost.cli.command import command
+from unghost.cli.exits import PARTLY, REFUSED, Refused
+from unghost.cli.options import (
+    ChannelOrder,
+    Encoding,
+    Lossy,
+    Palette,
+    ServerOptions,
+    SourceOptions,
+)
+from unghost.cli.push_report import PushReport
+from unghost.cli.sources import open_source, outgoing
+from unghost.client import Client
+from unghost.errors import Conflict, NotFound
+from unghost.results import Dataset
+from unghost.upload import Known, Outcome, Upload
+
+if TYPE_CHECKING:
+    from filter_core.formats.frame_source import FrameSet
+
+_PALETTE = "Tag family of the segmentations."
+
+
+@dataclass(frozen=True, kw_only=True)
+class PushOptions(ServerOptions, SourceOptions):
+    """Options of `unghost push`."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A folder in a recognised layout, or a manifest.jsonl.",
+            exists=True,
+        ),
+    ]
+    dataset: Annotated[
+        str, typer.Option("--dataset", help="Where to; made if it is not there.")
+    ]
+    palette: Annotated[Palette | None, typer.Option(help=_PALETTE)] = None
+    encoding: Annotated[Encoding | None, typer.Option(help="How they write tags.")] = (
+        None
+    )
+    channel_order: Annotated[
+        ChannelOrder | None, typer.Option(help="Order of their colour channels.")
+    ] = None
+    lossy_segmentation: Annotated[
+        Lossy | None, typer.Option(help="What to do with JPEG segmentations.")
+    ] = None
+    workers: Annotated[
+        int, typer.Option(min=1, max=64, help="Uploads at the same time.")
+    ] = 4
+    replace: Annotated[
+        bool,
+        typer.Option(
+            "--replace",
+            help="Send everything, and replace frames whose content changed.",
+        ),
+    ] = False
+
+    @property
+    def dataset_options(self) -> dict[str, str]:
+        """What was said about the dataset's segmentations."""
+        given = {
+            "palette": self.palette,
+            "encoding": self.encoding,
+            "channel_order": self.channel_order,
+            "lossy_segmentation": self.lossy_segmentation,
+        }
+        return {name: one.value for name, one in given.items() if one is not None}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    command(app, "push")(push)
+
+
+def push(options: PushOptions) -> None:
+    """Upload a folder of frames, and have every box decided.
+
+    Safe to interrupt and to repeat: what the server has is not sent again. Exit code 3
+    if some frames were refused or could not be matched; they are listed.
+    """
+    report = PushReport(options.screen)
+    found = open_source(options.source, options)
+    with options.connect() as client:
+        ensure_dataset(
+            client, options.dataset, options.dataset_options, found.classes or ()
+        )
+        send(client, options, found, report)
+    report.print_summary(found.unmatched, options.dataset)
+    if report.problems or found.unmatched:
+        raise typer.Exit(PARTLY if report.succeeded else REFUSED)
+
+
+def ensure_dataset(
+    client: Client, name: str, options: Mapping[str, str], classes: Sequence[str]
+) -> Dataset:
+    """The dataset, made if it is not there; its options must be the ones given."""
+    try:
+        dataset = client.dataset(name)
+    except NotFound:
+        try:
+            return client.create_dataset(name, classes=list(classes) or None, **options)
+        except Conflict:  # another push made it just now
+            dataset = client.dataset(name)
+    for option, value in options.items():
+        there = getattr(dataset, option)
+        if there != value:
+            raise Refused(
+                f"dataset {name!r} has {option} {there!r}, not {value!r}; change it in "
+                "the dataset's settings, which measures every frame again"
+            )
+    return dataset
+
+
+def send(
+    client: Client, options: PushOptions, found: FrameSet, report: PushReport
+) -> None:
+    """Send every frame, with a bar; an interruption says how far it came."""
+    with (
+        options.screen.progress(f"push to {options.dataset}", "frames") as advance,
+        closing(_outcomes(client, options, found)) as outcomes,
+    ):
+        try:
+            for outcome in outcomes:
+                report.add(outcome)
+                advance(report.seen, found.count)
+        except KeyboardInterrupt:
+            options.screen.note(
+                f"interrupted after {report.seen} frames; the same command goes on"
+            )
+            raise
+
+
+def _outcomes(
+    client: Client, options: PushOptions, found: FrameSet
+) -> Generator[Outcome, None, None]:
+    known = None if options.replace else Known(client.frames(options.dataset))
+    upload = Upload(
+        client,
+        options.dataset,
+        known=known,
+        replace=options.replace,
+        workers=options.workers,
+    )
+    return upload.send(outgoing(found))

@@ -1,0 +1,130 @@
+"""What a command prints: data on stdout, everything else on stderr.
+
+On a terminal there are bars and tables; elsewhere plain lines, one TAB between columns.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, TypeAlias
+
+# Steps done so far, out of how many (None: not known).
+Advance: TypeAlias = Callable[[int, "int | None"], None]
+
+_LINE_EVERY_S: Final = 5.0
+
+
+class Screen:
+    """Where a command's output goes."""
+
+    def __init__(self, *, as_json: bool = False) -> None:
+        self.as_json = as_json
+
+    def record(self, record: Mapping[str, Any], text: str | None = None) -> None:
+        """One piece of data: a JSON line, or `text` for people (None: nothing)."""
+        if self.as_json:
+            _print(json.dumps(record, ensure_ascii=False))
+        elif text is not None:
+            self.text(text)
+
+    def text(self, text: str) -> None:
+        """Data for people; with `--json` nothing, a record says the same there."""
+        if not self.as_json:
+            _print(text)
+
+    def table(self, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        """Rows for people; with `--json` nothing, records say the same there."""
+        if self.as_json:
+            return
+        if not sys.stdout.isatty():
+            for row in rows:
+                _print("\t".join(_cell(value) for value in row))
+            return
+        _rich_table(columns, rows)
+
+    def note(self, text: str) -> None:
+        """A line for people who watch; never data."""
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+    @contextmanager
+    def progress(self, title: str, unit: str) -> Iterator[Advance]:
+        """A bar with rate and time left on a terminal, else a line now and then."""
+        if sys.stderr.isatty():
+            with _bar(title, unit) as advance:
+                yield advance
+        else:
+            yield self._lines(title, unit)
+
+    def _lines(self, title: str, unit: str) -> Advance:
+        started = time.monotonic()
+        printed = started
+
+        def advance(done: int, total: int | None) -> None:
+            nonlocal printed
+            now = time.monotonic()
+            if done != total and now - printed < _LINE_EVERY_S:
+                return
+            printed = now
+            rate = done / max(now - started, 1e-9)
+            of = "" if total is None else f" of {total}"
+            self.note(f"{title}: {done}{of} {unit}, {rate:.1f} {unit}/s")
+
+        return advance
+
+
+def _print(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def _cell(value: object) -> str:
+    # A name with a tab or a line break must not look like two cells or two rows.
+    return "" if value is None else " ".join(str(value).split())
+
+
+def _rich_table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in columns:
+        table.add_column(column)
+    for row in rows:
+        # Text: names from users are not markup.
+        table.add_row(*(Text(_cell(value)) for value in row))
+    Console().print(table)
+
+
+@contextmanager
+def _bar(title: str, unit: str) -> Iterator[Advance]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task(title, total=None, rate="")
+
+        def advance(done: int, total: int | None) -> None:
+            speed = progress.tasks[task].speed
+            rate = f"{speed:.1f} {unit}/s" if speed else ""
+            progress.update(task, completed=done, total=total, rate=rate)
+
+        yield advance

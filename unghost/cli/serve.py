@@ -1,0 +1,92 @@
+"""`unghost serve`: the service and its review page, on this machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from unghost.cli.command import command
+from unghost.cli.exits import Refused
+from unghost.cli.options import OutputOptions
+
+if TYPE_CHECKING:
+    from app.settings import Settings
+
+DataFolder: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--data",
+        metavar="DIR",
+        help="Folder of the database and the files; else UNGHOST_DATA, "
+        "else ./unghost-data.",
+        file_okay=False,
+    ),
+]
+Host: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="Address to listen on; else UNGHOST_HOST, else 127.0.0.1."),
+]
+Port: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        help="Port to listen on (0: any free one); else UNGHOST_PORT, else 8000.",
+        min=0,
+        max=65535,
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeOptions(OutputOptions):
+    """Options of `unghost serve`."""
+
+    data: DataFolder = None
+    host: Host = None
+    port: Port = None
+    open: Annotated[
+        bool, typer.Option("--open", help="Open the review page in the browser.")
+    ] = False
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    command(app, "serve")(serve)
+
+
+def serve(options: ServeOptions) -> None:
+    """Serve until interrupted; prints the login link once it is ready."""
+    from app import startup
+
+    screen = options.screen
+    settings = settings_of(data=options.data, host=options.host, port=options.port)
+
+    def ready(link: str) -> None:
+        text = f"Unghost is ready. Log in with\n\n    {link}\n"
+        screen.record({"login_link": link, "data": str(settings.data)}, text)
+
+    try:
+        startup.serve(settings, open_browser=options.open, on_ready=ready)
+    except startup.CannotServe as exc:
+        raise Refused(str(exc)) from exc
+
+
+def settings_of(**given: object) -> Settings:
+    """The environment's settings, with those on top that were given."""
+    from pydantic import ValidationError
+
+    from app.settings import Settings
+
+    chosen: dict[str, Any] = {
+        name: value for name, value in given.items() if value is not None
+    }
+    try:
+        return Settings(**chosen)
+    except ValidationError as exc:
+        faults = [
+            f"UNGHOST_{'_'.join(map(str, each['loc'])).upper()}: {each['msg']}"
+            for each in exc.errors(include_input=False)
+        ]
+        raise typer.BadParameter("; ".join(faults)) from exc
