@@ -1,0 +1,255 @@
+"""Every kind of fault in a frame, its camera and its JSON, with the exact words."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.annotation import AnnotationLimits, parse_annotation
+from filter_core.errors import AnnotationErrors
+
+POSE = {"x": 0, "y": 0, "z": 2.4}
+CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}
+K = [[640, 0, 640], [0, 640, 360], [0, 0, 1]]
+NAN, INF = float("nan"), float("inf")
+
+
+def faults_of(raw, **options):
+    with pytest.raises(AnnotationErrors) as found:
+        parse_annotation(raw, **options)
+    return [(fault.pointer, fault.kind, fault.detail) for fault in found.value.errors]
+
+
+@pytest.mark.parametrize(
+    ("raw", "pointer", "code", "words"),
+    [
+        (
+            {},
+            "/boxes",
+            "missing_boxes",
+            "boxes: expected a list of boxes, found nothing",
+        ),
+        (
+            {"boxes": {}},
+            "/boxes",
+            "missing_boxes",
+            "boxes: expected a list of boxes, found an object",
+        ),
+        (
+            {"boxes": [7]},
+            "/boxes/0",
+            "not_an_object",
+            'box 0 (id "0"): expected an object, found 7',
+        ),
+        ([], "", "not_an_object", "annotation: expected an object, found a list of 0"),
+        (
+            {"boxes": [], "map": 10},
+            "/map",
+            "not_a_text",
+            "map: expected a text, found 10",
+        ),
+        (
+            {"boxes": [], "weather": {"fog": [INF]}},
+            "/weather/fog/0",
+            "not_finite",
+            "weather.fog[0]: expected a finite number, found Infinity",
+        ),
+        (
+            {"boxes": [], "captured_at": "yesterday"},
+            "/captured_at",
+            "bad_time",
+            "captured_at: expected an RFC 3339 time such as 2026-01-01T00:00:00Z, "
+            'found "yesterday"',
+        ),
+        (
+            {"boxes": [], "sensors": {"lidar": 7}},
+            "/sensors/lidar",
+            "not_an_object",
+            "sensors.lidar: expected an object, found 7",
+        ),
+        (
+            {"boxes": [], "a/b~c": {"d": NAN}},
+            "/a~1b~0c/d",
+            "not_finite",
+            "a/b~c.d: expected a finite number, found NaN",
+        ),
+        (
+            {"boxes": [], "kept": {"a\0": 1}},
+            "/kept",
+            "bad_key",
+            "kept: expected keys that are texts without control characters, "
+            r"found the text 'a\x00'",
+        ),
+    ],
+)
+def test_faults_of_a_frame(raw, pointer, code, words):
+    assert faults_of(raw) == [(pointer, code, words)]
+
+
+@pytest.mark.parametrize(
+    ("camera", "pointer", "code", "words"),
+    [
+        (7, "", "not_an_object", ": expected an object, found 7"),
+        (
+            {"height": 720},
+            "/width",
+            "missing",
+            ".width: expected a number of pixels, found nothing",
+        ),
+        (
+            {**CAMERA, "width": 0},
+            "/width",
+            "bad_size",
+            ".width: expected a whole number of pixels from 1, found 0",
+        ),
+        (
+            {**CAMERA, "height": 0.5},
+            "/height",
+            "bad_size",
+            ".height: expected a whole number of pixels from 1, found 0.5",
+        ),
+        (
+            {**CAMERA, "fov": 180},
+            "/fov",
+            "bad_camera",
+            ", fov: expected degrees between 0 and 180, found 180.0",
+        ),
+        (
+            {**CAMERA, "fov": "90"},
+            "/fov",
+            "not_a_number",
+            '.fov: expected a number, found "90"',
+        ),
+        (
+            {**CAMERA, "intrinsic": K},
+            "",
+            "contradiction",
+            ": expected fov or intrinsic, found both",
+        ),
+        (
+            {**CAMERA, "transform": {"x": 1}},
+            "/transform/y",
+            "missing",
+            ".transform.y: expected a number, found nothing",
+        ),
+        (
+            {"width": 9, "height": 9, "intrinsic": [[1, 0, 0], [0, 1, 0]]},
+            "/intrinsic",
+            "wrong_length",
+            ".intrinsic: expected a list of 3 rows of 3 numbers, found a list of 2",
+        ),
+    ],
+)
+def test_faults_of_a_camera(camera, pointer, code, words):
+    found = faults_of({"boxes": [], "camera": camera})
+
+    assert found[0] == (f"/camera{pointer}", code, f"camera{words}")
+
+
+@pytest.mark.parametrize(
+    ("camera", "found"),
+    [(None, "nothing"), ({"width": 9, "height": 9, "fov": 90}, "fov, height, width")],
+)
+def test_a_3d_box_needs_a_camera(camera, found):
+    box = {"id": "9", "class": "car", "box3d": {"extent": [1, 1, 1]}}
+
+    faults = faults_of({"boxes": [box], "camera": camera})
+
+    words = (
+        "camera: expected width, height, fov and transform (or intrinsic and "
+        f'world_to_camera) because box 0 (id "9") is 3D, found {found}'
+    )
+    assert faults == [("/camera", "missing_camera", words)]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (b"{", "a fault at line 1, column 2: Expecting property name enclosed in "),
+        (b"", "a fault at line 1, column 1: Expecting value"),
+        (b'{"map": "\xff"}', "other bytes at offset 9"),
+        (b"[" * 200_000, "JSON that is nested too deeply"),
+        (b"[" + b"1" * 5000 + b"]", "a number of too many digits"),
+    ],
+)
+def test_what_is_not_json_is_one_fault_that_says_where(text, found):
+    ((pointer, code, detail),) = faults_of(text)
+
+    assert (pointer, code) == ("", "not_json")
+    assert detail.startswith(f"annotation: expected JSON in UTF-8, found {found}")
+
+
+def test_json_with_nan_infinity_and_overflow_is_refused_where_it_stands():
+    text = b"""{"boxes": [{"id": "a", "class": "car", "speed": NaN,
+                "xyxy": [NaN, -Infinity, 1e999, 4]}], "weather": {"fog": Infinity}}"""
+
+    assert [fault[:2] for fault in faults_of(text)] == [
+        ("/boxes/0/xyxy/0", "not_finite"),
+        ("/boxes/0/xyxy/1", "not_finite"),
+        ("/boxes/0/xyxy/2", "not_finite"),
+        ("/boxes/0/speed", "not_finite"),
+        ("/weather/fog", "not_finite"),
+    ]
+
+
+def test_a_key_that_json_repeats_is_a_fault():
+    text = """{"map": "a", "map": "b", "boxes": [
+        {"id": "a", "class": "car", "class": "van", "xyxy": [1, 2, 3, 4]}]}"""
+
+    assert faults_of(text) == [
+        (
+            "/map",
+            "duplicate_key",
+            'map: expected a key that occurs once, found "map" twice',
+        ),
+        (
+            "/boxes/0/class",
+            "duplicate_key",
+            'box 0 (id "a"), class: expected a key that occurs once, '
+            'found "class" twice',
+        ),
+    ]
+
+
+def test_all_faults_come_in_one_pass_and_name_the_frame():
+    text = json.dumps(
+        {
+            "map": 1,
+            "boxes": [
+                {"id": "a", "xyxy": [1, 2, 3]},
+                {"id": "b", "class": "car", "xywh": ["1", "2", 3, 4], "distance": -1},
+            ],
+        }
+    )
+
+    found = faults_of(text, frame="town/01")
+
+    assert [fault[0] for fault in found] == [
+        "/map",
+        "/boxes/0/class",
+        "/boxes/0/xyxy",
+        "/boxes/1/xywh/0",
+        "/boxes/1/xywh/1",
+        "/boxes/1/distance",
+    ]
+    assert found[3][2] == (
+        'frame town/01, box 1 (id "b"), xywh[0]: expected a number, found "1"'
+    )
+
+
+def test_more_boxes_than_the_limit_are_one_fault():
+    found = faults_of({"boxes": [{}] * 3}, limits=AnnotationLimits(max_boxes=2))
+
+    words = "boxes: expected at most 2 boxes, found 3"
+    assert found == [("/boxes", "too_many_boxes", words)]
+
+
+def test_kept_values_may_not_be_nested_without_end():
+    deep: object = 1
+    for _ in range(40):
+        deep = [deep]
+
+    ((pointer, code, _),) = faults_of({"boxes": [], "kept": deep})
+
+    assert (pointer, code) == ("/kept" + "/0" * 32, "nested_too_deeply")
