@@ -1,1 +1,1 @@
-"""A synthetic street with known truth."""
+"""A synthetic street with known truth: images, tags, boxes, and which are ghosts."""

@@ -1,0 +1,169 @@
+"""People: walking, standing, and sitting on two wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.demo.mesh import Mesh, join
+from app.demo.paint import BLACK, Paint, Tag
+from app.demo.solids import ball, tube
+
+Point = tuple[float, float, float]
+
+SHIRTS: Final = (
+    (178, 44, 42), (232, 228, 218), (38, 62, 110), (62, 110, 72), (208, 158, 52),
+    (92, 92, 98), (120, 60, 104), (222, 128, 92), (74, 128, 158), (36, 36, 40),
+)  # fmt: skip
+TROUSERS: Final = (
+    (40, 48, 70), (58, 56, 54), (96, 82, 64), (30, 30, 34), (112, 116, 122),
+)  # fmt: skip
+SKINS: Final = ((226, 178, 148), (196, 140, 106), (142, 94, 66), (98, 64, 46))
+HAIRS: Final = (
+    (40, 28, 20),
+    (92, 62, 36),
+    (20, 18, 18),
+    (168, 132, 82),
+    (120, 116, 112),
+)
+
+WALK_PHASES: Final = 4
+
+
+@dataclass(frozen=True)
+class Dress:
+    """What one person wears."""
+
+    shirt: Paint
+    trousers: Paint
+    skin: Paint
+    hair: Paint
+
+    @classmethod
+    def random(cls, rng: np.random.Generator) -> Dress:
+        """Any of the colours."""
+        pick = [
+            colors[rng.integers(len(colors))]
+            for colors in (SHIRTS, TROUSERS, SKINS, HAIRS)
+        ]
+        return cls(*(Paint((float(r), float(g), float(b))) for r, g, b in pick))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the joints of a person are: right side first, then left."""
+
+    hips: Point
+    shoulders: Point
+    head: Point
+    knees: tuple[Point, Point]
+    feet: tuple[Point, Point]
+    elbows: tuple[Point, Point]
+    hands: tuple[Point, Point]
+
+
+def walker(dress: Dress, phase: int, scale: float = 1.0) -> Mesh:
+    """Someone walking along x; `phase` is one of `WALK_PHASES` moments of a step."""
+    figure = person(dress, walking_pose(phase), Tag.PEDESTRIAN)
+    return Mesh(figure.corners * scale, figure.normals, figure.surface, figure.tag)
+
+
+def walking_pose(phase: int) -> Pose:
+    """Legs and arms swing against each other."""
+    swing = float(np.sin(2 * np.pi * phase / WALK_PHASES + 0.6))
+    reach = 0.30 * swing
+    legs = []
+    for side, forward in ((1, reach), (-1, -reach)):
+        lift = 0.10 * max(0.0, -forward) / 0.3
+        legs.append(
+            (
+                (forward * 0.55 + 0.05, 0.10 * side, 0.50),
+                (forward, 0.11 * side, 0.09 + lift),
+            )
+        )
+    arms = []
+    for side, forward in ((1, -reach), (-1, reach)):
+        arms.append(
+            (
+                (forward * 0.35 - 0.03, 0.27 * side, 1.16),
+                (forward * 0.8 + 0.06, 0.27 * side, 0.92),
+            )
+        )
+    (right, right_foot), (left, left_foot) = legs
+    (right_elbow, right_hand), (left_elbow, left_hand) = arms
+    return Pose(
+        hips=(0.0, 0.0, 0.95), shoulders=(0.01, 0.0, 1.43), head=(0.04, 0.0, 1.65),
+        knees=(right, left), feet=(right_foot, left_foot),
+        elbows=(right_elbow, left_elbow), hands=(right_hand, left_hand),
+    )  # fmt: skip
+
+
+def person(dress: Dress, pose: Pose, tag: int) -> Mesh:
+    """A figure of limbs, trunk and head in a given pose."""
+    parts = [_trunk(dress, pose, tag), _head(dress, pose, tag)]
+    for side in (0, 1):
+        parts += [_leg(dress, pose, side, tag), _arm(dress, pose, side, tag)]
+    return join(parts)
+
+
+def _trunk(dress: Dress, pose: Pose, tag: int) -> Mesh:
+    hips, shoulders = np.array(pose.hips), np.array(pose.shoulders)
+    waist = hips + 0.35 * (shoulders - hips)
+    chest = hips + 0.72 * (shoulders - hips)
+    return join(
+        [
+            ball(hips, (0.13, 0.175, 0.13), (dress.trousers, tag)),
+            ball(waist, (0.115, 0.165, 0.20), (dress.shirt, tag)),
+            ball(chest, (0.13, 0.205, 0.21), (dress.shirt, tag)),
+            ball(
+                shoulders - np.array([0, 0, 0.03]),
+                (0.10, 0.225, 0.085),
+                (dress.shirt, tag),
+            ),
+        ]
+    )
+
+
+def _head(dress: Dress, pose: Pose, tag: int) -> Mesh:
+    head = np.array(pose.head)
+    neck = tube(np.array(pose.shoulders), head, 0.055, (dress.skin, tag), 8)
+    face = ball(head, (0.095, 0.08, 0.12), (dress.skin, tag), 12)
+    hair = ball(
+        head + np.array([-0.022, 0, 0.03]), (0.092, 0.088, 0.105), (dress.hair, tag), 12
+    )
+    return join([neck, face, hair])
+
+
+def _leg(dress: Dress, pose: Pose, side: int, tag: int) -> Mesh:
+    sign = 1 - 2 * side
+    hip = np.array(pose.hips) + np.array([0, 0.09 * sign, -0.03])
+    knee, foot = np.array(pose.knees[side]), np.array(pose.feet[side])
+    return join(
+        [
+            tube(hip, knee, (0.092, 0.066), (dress.trousers, tag), 8),
+            tube(knee, foot, (0.066, 0.046), (dress.trousers, tag), 8),
+            ball(knee, 0.066, (dress.trousers, tag), 8),
+            ball(
+                foot + np.array([0.06, 0, -0.035]),
+                (0.135, 0.05, 0.052),
+                (BLACK, tag),
+                8,
+            ),
+        ]
+    )
+
+
+def _arm(dress: Dress, pose: Pose, side: int, tag: int) -> Mesh:
+    sign = 1 - 2 * side
+    shoulder = np.array(pose.shoulders) + np.array([0, 0.20 * sign, -0.04])
+    elbow, hand = np.array(pose.elbows[side]), np.array(pose.hands[side])
+    return join(
+        [
+            tube(shoulder, elbow, (0.062, 0.048), (dress.shirt, tag), 8),
+            tube(elbow, hand, (0.048, 0.036), (dress.shirt, tag), 8),
+            ball(elbow, 0.048, (dress.shirt, tag), 8),
+            ball(hand, (0.045, 0.04, 0.055), (dress.skin, tag), 8),
+        ]
+    )

@@ -1,0 +1,265 @@
+"""From the nearest triangle of each pixel to a photograph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.demo.facade import WallPixels, facade_look
+from app.demo.ground import RoadPlan, grass, paving
+from app.demo.mesh import Mesh
+from app.demo.paint import Kind
+from app.demo.sky import Hour, mirrored_surroundings, sky_light, sky_with_clouds
+from app.demo.sunlight import ShadowMap
+from app.demo.textures import Float32, cloudy_tile, sample
+from filter_core.types import FloatArray
+
+GROUND: Final = -2
+NOTHING: Final = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """N pixels with a surface: where it is and what it is made of."""
+
+    position: Float32
+    direction: Float32
+    depth: Float32
+    normal: Float32
+    surface: Float32
+    metres_per_pixel: Float32
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """What lights a frame."""
+
+    hour: Hour
+    shadows: tuple[ShadowMap, ...]
+    plan: RoadPlan
+
+
+@dataclass(eq=False)
+class Look:
+    """What the kinds of surface decide, per pixel."""
+
+    albedo: Float32
+    gloss: Float32
+    glow: Float32
+    open_sky: Float32
+    normal: Float32
+
+
+def shade(pixels: Pixels, ground: NDArray[np.bool_], open_sky: Float32, light: Lighting) -> Float32:
+    """(N, 3) linear light that reaches the camera, haze included."""
+    look = _looks(pixels, ground, light.plan)
+    look.open_sky = look.open_sky * open_sky
+    kind = pixels.surface[:, 5].astype(np.int32)
+    leaf = (kind == Kind.LEAF) & ~ground
+    diffuse = look.albedo * _irradiance(pixels, look, leaf, light)
+    shiny = np.flatnonzero(look.gloss > 0)
+    diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.hour)
+    diffuse += look.albedo * look.glow[:, None] * 2.0
+    return _hazed(pixels, diffuse, light.hour)
+
+
+def _looks(pixels: Pixels, ground: NDArray[np.bool_], plan: RoadPlan) -> Look:
+    surface = pixels.surface
+    look = Look(
+        albedo=surface[:, :3].copy(),
+        gloss=surface[:, 3].copy(),
+        glow=surface[:, 4].copy(),
+        open_sky=np.ones(len(surface), dtype=np.float32),
+        normal=pixels.normal,
+    )
+    kind = np.where(ground, -1, surface[:, 5].astype(np.int32))
+    _look_at_ground(pixels, look, np.flatnonzero(ground), plan)
+    _look_at_walls(pixels, look, np.flatnonzero(kind == Kind.FACADE))
+    _look_at_masonry(pixels, look, np.flatnonzero(kind == Kind.MASONRY))
+    flat = np.flatnonzero(kind == Kind.PAVING)
+    x, y = pixels.position[flat, 0], pixels.position[flat, 1]
+    look.albedo[flat] = paving(x, y, look.albedo[flat], _ground_footprint(pixels, flat))
+    lawn = np.flatnonzero(kind == Kind.GRASS)
+    x, y = pixels.position[lawn, 0], pixels.position[lawn, 1]
+    look.albedo[lawn] = grass(x, y, _ground_footprint(pixels, lawn)[0])
+    return look
+
+
+def _ground_footprint(pixels: Pixels, chosen: NDArray[np.int64]) -> tuple[Float32, Float32]:
+    """Metres per pixel along x and y: grazing rays see far along their direction."""
+    ray = pixels.direction[chosen]
+    size = pixels.metres_per_pixel[chosen]
+    steep = np.maximum(np.abs(ray[:, 2]), 1e-3)
+    return (
+        size * (1 + np.abs(ray[:, 0]) * (1 / steep - 1)),
+        size * (1 + np.abs(ray[:, 1]) * (1 / steep - 1)),
+    )
+
+
+def _look_at_ground(pixels: Pixels, look: Look, chosen: NDArray[np.int64], plan: RoadPlan) -> None:
+    x, y = pixels.position[chosen, 0], pixels.position[chosen, 1]
+    _, albedo = plan.look(x, y, _ground_footprint(pixels, chosen))
+    look.albedo[chosen] = albedo
+    look.gloss[chosen] = 0.012
+    look.glow[chosen] = 0.0
+
+
+def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
+    size = pixels.metres_per_pixel[chosen]
+    facing = np.abs(np.sum(pixels.normal[chosen] * pixels.direction[chosen], axis=1))
+    upright = np.sqrt(np.maximum(1 - pixels.direction[chosen, 2] ** 2, 0.05))
+    wall = WallPixels(
+        position=pixels.position[chosen],
+        normal=pixels.normal[chosen],
+        albedo=pixels.surface[chosen, :3],
+        params=pixels.surface[chosen, 6:10],
+        footprint=(size / upright, size / np.maximum(facing, 0.04)),
+    )
+    seen = facade_look(wall)
+    look.albedo[chosen] = seen.albedo
+    look.gloss[chosen] = seen.gloss
+    look.glow[chosen] = seen.glow
+    look.open_sky[chosen] = seen.open_sky
+    bent = pixels.normal[chosen] + np.stack([seen.tilt, -seen.tilt, 0.4 * seen.tilt], axis=1)
+    look.normal[chosen] = bent
+
+
+def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
+    position = pixels.position[chosen]
+    along = position[:, 0] + position[:, 1]
+    z = position[:, 2]
+    tone = 1 + 0.09 * sample(cloudy_tile(41), along, z, 18.0)
+    tone += 0.07 * sample(cloudy_tile(42), along * 0.5, z * 3, 30.0)
+    near = 1 / (1 + (pixels.metres_per_pixel[chosen] * 40) ** 2)
+    joint = np.mod(z, 0.3) < 0.02
+    joint |= np.mod(along + 0.3 * (np.floor(z / 0.3) % 2), 0.6) < 0.02
+    look.albedo[chosen] *= (tone - 0.22 * joint * near)[:, None]
+
+
+def _irradiance(pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Lighting) -> Float32:
+    hour = light.hour
+    sun = np.float32(hour.sun)
+    facing = look.normal @ sun
+    lit = np.maximum(facing, 0.0)
+    # Light also shines through leaves and wraps around their clumps.
+    lit = np.where(leaf, 0.30 + 0.62 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
+    in_sun = np.flatnonzero(lit > 0)
+    shine = np.ones(len(in_sun), dtype=np.float32)
+    # Start from the front side of the surface, or its own texels would shade it.
+    points = pixels.position[in_sun] + look.normal[in_sun] * np.float32(0.05)
+    for shadow in light.shadows:
+        shine = np.minimum(shine, shadow.shine(points))
+    direct = np.zeros_like(lit)
+    direct[in_sun] = lit[in_sun] * shine
+    upwards = (0.5 + 0.5 * look.normal[:, 2])[:, None]
+    dome = np.float32(hour.zenith) * 0.55 + np.float32(hour.horizon) * 0.45
+    bounce = np.float32(hour.bounce)
+    ambient = bounce + (dome - bounce) * upwards
+    total: Float32 = np.float32(hour.sunlight) * direct[:, None]
+    total += ambient * look.open_sky[:, None]
+    return total
+
+
+def _with_mirror(
+    pixels: Pixels, look: Look, diffuse: Float32, shiny: NDArray[np.int64], hour: Hour
+) -> Float32:
+    ray, normal = pixels.direction[shiny], look.normal[shiny]
+    facing = np.sum(ray * normal, axis=1)
+    away = ray - 2 * facing[:, None] * normal
+    gloss = look.gloss[shiny]
+    share = gloss + (1 - gloss) * (1 - np.clip(np.abs(facing), 0, 1)) ** 5 * np.minimum(1, gloss * 12)
+    mirrored = mirrored_surroundings(hour, away)
+    towards_sun = np.clip(away @ np.float32(hour.sun), 0, 1)
+    sparkle = (towards_sun**220 * 9.0 + towards_sun**24 * 0.35) * (gloss > 0.03)
+    mirrored = mirrored + np.float32(hour.sunlight) * sparkle[:, None]
+    mirrored *= look.open_sky[shiny][:, None]
+    seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
+    return seen
+
+
+def _hazed(pixels: Pixels, light: Float32, hour: Hour) -> Float32:
+    level = pixels.direction.copy()
+    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
+    air = sky_light(hour, level) * 0.92
+    length = pixels.depth * np.linalg.norm(pixels.direction, axis=1)
+    share = 1 - np.exp(-((length * hour.haze) ** 1.25))
+    hazed: Float32 = light + (air - light) * share[:, None]
+    return hazed
+
+
+def smooth_normals(
+    mesh: Mesh, homogeneous: FloatArray, chosen: NDArray[np.int64], uv: Float32, flat: Float32
+) -> Float32:
+    """(N, 3) normals of pixels on triangles whose corners have different normals.
+
+    A normal divided by the depth is linear on the screen, so three coefficients per axis
+    and triangle say it for every pixel.
+    """
+    unique, which = np.unique(chosen, return_inverse=True)
+    rows = homogeneous[unique]
+    a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
+    inverse = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
+    volume = np.sum(a * np.cross(b, c), axis=1)
+    sound = np.abs(volume) > 1e-9
+    inverse /= np.where(sound, volume, 1.0)[:, None, None]
+    slope = (inverse @ mesh.normals[unique]).astype(np.float32)
+    normals = slope[which, 0] * uv[:, :1] + slope[which, 1] * uv[:, 1:] + slope[which, 2]
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    good = sound[which] & (length[:, 0] > 1e-12)
+    return np.where(good[:, None], normals / np.maximum(length, 1e-12), flat)
+
+
+def develop(light: Float32, exposure: float) -> NDArray[np.uint8]:
+    """Linear light (H, W, 3) to a display image, by a film's curve."""
+    x = light * np.float32(exposure)
+    # Narkowicz, "ACES filmic tone mapping curve", 2015.
+    film = (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
+    index = (np.clip(film, 0, 1) * 4095).astype(np.int32)
+    return _GAMMA[index]
+
+
+def _gamma_table() -> Float32:
+    ramp = np.linspace(0, 1, 4096)
+    srgb = np.where(ramp <= 0.0031308, 12.92 * ramp, 1.055 * ramp ** (1 / 2.4) - 0.055)
+    return (srgb * 255).astype(np.float32)
+
+
+_GAMMA: Final = _gamma_table()
+
+
+def ambient_occlusion(depth: Float32, focal: float) -> Float32:
+    """(H, W) 0..1: how much of the sky a pixel's surroundings leave open.
+
+    Pairs of opposite neighbours: on a plane their mean nearness is the pixel's own; in a
+    corner they are nearer.
+    """
+    height, width = depth.shape
+    small = cv2.resize(1.0 / depth, (width // 2, height // 2), interpolation=cv2.INTER_NEAREST)
+    closed = np.zeros_like(small)
+    for reach in (3, 7, 15):
+        for du, dv in ((1, 0), (0, 1), (0.7, 0.7), (0.7, -0.7)):
+            x, y = int(round(du * reach)), int(round(dv * reach))
+            closed += _pair_occlusion(small, x, y, focal / 2)
+    open_sky = 1 - np.clip(closed / 12 * 2.6, 0, 0.72)
+    blurred = cv2.blur(open_sky, (5, 5))
+    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
+    shifted = []
+    padded = cv2.copyMakeBorder(nearness, 16, 16, 16, 16, cv2.BORDER_REPLICATE)
+    rows, columns = nearness.shape
+    for sign in (1, -1):
+        top, left = 16 + sign * y, 16 + sign * x
+        shifted.append(padded[top : top + rows, left : left + columns])
+    mean = (shifted[0] + shifted[1]) * np.float32(0.5)
+    step_m = np.float32(np.hypot(x, y) / focal) / nearness
+    rise_m = (mean - nearness) / (nearness * nearness)
+    closed = np.clip(rise_m / np.maximum(step_m, 0.02), 0, 1)
+    # Far in front is another object, and wide steps say nothing about a near corner.
+    closed *= np.clip(1.6 - rise_m / 1.2, 0, 1) * np.clip(2.0 - step_m / 0.7, 0, 1)
+    return closed
