@@ -153,19 +153,27 @@ def _is_in_order(boxes: FloatArray) -> BoolArray:
 
 
 def _reordered(corners: FloatArray) -> FloatArray:
-    # `opposite[i]` is the corner through the centre from corner i.
-    mirrored = 2 * corners.mean(axis=0) - corners
-    gaps = np.linalg.norm(mirrored[:, None] - corners[None], axis=2)
-    opposite = gaps.argmin(axis=1)
-    first, last = 0, int(opposite[0])
-    pairs = [(i, int(opposite[i])) for i in range(1, 8) if i < opposite[i]]
-    pairs = [pair for pair in pairs if last not in pair]
-    if len(pairs) != 3:
-        return corners
-    diagonal = corners[last] - corners[first]
+    opposite = _opposite_corners(corners)
+    first, last = 0, opposite[0]
+    pairs = [(i, opposite[i]) for i in range(1, 8) if i < opposite[i]]
     choices = np.array(list(product(*pairs)))
     sums = (corners[choices] - corners[first]).sum(axis=1)
-    x, y, z = choices[np.linalg.norm(sums - diagonal, axis=1).argmin()]
+    diagonal = corners[last] - corners[first]
+    x, y, z = choices[np.linalg.norm(sums - diagonal, axis=1).argmin()].tolist()
     order = [first, z, y, opposite[x], x, opposite[y], opposite[z], last]
     ordered: FloatArray = corners[order]
     return ordered if _is_in_order(ordered[None])[0] else corners
+
+
+def _opposite_corners(corners: FloatArray) -> list[int]:
+    """For each corner the one through the centre."""
+    mirrored = 2 * corners.mean(axis=0) - corners
+    gaps = np.linalg.norm(mirrored[:, None] - corners[None], axis=2)
+    opposite = [-1] * 8
+    for i in range(8):
+        if opposite[i] < 0:
+            # Each is taken once: corners of a flat box coincide and could be mixed up.
+            free = [j for j in range(8) if j != i and opposite[j] < 0]
+            opposite[i] = min(free, key=lambda j: float(gaps[i, j]))
+            opposite[opposite[i]] = i
+    return opposite

@@ -44,8 +44,9 @@ def clip_segments(
     .. [1] Y.-D. Liang, B. Barsky, "A New Concept and Method for Line Clipping",
        ACM Transactions on Graphics 3(1), 1984.
     """
-    step = start - end
-    crossing = start / np.where(step == 0, 1.0, step)
+    # Where both ends are on one side, a tiny step would overflow the division.
+    crosses = (start < 0) != (end < 0)
+    crossing = start / np.where(crosses, start - end, 1.0)
     enter = np.where(start < 0, crossing, 0.0).max(axis=-1)
     leave = np.where(end < 0, crossing, 1.0).min(axis=-1)
     wholly_out = ((start < 0) & (end < 0)).any(axis=-1)
@@ -129,6 +130,8 @@ def _range_in_strip(
     enter, leave, inside = clip_segments(distance[:, first], distance[:, second])
     start, step = along[:, first], along[:, second] - along[:, first]
     ends = np.stack([start + enter * step, start + leave * step])
+    # Rounding must not move an end beyond the corners themselves.
+    np.clip(ends, along.min(axis=1)[:, None], along.max(axis=1)[:, None], out=ends)
     low = np.where(inside, ends, np.inf).min(axis=(0, 2))
     high = np.where(inside, ends, -np.inf).max(axis=(0, 2))
     return low, high

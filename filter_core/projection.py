@@ -204,7 +204,7 @@ def _clipped_bounds(
 
 
 def _naive_bounds(image_points: FloatArray) -> BoxesXYXY:
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         pixels = image_points[..., :2] / image_points[..., 2:]
     # The paper's comparisons are false for NaN, as fmin and fmax ignore it.
     low = np.fmin.reduce(pixels, axis=1, initial=_NAIVE_START)
@@ -227,13 +227,10 @@ def _clipped_edges(image_points: FloatArray, wh: tuple[int, int]) -> list[FloatA
     distance = np.stack(planes, axis=-1)
     first, second = EDGES.T
     enter, leave, inside = clip_segments(distance[:, first], distance[:, second])
-    start, step = (
-        image_points[:, first],
-        image_points[:, second] - image_points[:, first],
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = [start + share[..., None] * step for share in (enter, leave)]
-        pixels = [end[..., :2] / end[..., 2:] for end in ends]
+    start = image_points[:, first][inside]
+    step = image_points[:, second][inside] - start
+    ends = [start + share[inside, None] * step for share in (enter, leave)]
+    lines = np.concatenate([end[:, :2] / end[:, 2:] for end in ends], axis=1)
     # Rounding can leave a clipped end a hair outside.
-    lines = np.concatenate(pixels, axis=-1).clip(0.0, [*wh, *wh])
-    return [row[keep] for row, keep in zip(lines, inside, strict=True)]
+    lines = lines.clip(0.0, [*wh, *wh])
+    return np.split(lines, np.cumsum(inside.sum(axis=1))[:-1]) if len(inside) else []

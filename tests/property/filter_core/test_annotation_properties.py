@@ -1,0 +1,120 @@
+"""Whatever JSON comes, an annotation is read or refused with places that exist."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from filter_core.annotation import parse_annotation
+from filter_core.errors import AnnotationErrors
+
+KEYS = [
+    "id",
+    "class",
+    "type_id",
+    "xyxy",
+    "xywh",
+    "cxcywhn",
+    "vertices",
+    "box3d",
+    "distance",
+    "instance_id",
+    "extra",
+    "extent",
+    "transform",
+    "width",
+    "height",
+    "fov",
+    "x",
+    "y",
+    "z",
+    "yaw",
+    "other",
+]
+leaves = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=5),
+)
+values = st.recursive(
+    leaves,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=8),
+        st.dictionaries(st.sampled_from(KEYS), inner, max_size=5),
+    ),
+    max_leaves=12,
+)
+odd_boxes = st.dictionaries(st.sampled_from(KEYS), values, max_size=6)
+numbers = st.floats(-1e9, 1e9)
+good_boxes = st.fixed_dictionaries(
+    {
+        "class": st.sampled_from(["car", "van"]),
+        "xyxy": st.lists(numbers, min_size=4, max_size=4),
+    },
+    optional={"distance": st.floats(0, 1e6), "mine": st.integers(-5, 5)},
+)
+frames = st.fixed_dictionaries(
+    {"boxes": st.lists(st.one_of(odd_boxes, good_boxes), max_size=4)},
+    optional={"camera": values, "weather": values, "sensors": values, "note": values},
+)
+
+
+def errors_of(raw):
+    try:
+        parse_annotation(raw)
+    except AnnotationErrors as refused:
+        return refused.errors
+    return ()
+
+
+@given(raw=frames)
+def test_every_fault_names_its_box_and_what_was_expected_and_found(raw):
+    before = copy.deepcopy(raw)
+
+    for fault in errors_of(raw):
+        assert fault.kind
+        assert ": expected " in fault.detail
+        assert ", found " in fault.detail
+        if fault.pointer.startswith("/boxes/"):
+            index = fault.pointer.split("/")[2]
+            assert fault.detail.startswith(f"box {index} (id ")
+    assert repr(raw) == repr(before)
+
+
+@given(raw=frames)
+def test_bytes_have_the_faults_of_the_mapping(raw):
+    text = json.dumps(raw)
+
+    by_text = [(fault.pointer, fault.kind) for fault in errors_of(text.encode())]
+
+    assert by_text == [(fault.pointer, fault.kind) for fault in errors_of(raw)]
+
+
+@given(raw=frames)
+def test_what_is_read_can_be_given_back_as_json(raw):
+    if errors_of(raw):
+        return
+
+    read = parse_annotation(raw)
+
+    kept = [read.extra, read.weather, *(box.extra for box in read.boxes)]
+    json.dumps(kept, allow_nan=False, ensure_ascii=False).encode()
+
+
+@given(boxes=st.lists(good_boxes, max_size=6))
+def test_good_boxes_come_back_as_they_were_given(boxes):
+    read = parse_annotation({"boxes": boxes}).boxes
+
+    assert [list(box.values) for box in read] == [box["xyxy"] for box in boxes]
+    assert [box.id for box in read] == [str(i) for i in range(len(boxes))]
+    assert [box.extra.get("mine") for box in read] == [box.get("mine") for box in boxes]
+
+
+@given(raw=st.binary(max_size=40))
+def test_any_bytes_are_read_or_refused(raw):
+    errors_of(raw)
