@@ -45,5 +45,7 @@ def configure_logging(level: str) -> None:
     to_stderr = logging.StreamHandler(sys.stderr)
     to_stderr.setFormatter(OneRecordPerLine(_FORMAT))
     logging.basicConfig(level=logging.WARNING, handlers=[to_stderr], force=True)
+    # What it would say of failures, we say, without a second traceback.
+    logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
     for name in ("unghost", "app"):
         logging.getLogger(name).setLevel(level.upper())

@@ -57,7 +57,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     # Opening and closing block (migrations, waiting for work to stop): off the loop.
     lifetime = running(app.state.settings)
-    services = await run_in_threadpool(lifetime.__enter__)
+    try:
+        services = await run_in_threadpool(lifetime.__enter__)
+    except Exception as exc:
+        app.state.failure = exc  # a server only reports that there was one
+        raise
     app.state.database, app.state.services = services.database, services
     try:
         yield

@@ -61,13 +61,6 @@ class Settings(BaseSettings):
         le=8784,
         description="Hours after which a browser must log in again.",
     )
-    write_wait_s: float = Field(
-        default=30.0,
-        gt=0,
-        le=600,
-        description="Seconds a request waits for its turn to write before it is told "
-        "to try later.",
-    )
     min_free_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
         ge=0,

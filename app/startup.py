@@ -15,7 +15,7 @@ from typing import Final
 import uvicorn
 from fastapi import FastAPI
 
-from app.logs import configure_logging
+from app.logs import configure_logging, error_log
 from app.main import create_app
 from app.services.access import write_secret
 from app.settings import Settings, bracketed
@@ -57,14 +57,13 @@ def serve(
             if open_browser:
                 webbrowser.open(link)
 
-        server = _Server(server_config(create_app(settings)), ready, note.remove)
-        with suppress(KeyboardInterrupt):  # the usual way to end it
+        app = create_app(settings)
+        server = _Server(server_config(app), ready, note.remove)
+        # The usual way to end it, and uvicorn's way to say that it never started.
+        with suppress(KeyboardInterrupt, SystemExit):
             server.run(sockets=[listener])
     if not server.started:
-        raise CannotServe(
-            f"the service could not start with the data folder {str(settings.data)!r}; "
-            "the reason is above"
-        )
+        raise _cannot_start(settings, app.state.failure)
 
 
 class ServerNote:
@@ -122,6 +121,16 @@ class _Server(uvicorn.Server):
         """Say so, then stop: afterwards a SIGTERM may end the process at once."""
         self._stopping()
         await super().shutdown(sockets)
+
+
+def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
+    if not isinstance(reason, OSError):
+        error_log.error("could not start", exc_info=reason)
+    text = getattr(reason, "strerror", None) or type(reason).__name__
+    return CannotServe(
+        f"the service could not start with the data folder {str(settings.data)!r}: "
+        f"{text}"
+    )
 
 
 def server_config(app: FastAPI) -> uvicorn.Config:

@@ -9,13 +9,19 @@ import sys
 
 import httpx
 
-from tests.servers import running_server, start
+from tests.servers import running_server, start, stop, wait_for_link
 
 
 def note_of(server):
     port = server.url.rpartition(":")[2]
     state = server.data.with_name(f"{server.data.name}-state")
     return state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
+
+
+def refused(data, log, **settings):
+    """The exit code of a server that cannot start."""
+    with start([sys.executable, "-m", "app"], data, log, settings) as process:
+        return process.wait(60)
 
 
 def test_the_login_link_logs_in(start_server):
@@ -57,40 +63,47 @@ def test_an_interrupt_is_a_clean_end(start_server):
 
 
 def test_a_port_that_is_taken_is_said_in_one_line(start_server, tmp_path):
-    server = start_server()
+    port = start_server().url.rpartition(":")[2]
     log = tmp_path / "second.log"
-    port = {"UNGHOST_PORT": server.url.rpartition(":")[2]}
 
-    second = start([sys.executable, "-m", "app"], tmp_path / "second", log, port)
+    code = refused(tmp_path / "second", log, UNGHOST_PORT=port)
 
-    assert second.wait(60) == 1
-    second.stdout.close()
+    assert code == 1
     assert "another server" in log.read_text()
     assert len(log.read_text().splitlines()) == 1
 
 
 def test_a_setting_that_cannot_be_is_named(tmp_path):
     log = tmp_path / "log"
-    wrong = {"UNGHOST_PORT": "many"}
 
-    process = start([sys.executable, "-m", "app"], tmp_path / "data", log, wrong)
+    code = refused(tmp_path / "data", log, UNGHOST_PORT="many")
 
-    assert process.wait(60) == 2
-    process.stdout.close()
+    assert code == 2
     assert log.read_text().startswith("UNGHOST_PORT: ")
     assert "many" not in log.read_text()
 
 
-def test_a_data_folder_that_cannot_be_one_is_said(tmp_path):
-    file = tmp_path / "file"
-    file.write_text("not a folder")
+def test_a_data_folder_that_cannot_be_one_is_said_in_one_line(tmp_path):
+    (tmp_path / "data").write_text("not a folder")
     log = tmp_path / "log"
 
-    process = start([sys.executable, "-m", "app"], file, log, {})
+    code = refused(tmp_path / "data", log)
 
-    assert process.wait(60) == 1
-    process.stdout.close()
-    assert "could not start" in log.read_text()
+    assert code == 1
+    assert "File exists" in log.read_text()
+    assert len(log.read_text().splitlines()) == 1
+
+
+def test_a_database_that_is_none_is_said(tmp_path):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "unghost.db").write_text("not a database" * 100)
+    log = tmp_path / "log"
+
+    code = refused(tmp_path / "data", log)
+
+    assert code == 1
+    assert "file is not a database" in log.read_text()
+    assert log.read_text().splitlines()[-1].startswith("the service could not start")
 
 
 def test_two_processes_that_start_together_migrate_once(tmp_path):
@@ -98,16 +111,16 @@ def test_two_processes_that_start_together_migrate_once(tmp_path):
     command = [sys.executable, "-m", "app"]
     processes = [start(command, data, tmp_path / f"log{n}", {}) for n in range(2)]
 
-    links = [
-        next(line for line in process.stdout if "#token=" in line).partition("#")[2]
-        for process in processes
+    tokens = [
+        wait_for_link(process, tmp_path / f"log{n}")[1]
+        for n, process in enumerate(processes)
     ]
 
     for process in processes:
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
-        process.stdout.close()
-    assert links[0] == links[1]
+        stop(process)
+    assert tokens[0] == tokens[1]
 
 
 def test_the_token_is_in_no_log(start_server):

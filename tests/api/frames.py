@@ -1,0 +1,76 @@
+"""Tiny frames with a known answer, for tests that send them to a server.
+
+Each one shows a road under the sky with one car on it: the box on the car is kept, the
+box on the empty sky is rejected.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from filter_core.palettes import FAMILIES
+
+WIDTH, HEIGHT = 64, 48
+FAMILY = "carla-0.9.14"
+ON_THE_CAR = [20, 24, 40, 40]
+IN_THE_SKY = [2, 2, 12, 12]
+
+
+def tags(shift: int = 0) -> np.ndarray:
+    """The scene as tags; the car stands `shift` pixels further right."""
+    palette = FAMILIES[FAMILY]
+    scene = np.full((HEIGHT, WIDTH), palette.tag_of("Sky"), np.uint8)
+    scene[20:] = palette.tag_of("Road")
+    x0, y0, x1, y1 = ON_THE_CAR
+    scene[y0:y1, x0 + shift : x1 + shift] = palette.tag_of("Car")
+    return scene
+
+
+def png(rgb: np.ndarray) -> bytes:
+    written, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
+    assert written
+    return data.tobytes()
+
+
+def segmentation(shift: int = 0) -> bytes:
+    return png(FAMILIES[FAMILY].paint(tags(shift)))
+
+
+def image(number: int = 0) -> bytes:
+    return png(np.full((HEIGHT, WIDTH, 3), number % 256, np.uint8))
+
+
+def annotation() -> dict[str, object]:
+    return {
+        "carla_version": "0.9.15",
+        "map": "Town10HD",
+        "camera": {"width": WIDTH, "height": HEIGHT, "fov": 90},
+        "boxes": [
+            {"id": "real", "class": "car", "xyxy": ON_THE_CAR},
+            {"id": "ghost", "class": "car", "xyxy": IN_THE_SKY},
+        ],
+    }
+
+
+def write_manifest(
+    folder: Path, count: int, *, bad: frozenset[int] = frozenset()
+) -> Path:
+    """A folder of `count` frames; of those in `bad` a box has no number at all."""
+    (folder / "rgb").mkdir(parents=True)
+    (folder / "seg").mkdir()
+    lines = []
+    for number in range(count):
+        name = f"{number:06}.png"
+        (folder / "rgb" / name).write_bytes(image(number))
+        (folder / "seg" / name).write_bytes(segmentation())
+        frame = {"key": f"run/{number:06}", **annotation()}
+        if number in bad:
+            frame["boxes"] = [{"id": "x", "class": "car", "xyxy": [0, 0, "wide", 9]}]
+        files = {"image": f"rgb/{name}", "segmentation": f"seg/{name}"}
+        lines.append(json.dumps({**frame, **files}))
+    (folder / "manifest.jsonl").write_text("\n".join(lines) + "\n")
+    return folder

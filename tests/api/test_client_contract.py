@@ -1,0 +1,337 @@
+"""The client and the real server speak the same language: every method, no mock."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Iterator
+
+import pytest
+
+import unghost
+from tests.api import frames
+from tests.servers import RunningServer
+from unghost import Client
+
+STRICT = {"threshold_small_box": 90}
+
+
+@pytest.fixture
+def client(server: RunningServer) -> Iterator[Client]:
+    with Client(server.url, server.token) as client:
+        yield client
+
+
+@pytest.fixture
+def dataset(client: Client, request: pytest.FixtureRequest) -> str:
+    """An empty dataset of the test's own."""
+    digest = hashlib.sha256(request.node.nodeid.encode()).hexdigest()[:12]
+    return client.create_dataset(f"contract-{digest}", classes=["car"]).name
+
+
+@pytest.fixture
+def filled(client: Client, dataset: str) -> str:
+    """A dataset of three frames, each with a box to keep and one to reject."""
+    for number in range(3):
+        put(client, dataset, f"run/{number:06}", number)
+    return dataset
+
+
+def put(client: Client, dataset: str, key: str, number: int = 0, **options: bool):
+    return client.put_frame(
+        dataset,
+        key,
+        frames.annotation(),
+        image=frames.image(number),
+        segmentation=frames.segmentation(),
+        **options,
+    )
+
+
+def ghost(client: Client, dataset: str) -> unghost.Decision:
+    return next(client.boxes(dataset, verdict="rejected"))
+
+
+def test_version_and_readiness(client):
+    assert client.version().version
+    assert client.ready() is True
+
+
+def test_a_wrong_token_is_unauthorized(server):
+    with (
+        Client(server.url, "wrong") as stranger,
+        pytest.raises(unghost.Unauthorized) as caught,
+    ):
+        list(stranger.datasets())
+
+    assert caught.value.status == 401
+    assert caught.value.request_id
+
+
+def test_a_dataset_is_made_changed_and_deleted(client, dataset):
+    assert dataset in [each.name for each in client.datasets()]
+    assert client.dataset(dataset).classes == ("car",)
+
+    changed = client.change_dataset(dataset, description="a street")
+    assert changed.description == "a street"
+
+    client.delete_dataset(dataset)
+    with pytest.raises(unghost.NotFound):
+        client.dataset(dataset)
+
+
+def test_a_name_that_is_taken_is_a_conflict(client, dataset):
+    with pytest.raises(unghost.Conflict):
+        client.create_dataset(dataset, description="another")
+
+
+def test_an_upload_is_answered_with_decisions(client, dataset):
+    stored = put(client, dataset, "a/b c/ü")
+
+    assert stored.created
+    assert stored.frame.key == "a/b c/ü"
+    assert stored.segmentation is not None
+    assert stored.segmentation.palette == frames.FAMILY
+    verdicts = {each.id: each.verdict for each in stored.decisions}
+    assert verdicts == {"real": "kept", "ghost": "rejected"}
+
+
+def test_files_can_be_paths(client, dataset, tmp_path):
+    (tmp_path / "image.png").write_bytes(frames.image())
+
+    stored = client.put_frame(
+        dataset, "a", frames.annotation(), image=tmp_path / "image.png"
+    )
+
+    assert stored.frame.has_image
+    assert {each.verdict for each in stored.decisions} == {"unmeasured"}
+
+
+def test_the_same_frame_again_changes_nothing(client, dataset):
+    first = put(client, dataset, "a")
+    again = put(client, dataset, "a")
+
+    assert (first.created, again.created) == (True, False)
+    assert again.frame.id == first.frame.id
+
+
+def test_another_frame_under_the_same_key_is_a_conflict_unless_replaced(
+    client, dataset
+):
+    put(client, dataset, "a", 1)
+
+    with pytest.raises(unghost.Conflict):
+        put(client, dataset, "a", 2)
+    assert put(client, dataset, "a", 2, replace=True).frame.revision == 2
+
+
+def test_a_refused_frame_names_its_faults_and_is_listed(client, dataset):
+    bad = {"boxes": [{"class": "car", "xyxy": [0, 0, "wide", 1]}]}
+
+    with pytest.raises(unghost.Invalid) as caught:
+        client.put_frame(dataset, "bad", bad, image=frames.image())
+
+    assert any("/boxes/0" in fault.pointer for fault in caught.value.errors)
+    (problem,) = client.problems(dataset)
+    assert problem.key == "bad"
+    assert problem.error["code"] == caught.value.code
+
+
+def test_frames_are_listed_over_pages(client, filled):
+    keys = [frame.key for frame in client.frames(filled, limit=2)]
+
+    assert keys == ["run/000000", "run/000001", "run/000002"]
+
+
+def test_a_listed_frame_says_what_it_has(client, filled):
+    first = next(client.frames(filled))
+
+    assert (first.counts.boxes, first.counts.kept, first.counts.rejected) == (2, 1, 1)
+    assert (first.has_image, first.has_segmentation) == (True, True)
+
+
+def test_one_frame_by_id_and_by_key(client, filled):
+    by_key = client.frame_by_key(filled, "run/000001")
+    by_id = client.frame(by_key.id)
+
+    assert by_id == by_key
+    assert by_id.dataset == filled
+    assert {box.id for box in by_id.boxes} == {"real", "ghost"}
+    assert by_id.files["image"].sha256 == hashlib.sha256(frames.image(1)).hexdigest()
+    assert by_id.previous_id is not None
+    assert by_id.next_id is not None
+
+
+def test_files_come_back_as_they_were_sent(client, filled):
+    frame = next(client.frames(filled))
+
+    assert client.frame_file(frame.id, "segmentation") == frames.segmentation()
+
+
+def test_a_deleted_frame_is_gone(client, filled):
+    client.delete_frame(filled, "run/000001")
+
+    keys = [frame.key for frame in client.frames(filled)]
+    assert keys == ["run/000000", "run/000002"]
+
+
+def test_boxes_are_filtered(client, filled):
+    rejected = list(client.boxes(filled, verdict="rejected", class_name="car"))
+
+    assert [box.id for box in rejected] == ["ghost"] * 3
+    assert all(box.explanation for box in rejected)
+    assert list(client.boxes(filled, class_name="truck")) == []
+
+
+def test_an_unknown_filter_is_a_bad_request(client, filled):
+    with pytest.raises(unghost.BadRequest):
+        list(client.boxes(filled, colour="blue"))
+
+
+def test_one_box_has_its_numbers_and_neighbours(client, filled):
+    box = client.box(ghost(client, filled).box_id)
+
+    assert (box.reason, box.match_percent) == ("no_visible_pixels", 0.0)
+    assert box.hidden_by == () or box.hidden_by[0].percent > 0
+    assert box.xyxy == tuple(frames.IN_THE_SKY)
+    assert box.effective_verdict == "rejected"
+    assert isinstance(box.neighbours, tuple)
+
+
+def test_a_review_counts_and_is_history(client, filled):
+    box_id = ghost(client, filled).box_id
+
+    review = client.review(box_id, "keep", seen_revision=0, comment="there is one")
+
+    assert (review.revision, review.effective_verdict) == (1, "kept")
+    box = client.box(box_id)
+    assert box.review is not None
+    assert (box.verdict, box.effective_verdict) == ("rejected", "kept")
+    assert [entry.kind for entry in client.history(box_id)] == ["review", "decision"]
+
+
+def test_a_stale_review_says_what_is_there_now(client, filled):
+    box_id = ghost(client, filled).box_id
+    client.review(box_id, "keep", seen_revision=0)
+
+    with pytest.raises(unghost.StaleReview) as caught:
+        client.review(box_id, "reject", seen_revision=0)
+
+    assert caught.value.current is not None
+    assert unghost.Decision.read(caught.value.current).review.verdict == "keep"
+
+
+def test_many_boxes_are_reviewed_and_undone_at_once(client, filled):
+    ids = [box.box_id for box in client.boxes(filled, verdict="rejected")]
+
+    batch = client.bulk_review(filled, "keep", ids, comment="all of them")
+    assert (batch.count, batch.skipped) == (3, ())
+    assert client.stats(filled).effective.kept == 6
+
+    undone = client.undo(batch.id)
+    assert (undone.undone, undone.skipped) == (3, ())
+    assert client.stats(filled).effective.kept == 3
+
+
+def test_a_bulk_review_by_filter_guards_its_count(client, filled):
+    rejected = {"verdict": "rejected"}
+
+    with pytest.raises(unghost.ApiError):
+        client.bulk_review(filled, "keep", rejected, expected_count=2)
+    batch = client.bulk_review(filled, "keep", rejected, expected_count=3)
+
+    assert batch.count == 3
+
+
+def test_configs_are_versions_known_by_digest(client, filled):
+    added = client.add_config(filled, STRICT)
+    same = client.add_config(filled, "threshold_small_box: 90  # percent\n")
+
+    assert same.digest == added.digest
+    assert client.config(added.digest).config["threshold_small_box"] == 90
+    active = client.active_config(filled)
+    assert active.digest != added.digest
+    digests = {version.digest for version in client.configs(filled)}
+    assert {added.digest, active.digest} <= digests
+
+
+def test_a_wrong_config_is_refused_with_the_nearest_key(client, dataset):
+    with pytest.raises(unghost.Invalid, match="threshold_small_box"):
+        client.add_config(dataset, {"treshold_small_box": 5})
+
+
+def test_activating_a_config_is_a_run(client, filled):
+    digest = client.add_config(filled, {"min_visible_pixels": 500}).digest
+    seen = []
+
+    run = client.wait(client.set_config(filled, digest), progress=seen.append)
+
+    assert (run.state, run.config) == ("done", digest)
+    assert run.finished
+    assert seen[-1] == run
+    assert client.active_config(filled).digest == digest
+    assert client.stats(filled).rejected == 6
+
+
+def test_a_run_that_is_not_activated_changes_nothing_that_counts(client, filled):
+    started = client.start_run(filled, {"min_visible_pixels": 500})
+    run = client.wait(started.id, timeout_s=60)
+
+    assert run.counts is not None
+    assert run.counts.rejected == 6
+    assert client.stats(filled).rejected == 3
+    assert run.id in [each.id for each in client.runs(filled)]
+
+
+def test_a_finished_run_cannot_be_cancelled(client, filled):
+    run = client.wait(client.start_run(filled, STRICT))
+
+    with pytest.raises(unghost.Conflict):
+        client.cancel_run(run.id)
+
+
+def test_a_preview_counts_and_writes_nothing(client, filled):
+    preview = client.preview(filled, {"min_visible_pixels": 500})
+
+    assert preview.counts.rejected == 6
+    assert preview.flips.kept_to_rejected == preview.flips.total == 3
+    assert preview.flips.items[0].before.verdict == "kept"
+    assert preview.flips.items[0].after.reason == "no_visible_pixels"
+    assert client.stats(filled).rejected == 3
+
+
+def test_stats_and_histogram(client, filled):
+    stats = client.stats(filled)
+    histogram = client.histogram(filled, bins=10)
+
+    assert (stats.frames, stats.boxes, stats.kept, stats.rejected) == (3, 6, 3, 3)
+    assert stats.by_reason == {"visible": 3, "no_visible_pixels": 3}
+    assert stats.by_class["car"].kept == 3
+    assert len(histogram.edges) == 11
+    assert sum(histogram.classes["car"]) == 6
+    assert histogram.thresholds["car"] == 10
+
+
+def test_an_export_is_made_and_downloaded(client, filled, tmp_path):
+    export = client.wait_for_export(client.start_export(filled, "yolo"))
+
+    path = client.download(export, tmp_path / "labels.zip")
+
+    assert export.id in [each.id for each in client.exports(filled)]
+    names = zipfile.ZipFile(path).namelist()
+    assert any(name.endswith("data.yaml") for name in names)
+    assert sum(name.endswith("000001.txt") for name in names) == 1
+
+
+def test_decisions_are_exported_as_lines(client, filled, tmp_path):
+    export = client.wait_for_export(client.start_export(filled, "decisions-jsonl"))
+
+    text = client.download(export, tmp_path / "out.jsonl").read_text("utf-8")
+
+    assert all(isinstance(json.loads(line), dict) for line in text.splitlines())
+
+
+def test_a_format_that_is_not_known_is_refused(client, filled):
+    with pytest.raises(unghost.ApiError):
+        client.start_export(filled, "punch-cards")

@@ -1,0 +1,78 @@
+"""Settings come from UNGHOST_* variables and do not change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from app.settings import Settings
+
+
+def test_without_variables_it_serves_this_machine_only():
+    settings = Settings()
+
+    assert (settings.host, settings.port) == ("127.0.0.1", 8000)
+    assert settings.data == Path("unghost-data")
+    assert settings.served_hosts == {"localhost", "127.0.0.1", "[::1]"}
+
+
+def test_the_database_is_in_the_data_folder_unless_said(tmp_path):
+    own = Settings(data=tmp_path)
+    other = Settings(database_url="postgresql+psycopg://boxes@db/boxes")
+
+    assert own.sqlalchemy_url == f"sqlite:///{tmp_path}/unghost.db"
+    assert other.sqlalchemy_url == "postgresql+psycopg://boxes@db/boxes"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "field", "value"),
+    [
+        ("UNGHOST_MAX_BODY_BYTES", "5MiB", "max_body_bytes", 5 * 1024**2),
+        ("UNGHOST_ALLOWED_HOSTS", "a.example, B.example", "allowed_hosts", None),
+        ("UNGHOST_LOG_LEVEL", "WARNING", "log_level", "warning"),
+        ("UNGHOST_PORT", "", "port", 8000),
+    ],
+)
+def test_a_variable_is_read_as_people_write_it(monkeypatch, name, text, field, value):
+    monkeypatch.setenv(name, text)
+
+    found = getattr(Settings(), field)
+
+    assert found == (value if value is not None else ("a.example", "B.example"))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("UNGHOST_PORT", "70000"),
+        ("UNGHOST_LOG_LEVEL", "chatty"),
+        ("UNGHOST_MAX_PARTS", "0"),
+        ("UNGHOST_WORKERS", "0"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused(monkeypatch, name, text):
+    monkeypatch.setenv(name, text)
+
+    with pytest.raises(ValidationError):
+        Settings()
+
+
+def test_settings_do_not_change_while_serving():
+    with pytest.raises(ValidationError, match="frozen"):
+        Settings().port = 1  # type: ignore[misc]  # that is the point
+
+
+@pytest.mark.parametrize(
+    ("host", "served"),
+    [
+        ("0.0.0.0", {"localhost", "127.0.0.1", "[::1]", "boxes.example"}),
+        ("::1", {"localhost", "127.0.0.1", "[::1]", "boxes.example"}),
+        ("10.0.0.7", {"localhost", "127.0.0.1", "[::1]", "10.0.0.7", "boxes.example"}),
+    ],
+)
+def test_the_address_it_listens_on_is_a_name_it_is_served_under(host, served):
+    settings = Settings(host=host, allowed_hosts=("Boxes.example",))
+
+    assert settings.served_hosts == served
