@@ -137,7 +137,7 @@ class Evidence:
             spec.name: getattr(self, spec.name) for spec in fields(self)
         }
         names = columns.pop("class_names")
-        chosen = {
+        chosen: dict[str, Any] = {
             name: None if column is None else column[rows]
             for name, column in columns.items()
         }

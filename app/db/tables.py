@@ -87,6 +87,7 @@ class Measurement(Base):
         Key, ForeignKey("datasets.id", ondelete="CASCADE")
     )
     digest: Mapped[str] = mapped_column(String(64))
+    pixel_digest: Mapped[str] = mapped_column(String(64))
     options: Mapped[Any] = mapped_column(JsonText)
     filter_core_version: Mapped[str] = mapped_column(String(32))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

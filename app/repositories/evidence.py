@@ -9,7 +9,9 @@ from sqlalchemy import delete, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from app.db.bulk import chunks
 from app.db.tables import Frame, FrameEvidence, Measurement
+from app.errors import NotFound
 
 
 class EvidenceRow(NamedTuple):
@@ -47,6 +49,13 @@ class EvidenceRepository:
             )
         )
 
+    def measurement_with_id(self, measurement_id: int) -> Measurement:
+        """A measurement that another row refers to."""
+        found = self._session.get(Measurement, measurement_id)
+        if found is None:
+            raise NotFound("measurement", measurement_id)
+        return found
+
     def add_measurement(self, measurement: Measurement) -> Measurement:
         """Insert, or the one that someone else has just inserted."""
         self._session.add(measurement)
@@ -75,6 +84,14 @@ class EvidenceRepository:
         self, frame_ids: Iterable[int], measurement_id: int
     ) -> dict[int, EvidenceRow]:
         """Evidence by frame."""
+        found: dict[int, EvidenceRow] = {}
+        for chunk in chunks(dict.fromkeys(frame_ids)):
+            found |= self._of_frames(chunk, measurement_id)
+        return found
+
+    def _of_frames(
+        self, frame_ids: list[int], measurement_id: int
+    ) -> dict[int, EvidenceRow]:
         rows = (
             select(
                 FrameEvidence.frame_id,
@@ -87,7 +104,7 @@ class EvidenceRepository:
             )
             .join(Frame, Frame.id == FrameEvidence.frame_id)
             .where(
-                FrameEvidence.frame_id.in_(set(frame_ids)),
+                FrameEvidence.frame_id.in_(frame_ids),
                 FrameEvidence.measurement_id == measurement_id,
             )
         )

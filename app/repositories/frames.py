@@ -118,6 +118,11 @@ class FrameRepository:
         )
         return list(self._session.scalars(rows))
 
+    def existing(self, frame_ids: Iterable[int]) -> set[int]:
+        """Those of these frames that were not deleted."""
+        rows = select(Frame.id).where(Frame.id.in_(list(frame_ids)))
+        return set(self._session.scalars(rows))
+
     def neighbours(self, frame: Frame) -> tuple[int | None, int | None]:
         """Ids of the frames before and after, in the order of keys."""
         of_dataset = (

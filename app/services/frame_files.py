@@ -1,4 +1,4 @@
-"""The files of an upload: what they are by their content, and that they fit together."""
+"""The files of an upload: what they are by their content, and that they agree."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def check_files(
     }
     types = {kind: header.media_type for kind, header in headers.items()}
     types |= {
-        kind: _cloud_type(kind, contents[kind]) for kind in CLOUDS & set(contents)
+        kind: _cloud_type(kind, contents[kind]) for kind in CLOUDS if kind in contents
     }
     wh = _image_wh(headers, annotation)
     for kind in _SAME_SIZE:

@@ -1,4 +1,4 @@
-"""A newer revision of a frame: what people said stays with boxes that did not change."""
+"""A newer revision of a frame: answers stay with the boxes that did not change."""
 
 from __future__ import annotations
 

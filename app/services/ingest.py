@@ -15,11 +15,11 @@ from app.errors import FrameConflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ProblemRepository
-from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent, write_frame
-from app.services.measuring import MeasuredFrame, MeasurePlan, measure_frame, plan_for
+from app.services.measuring import MeasuredFrame, MeasurePlan, measure_frame
+from app.services.run_requests import active_plan
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.errors import AnnotationErrors, FilterError
@@ -74,19 +74,18 @@ def store_frame(
     """
     with context.database.read() as reading:
         dataset = DatasetRepository(reading).named(name)
-        config = config_of(active_version(reading, dataset))
+        plan = active_plan(reading, dataset)
     try:
         prepared = _prepare(context, upload)
         same = _same_frame(context, dataset, prepared)
         if same is not None:
             return StoredFrame(same, created=False)
-        plan = plan_for(dataset, config, context.settings.max_image_side_px)
         measured = _measure(plan, prepared)
     except FilterError as error:
         note_problem(context, dataset.id, upload.key, error)
         raise
     context.storage.put(upload.files.values())
-    return _insert(context, session, (prepared, plan, measured), name)
+    return _insert(session, (prepared, plan, measured), name)
 
 
 def note_problem(
@@ -147,7 +146,6 @@ def _measure(plan: MeasurePlan, prepared: _Prepared) -> MeasuredFrame:
 
 
 def _insert(
-    context: ServiceContext,
     session: Session,
     work: tuple[_Prepared, MeasurePlan, MeasuredFrame],
     name: str,
@@ -157,8 +155,7 @@ def _insert(
     same = _known(session, dataset, prepared)
     if same is not None:
         return StoredFrame(same, created=False)
-    config = config_of(active_version(session, dataset))
-    newest = plan_for(dataset, config, context.settings.max_image_side_px)
+    newest = active_plan(session, dataset)
     if newest.digest != plan.digest:
         # A run was activated in between: rare, so it may cost a second measurement.
         measured = _measure(newest, prepared)
@@ -170,7 +167,8 @@ def _insert(
         files=prepared.files,
         measured=measured,
     )
-    return StoredFrame(write_frame(session, dataset, content, config), created=True)
+    frame_id = write_frame(session, dataset, content, newest.config)
+    return StoredFrame(frame_id, created=True)
 
 
 def _content_digest(annotation: FrameAnnotation, files: CheckedFiles) -> str:

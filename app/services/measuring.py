@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, cast
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from app.db.evidence_record import (
     pack_numbers,
     pack_tag_counts,
 )
-from app.db.tables import Dataset
+from app.db.tables import Dataset, Measurement
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.classes import class_of
 from filter_core.config import FilterConfig
 from filter_core.frame_geometry import GeometryResult, frame_boxes_2d
 from filter_core.ignore_mask import read_ignore_mask
+from filter_core.image_header import MAX_SIDE
 from filter_core.measure import FrameBoxes, MeasureOptions, Profile, measure
 from filter_core.segmentation import (
     Segmentation,
@@ -29,6 +30,31 @@ from filter_core.segmentation import (
     read_segmentation,
 )
 from filter_core.types import Evidence, Mask
+
+_READING: Final = ("palette", "encoding", "channel_order", "lossy")
+
+
+@dataclass(frozen=True)
+class DatasetReading:
+    """What a dataset says about its segmentations."""
+
+    name: str
+    palette: str = "auto"
+    encoding: str = "auto"
+    channel_order: str = "auto"
+    lossy_segmentation: str = "refuse"
+    ignore_mask: Any | None = None
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> DatasetReading:
+        """As the dataset says now."""
+        return cls(**{spec.name: getattr(dataset, spec.name) for spec in fields(cls)})
+
+    def as_columns(self) -> dict[str, Any]:
+        """Everything but the name, as columns of the dataset's row."""
+        columns = asdict(self)
+        del columns["name"]
+        return columns
 
 
 @dataclass(frozen=True)
@@ -38,33 +64,36 @@ class MeasurePlan:
     config: FilterConfig
     reading: SegmentationOptions
     ignored: Any | None
-    max_side_px: int
+
+    @property
+    def pixel_digest(self) -> str:
+        """Plans of equal pixel digests differ at most in accept sets."""
+        return _digest(self.as_dict() | {"accept": None})
 
     @property
     def digest(self) -> str:
         """Equal plans measure equal numbers."""
-        reading = {**vars_of(self.reading), "sources": None, "carla_version": None}
+        return _digest(self.as_dict())
+
+    def as_dict(self) -> dict[str, Any]:
+        """The plan in canonical form, ready for JSON."""
         overrides = {
-            name: one.as_dict().get("accept")
+            name: one.as_dict()["accept"]
             for name, one in self.config.classes.items()
+            if "accept" in one.as_dict()
         }
-        parts = [list(self.config.measure_key()), overrides, reading, self.ignored]
-        text = json.dumps(parts, sort_keys=True, default=list)
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def needs_pixels_after(self, other: MeasurePlan) -> bool:
-        """Whether this plan's numbers cannot be had from the other's."""
-        return (
-            self.config.measure_key() != other.config.measure_key()
-            or self.reading != other.reading
-            or self.ignored != other.ignored
-        )
+        reading = {name: getattr(self.reading, name) for name in _READING}
+        return {
+            "measure": list(self.config.measure_key()),
+            "accept": overrides,
+            "reading": reading,
+            "ignored": self.ignored,
+        }
 
 
-def vars_of(reading: SegmentationOptions) -> dict[str, Any]:
-    """Options as a mapping."""
-    names = ("palette", "encoding", "channel_order", "lossy", "carla_version")
-    return {name: getattr(reading, name) for name in names}
+def _digest(plan: dict[str, Any]) -> str:
+    text = json.dumps(plan, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -74,6 +103,7 @@ class FrameFiles:
     segmentation: bytes | None
     image_wh: tuple[int, int]
     ignore_mask: bytes | None = None
+    max_side_px: int = MAX_SIDE
 
 
 @dataclass(frozen=True)
@@ -94,9 +124,7 @@ class MeasuredFrame:
             "encoding": found.encoding,
             "channel_order": found.channel_order,
             "lossy": found.lossy,
-            "unknown_percent": 100.0
-            * found.unknown_pixels
-            / (found.width * found.height),
+            "unknown_percent": found.unknown_percent,
             "notes": list(found.notes),
         }
 
@@ -110,21 +138,23 @@ class MeasuredFrame:
         }
 
 
-def plan_for(dataset: Dataset, config: FilterConfig, max_side_px: int) -> MeasurePlan:
+def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasurePlan:
     """What the dataset and the configuration say together; they must agree."""
     layers = {
         f"dataset {dataset.name!r}": _options(dataset),
         "the configuration": _options(config),
     }
-    return MeasurePlan(
-        config=config,
-        reading=SegmentationOptions.agreed(layers),
-        ignored=dataset.ignore_mask,
-        max_side_px=max_side_px,
-    )
+    return MeasurePlan(config, SegmentationOptions.agreed(layers), dataset.ignore_mask)
 
 
-def _options(source: Dataset | FilterConfig) -> SegmentationOptions:
+def plan_of(measurement: Measurement, config: FilterConfig) -> MeasurePlan:
+    """The plan that a measurement was made by."""
+    options = measurement.options
+    reading = SegmentationOptions(**options["reading"], sources=options["sources"])
+    return MeasurePlan(config, reading, options["ignored"])
+
+
+def _options(source: DatasetReading | FilterConfig) -> SegmentationOptions:
     return SegmentationOptions(
         palette=source.palette,
         encoding=cast("Any", source.encoding),
@@ -150,7 +180,7 @@ def measure_frame(
             files.segmentation,
             replace(plan.reading, carla_version=annotation.carla_version),
             expected_wh=files.image_wh,
-            max_side=plan.max_side_px,
+            max_side=files.max_side_px,
         )
     geometry = frame_boxes_2d(annotation, files.image_wh, config.projection)
     family = segmentation.family if segmentation is not None else None

@@ -234,6 +234,7 @@ def upgrade() -> None:
         sa.Column("id", KEY, nullable=False),
         sa.Column("dataset_id", KEY, nullable=False),
         sa.Column("digest", sa.String(length=64), nullable=False),
+        sa.Column("pixel_digest", sa.String(length=64), nullable=False),
         sa.Column("options", sa.Text(), nullable=False),
         sa.Column("filter_core_version", sa.String(length=32), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),

@@ -1,0 +1,160 @@
+"""Datasets: made with a configuration, described with their counts, changed by runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.tables import Dataset, Run
+from app.repositories.datasets import DatasetRepository
+from app.repositories.frames import FrameRepository
+from app.repositories.runs import ConfigRepository, ProblemRepository, RunRepository
+from app.repositories.tallies import TallyRepository
+from app.services.configs import active_version, add_version, config_of
+from app.services.context import ServiceContext
+from app.services.measuring import DatasetReading, plan_for
+from app.services.run_requests import RunRequest, measurement_of, request_run
+from app.services.statistics import count, summary
+from filter_core.config import FilterConfig
+
+CARLA_CLASSES: Final = (
+    "car",
+    "truck",
+    "van",
+    "bus",
+    "motorcycle",
+    "bicycle",
+    "walker",
+    "traffic_light",
+)
+"""The classes of a dataset that names none, in the order of its exports."""
+
+
+@dataclass(frozen=True)
+class NewDataset:
+    """A dataset as it was asked for."""
+
+    reading: DatasetReading
+    description: str
+    classes: Sequence[str] | None
+    config: FilterConfig
+    author: str
+
+
+def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
+    """A dataset with its first configuration active and nothing in it."""
+    reading, config, author = wanted.reading, wanted.config, wanted.author
+    plan = plan_for(reading, config)
+    dataset = DatasetRepository(session).add(
+        Dataset(
+            name=reading.name,
+            description=wanted.description,
+            created_by=author,
+            **reading.as_columns(),
+        ),
+        list(
+            dict.fromkeys(CARLA_CLASSES if wanted.classes is None else wanted.classes)
+        ),
+    )
+    version, _ = add_version(session, dataset, config, author=author)
+    measurement = measurement_of(session, dataset.id, reading, plan)
+    now = utc_now()
+    run = RunRepository(session).add(
+        Run(
+            dataset_id=dataset.id,
+            config_id=version.id,
+            measurement_id=measurement.id,
+            kind="decide",
+            state="done",
+            activate=True,
+            counts={},
+            created_by=author,
+            started_at=now,
+            finished_at=now,
+        )
+    )
+    dataset.active_config_id = version.id
+    dataset.active_run_id = run.id
+    dataset.active_measurement_id = measurement.id
+    session.flush()
+    return dataset
+
+
+def change_dataset(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    changes: Mapping[str, Any],
+    author: str,
+) -> Run | None:
+    """Change the description at once; what is read otherwise is measured again first.
+
+    The dataset's settings change when that run is done, so that they always say how its
+    current numbers were read.
+    """
+    if "description" in changes:
+        DatasetRepository(session).change(
+            dataset, {"description": changes["description"]}
+        )
+    current = DatasetReading.of(dataset)
+    reading = replace(
+        current, **{key: changes[key] for key in changes if key != "description"}
+    )
+    if reading == current:
+        return None
+    active = config_of(active_version(session, dataset))
+    return request_run(
+        context, session, dataset, RunRequest(active, author, True, reading)
+    )
+
+
+def describe_dataset(session: Session, dataset: Dataset) -> dict[str, Any]:
+    """A dataset as it is answered."""
+    counts = count(TallyRepository(session).of_dataset(dataset.id))
+    frames = FrameRepository(session)
+    return {
+        "name": dataset.name,
+        "description": dataset.description,
+        "classes": list(DatasetRepository(session).classes(dataset.id)),
+        "classes_frozen": dataset.classes_frozen_at is not None,
+        "palette": dataset.palette,
+        "encoding": dataset.encoding,
+        "channel_order": dataset.channel_order,
+        "lossy_segmentation": dataset.lossy_segmentation,
+        "has_ignore_mask": dataset.ignore_mask is not None,
+        "created_at": dataset.created_at.isoformat(),
+        "config": active_version(session, dataset).digest,
+        "active_run": dataset.active_run_id,
+        "thumbnail_frame_id": frames.first_with_image(dataset.id),
+        "counts": {
+            "frames": frames.count(dataset.id),
+            **summary(counts),
+            "problems": ProblemRepository(session).count(dataset.id),
+        },
+    }
+
+
+def statistics(session: Session, dataset: Dataset) -> dict[str, Any]:
+    """Everything that can be counted without looking at a box."""
+    counts = count(TallyRepository(session).of_dataset(dataset.id))
+    names = {
+        key: name
+        for name, key in DatasetRepository(session).classes(dataset.id).items()
+    }
+    active = ConfigRepository(session).with_id(dataset.active_config_id or 0)
+    return {
+        "frames": FrameRepository(session).count(dataset.id),
+        **summary(counts),
+        "unsure": counts.unsure,
+        "conflicts": counts.conflicts,
+        "toss_ups": counts.toss_ups,
+        "effective": counts.effective,
+        "by_reason": counts.by_reason,
+        "by_class": {names[key]: of for key, of in counts.by_class.items()},
+        "config": active.digest,
+        "run": dataset.active_run_id,
+    }

@@ -1,0 +1,50 @@
+"""Numbers for another configuration without pixels, from the tag histograms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from app.db.evidence_record import (
+    pack_numbers,
+    to_evidence,
+    unpack_numbers,
+    unpack_tag_counts,
+)
+from app.repositories.evidence import EvidenceRow
+from filter_core.config import FilterConfig
+from filter_core.measure import with_accept_masks
+from filter_core.types import Evidence
+
+
+def recount(
+    row: EvidenceRow, classes: Mapping[str, int], config: FilterConfig
+) -> Evidence:
+    """A frame's evidence with the accept sets of another configuration."""
+    evidence = to_evidence(
+        unpack_numbers([row.numbers]),
+        list(classes),
+        list(classes.values()),
+        unpack_tag_counts(row.tag_counts, row.box_count),
+    )
+    family = (row.segmentation or {}).get("palette")
+    if family is None:
+        return evidence
+    masks = config.accept_masks(evidence.class_names, family)
+    return with_accept_masks(evidence, masks[evidence.class_index])
+
+
+def recounted_row(
+    row: EvidenceRow,
+    evidence: Evidence,
+    classes: Mapping[str, int],
+    measurement_id: int,
+) -> dict[str, object]:
+    """The evidence row of recounted numbers; what was seen is the same."""
+    return {
+        "frame_id": row.frame_id,
+        "measurement_id": measurement_id,
+        "numbers": pack_numbers(evidence, list(classes.values())),
+        "tag_counts": row.tag_counts,
+        "geometry": row.geometry,
+        "segmentation": row.segmentation,
+    }

@@ -1,0 +1,133 @@
+"""Asking for a run: which configuration, and whether pixels are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.tables import ConfigVersion, Dataset, Measurement, Run
+from app.errors import NotFound, TooManyRequests
+from app.repositories.evidence import EvidenceRepository
+from app.repositories.frames import FrameRepository
+from app.repositories.runs import ConfigRepository, RunRepository
+from app.services.configs import active_version, add_version, config_of
+from app.services.context import ServiceContext
+from app.services.measuring import DatasetReading, MeasurePlan, plan_for, plan_of
+from app.version import FILTER_CORE_VERSION
+from filter_core.config import FilterConfig
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """A run as it was asked for."""
+
+    config: str | FilterConfig
+    author: str
+    activate: bool
+    reading: DatasetReading | None = None
+
+
+def request_run(
+    context: ServiceContext, session: Session, dataset: Dataset, wanted: RunRequest
+) -> Run:
+    """Store a queued run; start it when the transaction is over (`start_runs`)."""
+    runs = RunRepository(session)
+    limit = context.settings.max_open_runs
+    if runs.open_count() >= limit:
+        raise TooManyRequests(f"{limit} runs wait or work already; try later")
+    version = _version(session, dataset, wanted)
+    config = config_of(version)
+    reading = wanted.reading or DatasetReading.of(dataset)
+    plan = plan_for(reading, config)
+    measurement = measurement_of(session, dataset.id, reading, plan)
+    return runs.add(
+        Run(
+            dataset_id=dataset.id,
+            config_id=version.id,
+            measurement_id=measurement.id,
+            previous_run_id=dataset.active_run_id,
+            kind="measure" if needs_pixels(session, dataset, plan) else "decide",
+            activate=wanted.activate,
+            total=FrameRepository(session).count(dataset.id),
+            counts={},
+            created_by=wanted.author,
+        )
+    )
+
+
+def needs_pixels(session: Session, dataset: Dataset, plan: MeasurePlan) -> bool:
+    """Whether the numbers of this plan have to be read from images."""
+    return plan.pixel_digest != active_measurement(session, dataset).pixel_digest
+
+
+def active_measurement(session: Session, dataset: Dataset) -> Measurement:
+    """The measurement whose numbers are current."""
+    if dataset.active_measurement_id is None:
+        raise RuntimeError(f"dataset {dataset.name!r} has no measurement")
+    return EvidenceRepository(session).measurement_with_id(
+        dataset.active_measurement_id
+    )
+
+
+def active_plan(session: Session, dataset: Dataset) -> MeasurePlan:
+    """How frames that come in now are measured."""
+    config = config_of(active_version(session, dataset))
+    return plan_of(active_measurement(session, dataset), config)
+
+
+def measurement_of(
+    session: Session, dataset_id: int, reading: DatasetReading, plan: MeasurePlan
+) -> Measurement:
+    """The row that names a plan, made when it is first used."""
+    evidence = EvidenceRepository(session)
+    known = evidence.measurement(dataset_id, plan.digest)
+    if known is not None:
+        return known
+    options = {
+        **plan.as_dict(),
+        "sources": dict(plan.reading.sources),
+        "dataset": reading.as_columns(),
+    }
+    return evidence.add_measurement(
+        Measurement(
+            dataset_id=dataset_id,
+            digest=plan.digest,
+            pixel_digest=plan.pixel_digest,
+            options=options,
+            filter_core_version=FILTER_CORE_VERSION,
+        )
+    )
+
+
+def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVersion:
+    if isinstance(wanted.config, FilterConfig):
+        version, _ = add_version(session, dataset, wanted.config, author=wanted.author)
+        return version
+    found = ConfigRepository(session).find(dataset.id, wanted.config)
+    if found is None:
+        raise NotFound("config", wanted.config)
+    return found
+
+
+def described(run: Run, dataset: str, digest: str) -> Mapping[str, Any]:
+    """A run as it is answered."""
+    return {
+        "id": run.id,
+        "dataset": dataset,
+        "kind": run.kind,
+        "state": run.state,
+        "config": digest,
+        "activate": run.activate,
+        "total": run.total,
+        "done": run.done,
+        "changed": run.changed,
+        "counts": run.counts or {},
+        "error": run.error,
+        "created_by": run.created_by,
+        "created_at": run.created_at,
+        "started_at": run.started_at,
+        "finished_at": run.finished_at,
+    }
