@@ -67,7 +67,7 @@ def read_exact_colors(
     foreign_pixels = int(counts[foreign].sum())
     tags = tags_of_codes(found.family, found.order)
     return Segmentation(
-        codes=PixelCodes(bgra, exact_codes(), tags, counts),
+        codes=PixelCodes(bgra, tags, counts),
         family=found.family,
         encoding="palette",
         channel_order=found.order,
@@ -101,12 +101,13 @@ def read_nearest_colors(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
             code="foreign_colors",
         )
     found = recognize(occurring, named)
-    table = nearest_tags(found.family, found.order)
-    counts = count_codes(bgra, table)
+    colors = bgra.view(np.int32)[:, :, 0]
+    tags = nearest_tags(found.family, found.order).take(colors, mode="wrap")
+    counts = count_codes(tags, None)
     unknown = int(counts[UNKNOWN_TAG])
     share = 100.0 * unknown / float(counts.sum())
     return Segmentation(
-        codes=PixelCodes(bgra, table, tags_below(UNKNOWN_TAG), counts),
+        codes=PixelCodes(tags, tags_below(UNKNOWN_TAG), counts),
         family=found.family,
         encoding="palette",
         channel_order=found.order,

@@ -3,32 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.palettes import RGB
-from filter_core.types import BoxesXYXY, FloatArray, IntArray
+from filter_core.boxes import correct_xyxy, pixel_bounds
+from filter_core.color_codes import CODE_OF, packed
+from filter_core.counting import Regions, count_codes_in, count_matches, count_pixels
+from filter_core.crowding import crowding_percent
+from filter_core.errors import FilterError, ImageSizeMismatch
+from filter_core.palettes import PUBLISHED_COLORS, RGB
+from filter_core.pixel_codes import Segmentation
+from filter_core.types import (
+    N_TAGS,
+    UNKNOWN_COLUMN,
+    UNKNOWN_TAG,
+    BoolArray,
+    BoxesXYXY,
+    BoxState,
+    Evidence,
+    FloatArray,
+    IntArray,
+    Mask,
+)
+
+__all__ = [
+    "PUBLISHED_COLORS",
+    "FrameBoxes",
+    "MeasureOptions",
+    "Profile",
+    "measure",
+    "with_accept_masks",
+]
 
 Profile: TypeAlias = Literal["paper", "carlasimu"]
-
-PUBLISHED_COLORS: Final[Mapping[str, RGB]] = MappingProxyType(
-    {
-        "car": (0, 0, 142),
-        "truck": (0, 0, 142),
-        "bus": (0, 60, 100),
-        "van": (0, 0, 70),
-        "bicycle": (119, 11, 32),
-        "motorcycle": (0, 0, 230),
-        "walker": (220, 20, 60),
-        "traffic_light": (250, 170, 30),
-        "street_light": (250, 170, 30),
-    }
-)
-"""The one colour per class that the paper's published code counts."""
 
 
 @dataclass(frozen=True)
@@ -103,3 +113,230 @@ class MeasureOptions:
     profile: Profile = "paper"
     histogram: bool = True
     class_colors: Mapping[str, RGB] = field(default_factory=lambda: PUBLISHED_COLORS)
+
+
+_DEFAULTS: Final = MeasureOptions()
+
+
+def measure(
+    segmentation: Segmentation | None,
+    boxes: FrameBoxes,
+    options: MeasureOptions = _DEFAULTS,
+    *,
+    ignore: Mask | None = None,
+) -> Evidence:
+    """Numbers for each box of a frame: no threshold, no verdict.
+
+    Parameters
+    ----------
+    segmentation : Segmentation or None
+        None: there is none, and only what needs no pixel is measured.
+    boxes : FrameBoxes of N boxes
+    options : MeasureOptions
+    ignore : (H, W) bool, optional
+        True: the pixel never counts, neither as matched nor as the box's.
+
+    Returns
+    -------
+    Evidence of N boxes
+        Boxes that are outside the image or degenerate have no pixels, a match of 0 %
+        and no crowding.
+
+    Raises
+    ------
+    ImageSizeMismatch
+        The segmentation or the ignore mask has another size than `boxes.image_wh`.
+    AnnotationError
+        A coordinate is not finite.
+    SegmentationError
+        ``ambiguous_palette``: the segmentation fits two families, and what counts for
+        a class differs between them.
+
+    Notes
+    -----
+    Profile ``paper``: a box's pixels are those that it touches. Profile ``carlasimu``:
+    the crop ``[int(y_min):int(y_max), int(x_min):int(x_max)]``, pixels of exactly the
+    class's one colour, their percentage of the float area, which may pass 100.
+
+    References
+    ----------
+    .. [1] M. Chaar, J. Raiyn, G. Weidl, "Improve Bounding Box in Carla Simulator",
+       VEHITS 2024, Algorithms 1 and 2.
+    """
+    _require_sizes(segmentation, boxes, ignore)
+    wh = boxes.image_wh
+    corrected, state = correct_xyxy(boxes.xyxy, wh, options.profile)
+    live = state == BoxState.MEASURABLE
+    areas = _areas(corrected)
+    geometry = Evidence(
+        class_names=boxes.class_names,
+        class_index=boxes.class_index,
+        state=state,
+        accept_mask=boxes.accept_mask,
+        measured=np.zeros(len(boxes), dtype=np.bool_),
+        box_pixels=np.zeros(len(boxes), dtype=np.int64),
+        matched_pixels=np.zeros(len(boxes), dtype=np.int64),
+        image_pixels=np.full(len(boxes), wh[0] * wh[1], dtype=np.int64),
+        match_percent=np.full(len(boxes), np.nan),
+        area_percent=(areas / float(wh[0] * wh[1])) * 100,
+        crowding=crowding_percent(corrected, np.where(live, boxes.accept_mask, 0)),
+        distance=boxes.distance,
+        xyxy=corrected,
+    )
+    bounds = _bounds(corrected, wh, options.profile)
+    if segmentation is None:
+        pixels = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
+        return replace(geometry, box_pixels=pixels)
+    if options.profile == "paper":
+        _refuse_ambiguity(segmentation, boxes)
+    regions = Regions(segmentation.codes, bounds, None if ignore is None else ~ignore)
+    accepted, row_of_box = _accepted_codes(segmentation, boxes, options)
+    counted = _counted(geometry, regions, (accepted, row_of_box), options)
+    return replace(
+        counted,
+        measured=np.ones(len(boxes), dtype=np.bool_),
+        match_percent=_match_percent(counted, areas, options.profile),
+    )
+
+
+def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
+    """The same evidence with other accept sets; reads no pixel.
+
+    Parameters
+    ----------
+    evidence : Evidence of the N boxes of one frame, with `tag_counts` and `xyxy`
+        Measured with profile ``paper``.
+    accept_mask : (N,) int64
+
+    Raises
+    ------
+    FilterError
+        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
+    """
+    if evidence.xyxy is None or (
+        evidence.tag_counts is None and evidence.measured.any()
+    ):
+        raise FilterError(
+            "other accept sets need the tag histogram and the boxes; "
+            "they were not measured or not loaded",
+            code="no_histogram",
+        )
+    live = evidence.state == BoxState.MEASURABLE
+    crowding = crowding_percent(evidence.xyxy, np.where(live, accept_mask, 0))
+    changed = replace(evidence, accept_mask=accept_mask, crowding=crowding)
+    if evidence.tag_counts is None:
+        return changed
+    bits = accept_mask[:, None] >> np.arange(UNKNOWN_COLUMN) & 1
+    matched = (evidence.tag_counts[:, :UNKNOWN_COLUMN] * bits).sum(axis=1)
+    changed = replace(changed, matched_pixels=matched.astype(np.int64))
+    percent = _match_percent(changed, _areas(evidence.xyxy), "paper")
+    return replace(changed, match_percent=np.where(evidence.measured, percent, np.nan))
+
+
+def _refuse_ambiguity(segmentation: Segmentation, boxes: FrameBoxes) -> None:
+    if segmentation.rivals:
+        # Rare, and the table of classes in turn needs this module's colours.
+        from filter_core.ambiguity import refuse_ambiguity
+
+        masks = {
+            (boxes.class_names[index], mask)
+            for index, mask in zip(
+                boxes.class_index.tolist(), boxes.accept_mask.tolist(), strict=True
+            )
+        }
+        refuse_ambiguity(segmentation, sorted(masks))
+
+
+def _require_sizes(
+    segmentation: Segmentation | None, boxes: FrameBoxes, ignore: Mask | None
+) -> None:
+    width, height = boxes.image_wh
+    found = {
+        "segmentation": segmentation.wh if segmentation else None,
+        "ignore mask": None if ignore is None else (ignore.shape[1], ignore.shape[0]),
+    }
+    for what, wh in found.items():
+        if wh is not None and wh != (width, height):
+            raise ImageSizeMismatch(
+                f"the {what} is {wh[0]} x {wh[1]} pixels, "
+                f"the image is {width} x {height}"
+            )
+
+
+def _areas(xyxy: BoxesXYXY) -> FloatArray:
+    """(N,) px: as the published code multiplies; 0 where there is no box."""
+    areas = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
+    return np.nan_to_num(areas, nan=0.0)
+
+
+def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
+    if profile == "paper":
+        return pixel_bounds(xyxy, wh)
+    # Python's int() drops the fraction, and so does a cast; NaN has none to drop.
+    return np.nan_to_num(xyxy, nan=0.0).astype(np.int64)
+
+
+def _accepted_codes(
+    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
+) -> tuple[BoolArray, IntArray]:
+    """(G, 256) bool: codes that groups of boxes accept, and the group of each box."""
+    if options.profile == "carlasimu" and _has_exact_colors(segmentation):
+        # By colour: a class's one colour counts even where the family lacks it.
+        table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
+        for row, name in enumerate(boxes.class_names):
+            color = options.class_colors.get(name)
+            if color is not None:
+                code = CODE_OF.get(packed(color, segmentation.channel_order))
+                table[row, [] if code is None else code] = True
+        return table, boxes.class_index.astype(np.int64)
+    masks, row_of_box = np.unique(boxes.accept_mask, return_inverse=True)
+    tags = segmentation.codes.tag_of_code.astype(np.int64)
+    shift = np.minimum(tags, UNKNOWN_COLUMN)
+    table = ((masks[:, None] >> shift[None, :]) & 1).astype(np.bool_)
+    table[:, tags == UNKNOWN_TAG] = False
+    return table, row_of_box.reshape(-1)
+
+
+def _has_exact_colors(segmentation: Segmentation) -> bool:
+    return segmentation.encoding == "palette" and not segmentation.lossy
+
+
+def _counted(
+    geometry: Evidence,
+    regions: Regions,
+    accepted: tuple[BoolArray, IntArray],
+    options: MeasureOptions,
+) -> Evidence:
+    """The evidence with its pixels counted, per tag if the options ask for it."""
+    table, row_of_box = accepted
+    box_pixels = count_pixels(regions)
+    if not options.histogram:
+        matched = count_matches(regions, table, row_of_box)
+        return replace(geometry, box_pixels=box_pixels, matched_pixels=matched)
+    codes = regions.codes.occurring()
+    counts = count_codes_in(regions, codes)
+    return replace(
+        geometry,
+        box_pixels=box_pixels,
+        matched_pixels=(counts * table[:, codes][row_of_box]).sum(axis=1),
+        tag_counts=_tag_counts(counts, regions.codes.tag_of_code[codes]),
+    )
+
+
+def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """(N, N_TAGS): the counts of codes under their tags; several may be Unknown."""
+    tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
+    known = tags < UNKNOWN_COLUMN
+    tag_counts[:, tags[known]] = counts[:, known]
+    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
+    return tag_counts
+
+
+def _match_percent(
+    counted: Evidence, areas: FloatArray, profile: Profile
+) -> FloatArray:
+    matched = counted.matched_pixels
+    if profile == "paper":
+        return 100.0 * matched / np.maximum(counted.box_pixels, 1)
+    # In the published code's order of operations: a threshold may be met exactly.
+    return (matched / np.where(areas > 0, areas, 1.0)) * 100

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -248,6 +249,21 @@ _PALETTES: Final = (
 FAMILIES: Final[Mapping[str, Palette]] = {
     palette.name: palette for palette in _PALETTES
 }
+
+PUBLISHED_COLORS: Final[Mapping[str, RGB]] = MappingProxyType(
+    {
+        "car": (0, 0, 142),
+        "truck": (0, 0, 142),
+        "bus": (0, 60, 100),
+        "van": (0, 0, 70),
+        "bicycle": (119, 11, 32),
+        "motorcycle": (0, 0, 230),
+        "walker": (220, 20, 60),
+        "traffic_light": (250, 170, 30),
+        "street_light": (250, 170, 30),
+    }
+)
+"""The one colour per class that the paper's published code counts."""
 
 PAPER_TABLE: Final = "paper-table1"
 """The only family that no CARLA server renders: a hybrid, to reproduce the paper."""

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.color_codes import ChannelOrder, Codes
+from filter_core.color_codes import (
+    KNOWN_COLORS,
+    N_COLORS,
+    NO_FAMILY,
+    ChannelOrder,
+    Codes,
+    exact_codes,
+)
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
+
+PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
+"""Packed colours with 255 in the upper byte, or codes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,9 +31,7 @@ class PixelCodes:
     Attributes
     ----------
     pixels : (H, W) uint8, or (H, W, 4) uint8
-        The codes themselves, or B, G, R and 255.
-    table : (2^24,) uint8 or None
-        The code of each packed colour; None if `pixels` are the codes.
+        The codes themselves, or B, G, R and 255, whose codes are `exact_codes`.
     tag_of_code : (256,) uint8
         The tag that a code means; 255 is Unknown.
     counts : (256,) int64, px
@@ -30,7 +39,6 @@ class PixelCodes:
     """
 
     pixels: NDArray[np.uint8]
-    table: Codes | None
     tag_of_code: NDArray[np.uint8]
     counts: IntArray
 
@@ -39,19 +47,34 @@ class PixelCodes:
         """Height and width, px."""
         return self.pixels.shape[0], self.pixels.shape[1]
 
+    @cached_property
+    def values(self) -> PixelValues:
+        """(H, W): one comparable number per pixel; a view, not a copy."""
+        if self.pixels.ndim == 2:
+            return self.pixels
+        return self.pixels.view(np.int32)[:, :, 0]
+
+    def codes_of(self, values: PixelValues) -> Codes:
+        """The codes of some of `values`."""
+        if self.pixels.ndim == 2:
+            return values.astype(np.uint8, copy=False)
+        # The upper byte is 255, so a packed colour is a negative number that counts
+        # from the end of the table's 2^24 rows: wrapping drops the byte for free.
+        return exact_codes().take(values, mode="wrap")
+
+    def value_of(self, code: int) -> int | None:
+        """The one number in `values` that has this code; None if there are many."""
+        if self.pixels.ndim == 2:
+            return code
+        return None if code == NO_FAMILY else KNOWN_COLORS[code - 1] - N_COLORS
+
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
-        part = self.pixels[y0:y1, x0:x1]
-        if self.table is None:
-            return part
-        # The fourth byte is 255, so a packed colour is a negative number that counts
-        # from the end of the table's 2^24 rows: wrapping drops the byte for free.
-        return self.table.take(part.view(np.int32)[:, :, 0], mode="wrap")
+        return self.codes_of(self.values[y0:y1, x0:x1])
 
     def occurring(self) -> list[int]:
-        """The codes that occur, the commonest first."""
-        order = np.argsort(-self.counts, kind="stable")
-        return [int(code) for code in order if self.counts[code]]
+        """The codes that occur, in ascending order."""
+        return [int(code) for code in np.flatnonzero(self.counts)]
 
 
 @dataclass(frozen=True, eq=False)

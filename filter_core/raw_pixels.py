@@ -89,7 +89,7 @@ def raw_segmentation(
             "counted as Unknown"
         )
     return Segmentation(
-        codes=PixelCodes(tags, None, tags_below(known), counts),
+        codes=PixelCodes(tags, tags_below(known), counts),
         family=family,
         encoding="raw",
         channel_order=order,

@@ -1,0 +1,224 @@
+"""Count pixels inside boxes: three strategies, one result, and one place that chooses.
+
+Which is cheapest depends on how much of the image the boxes cover; all are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import cv2
+import numpy as np
+
+from filter_core.pixel_codes import PixelCodes, PixelValues
+from filter_core.types import BoolArray, IntArray, Mask
+
+# Nanoseconds, measured with benchmarks/bench_filter.py; only their ratios matter.
+_NS_PER_BOX: Final = 1_800.0
+_NS_PER_BOX_PIXEL: Final = 1.1
+_NS_PER_CODE_AND_PIXEL: Final = 0.28
+_NS_PER_IMAGE_PIXEL: Final = 1.6
+_NS_PER_CODE_AND_BOX: Final = 12.0
+_NS_PER_COMPARISON: Final = 2_000.0
+_NS_PER_COMPARED_PIXEL: Final = 0.25
+
+_CHUNK_PIXELS: Final = 1 << 20
+"""Pixels gathered at a time: a few megabytes, whatever the boxes are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Rectangles of pixels of one image.
+
+    Attributes
+    ----------
+    codes : PixelCodes
+    bounds : (N, 4) int64
+        First column, first row, last column + 1, last row + 1; may be empty.
+    keep : (H, W) bool or None
+        Pixels that count; None: all do.
+    """
+
+    codes: PixelCodes
+    bounds: IntArray
+    keep: Mask | None = None
+
+    def __len__(self) -> int:
+        return len(self.bounds)
+
+    @cached_property
+    def areas(self) -> IntArray:
+        """(N,) int64: pixels of each rectangle, whether they count or not."""
+        x0, y0, x1, y1 = self.bounds.T
+        areas: IntArray = (x1 - x0) * (y1 - y0)
+        return areas
+
+    def rows(self) -> Iterator[tuple[slice, slice]]:
+        """Each rectangle as an index into an image."""
+        for x0, y0, x1, y1 in self.bounds.tolist():
+            yield slice(y0, y1), slice(x0, x1)
+
+
+def count_pixels(regions: Regions) -> IntArray:
+    """(N,) int64: the pixels of each rectangle that count."""
+    if regions.keep is None:
+        return regions.areas
+    kept = regions.keep.view(np.uint8)
+    total = np.bincount(kept.reshape(-1), minlength=256)
+    codes = PixelCodes(kept, np.arange(256, dtype=np.uint8), total)
+    return count_codes_in(Regions(codes, regions.bounds), [1])[:, 0]
+
+
+def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
+    """How many pixels of each rectangle have each of the wanted codes.
+
+    Parameters
+    ----------
+    regions : Regions
+    wanted : sequence of K different codes
+
+    Returns
+    -------
+    (N, K) int64, px
+
+    Notes
+    -----
+    The rectangles' own pixels are counted, or summed-area tables [1]_ of the whole
+    image are built, one per code: whichever is expected to be cheaper.
+
+    References
+    ----------
+    .. [1] F. C. Crow, "Summed-area tables for texture mapping", SIGGRAPH 1984.
+    """
+    height, width = regions.codes.hw
+    by_pixels = len(regions) * _NS_PER_BOX
+    by_pixels += float(regions.areas.sum()) * _NS_PER_BOX_PIXEL
+    by_tables = height * width * _NS_PER_IMAGE_PIXEL
+    by_tables += height * width * len(wanted) * _NS_PER_CODE_AND_PIXEL
+    by_tables += len(regions) * len(wanted) * _NS_PER_CODE_AND_BOX
+    if by_tables < by_pixels:
+        return count_by_tables(regions, wanted)
+    return count_by_pixels(regions, wanted)
+
+
+def count_matches(
+    regions: Regions, accepted: BoolArray, row_of_box: IntArray
+) -> IntArray:
+    """How many pixels of each rectangle have a code that its own row accepts.
+
+    Parameters
+    ----------
+    regions : Regions
+    accepted : (G, 256) bool
+        The codes that each of G groups of boxes accepts.
+    row_of_box : (N,) int64
+
+    Returns
+    -------
+    (N,) int64, px
+    """
+    present = accepted & (regions.codes.counts > 0)
+    wanted = np.flatnonzero(present.any(axis=0)).tolist()
+    comparisons = present.sum(axis=1)[row_of_box]
+    cost = float(comparisons.sum()) * _NS_PER_COMPARISON
+    cost += float((comparisons * regions.areas).sum()) * _NS_PER_COMPARED_PIXEL
+    height, width = regions.codes.hw
+    by_tables = height * width * (1.0 + len(wanted)) * _NS_PER_CODE_AND_PIXEL
+    if cost < by_tables:
+        codes_of_row = [np.flatnonzero(row).tolist() for row in present]
+        return count_by_comparing(regions, [codes_of_row[row] for row in row_of_box])
+    counts = count_codes_in(regions, wanted)
+    matched: IntArray = (counts * present[row_of_box][:, wanted]).sum(axis=1)
+    return matched
+
+
+def count_by_comparing(
+    regions: Regions, codes_of_box: Sequence[Sequence[int]]
+) -> IntArray:
+    """Matches by comparing a rectangle's pixels with each accepted value."""
+    values = regions.codes.values
+    matched = np.zeros(len(regions), dtype=np.int64)
+    for index, region in enumerate(regions.rows()):
+        part = values[region]
+        for code in codes_of_box[index]:
+            hit = part == regions.codes.value_of(code)
+            if regions.keep is not None:
+                hit &= regions.keep[region]
+            matched[index] += np.count_nonzero(hit)
+    return matched
+
+
+def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
+    """Counts from the rectangles' own pixels, in portions of bounded size."""
+    counts = np.zeros((len(regions), len(wanted)), dtype=np.int64)
+    column = np.full(256, len(wanted), dtype=np.int64)
+    column[list(wanted)] = np.arange(len(wanted))
+    start = 0
+    for stop in _portions(regions.areas):
+        portion = replace(regions, bounds=regions.bounds[start:stop])
+        counts[start:stop] = _count_portion(portion, column, len(wanted) + 1)[:, :-1]
+        start = stop
+    return counts
+
+
+def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
+    """Counts from one summed-area table per code."""
+    height, width = regions.codes.hw
+    plane = regions.codes.crop(0, 0, width, height)
+    x0, y0, x1, y1 = regions.bounds.T
+    corners = [y * (width + 1) + x for x, y in ((x1, y1), (x0, y1), (x1, y0), (x0, y0))]
+    counts = np.empty((len(regions), len(wanted)), dtype=np.int64)
+    for index, code in enumerate(wanted):
+        hit = plane == code
+        if regions.keep is not None:
+            hit &= regions.keep
+        # Exact: int32 holds the pixels of any image that may be opened.
+        table = np.asarray(cv2.integral(hit.view(np.uint8)), np.int32).reshape(-1)
+        bottom_right, bottom_left, top_right, top_left = (
+            table.take(corner) for corner in corners
+        )
+        counts[:, index] = bottom_right - bottom_left - top_right + top_left
+    return counts
+
+
+def _portions(areas: IntArray) -> Iterator[int]:
+    """Where each portion ends: at about `_CHUNK_PIXELS`, at least one box each."""
+    portion = np.cumsum(areas) // _CHUNK_PIXELS
+    yield from (np.flatnonzero(np.diff(portion)) + 1).tolist()
+    if len(areas):
+        yield len(areas)
+
+
+def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:
+    pixels = regions.codes.values
+    if regions.keep is None:
+        parts = [pixels[region].reshape(-1) for region in regions.rows()]
+        sizes = regions.areas
+    else:
+        parts = [pixels[region][regions.keep[region]] for region in regions.rows()]
+        sizes = np.array([len(part) for part in parts], dtype=np.int64)
+    flat: PixelValues = np.concatenate(parts)  # type: ignore[assignment]  # all of one dtype
+    if not len(flat):
+        return np.zeros((len(regions), width), dtype=np.int64)
+    ends = _run_ends(flat, sizes)
+    box = np.searchsorted(np.cumsum(sizes), ends, side="right")
+    codes = regions.codes.codes_of(flat[ends])
+    counts = np.bincount(
+        box * width + column[codes],
+        # Weights are float64: exact for whole numbers of pixels.
+        weights=np.diff(ends, prepend=-1),
+        minlength=len(regions) * width,
+    )
+    return counts.reshape(-1, width).astype(np.int64)
+
+
+def _run_ends(flat: PixelValues, sizes: IntArray) -> IntArray:
+    """The last pixel of each run of equal pixels; no run goes over a box's end."""
+    last = np.empty(len(flat), dtype=np.bool_)
+    np.not_equal(flat[1:], flat[:-1], out=last[:-1])
+    stops = np.cumsum(sizes)
+    last[stops[stops > 0] - 1] = True
+    return np.flatnonzero(last)
