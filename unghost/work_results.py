@@ -66,6 +66,7 @@ class Stats(Result):
     to_review: int = 0
     unsure: int = 0
     conflicts: int = 0
+    toss_ups: int = 0
     lossy: int = 0
     effective: Counts = field(default_factory=Counts)
     by_reason: Mapping[str, int] = field(default_factory=dict)
@@ -153,11 +154,3 @@ class Version(Result):
     """Which program answers."""
 
     version: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Readiness(Result):
-    """Whether the server can take work, and what each of its parts says."""
-
-    ready: bool
-    checks: Mapping[str, Any] = field(default_factory=dict)

@@ -35,7 +35,8 @@ class BoxCalls(Calls):
 
     def history(self, box_id: int) -> Iterator[HistoryEntry]:
         """Every decision and review of a box, newest first."""
-        return self._all(HistoryEntry, f"{API}/boxes/{box_id}/history")
+        path = f"{API}/boxes/{box_id}/history"
+        return self._all(HistoryEntry, path, {"limit": None})
 
     def review(
         self,
@@ -43,7 +44,7 @@ class BoxCalls(Calls):
         verdict: Answer,
         *,
         seen_revision: int,
-        comment: str | None = None,
+        comment: str = "",
     ) -> Review:
         """Answer on one box; `StaleReview` if someone answered since."""
         body = {"verdict": verdict, "seen_revision": seen_revision, "comment": comment}
@@ -56,7 +57,7 @@ class BoxCalls(Calls):
         boxes: Sequence[int] | Mapping[str, Any],
         *,
         expected_count: int | None = None,
-        comment: str | None = None,
+        comment: str = "",
     ) -> ReviewBatch:
         """One answer on many boxes: their ids, or all that match a filter.
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from unghost.cli.options import SourceOptions
 from unghost.cli.push import ensure_dataset
 from unghost.cli.push_report import PushReport
 from unghost.cli.screen import Screen
+from unghost.cli.source_options import SourceOptions
 from unghost.cli.sources import open_source, outgoing
 from unghost.client import Client
 from unghost.upload import Known, Upload

@@ -14,6 +14,7 @@ from unghost.cli import (
     datasets,
     demo,
     export,
+    filter_local,
     push,
     run,
     serve,
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for group in (serve, demo, push, run, stats, datasets, export):
+for group in (serve, demo, push, filter_local, run, stats, datasets, export):
     group.register(app)
 app.add_typer(config.app, name="config")
 

@@ -12,15 +12,9 @@ import typer
 
 from unghost.cli.command import command
 from unghost.cli.exits import PARTLY, REFUSED, Refused
-from unghost.cli.options import (
-    ChannelOrder,
-    Encoding,
-    Lossy,
-    Palette,
-    ServerOptions,
-    SourceOptions,
-)
+from unghost.cli.options import ServerOptions
 from unghost.cli.push_report import PushReport
+from unghost.cli.source_options import SegmentationReading, SourceOptions
 from unghost.cli.sources import open_source, outgoing
 from unghost.client import Client
 from unghost.errors import Conflict, NotFound
@@ -30,11 +24,9 @@ from unghost.upload import Known, Outcome, Upload
 if TYPE_CHECKING:
     from filter_core.formats.frame_source import FrameSet
 
-_PALETTE = "Tag family of the segmentations."
-
 
 @dataclass(frozen=True, kw_only=True)
-class PushOptions(ServerOptions, SourceOptions):
+class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
     """Options of `unghost push`."""
 
     source: Annotated[
@@ -48,16 +40,6 @@ class PushOptions(ServerOptions, SourceOptions):
     dataset: Annotated[
         str, typer.Option("--dataset", help="Where to; made if it is not there.")
     ]
-    palette: Annotated[Palette | None, typer.Option(help=_PALETTE)] = None
-    encoding: Annotated[Encoding | None, typer.Option(help="How they write tags.")] = (
-        None
-    )
-    channel_order: Annotated[
-        ChannelOrder | None, typer.Option(help="Order of their colour channels.")
-    ] = None
-    lossy_segmentation: Annotated[
-        Lossy | None, typer.Option(help="What to do with JPEG segmentations.")
-    ] = None
     workers: Annotated[
         int, typer.Option(min=1, max=64, help="Uploads at the same time.")
     ] = 4
@@ -68,17 +50,6 @@ class PushOptions(ServerOptions, SourceOptions):
             help="Send everything, and replace frames whose content changed.",
         ),
     ] = False
-
-    @property
-    def dataset_options(self) -> dict[str, str]:
-        """What was said about the dataset's segmentations."""
-        given = {
-            "palette": self.palette,
-            "encoding": self.encoding,
-            "channel_order": self.channel_order,
-            "lossy_segmentation": self.lossy_segmentation,
-        }
-        return {name: one.value for name, one in given.items() if one is not None}
 
 
 def register(app: typer.Typer) -> None:
@@ -95,9 +66,7 @@ def push(options: PushOptions) -> None:
     report = PushReport(options.screen)
     found = open_source(options.source, options)
     with options.connect() as client:
-        ensure_dataset(
-            client, options.dataset, options.dataset_options, found.classes or ()
-        )
+        ensure_dataset(client, options.dataset, options.reading, found.classes or ())
         send(client, options, found, report)
     report.print_summary(found.unmatched, options.dataset)
     if report.problems or found.unmatched:

@@ -12,7 +12,7 @@ from unghost.upload import NotSent, OutgoingFrame
 
 if TYPE_CHECKING:
     from filter_core.formats.frame_source import FrameSet, FrameSource
-    from unghost.cli.options import SourceOptions
+    from unghost.cli.source_options import SourceOptions
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSet:

@@ -1,0 +1,162 @@
+"""`unghost filter`: the same filter on this machine alone, without a server."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from unghost.cli.command import command
+from unghost.cli.exits import PARTLY, REFUSED
+from unghost.cli.options import OutputOptions
+from unghost.cli.screen import Screen
+from unghost.cli.source_options import SegmentationReading, SourceOptions
+from unghost.cli.sources import open_source
+
+if TYPE_CHECKING:
+    from filter_core.config import FilterConfig
+    from filter_core.formats.frame_source import FrameSet
+    from filter_core.local_filter import FrameOutcome
+
+Write = Callable[[str], object]
+
+_STDOUT: Final = Path("-")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterOptions(OutputOptions, SourceOptions, SegmentationReading):
+    """Options of `unghost filter`."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A folder in a recognised layout, or a manifest.jsonl.",
+            exists=True,
+        ),
+    ]
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A filter configuration (YAML); else the defaults.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            help="The file to write, one line per frame; - is standard output.",
+            dir_okay=False,
+            allow_dash=True,
+        ),
+    ] = _STDOUT
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=256, help="Threads; else all cores.")
+    ] = None
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    command(app, "filter")(filter_local)
+
+
+def filter_local(options: FilterOptions) -> None:
+    """Decide every box of a folder here, without a server, on all cores.
+
+    Writes one line per frame, in the order of the frames. Exit code 3 if some frames
+    could not be decided or matched; they are listed, and their lines say why.
+    """
+    config = _config(options)
+    found = open_source(options.source, options)
+    tally = _Tally(options.screen)
+    with _output(options.output) as write:
+        decided = _decided(found, config, options.workers)
+        for outcome in tally.watch(decided, found.count):
+            write(json.dumps(outcome.as_dict(), ensure_ascii=False) + "\n")
+    for file in found.unmatched:
+        tally.screen.note(f"not matched: {file.path}: {file.why}")
+    tally.print_summary(options.output)
+    if tally.failed or found.unmatched:
+        raise typer.Exit(PARTLY if tally.decided else REFUSED)
+
+
+def _config(options: FilterOptions) -> FilterConfig:
+    """The file's configuration, with what the command line says on top."""
+    from filter_core.config import FilterConfig
+    from filter_core.config_file import load_config
+
+    text = options.config.read_bytes() if options.config is not None else b""
+    loaded = load_config(text)
+    if loaded.unused_keys:
+        options.screen.note(f"not used here: {', '.join(loaded.unused_keys)}")
+    return FilterConfig.from_mapping({**loaded.config.as_dict(), **options.reading})
+
+
+def _decided(
+    found: FrameSet, config: FilterConfig, workers: int | None
+) -> Iterator[FrameOutcome]:
+    from filter_core.local_filter import filter_source
+
+    return filter_source(found, config, workers=workers)
+
+
+@contextmanager
+def _output(path: Path) -> Iterator[Write]:
+    """Where lines go; a file appears when it is complete, not before."""
+    if path == _STDOUT:
+        yield sys.stdout.write
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.part")
+    with partial.open("w", encoding="utf-8", newline="\n") as file:
+        yield file.write
+    partial.replace(path)
+
+
+class _Tally:
+    """Counts what came out, and says so."""
+
+    def __init__(self, screen: Screen) -> None:
+        self.screen = screen
+        self.decided = 0
+        self.failed = 0
+        self._boxes: Counter[str] = Counter()
+
+    def watch(
+        self, outcomes: Iterable[FrameOutcome], total: int | None
+    ) -> Iterator[FrameOutcome]:
+        """The outcomes, counted, under a bar."""
+        with self.screen.progress("filter", "frames") as advance:
+            for outcome in outcomes:
+                self._add(outcome)
+                yield outcome
+                advance(self.decided + self.failed, total)
+
+    def _add(self, outcome: FrameOutcome) -> None:
+        if outcome.error is not None:
+            self.failed += 1
+            self.screen.note(f"refused: {outcome.key}: {outcome.error['detail']}")
+            return
+        self.decided += 1
+        self._boxes.update(str(each["verdict"]) for each in outcome.decisions or ())
+
+    def print_summary(self, output: Path) -> None:
+        """Frames and boxes by what became of them."""
+        frames = {"decided": self.decided, "failed": self.failed}
+        boxes = {name: self._boxes[name] for name in ("kept", "rejected", "unmeasured")}
+        counts = {**frames, **boxes}
+        text = "\t".join(f"{count} {name}" for name, count in counts.items())
+        if output == _STDOUT:
+            self.screen.note(text)
+        else:
+            self.screen.record({"output": str(output), **counts}, text)
