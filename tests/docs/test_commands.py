@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
 
 import pytest
 
@@ -73,6 +75,22 @@ def test_every_documented_command_line_can_be_parsed(line):
     options = {word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)}
 
     assert options - {"--help"} <= known
+
+
+def test_make_alone_lists_every_target():
+    listing = subprocess.run(
+        ["make", "--no-print-directory"],
+        cwd=CHECKOUT,
+        # Not those of a make that runs this test.
+        env={k: v for k, v in os.environ.items() if not k.startswith("MAKE")},
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+
+    named = re.findall(r"^  make (\w+) ", listing, re.MULTILINE)
+
+    assert named == MAKE_TARGET.findall(read("Makefile"))
 
 
 def test_ci_runs_what_the_readme_names():

@@ -32,8 +32,8 @@ def test_the_library_example_keeps_the_visible_car_and_rejects_the_ghost(capsys)
     run(LIBRARY)
 
     first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith("0 kept kept: 100 %")
-    assert second.startswith("1 rejected rejected: ")
+    assert first.startswith("0 kept: 100 %")
+    assert second.startswith("1 rejected: ")
     assert "Building" in second
 
 

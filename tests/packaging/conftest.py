@@ -10,7 +10,9 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import venv
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,9 +65,17 @@ def wheel(distributions: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def installation(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installation:
+def installation(wheel: Path) -> Iterator[Installation]:
     """The wheel in an environment of its own, far from the checkout."""
-    folder = tmp_path_factory.mktemp("installed")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        # As an installation is: for every user of the machine to read.
+        folder.chmod(0o755)
+        yield install(wheel, folder)
+
+
+def install(wheel: Path, folder: Path) -> Installation:
+    """An environment with the wheel, and the dependencies of the one that runs this."""
     home = folder / "venv"
     venv.create(home, with_pip=False, symlinks=True)
     python = home / "bin" / "python"

@@ -11,6 +11,12 @@ import pytest
 from tests.packaging.conftest import CHECKOUT, Installation
 
 
+def names_in(wheel: Path) -> list[str]:
+    """Every file of the wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return archive.namelist()
+
+
 def shipped(folder: str, pattern: str) -> set[str]:
     """The files of a checkout's folder that belong into the wheel."""
     return {
@@ -24,7 +30,7 @@ def shipped(folder: str, pattern: str) -> set[str]:
     ("folder", "inside"), [("static", "app/_static"), ("migrations", "app/_migrations")]
 )
 def test_the_wheel_carries_every_resource_inside_the_package(wheel, folder, inside):
-    names = zipfile.ZipFile(wheel).namelist()
+    names = names_in(wheel)
 
     carried = {
         name.removeprefix(f"{inside}/") for name in names if name.startswith(inside)
@@ -34,7 +40,7 @@ def test_the_wheel_carries_every_resource_inside_the_package(wheel, folder, insi
 
 
 def test_the_wheel_has_every_module_and_the_type_markers(wheel):
-    names = set(zipfile.ZipFile(wheel).namelist())
+    names = set(names_in(wheel))
 
     for package in ("app", "filter_core", "unghost"):
         modules = {f"{package}/{name}" for name in shipped(package, "*.py")}
@@ -43,7 +49,7 @@ def test_the_wheel_has_every_module_and_the_type_markers(wheel):
 
 
 def test_the_wheel_has_nothing_else_at_the_top(wheel):
-    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    tops = {name.split("/")[0] for name in names_in(wheel)}
 
     assert {top for top in tops if not top.endswith(".dist-info")} == {
         "app",
