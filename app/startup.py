@@ -21,6 +21,7 @@ from app.services.access import write_secret
 from app.settings import Settings, bracketed
 
 STOP_WAIT_S: Final = 10
+_BACKLOG: Final = 2048
 _ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}
 
 OnReady = Callable[[str], None]
@@ -146,11 +147,31 @@ def server_config(app: FastAPI) -> uvicorn.Config:
     )
 
 
+def listen(
+    host: str, port: int, family: socket.AddressFamily = socket.AF_INET
+) -> socket.socket:
+    """A socket that listens, and that answers at once.
+
+    asyncio only turns off Nagle's algorithm on sockets that say that they are TCP;
+    others wait 40 ms with the second half of each answer.
+    """
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        if os.name == "posix":  # elsewhere it would let two servers share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(_BACKLOG)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
 def _listen(settings: Settings) -> socket.socket:
     host = settings.host.strip("[]")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        return socket.create_server((host, settings.port), family=family, backlog=2048)
+        return listen(host, settings.port, family)
     except OSError as exc:
         raise CannotServe(
             f"cannot listen on {bracketed(host)}:{settings.port}: {exc.strerror}; "

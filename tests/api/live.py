@@ -16,7 +16,7 @@ from fastapi import FastAPI
 
 from app.main import create_app
 from app.settings import Settings
-from app.startup import server_config
+from app.startup import listen, server_config
 from tests.api import probe_routes
 
 
@@ -65,7 +65,7 @@ def live(data: Path, **chosen: Any) -> Iterator[Live]:
     app.include_router(probe_routes.router)
     app.include_router(probe_routes.open_router)
     server = _Server(server_config(app))
-    with socket.create_server(("127.0.0.1", 0)) as listener:
+    with listen("127.0.0.1", 0) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

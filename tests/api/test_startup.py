@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import stat
 import sys
 
 import httpx
 
+from app.startup import listen
 from tests.servers import running_server, start, stop, wait_for_link
 
 
@@ -139,3 +141,9 @@ def test_a_line_break_in_a_path_starts_no_line_in_the_log(start_server):
     lines = server.log.read_text().splitlines()
     assert not [line for line in lines if line.startswith("2026-01-01 forged")]
     assert "\\u000a2026-01-01 forged\\u001b[2J" in server.log.read_text()
+
+
+def test_answers_do_not_wait_for_the_other_side_to_acknowledge():
+    """asyncio turns Nagle's algorithm off only where the socket says TCP."""
+    with listen("127.0.0.1", 0) as listener:
+        assert listener.proto == socket.IPPROTO_TCP
