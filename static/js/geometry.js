@@ -1,0 +1,127 @@
+// @ts-check
+// Pure geometry of the stage. Image px: origin at the top-left corner of the first pixel,
+// x right, y down; pixel j covers [j, j+1). Stage px: CSS px from the stage's corner.
+
+/** @typedef {import("./types.js").Xyxy} Xyxy */
+/** @typedef {{width: number, height: number}} Size */
+/** @typedef {{x: number, y: number}} Point */
+/** @typedef {{scale: number, x: number, y: number}} View  stage = image * scale + (x, y) */
+
+export const MAX_SCALE = 40;
+const KEEP_VISIBLE_PX = 64;
+
+/** The whole image, centred. @param {Size} image @param {Size} stage @param {number} [padding] @returns {View} */
+export function fitView(image, stage, padding = 16) {
+  const scale = Math.min(
+    Math.max(stage.width - 2 * padding, 1) / image.width,
+    Math.max(stage.height - 2 * padding, 1) / image.height,
+  );
+  return centredOn({ x: image.width / 2, y: image.height / 2 }, scale, stage);
+}
+
+/** A box with its surroundings: as much again on each side, at least 24 px. @param {Xyxy} xyxy @param {Size} stage @returns {View} */
+export function cropView(xyxy, stage) {
+  const [x0, y0, x1, y1] = xyxy;
+  const margin = Math.max((x1 - x0) * 0.75, (y1 - y0) * 0.75, 24);
+  const scale = Math.min(
+    stage.width / (x1 - x0 + 2 * margin),
+    stage.height / (y1 - y0 + 2 * margin),
+    MAX_SCALE,
+  );
+  return centredOn({ x: (x0 + x1) / 2, y: (y0 + y1) / 2 }, scale, stage);
+}
+
+/** @param {Point} centre image px @param {number} scale @param {Size} stage @returns {View} */
+function centredOn(centre, scale, stage) {
+  return {
+    scale,
+    x: stage.width / 2 - centre.x * scale,
+    y: stage.height / 2 - centre.y * scale,
+  };
+}
+
+/**
+ * Zoom so that the image point under `at` stays under it.
+ * @param {View} view @param {number} factor @param {Point} at stage px @param {number} minScale
+ * @returns {View}
+ */
+export function zoomAt(view, factor, at, minScale) {
+  const scale = Math.min(Math.max(view.scale * factor, minScale), MAX_SCALE);
+  const ratio = scale / view.scale;
+  return { scale, x: at.x - (at.x - view.x) * ratio, y: at.y - (at.y - view.y) * ratio };
+}
+
+/** @param {View} view @param {number} dx @param {number} dy @returns {View} */
+export const panBy = (view, dx, dy) => ({ ...view, x: view.x + dx, y: view.y + dy });
+
+/** The nearest view that still shows a corner of the image. @param {View} view @param {Size} image @param {Size} stage @returns {View} */
+export function clampView(view, image, stage) {
+  const keep = Math.min(KEEP_VISIBLE_PX, image.width * view.scale, image.height * view.scale);
+  return {
+    scale: view.scale,
+    x: Math.min(Math.max(view.x, keep - image.width * view.scale), stage.width - keep),
+    y: Math.min(Math.max(view.y, keep - image.height * view.scale), stage.height - keep),
+  };
+}
+
+/** @param {View} view @param {Xyxy} xyxy @returns {Xyxy} stage px */
+export function toStage(view, [x0, y0, x1, y1]) {
+  const { scale, x, y } = view;
+  return [x0 * scale + x, y0 * scale + y, x1 * scale + x, y1 * scale + y];
+}
+
+/** @param {View} view @param {Point} at stage px @returns {Point} image px */
+export const toImage = (view, at) => ({
+  x: (at.x - view.x) / view.scale,
+  y: (at.y - view.y) / view.scale,
+});
+
+/** @param {Xyxy} xyxy @param {Size} stage */
+export function isOnStage([x0, y0, x1, y1], stage) {
+  return x1 > 0 && y1 > 0 && x0 < stage.width && y0 < stage.height;
+}
+
+/** @param {Xyxy} xyxy */
+export const areaOf = ([x0, y0, x1, y1]) => Math.max(0, x1 - x0) * Math.max(0, y1 - y0);
+
+/**
+ * Everything under a point, the smallest first: the box that is hardest to reach otherwise.
+ * @template {{xyxy: Xyxy | null}} B
+ * @param {readonly B[]} boxes @param {Point} at image px @param {number} slack image px
+ * @returns {B[]}
+ */
+export function boxesAt(boxes, at, slack) {
+  /** @param {B} box */
+  const isHit = ({ xyxy }) =>
+    xyxy !== null &&
+    at.x >= xyxy[0] - slack &&
+    at.x <= xyxy[2] + slack &&
+    at.y >= xyxy[1] - slack &&
+    at.y <= xyxy[3] + slack;
+  return boxes
+    .filter(isHit)
+    .sort((a, b) => areaOf(/** @type {Xyxy} */ (a.xyxy)) - areaOf(/** @type {Xyxy} */ (b.xyxy)));
+}
+
+/**
+ * The next of the stacked boxes: clicking again on the same place goes one deeper.
+ * @template B
+ * @param {readonly B[]} hits @param {B | undefined} current
+ * @returns {B | undefined}
+ */
+export function nextOfStack(hits, current) {
+  const i = current === undefined ? -1 : hits.indexOf(current);
+  return hits[(i + 1) % hits.length];
+}
+
+/** Every pixel that a box touches; a box thinner than a pixel still has one. @param {Xyxy} xyxy @param {Size} image */
+export function pixelBounds([x0, y0, x1, y1], image) {
+  const left = clamp(Math.floor(x0), 0, image.width - 1);
+  const top = clamp(Math.floor(y0), 0, image.height - 1);
+  const right = clamp(Math.ceil(x1), left + 1, image.width);
+  const bottom = clamp(Math.ceil(y1), top + 1, image.height);
+  return { x: left, y: top, width: right - left, height: bottom - top };
+}
+
+/** @param {number} value @param {number} low @param {number} high */
+export const clamp = (value, low, high) => Math.min(Math.max(value, low), high);

@@ -1,0 +1,43 @@
+// @ts-check
+// What a person likes to see, kept in this browser and never sent.
+
+import { createValue } from "./store.js";
+
+/**
+ * @typedef {object} Prefs
+ * @property {"system" | "light" | "dark"} theme
+ * @property {boolean} mask  segmentation over the image
+ * @property {number} opacity  of the segmentation, 0.1 to 1
+ * @property {boolean} lit  matching pixels of the selected box
+ * @property {boolean} edges  3D edges
+ */
+
+const STORAGE_KEY = "unghost.prefs.v1";
+
+/** @type {Prefs} */
+const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true };
+
+/** @param {Pick<Storage, "getItem" | "setItem">} storage */
+export function createPrefs(storage) {
+  const prefs = createValue(loadPrefs(storage));
+  prefs.observe((next) => storage.setItem(STORAGE_KEY, JSON.stringify(next)));
+  return {
+    ...prefs,
+
+    /** @param {Partial<Prefs>} some */
+    change: (some) => prefs.set({ ...prefs.get(), ...some }),
+  };
+}
+
+/** @typedef {ReturnType<typeof createPrefs>} PrefsValue */
+
+/** @param {Pick<Storage, "getItem">} storage @returns {Prefs} */
+function loadPrefs(storage) {
+  try {
+    const stored = JSON.parse(storage.getItem(STORAGE_KEY) ?? "{}");
+    const known = Object.entries(DEFAULTS).map(([key, value]) => [key, typeof stored[key] === typeof value ? stored[key] : value]);
+    return Object.fromEntries(known);
+  } catch {
+    return DEFAULTS;
+  }
+}

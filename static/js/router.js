@@ -1,0 +1,93 @@
+// @ts-check
+// The address is the state: any view is a link. Parsing and writing are pure; only
+// `createRouter` touches the window.
+
+import { createValue } from "./store.js";
+
+/** @typedef {Record<string, string>} Query  only what is set */
+/** @typedef {{name: string, params: Record<string, string>, query: Query}} Route */
+
+/**
+ * One row per view. `nav` rows appear in the navigation of a dataset; a view that is not
+ * there yet has no row, hence no link.
+ * @type {readonly {name: string, pattern: string, nav?: string}[]}
+ */
+export const ROUTES = [
+  { name: "datasets", pattern: "datasets" },
+  { name: "frames", pattern: "datasets/:dataset/frames", nav: "Frames" },
+  { name: "frame", pattern: "frames/:id" },
+];
+
+/** @param {string} hash @returns {Route} */
+export function parseHash(hash) {
+  const [path = "", search = ""] = hash.replace(/^#?\/?/, "").split(/\?(.*)/s);
+  const query = Object.fromEntries([...new URLSearchParams(search)].filter(([, value]) => value !== ""));
+  if (path === "") return { name: "datasets", params: {}, query };
+  for (const { name, pattern } of ROUTES) {
+    const params = matchPath(pattern, path);
+    if (params) return { name, params, query };
+  }
+  return { name: "unknown", params: { path }, query };
+}
+
+/** @param {string} pattern @param {string} path @returns {Record<string, string> | null} */
+function matchPath(pattern, path) {
+  const wanted = pattern.split("/");
+  const found = path.replace(/\/$/, "").split("/");
+  if (wanted.length !== found.length) return null;
+  /** @type {Record<string, string>} */
+  const params = {};
+  for (const [i, part] of wanted.entries()) {
+    const value = decoded(found[i] ?? "");
+    if (part.startsWith(":")) params[part.slice(1)] = value;
+    else if (part !== value) return null;
+  }
+  return params;
+}
+
+/** @param {string} part */
+function decoded(part) {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
+  }
+}
+
+/** @param {string} name @param {Record<string, string | number>} [params] @param {Query} [query] */
+export function linkTo(name, params = {}, query = {}) {
+  const row = ROUTES.find((route) => route.name === name);
+  if (!row) throw new RangeError(`there is no view ${name}`);
+  const path = row.pattern.replace(/:(\w+)/g, (_, key) => encodeURIComponent(String(params[key] ?? "")));
+  const search = new URLSearchParams(Object.entries(query).filter(([, value]) => value)).toString();
+  return `#/${path}${search && `?${search}`}`;
+}
+
+/** The token of a login link, or null. @param {string} hash */
+export function tokenOf(hash) {
+  const match = /^#token=(.+)$/.exec(hash);
+  return match ? decoded(match[1] ?? "") : null;
+}
+
+export function createRouter() {
+  const route = createValue(parseHash(location.hash));
+  const read = () => route.set(parseHash(location.hash));
+  addEventListener("hashchange", read);
+  return {
+    route,
+
+    /** @param {string} hash */
+    go(hash) {
+      location.hash = hash;
+    },
+
+    /** Same view, other details: no new entry in the history. @param {string} hash */
+    replace(hash) {
+      if (hash === location.hash) return;
+      history.replaceState(history.state, "", hash);
+      read();
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createRouter>} Router */

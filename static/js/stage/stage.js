@@ -1,0 +1,194 @@
+// @ts-check
+// The stage: two layers of canvas, drawn by requestAnimationFrame from the latest snapshot and
+// the current view. Events only change those two; nothing is drawn from an event.
+
+import { boxesAt, clampView, cropView, fitView, nextOfStack, panBy, toImage, zoomAt } from "../geometry.js";
+import { createGlide } from "./glide.js";
+import { listen } from "./input.js";
+import { paintBase, paintTop, readInks } from "./paint.js";
+
+/** @typedef {import("../types.js").Decision} Decision */
+/** @typedef {import("../types.js").Xyxy} Xyxy */
+/** @typedef {import("../geometry.js").View} View */
+/** @typedef {import("../geometry.js").Point} Point */
+
+/**
+ * @typedef {object} Snapshot  everything that is drawn
+ * @property {{width: number, height: number}} image  its size, px
+ * @property {CanvasImageSource | null} picture
+ * @property {CanvasImageSource | null} mask  the segmentation, painted
+ * @property {number} opacity  of the mask
+ * @property {readonly Decision[]} boxes
+ * @property {Decision | null} selected
+ * @property {import("./pixels.js").Lit | null} lit
+ * @property {boolean} edges
+ */
+
+/**
+ * @typedef {object} StageEvents
+ * @property {(boxId: number | null) => void} onSelect
+ * @property {(scale: number) => void} onZoom
+ */
+
+const CLICK_SLACK_PX = 4;
+
+/** @param {HTMLElement} host @param {StageEvents} events */
+export function createStage(host, events) {
+  const base = layerIn(host, "base");
+  const top = layerIn(host, "top");
+  const size = { width: 0, height: 0 };
+  /** @type {Snapshot | null} */
+  let snapshot = null;
+  /** @type {View} */
+  let view = { scale: 1, x: 0, y: 0 };
+  /** @type {Decision | null} */
+  let hovered = null;
+  /** What a resize restores. @type {"fit" | "free"} */
+  let mode = "fit";
+  let inks = readInks(host);
+  let dirty = { base: false, top: false };
+  let request = 0;
+
+  /** @param {"all" | "top"} what */
+  function invalidate(what) {
+    dirty = { base: dirty.base || what === "all", top: true };
+    request ||= requestAnimationFrame(draw);
+  }
+
+  function draw() {
+    request = 0;
+    if (!snapshot || size.width === 0) return;
+    const scene = { snapshot, view, size, hovered, inks };
+    if (dirty.base) paintBase(base, scene);
+    if (dirty.top) paintTop(top, scene);
+    dirty = { base: false, top: false };
+    host.dataset.drawn = String(Number(host.dataset.drawn ?? 0) + 1);
+  }
+
+  /** @param {View} next */
+  function show(next) {
+    if (!snapshot) return;
+    if (next.scale !== view.scale) events.onZoom(next.scale);
+    view = clampView(next, snapshot.image, size);
+    invalidate("all");
+  }
+
+  const glide = createGlide(() => view, show);
+  const minScale = () => (snapshot ? Math.min(fitView(snapshot.image, size).scale, 1) * 0.5 : 0.1);
+
+  /** @param {boolean} smoothly */
+  function fit(smoothly) {
+    mode = "fit";
+    if (snapshot) glide.to(fitView(snapshot.image, size), smoothly);
+  }
+
+  /** @param {Point} at */
+  function hitsAt(at) {
+    if (!snapshot) return [];
+    return boxesAt(snapshot.boxes, toImage(view, at), CLICK_SLACK_PX / view.scale);
+  }
+
+  /** @param {Decision | null} box */
+  function hover(box) {
+    if (box?.box_id === hovered?.box_id) return;
+    hovered = box;
+    host.classList.toggle("is-over-box", box !== null);
+    invalidate("top");
+  }
+
+  const stopListening = listen(host, {
+    pan(dx, dy) {
+      mode = "free";
+      glide.stop();
+      show(panBy(view, dx, dy));
+    },
+    zoom(factor, at) {
+      mode = "free";
+      glide.stop();
+      show(zoomAt(view, factor, at, minScale()));
+    },
+    hover: (at) => hover(at ? (hitsAt(at)[0] ?? null) : null),
+    click(at) {
+      const hits = hitsAt(at);
+      const current = hits.find(({ box_id }) => box_id === snapshot?.selected?.box_id);
+      events.onSelect(nextOfStack(hits, current)?.box_id ?? null);
+    },
+    doubleClick(at) {
+      const box = hitsAt(at)[0];
+      if (box?.xyxy) crop(box.xyxy);
+      else fit(true);
+    },
+  });
+
+  /** @param {Xyxy} xyxy */
+  function crop(xyxy) {
+    mode = "free";
+    glide.to(cropView(xyxy, size), true);
+  }
+
+  const resizes = new ResizeObserver(() => {
+    size.width = host.clientWidth;
+    size.height = host.clientHeight;
+    for (const layer of [base, top]) fitLayer(layer, size);
+    if (mode === "fit") fit(false);
+    else show(view);
+  });
+  resizes.observe(host);
+
+  return {
+    /** @param {Snapshot} next */
+    update(next) {
+      const isNewImage = next.image.width !== snapshot?.image.width || next.image.height !== snapshot?.image.height;
+      const onlyLit = snapshot !== null && sameBut(snapshot, next, "lit");
+      snapshot = next;
+      if (hovered) hovered = next.boxes.find(({ box_id }) => box_id === hovered?.box_id) ?? null;
+      if (isNewImage) fit(false);
+      invalidate(onlyLit ? "top" : "all");
+    },
+    fit: () => fit(true),
+    crop,
+    isFitted: () => mode === "fit",
+    /** @param {number} factor */
+    zoomBy(factor) {
+      mode = "free";
+      const centre = { x: size.width / 2, y: size.height / 2 };
+      glide.to(zoomAt(glide.target(), factor, centre, minScale()), true);
+    },
+    /** Colours come from the style sheet: read them again after a change of theme. */
+    restyle() {
+      inks = readInks(host);
+      invalidate("all");
+    },
+    destroy() {
+      cancelAnimationFrame(request);
+      glide.stop();
+      resizes.disconnect();
+      stopListening();
+      host.replaceChildren();
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createStage>} Stage */
+
+/** @param {Snapshot} a @param {Snapshot} b @param {keyof Snapshot} key */
+function sameBut(a, b, key) {
+  return /** @type {(keyof Snapshot)[]} */ (Object.keys(b)).every((k) => k === key || Object.is(a[k], b[k]));
+}
+
+/** @param {HTMLElement} host @param {string} name */
+function layerIn(host, name) {
+  const canvas = document.createElement("canvas");
+  canvas.className = `stage__layer stage__layer--${name}`;
+  canvas.setAttribute("aria-hidden", "true");
+  host.append(canvas);
+  return /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+}
+
+/** @param {CanvasRenderingContext2D} layer @param {{width: number, height: number}} size */
+function fitLayer(layer, size) {
+  const density = Math.min(devicePixelRatio || 1, 2);
+  layer.canvas.width = Math.round(size.width * density);
+  layer.canvas.height = Math.round(size.height * density);
+  layer.setTransform(density, 0, 0, density, 0, 0);
+}

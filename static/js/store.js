@@ -1,0 +1,78 @@
+// @ts-check
+// State as immutable snapshots that can be observed. No DOM, no network.
+
+/** @typedef {import("./types.js").Decision} Decision */
+/** @typedef {"local" | "undo" | "remote"} Origin  this reviewer; this reviewer taking back; the server */
+/** @typedef {{origin: Origin, before: Decision, after: Decision}} Change */
+
+export const LOCAL = "local";
+export const UNDO = "undo";
+export const REMOTE = "remote";
+
+/**
+ * The boxes of one frame, in the frame's order.
+ * @param {readonly Decision[]} decisions
+ */
+export function createStore(decisions) {
+  let byId = new Map(decisions.map((box) => [box.box_id, Object.freeze(box)]));
+  /** @type {readonly Decision[] | null} */
+  let all = null;
+  /** @type {Set<(change: Change) => void>} */
+  const observers = new Set();
+  return {
+    /** @param {number} boxId */
+    get: (boxId) => byId.get(boxId),
+
+    /** One array per state: the same until something changes. */
+    all: () => (all ??= Object.freeze([...byId.values()])),
+
+    /** @param {Decision} after @param {Origin} origin */
+    apply(after, origin) {
+      const before = byId.get(after.box_id);
+      if (!before) throw new RangeError(`box ${after.box_id} is not on this frame`);
+      byId = new Map(byId).set(after.box_id, Object.freeze(after));
+      all = null;
+      for (const notify of [...observers]) notify({ origin, before, after });
+    },
+
+    /** @param {(change: Change) => void} notify @returns {() => void} stop observing */
+    observe(notify) {
+      observers.add(notify);
+      return () => observers.delete(notify);
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createStore>} Store */
+
+/**
+ * One observable value.
+ * @template T
+ * @param {T} initial
+ */
+export function createValue(initial) {
+  let value = initial;
+  /** @type {Set<(value: T) => void>} */
+  const observers = new Set();
+  return {
+    get: () => value,
+
+    /** @param {T} next */
+    set(next) {
+      if (Object.is(next, value)) return;
+      value = next;
+      for (const notify of [...observers]) notify(next);
+    },
+
+    /** @param {(value: T) => void} notify @returns {() => void} stop observing */
+    observe(notify) {
+      observers.add(notify);
+      return () => observers.delete(notify);
+    },
+  };
+}
+
+/**
+ * @template T
+ * @typedef {{get: () => T, set: (next: T) => void, observe: (notify: (value: T) => void) => () => void}} Value
+ */

@@ -1,0 +1,78 @@
+// @ts-check
+// All datasets as cards; or, when there are none, how to bring one.
+
+import { html } from "../html.js";
+import { linkTo } from "../router.js";
+import { countOf, countText } from "../wording.js";
+import { useLoaded, useTitle } from "./hooks.js";
+import { Icon } from "./icons.js";
+import { Command, Failure, Notice, ReviewProgress, StrokeSwatch, VerdictBar } from "./parts.js";
+import { TopBar } from "./topbar.js";
+
+/** @typedef {import("../app.js").App} App */
+/** @typedef {import("../types.js").Dataset} Dataset */
+
+/** @param {{app: App}} props */
+export function DatasetsView({ app }) {
+  useTitle("Datasets");
+  const loaded = useLoaded(app, (signal) => app.api.datasets({ limit: 500 }, signal), []);
+  const datasets = loaded.value?.items;
+  return html`<${TopBar} app=${app} crumbs=${[]} />
+    <main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
+      ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
+      ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
+      ${datasets?.length === 0 && html`<${Empty} />`}
+      ${datasets && datasets.length > 0 && html`<${Cards} app=${app} datasets=${datasets} />`}
+    </main>`;
+}
+
+/** @param {{app: App, datasets: readonly Dataset[]}} props */
+function Cards({ app, datasets }) {
+  return html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span></div>
+    <ul class="cards">
+      ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
+    </ul>`;
+}
+
+/** @param {{app: App, dataset: Dataset}} props */
+function Card({ app, dataset }) {
+  const { name, description, counts, thumbnail_frame_id: thumbnail } = dataset;
+  return html`<a class="card" href=${linkTo("frames", { dataset: name })}>
+    <div class="card__picture">
+      ${thumbnail ? html`<img src=${app.api.thumbnailUrl(thumbnail)} alt="" loading="lazy" />` : html`<${Icon} name="image" class="card__none" />`}
+    </div>
+    <div class="card__body">
+      <h2 class="card__title">${name}</h2>
+      ${description && html`<p class="card__text">${description}</p>`}
+      <p class="card__counts">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}
+        ${counts.problems > 0 && html` · <span class="warn">${countOf(counts.problems, "refused frame")}</span>`}</p>
+      <${VerdictBar} counts=${counts} />
+      <${Legend} counts=${counts} />
+      <${ReviewProgress} counts=${counts} />
+    </div>
+  </a>`;
+}
+
+/** @param {{counts: import("../types.js").FrameCounts}} props */
+export function Legend({ counts }) {
+  return html`<div class="legend">
+    <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
+    <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
+    ${counts.unmeasured > 0 && html`<span><${StrokeSwatch} verdict="unmeasured" /><b>${countText(counts.unmeasured)}</b> unmeasured</span>`}
+  </div>`;
+}
+
+function Empty() {
+  return html`<${Notice} icon="layers" title="No datasets yet">
+    <p>Send a folder of frames: images, segmentations and boxes. What is there already is not sent again.</p>
+    <${Command} text="unghost push FOLDER --dataset NAME" />
+    <p>Or look around with a small synthetic street whose truth is known:</p>
+    <${Command} text="unghost demo" />
+  <//>`;
+}
+
+function Skeleton() {
+  return html`<div class="page__head"><h1>Datasets</h1></div>
+    <div class="cards" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="card card--skeleton"><div class="card__picture shimmer" /><div class="card__body"><div class="bone" /><div class="bone bone--short" /><div class="bone" /></div></div>`)}</div>
+    <p class="sr-only" role="status">Loading datasets</p>`;
+}

@@ -1,0 +1,125 @@
+// @ts-check
+// The frames of a dataset: thumbnails with counts, filters in the address, pages by cursor.
+
+import { html, useCallback, useEffect, useRef, useState } from "../html.js";
+import { FILTER_KEYS } from "../boxfilter.js";
+import { linkTo } from "../router.js";
+import { countOf, countText } from "../wording.js";
+import { FrameFilters } from "./filters.js";
+import { useLoaded, useTitle } from "./hooks.js";
+import { Icon } from "./icons.js";
+import { Failure, Notice, VerdictBar } from "./parts.js";
+import { TopBar } from "./topbar.js";
+
+/** @typedef {import("../app.js").App} App */
+/** @typedef {import("../router.js").Query} Query */
+/** @typedef {import("../types.js").FrameItem} FrameItem */
+
+const PAGE_SIZE = 60;
+
+/** @param {{app: App, route: import("../router.js").Route}} props */
+export function FramesView({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useTitle(name);
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const counts = dataset.value?.counts;
+  /** @param {Query} query */
+  const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));
+
+  return html`<${TopBar} app=${app} crumbs=${[{ text: "Datasets", href: linkTo("datasets") }, { text: name }]} />
+    <main id="main" class="page" tabindex="-1">
+      <div class="page__head">
+        <h1>${name}</h1>
+        ${counts && html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countText(counts.to_review)} to review</span>`}
+      </div>
+      ${dataset.state === "error"
+        ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
+        : html`<${FrameFilters} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+            <${FrameGrid} key=${name + JSON.stringify(apiParams(route.query))} app=${app} dataset=${name} query=${route.query}
+              total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`}
+    </main>`;
+}
+
+/** @param {Query} query */
+const apiParams = (query) => Object.fromEntries(FRAME_FILTERS.map((key) => [key, query[key]]));
+
+const FRAME_FILTERS = /** @type {const} */ ([...FILTER_KEYS, "key"]);
+
+/** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
+function FrameGrid({ app, dataset, query, total, onClear }) {
+  const { items, isDone, error, more } = usePages(app, dataset, query);
+  const isFiltered = FRAME_FILTERS.some((key) => query[key]);
+  if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
+  if (isDone && items.length === 0) return html`<${Nothing} isFiltered=${isFiltered} onClear=${onClear} />`;
+  return html`<p class="page__count" role="status">${countText_(items.length, isDone, isFiltered, total)}</p>
+    <ul class="thumbs" aria-busy=${!isDone && items.length === 0}>
+      ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
+      ${items.length === 0 && Array.from({ length: 12 }, () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`)}
+    </ul>
+    ${error && html`<p class="more" role="alert">${error.message} <button class="button button--small" onClick=${more}>Try again</button></p>`}
+    ${!isDone && !error && html`<${Sentinel} onSeen=${more} />`}`;
+}
+
+/** @param {number} shown @param {boolean} isDone @param {boolean} isFiltered @param {number | null} total */
+function countText_(shown, isDone, isFiltered, total) {
+  if (shown === 0) return "Loading frames";
+  if (!isDone) return `First ${countText(shown)}${!isFiltered && total ? ` of ${countText(total)}` : ""} frames`;
+  const hidden = isFiltered && total ? total - shown : 0;
+  return countOf(shown, "frame") + (hidden > 0 ? ` · ${countText(hidden)} hidden by the filters` : "");
+}
+
+/** @param {App} app @param {string} dataset @param {Query} query */
+function usePages(app, dataset, query) {
+  const [pages, setPages] = useState(/** @type {{items: FrameItem[], cursor: string | null, isDone: boolean, error: Error | null}} */ ({ items: [], cursor: null, isDone: false, error: null }));
+  const isBusy = useRef(false);
+  const more = useCallback(async () => {
+    if (isBusy.current || pages.isDone) return;
+    isBusy.current = true;
+    try {
+      const page = await app.api.frames(dataset, { ...apiParams(query), limit: PAGE_SIZE, cursor: pages.cursor ?? undefined });
+      setPages({ items: [...pages.items, ...page.items], cursor: page.next_cursor, isDone: page.next_cursor === null, error: null });
+    } catch (error) {
+      app.notice(error);
+      setPages({ ...pages, error: error instanceof Error ? error : new Error(String(error)) });
+    } finally {
+      isBusy.current = false;
+    }
+  }, [pages]);
+  useEffect(() => void more(), []);
+  return { ...pages, more };
+}
+
+/** Asks for more when it comes into sight. @param {{onSeen: () => void}} props */
+function Sentinel({ onSeen }) {
+  const element = useRef(/** @type {HTMLDivElement | null} */ (null));
+  useEffect(() => {
+    const watcher = new IntersectionObserver((entries) => entries.some((entry) => entry.isIntersecting) && onSeen(), { rootMargin: "600px" });
+    if (element.current) watcher.observe(element.current);
+    return () => watcher.disconnect();
+  }, [onSeen]);
+  return html`<div class="more" ref=${element}><span class="spinner" aria-hidden="true"></span><span class="sr-only">Loading more frames</span></div>`;
+}
+
+/** @param {{app: App, frame: FrameItem, query: Query}} props */
+function Thumb({ app, frame, query }) {
+  const { id, key, counts, has_image, lossy } = frame;
+  const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : counts.boxes ? "all answered" : "no boxes";
+  return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
+    <div class="thumb__picture">
+      ${has_image ? html`<img src=${app.api.thumbnailUrl(id)} alt="" loading="lazy" decoding="async" />` : html`<${Icon} name="image" />`}
+      ${lossy && html`<span class="thumb__flag">lossy</span>`}
+    </div>
+    <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>
+    <${VerdictBar} counts=${counts} />
+    <div class="thumb__text faint"><span>${waiting}</span></div>
+  </a>`;
+}
+
+/** @param {{isFiltered: boolean, onClear: () => void}} props */
+function Nothing({ isFiltered, onClear }) {
+  return isFiltered
+    ? html`<${Notice} icon="filter" title="No frame matches" actions=${html`<button class="button" onClick=${onClear}>Clear the filters</button>`}>
+        <p>Every frame of this dataset is hidden by the filters.</p>
+      <//>`
+    : html`<${Notice} title="No frames yet"><p>Nothing has been pushed to this dataset.</p><//>`;
+}

@@ -1,0 +1,76 @@
+// @ts-check
+// How views read what can change.
+
+import { useCallback, useEffect, useState } from "../html.js";
+
+/** @template T @param {import("../store.js").Value<T>} value @returns {T} */
+export function useValue(value) {
+  const [seen, setSeen] = useState(() => value.get());
+  useEffect(() => {
+    setSeen(() => value.get());
+    return value.observe((next) => setSeen(() => next));
+  }, [value]);
+  return seen;
+}
+
+/** @param {import("../store.js").Store} store */
+export function useBoxes(store) {
+  const [boxes, setBoxes] = useState(() => store.all());
+  useEffect(() => {
+    setBoxes(store.all());
+    return store.observe(() => setBoxes(store.all()));
+  }, [store]);
+  return boxes;
+}
+
+/**
+ * @template T
+ * @typedef {{state: "loading", value: T | null, error: null, reload: () => void}
+ *   | {state: "ready", value: T, error: null, reload: () => void}
+ *   | {state: "error", value: T | null, error: Error, reload: () => void}} Loaded
+ */
+
+/**
+ * Load when `deps` change; what was asked for before is abandoned.
+ * @template T
+ * @param {import("../app.js").App} app
+ * @param {(signal: AbortSignal) => Promise<T>} load
+ * @param {readonly unknown[]} deps
+ * @returns {Loaded<T>}
+ */
+export function useLoaded(app, load, deps) {
+  const [attempt, setAttempt] = useState(0);
+  const [found, setFound] = useState(/** @type {{value: T | null, error: Error | null, done: boolean}} */ ({ value: null, error: null, done: false }));
+  useEffect(() => {
+    const stop = new AbortController();
+    setFound((last) => ({ ...last, error: null, done: false }));
+    load(stop.signal).then(
+      (value) => !stop.signal.aborted && setFound({ value, error: null, done: true }),
+      (error) => {
+        if (stop.signal.aborted) return;
+        app.notice(error);
+        setFound((last) => ({ ...last, error, done: true }));
+      },
+    );
+    return () => stop.abort();
+  }, [...deps, attempt]);
+  const reload = useCallback(() => setAttempt((n) => n + 1), []);
+  const { value, error, done } = found;
+  if (error) return { state: "error", value, error, reload };
+  return done && value !== null ? { state: "ready", value, error: null, reload } : { state: "loading", value, error: null, reload };
+}
+
+/** Offer actions to the keys while the view is on show. @param {import("../app.js").App} app @param {import("../app.js").Actions} actions */
+export function useActions(app, actions) {
+  useEffect(() => {
+    app.actions.set([...app.actions.get(), actions]);
+    return () => app.actions.set(app.actions.get().filter((offered) => offered !== actions));
+  }, [app, actions]);
+}
+
+/** @param {string} title */
+export function useTitle(title) {
+  useEffect(() => {
+    document.title = title ? `${title} · Unghost` : "Unghost";
+  }, [title]);
+}

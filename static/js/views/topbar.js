@@ -1,0 +1,100 @@
+// @ts-check
+// The top bar: where you are, whether all is saved, and the page's settings.
+
+import { html, useEffect, useRef, useState } from "../html.js";
+import { linkTo } from "../router.js";
+import { countOf } from "../wording.js";
+import { useValue } from "./hooks.js";
+import { Icon, Mark } from "./icons.js";
+import { perform } from "../keys.js";
+
+/** @typedef {import("../app.js").App} App */
+/** @typedef {{text: string, href?: string}} Crumb */
+
+/** @param {{app: App, crumbs: readonly Crumb[], children?: unknown}} props */
+export function TopBar({ app, crumbs, children }) {
+  return html`<header class="topbar">
+    <a class="topbar__home" href=${linkTo("datasets")} aria-label="Unghost: all datasets"><${Mark} /><span class="topbar__name">Unghost</span></a>
+    <nav class="crumbs" aria-label="Breadcrumb">
+      <ol>
+        ${crumbs.map(
+          ({ text, href }) => html`<li>${href ? html`<a href=${href}>${text}</a>` : html`<span aria-current="page" title=${text}>${text}</span>`}</li>`,
+        )}
+      </ol>
+    </nav>
+    <div class="topbar__middle">${children}</div>
+    <${SaveState} app=${app} />
+    <${Menu} app=${app} />
+  </header>`;
+}
+
+const PHASES = {
+  saved: { icon: "check", text: "All answers saved" },
+  saving: { icon: "check", text: "Saving…" },
+  offline: { icon: "cloud", text: "offline, kept here" },
+  busy: { icon: "cloud", text: "server busy, trying again" },
+  "signed-out": { icon: "cloud", text: "signed out, kept here" },
+};
+
+/** @param {{app: App}} props */
+function SaveState({ app }) {
+  const { phase, waiting } = useValue(app.saver.state);
+  const { icon, text } = PHASES[phase];
+  const isWaiting = phase !== "saved" && phase !== "saving";
+  const words = isWaiting ? `${countOf(waiting.size, "answer")} ${text}` : text;
+  return html`<div class="savestate savestate--${phase}" role="status" title=${words}>
+    <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
+    ${isWaiting && html`<button class="button button--small" onClick=${() => app.saver.resume()}>Retry</button>`}
+  </div>`;
+}
+
+const THEMES = /** @type {const} */ ([
+  { value: "system", text: "System", icon: "system" },
+  { value: "light", text: "Light", icon: "sun" },
+  { value: "dark", text: "Dark", icon: "moon" },
+]);
+
+/** @param {{app: App}} props */
+function Menu({ app }) {
+  const [isOpen, setOpen] = useState(false);
+  const root = useRef(/** @type {HTMLDivElement | null} */ (null));
+  useEffect(() => {
+    if (!isOpen) return;
+    /** @param {Event} event */
+    const close = (event) => {
+      const isInside = event.target instanceof Node && root.current?.contains(event.target);
+      if (event instanceof KeyboardEvent ? event.key === "Escape" : !isInside) setOpen(false);
+    };
+    addEventListener("pointerdown", close);
+    addEventListener("keydown", close);
+    return () => {
+      removeEventListener("pointerdown", close);
+      removeEventListener("keydown", close);
+    };
+  }, [isOpen]);
+  return html`<div class="menu" ref=${root}>
+    <button class="button button--quiet button--icon" aria-expanded=${isOpen} aria-label="Settings" title="Settings" onClick=${() => setOpen(!isOpen)}>
+      <${Icon} name="sun" />
+    </button>
+    ${isOpen && html`<${MenuPanel} app=${app} close=${() => setOpen(false)} />`}
+  </div>`;
+}
+
+/** @param {{app: App, close: () => void}} props */
+function MenuPanel({ app, close }) {
+  const prefs = useValue(app.prefs);
+  return html`<div class="menu__panel" role="group" aria-label="Settings">
+    <div class="menu__label" id="theme-label">Appearance</div>
+    <div class="segments segments--wide" role="group" aria-labelledby="theme-label">
+      ${THEMES.map(
+        ({ value, text, icon }) => html`<button class="segments__item" aria-pressed=${prefs.theme === value} onClick=${() => app.prefs.change({ theme: value })}>
+          <${Icon} name=${icon} />${text}
+        </button>`,
+      )}
+    </div>
+    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}><${Icon} name="keyboard" />Keys<kbd aria-hidden="true">?</kbd></button>
+    <button class="menu__item" onClick=${() => app.signOut().catch((error) => app.toasts.show(error.message, { kind: "error" }))}>
+      <${Icon} name="exit" />Sign out
+    </button>
+  </div>`;
+}

@@ -1,0 +1,117 @@
+// @ts-check
+// Numbers and reasons in words: the same everywhere on the page. Pure.
+
+/** @typedef {import("./types.js").Decision} Decision */
+/** @typedef {import("./types.js").Verdict} Verdict */
+
+/** @type {Record<string, string>} */
+export const REASONS = {
+  visible: "visible",
+  below_threshold: "below threshold",
+  large_below_threshold: "large, below threshold",
+  no_visible_pixels: "no visible pixel",
+  outside_image: "outside the image",
+  covers_image: "covers the image",
+  degenerate: "no area",
+  out_of_range: "out of range",
+  unmapped_class: "class not mapped",
+  no_segmentation: "not measured",
+  explained_by_nearer: "explained by a nearer box",
+  hidden_by_depth: "hidden by depth",
+  hidden_by_instance: "no instance",
+  too_few_lidar_points: "too few LiDAR points",
+};
+
+/** @param {string} reason */
+export const reasonText = (reason) => REASONS[reason] ?? reason.replaceAll("_", " ");
+
+/** @type {Record<Verdict, string>} the sign that goes with the colour */
+export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?" };
+
+/** @type {Record<string, string>} */
+export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "taken back" };
+
+const GROUPED = new Intl.NumberFormat("en", { useGrouping: true });
+
+/** 12 345 with thin spaces. @param {number} n */
+export const countText = (n) => GROUPED.format(n).replaceAll(",", "\u2009");
+
+/** @param {number} n @param {string} one @param {string} [many] */
+export const countOf = (n, one, many = `${one}s`) =>
+  `${countText(n)} ${n === 1 ? one : many}`;
+
+/**
+ * Three digits are enough to compare, but never 0 or a threshold by rounding: small numbers keep one more.
+ * @param {number | null | undefined} percent
+ */
+export function percentText(percent) {
+  if (percent === null || percent === undefined || Number.isNaN(percent)) return "–";
+  const size = Math.abs(percent);
+  const digits = size === 0 || size >= 99.95 ? 0 : size < 1 ? 2 : 1;
+  return `${percent.toFixed(digits).replace(/\.0$/, "")} %`;
+}
+
+/** @param {number | null | undefined} metres */
+export const metresText = (metres) =>
+  metres === null || metres === undefined ? "–" : `${metres.toFixed(metres < 10 ? 1 : 0)} m`;
+
+/** "Car" or "Motorcycle + Rider". @param {Decision} box */
+export const acceptedText = (box) =>
+  box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
+
+/** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
+export function labelText(box) {
+  return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
+}
+
+/** @param {Decision} box */
+function measureText(box) {
+  const tags = acceptedText(box);
+  switch (box.reason) {
+    case "visible":
+      return isMeasured(box) ? `${percentText(box.match_percent)} ${tags}${thresholdText(box, "≥")}` : "visible";
+    case "below_threshold":
+    case "large_below_threshold":
+      return `${percentText(box.match_percent)} ${tags}${thresholdText(box, "<")}`;
+    case "no_visible_pixels":
+      return `not one pixel of ${tags}`;
+    case "out_of_range":
+      return `${metresText(box.distance)}: out of range`;
+    case "explained_by_nearer":
+      return box.explained_by ? `explained by nearer box ${box.explained_by}` : reasonText(box.reason);
+    default:
+      return reasonText(box.reason);
+  }
+}
+
+/** @param {Decision} box */
+const isMeasured = (box) => box.match_percent !== null && box.match_percent !== undefined;
+
+/** @param {Decision} box @param {string} sign */
+const thresholdText = (box, sign) => (box.threshold === null ? "" : ` ${sign} ${percentText(box.threshold)}`);
+
+/** @param {Decision} box */
+function hiddenText(box) {
+  const most = box.hidden_by?.[0];
+  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${percentText(most.percent)}` : "";
+}
+
+/** What the smallest label says: "car 4.1 %". @param {Decision} box */
+export function shortText(box) {
+  return isMeasured(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;
+}
+
+/** One sentence for ears and for boxes that the server did not explain. @param {Decision} box */
+export function spokenText(box) {
+  const answer = box.review && box.review.verdict !== "clear" ? `, answered ${box.review.verdict}` : "";
+  return `${box.class} ${box.id}, ${box.verdict}${answer}: ${labelText(box)}`;
+}
+
+/** @param {string} iso @param {number} [now] ms */
+export function agoText(iso, now = Date.now()) {
+  const seconds = Math.max(0, Math.round((now - Date.parse(iso)) / 1000));
+  if (seconds < 45) return "just now";
+  if (seconds < 3600) return `${Math.max(1, Math.round(seconds / 60))} min ago`;
+  if (seconds < 86400) return `${Math.round(seconds / 3600)} h ago`;
+  return new Date(iso).toLocaleDateString("en", { day: "numeric", month: "short", year: "numeric" });
+}
