@@ -20,8 +20,10 @@ from filter_core.annotation_types import (
     BoxAnnotation,
 )
 from filter_core.faults import (
+    BoxPlace,
     Faults,
     Place,
+    plain_numbers,
     read_list,
     read_number,
     read_numbers,
@@ -60,11 +62,9 @@ def read_boxes(
     return tuple(box for box in boxes if box is not None)
 
 
-def box_place(index: int, raw: object) -> Place:
-    """The place of a box, labelled with its index and its id."""
-    given = raw.get("id") if isinstance(raw, Mapping) else None
-    box_id = shown(str(index) if given is None else given)
-    return (Place() / "boxes" / index).labelled(f"box {index} (id {box_id})")
+def box_place(index: int, raw: object) -> BoxPlace:
+    """The place of a box, also of one that is no object."""
+    return BoxPlace(index, raw.get("id") if isinstance(raw, Mapping) else None)
 
 
 def _read_box(
@@ -78,11 +78,11 @@ def _read_box(
     if not isinstance(raw, Mapping):
         faults.add(at, "not_an_object", "an object", shown(raw))
         return None
-    before = len(faults)
-    box_id = read_id(raw.get("id"), index, at / "id", faults, limits.max_text)
+    before, longest = len(faults), limits.max_text
+    box_id = read_id(raw.get("id"), index, at / "id", faults, longest)
     _refuse_repeated_id(box_id, index, at, faults, seen)
     names = [
-        read_text(raw.get(key), at / key, faults, limits.max_text)
+        None if raw.get(key) is None else read_text(raw[key], at / key, faults, longest)
         for key in ("class", "type_id", "base_type")
     ]
     _require_class(raw, at, faults)
@@ -95,10 +95,8 @@ def _read_box(
         base_type=names[2],
         form=form,
         values=values,
-        distance=_read_distance(raw.get("distance"), at / "distance", faults),
-        instance_id=read_instance_id(
-            raw.get("instance_id"), at / "instance_id", faults
-        ),
+        distance=_read_distance(raw, at, faults),
+        instance_id=_read_instance(raw, at, faults),
         extra=read_extra(raw, _KNOWN_KEYS, at, faults),
         raw=raw,
     )
@@ -120,20 +118,32 @@ def _require_class(raw: Mapping[str, object], at: Place, faults: Faults) -> None
         faults.add(at / "class", "missing_class", "a class or a type_id", "neither")
 
 
-def _read_distance(value: object, at: Place, faults: Faults) -> float | None:
+def _read_distance(
+    raw: Mapping[str, object], at: Place, faults: Faults
+) -> float | None:
+    value = raw.get("distance")
     if value is None:
         return None
-    distance = read_number(value, at, faults)
+    distance = read_number(value, at / "distance", faults)
     if distance is not None and distance < 0:
-        faults.add(at, "negative_distance", "metres from 0", shown(value))
+        place = at / "distance"
+        faults.add(place, "negative_distance", "metres from 0", shown(value))
     return distance
+
+
+def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int | None:
+    value = raw.get("instance_id")
+    if value is None:
+        return None
+    return read_instance_id(value, at / "instance_id", faults)
 
 
 def read_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
 ) -> dict[str, object]:
     """What the product does not know: the object `extra`, and every unknown key."""
-    extra = read_kept_object(raw.get("extra"), at / "extra", faults)
+    given = raw.get("extra")
+    extra = {} if given is None else read_kept_object(given, at / "extra", faults)
     if raw.keys() <= known:
         return extra
     unknown = {key: raw[key] for key in raw if key not in known}
@@ -176,8 +186,7 @@ def _plain_corners(value: object) -> tuple[float, ...] | None:
         return None
     if not all(type(corner) is list and len(corner) == 3 for corner in value):
         return None
-    flat = [number for corner in value for number in corner]
-    return read_numbers(flat, 24, Place(), Faults())
+    return plain_numbers(number for corner in value for number in corner)
 
 
 def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:

@@ -59,9 +59,7 @@ def read_id(value: object, index: int, at: Place, faults: Faults, limit: int) ->
 
 
 def read_instance_id(value: object, at: Place, faults: Faults) -> int | None:
-    """An integer from 0, or None; null is None without a fault."""
-    if value is None:
-        return None
+    """An integer from 0, or None and a fault."""
     if isinstance(value, bool) or not isinstance(value, int):
         faults.add(at, "not_an_integer", "an integer", shown(value))
         return None

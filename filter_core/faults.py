@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -19,25 +20,23 @@ _NUMBER: Final = (int, float, np.integer, np.floating)
 class Place:
     """Where in the JSON a value stands, and what people call that spot.
 
-    ``Place() / "boxes" / 3`` points to ``/boxes/3``. A place with a label (``box 3
-    (id "217")``) starts a new sentence: what lies below is named relative to it.
+    ``Place() / "boxes" / 3`` points to ``/boxes/3``. Words are made only when there is
+    a fault to report: most places never need them.
     """
 
-    __slots__ = ("_key", "_label", "_parent")
+    __slots__ = ("_key", "_parent")
 
-    def __init__(
-        self, key: str | int = "", parent: Place | None = None, label: str = ""
-    ) -> None:
+    def __init__(self, key: str | int = "", parent: Place | None = None) -> None:
         self._key = key
         self._parent = parent
-        self._label = label
 
     def __truediv__(self, key: str | int) -> Place:
         return Place(key, self)
 
-    def labelled(self, label: str) -> Place:
-        """This place under a name of its own."""
-        return Place(self._key, self._parent, label)
+    @property
+    def label(self) -> str:
+        """A name of its own; what lies below is then named relative to this place."""
+        return ""
 
     @property
     def pointer(self) -> str:
@@ -54,12 +53,30 @@ class Place:
         return ", ".join(part for part in (label, field) if part)
 
     def _label_and_field(self) -> tuple[str, str]:
-        if self._label or self._parent is None:
-            return self._label, ""
+        if self.label or self._parent is None:
+            return self.label, ""
         label, field = self._parent._label_and_field()
         if isinstance(self._key, int):
             return label, f"{field}[{self._key}]"
         return label, f"{field}.{self._key}" if field else self._key
+
+
+class BoxPlace(Place):
+    """The place of a box, which people know by its index and its id."""
+
+    __slots__ = ("_id",)
+
+    def __init__(self, index: int, box_id: object) -> None:
+        super().__init__(index, _BOXES)
+        self._id = str(index) if box_id is None else box_id
+
+    @property
+    def label(self) -> str:
+        """Such as ``box 3 (id "217")``."""
+        return f"box {self._key} (id {shown(self._id)})"
+
+
+_BOXES: Final = Place("boxes", Place())
 
 
 class Faults:
@@ -147,15 +164,25 @@ def read_numbers(
 ) -> tuple[float, ...] | None:
     """A list of exactly `count` numbers, or None and every fault in it."""
     if type(value) is list and len(value) == count:
-        for item in value:
-            kind = type(item)
-            if (kind is not float and kind is not int) or not (
-                -MAX_MAGNITUDE <= item <= MAX_MAGNITUDE
-            ):
-                break
-        else:
-            return tuple(map(float, value))
+        plain = plain_numbers(value)
+        if plain is not None:
+            return plain
     return _read_numbers_one_by_one(value, count, at, faults)
+
+
+def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
+    """Items that are all ints and floats without a fault; None if any needs a look.
+
+    The usual case, and cheap: readers look again, item by item, where it is None.
+    """
+    numbers: list[float] = []
+    for item in items:
+        if type(item) is not float and type(item) is not int:
+            return None
+        if not -MAX_MAGNITUDE <= item <= MAX_MAGNITUDE:
+            return None
+        numbers.append(float(item))
+    return tuple(numbers)
 
 
 def _read_numbers_one_by_one(

@@ -12,7 +12,14 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filter_core.faults import Faults, Place, read_number, read_numbers, shown
+from filter_core.faults import (
+    Faults,
+    Place,
+    plain_numbers,
+    read_number,
+    read_numbers,
+    shown,
+)
 from filter_core.types import FloatArray
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -187,6 +194,9 @@ def _read_triple(
 def _read_keys(
     value: Mapping[str, object], at: Place, faults: Faults, keys: tuple[str, ...]
 ) -> Triple | None:
+    plain = plain_numbers(map(value.get, keys))
+    if plain is not None:
+        return plain[0], plain[1], plain[2]
     read: list[float] = []
     for key in keys:
         if key not in value:
@@ -202,6 +212,8 @@ def _refuse_unknown(
     value: Mapping[str, object], keys: tuple[str, ...], at: Place, faults: Faults
 ) -> None:
     # A misspelt "yall" would otherwise turn the box back to yaw 0 in silence.
+    if value.keys() <= set(keys):
+        return
     for key in value:
         if key not in keys:
             expected = f"only {', '.join(keys)}"
