@@ -155,6 +155,12 @@ def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:
     return UnexpectedAnswer(response.status_code, problem)
 
 
+def run_failed(what: str, state: str, error: Mapping[str, Any] | None) -> RunFailed:
+    """The exception for work on the server that ended in another state than done."""
+    why = "" if error is None else f": {error.get('detail') or error}"
+    return RunFailed(f"{what} is {state}{why}")
+
+
 def json_object(response: httpx.Response) -> Mapping[str, Any] | None:
     """The body as a JSON object, or None if it is anything else."""
     try:

@@ -41,7 +41,7 @@ class Run(Result):
     done: int = 0
     changed: int | None = None
     counts: Counts | None = None
-    error: Mapping[str, Any] | str | None = None
+    error: Mapping[str, Any] | None = None
     created_by: str | None = None
     created_at: datetime | None = None
     started_at: datetime | None = None
@@ -139,7 +139,7 @@ class Export(Result):
     size_bytes: int | None = None
     sha256: str | None = None
     counts: Mapping[str, Any] | None = None
-    error: Mapping[str, Any] | str | None = None
+    error: Mapping[str, Any] | None = None
     created_at: datetime | None = None
     download: str | None = None
 

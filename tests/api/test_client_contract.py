@@ -6,6 +6,7 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -38,7 +39,7 @@ def filled(client: Client, dataset: str) -> str:
     return dataset
 
 
-def put(client: Client, dataset: str, key: str, number: int = 0, **options: bool):
+def put(client: Client, dataset: str, key: str, number: int = 0, **options: Any):
     return client.put_frame(
         dataset,
         key,
@@ -74,11 +75,20 @@ def test_a_dataset_is_made_changed_and_deleted(client, dataset):
     assert client.dataset(dataset).classes == ("car",)
 
     changed = client.change_dataset(dataset, description="a street")
+    assert isinstance(changed, unghost.Dataset)
     assert changed.description == "a street"
 
     client.delete_dataset(dataset)
     with pytest.raises(unghost.NotFound):
         client.dataset(dataset)
+
+
+def test_another_way_to_read_segmentations_is_a_run(client, filled):
+    run = client.change_dataset(filled, lossy_segmentation="nearest")
+
+    assert isinstance(run, unghost.Run)
+    assert client.wait(run).state == "done"
+    assert client.dataset(filled).lossy_segmentation == "nearest"
 
 
 def test_a_name_that_is_taken_is_a_conflict(client, dataset):
@@ -219,7 +229,9 @@ def test_a_stale_review_says_what_is_there_now(client, filled):
         client.review(box_id, "reject", seen_revision=0)
 
     assert caught.value.current is not None
-    assert unghost.Decision.read(caught.value.current).review.verdict == "keep"
+    now = unghost.Decision.read(caught.value.current)
+    assert now.review is not None
+    assert now.review.verdict == "keep"
 
 
 def test_many_boxes_are_reviewed_and_undone_at_once(client, filled):
@@ -263,7 +275,7 @@ def test_a_wrong_config_is_refused_with_the_nearest_key(client, dataset):
 
 def test_activating_a_config_is_a_run(client, filled):
     digest = client.add_config(filled, {"min_visible_pixels": 500}).digest
-    seen = []
+    seen: list[unghost.Run] = []
 
     run = client.wait(client.set_config(filled, digest), progress=seen.append)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from unghost.calls.base import Calls, dataset_path
+from unghost.calls.base import Calls, dataset_path, read
 from unghost.results import Dataset, RefusedFrame
-from unghost.transport import API, Call
-from unghost.work_results import Histogram, Preview, Stats
+from unghost.transport import API, Call, body_of
+from unghost.work_results import Histogram, Preview, Run, Stats
 
 
 class DatasetCalls(Calls):
@@ -29,9 +29,16 @@ class DatasetCalls(Calls):
         given = {key: value for key, value in options.items() if value is not None}
         return self._post(Dataset, f"{API}/datasets", {"name": name, **given})
 
-    def change_dataset(self, name: str, **options: object) -> Dataset:
-        """Change options; those that concern pixels start a run that measures again."""
-        return self._call(Dataset, Call("PATCH", dataset_path(name), json=options))
+    def change_dataset(self, name: str, **options: object) -> Dataset | Run:
+        """Change options, as in `create_dataset`.
+
+        What concerns pixels is returned as the run that measures again; the dataset
+        changes when that is done.
+        """
+        response = self._transport.send(Call("PATCH", dataset_path(name), json=options))
+        if response.status_code == 202:
+            return read(Run, body_of(response), response)
+        return read(Dataset, body_of(response), response)
 
     def delete_dataset(self, name: str) -> None:
         """Delete a dataset with everything in it, reviews included."""

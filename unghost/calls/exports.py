@@ -8,7 +8,7 @@ from pathlib import Path
 
 from unghost.calls.base import Calls, dataset_path
 from unghost.download import Download, fetch
-from unghost.errors import RunFailed
+from unghost.errors import run_failed
 from unghost.transport import API
 from unghost.work_results import Export
 
@@ -42,8 +42,7 @@ class ExportCalls(Calls):
         export_id = export if isinstance(export, int) else export.id
         ended = self._polled(lambda: self.export(export_id), progress, timeout_s)
         if ended.state != "done":
-            why = ended.error or "no error"
-            raise RunFailed(f"export {export_id} is {ended.state}: {why}")
+            raise run_failed(f"export {export_id}", ended.state, ended.error)
         return ended
 
     def download(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from unghost.calls.base import Calls, dataset_path
-from unghost.errors import RunFailed
+from unghost.errors import run_failed
 from unghost.transport import API
 from unghost.work_results import Run
 
@@ -52,7 +52,5 @@ class RunCalls(Calls):
         run_id = run if isinstance(run, int) else run.id
         ended = self._polled(lambda: self.run(run_id), progress, timeout_s)
         if ended.state != "done":
-            raise RunFailed(
-                f"run {run_id} is {ended.state}: {ended.error or 'no error'}"
-            )
+            raise run_failed(f"run {run_id}", ended.state, ended.error)
         return ended

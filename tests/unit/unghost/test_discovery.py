@@ -14,7 +14,7 @@ LOCAL = "http://127.0.0.1:8000"
 
 
 @pytest.fixture
-def home(tmp_path, monkeypatch) -> Path:
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty home, in which the current folder is."""
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -1,0 +1,176 @@
+"""Commands that need no server, or are one: filter, serve, demo, --version."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.api.command_line import CommandLine
+from tests.api.frames import write_manifest
+from unghost import Client
+
+DONE, REFUSED, USAGE, PARTLY, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+@pytest.fixture
+def unghost(tmp_path: Path) -> CommandLine:
+    """The command line in an empty folder."""
+    return CommandLine(tmp_path, {})
+
+
+def lines_of(file: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in file.read_text("utf-8").splitlines()]
+
+
+def test_filter_writes_one_line_per_frame_in_order(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 12)
+
+    answer = unghost("filter", folder, "--output", "out/decisions.jsonl")
+
+    assert answer.code == DONE
+    assert answer.out == "12 decided\t0 failed\t12 kept\t12 rejected\t0 unmeasured\n"
+    lines = lines_of(tmp_path / "out" / "decisions.jsonl")
+    assert [line["key"] for line in lines] == [f"run/{n:06}" for n in range(12)]
+    verdicts = {each["id"]: each["verdict"] for each in lines[0]["decisions"]}
+    assert verdicts == {"real": "kept", "ghost": "rejected"}
+
+
+def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
+
+    answer = unghost("filter", folder, "-o", "out.jsonl", "--json")
+
+    assert answer.code == PARTLY
+    assert answer.records == [
+        {
+            "output": "out.jsonl",
+            "decided": 2,
+            "failed": 1,
+            "kept": 2,
+            "rejected": 2,
+            "unmeasured": 0,
+        }
+    ]
+    assert "refused: run/000001" in answer.err
+    lines = lines_of(tmp_path / "out.jsonl")
+    assert lines[1]["error"]["errors"][0]["pointer"].startswith("/boxes/0")
+
+
+def test_filter_prints_decisions_if_no_file_is_named(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+
+    answer = unghost("filter", folder)
+
+    assert [record["key"] for record in answer.records] == ["run/000000", "run/000001"]
+
+
+def test_filter_uses_the_configuration(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    (tmp_path / "filter.yaml").write_text("min_visible_pixels: 500\n")
+
+    answer = unghost("filter", folder, "--config", "filter.yaml", "-o", "out.jsonl")
+
+    assert "0 kept\t4 rejected" in answer.out
+
+
+def test_filter_refuses_a_wrong_configuration_and_writes_nothing(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    (tmp_path / "filter.yaml").write_text("treshold_small_box: 5\n")
+
+    answer = unghost("filter", folder, "--config", "filter.yaml", "-o", "out.jsonl")
+
+    assert answer.code == REFUSED
+    assert "threshold_small_box" in answer.err
+    assert not (tmp_path / "out.jsonl").exists()
+
+
+def test_a_folder_that_is_no_layout_is_refused(unghost, tmp_path):
+    (tmp_path / "empty").mkdir()
+
+    answer = unghost("filter", "empty")
+
+    assert answer.code == REFUSED
+    assert "no layout recognised" in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_what_does_not_match_is_listed(unghost, tmp_path):
+    (tmp_path / "yolo" / "images").mkdir(parents=True)
+    (tmp_path / "yolo" / "labels").mkdir()
+    (tmp_path / "yolo" / "classes.txt").write_text("car\n")
+    (tmp_path / "yolo" / "labels" / "a.txt").write_text("0 0.5 0.5 0.1 0.1\n")
+    frame = write_manifest(tmp_path / "frames", 1) / "rgb" / "000000.png"
+    for stem in ("a", "b"):
+        (tmp_path / "yolo" / "images" / f"{stem}.png").write_bytes(frame.read_bytes())
+
+    answer = unghost("filter", "yolo", "-o", "out.jsonl")
+
+    assert answer.code == PARTLY
+    assert "not matched: images/b.png" in answer.err
+    assert "1 unmeasured" in answer.out
+
+
+def test_version_is_printed(unghost):
+    answer = unghost("--version")
+
+    assert answer.code == DONE
+    assert answer.out.startswith("unghost 0.")
+
+
+def test_serve_prints_the_login_link_and_ends_when_interrupted(unghost, tmp_path):
+    process = unghost.start("serve", "--data", "here", "--port", "0", "--json")
+    try:
+        link = json.loads(process.stdout.readline())["login_link"]
+        url, _, token = link.partition("/#token=")
+        with Client(url, token) as client:
+            assert client.ready()
+        found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("datasets")
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+
+    assert found.code == DONE
+    assert process.returncode == INTERRUPTED
+    assert "Traceback" not in err
+    assert (tmp_path / "here" / "token").stat().st_mode & 0o077 == 0
+
+
+def test_serve_on_a_port_that_is_taken_is_refused(unghost, server):
+    port = server.url.rpartition(":")[2]
+
+    answer = unghost("serve", "--data", "here", "--port", port)
+
+    assert answer.code == REFUSED
+    assert "cannot listen" in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_serve_with_a_setting_that_is_none_is_a_usage_error(tmp_path):
+    unghost = CommandLine(tmp_path, {"UNGHOST_MAX_PARTS": "many"})
+
+    answer = unghost("serve", "--port", "0")
+
+    assert answer.code == USAGE
+    assert "UNGHOST_MAX_PARTS" in answer.err
+
+
+def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
+    words = ("demo", "--frames", 2, "--port", 0, "--exit-when-ready", "--json")
+
+    first, again = unghost(*words), unghost(*words)
+
+    assert (first.code, again.code) == (DONE, DONE)
+    record = first.records[-1]
+    assert record["stats"]["frames"] == 2
+    assert record["stats"]["rejected"] > 0
+    assert record["stats"]["kept"] > 0
+    assert "/#token=" in record["login_link"]
+    assert "render" in first.err
+    assert "render" not in again.err
+    assert again.records[-1]["stats"] == record["stats"]
