@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
 from pkgutil import iter_modules
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
@@ -47,10 +47,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.settings = settings
     http_errors.install(app)
     app.add_exception_handler(AlreadyAnswered, repeat_answer)
-    for module in sorted(found.name for found in iter_modules(routes.__path__)):
-        app.include_router(import_module(f"{routes.__name__}.{module}").router)
+    for router in _routers():
+        app.include_router(router)
     app.openapi = partial(openapi.document, app)  # type: ignore[method-assign]  # FastAPI's own way
     return app
+
+
+def _routers() -> Iterator[APIRouter]:
+    """The `router` of each module of routes; those without one are shared by others."""
+    for module in sorted(found.name for found in iter_modules(routes.__path__)):
+        router = getattr(import_module(f"{routes.__name__}.{module}"), "router", None)
+        if router is not None:
+            yield router
 
 
 @asynccontextmanager
