@@ -116,7 +116,7 @@ def fov_intrinsic(width: int, height: int, fov: float) -> FloatArray:
 
 def _fault(field: str, expected: str, found: object) -> FilterError:
     return FilterError(
-        f"camera, {field}: expected {expected}, found {found}",
+        f"camera.{field}: expected {expected}, found {found}",
         pointer=f"/camera/{field}",
         code="bad_camera",
     )

@@ -36,41 +36,39 @@ def geometry(form, values):
     return read.form, read.values
 
 
-def test_the_contracts_example_is_read():
-    raw = frame(
-        {"id": "217", "class": "car", "xyxy": [83, 410, 466, 640], "distance": 12.5},
-        {
-            "id": "218",
-            "type_id": "vehicle.ford.ambulance",
-            "base_type": "van",
-            **xywh(),
-        },
-        {"id": "219", "class": "van", "cxcywhn": [0.5] * 4, "instance_id": 4711},
-        {"id": "220", "class": "walker", "vertices": CORNERS},
-        carla_version="0.9.15",
-        captured_at="2026-01-01T00:00:00Z",
-        map="Town10HD",
-        weather={"fog_density": 2.0},
-        camera=CAMERA,
-    )
+EXAMPLE = frame(
+    {"id": "217", "class": "car", "xyxy": [83, 410, 466, 640], "distance": 12.5},
+    {"id": "218", "type_id": "vehicle.x", "base_type": "van", "xywh": [10, 20, 30, 40]},
+    {"id": "219", "class": "van", "cxcywhn": [0.5] * 4, "instance_id": 4711},
+    {"id": "220", "class": "walker", "vertices": CORNERS},
+    carla_version="0.9.15",
+    captured_at="2026-01-01T00:00:00Z",
+    map="Town10HD",
+    weather={"fog_density": 2.0},
+    camera=CAMERA,
+)
 
-    read = parse_annotation(raw)
+
+def test_the_frame_of_the_contracts_example_is_read():
+    read = parse_annotation(EXAMPLE)
 
     assert (read.carla_version, read.map) == ("0.9.15", "Town10HD")
-    assert (read.captured_at, read.weather) == (raw["captured_at"], raw["weather"])
-    assert read.camera_wh == (1280, 720)
-    assert [box.id for box in read.boxes] == ["217", "218", "219", "220"]
-    assert [box.distance for box in read.boxes] == [12.5, None, None, None]
-    assert (read.boxes[1].type_id, read.boxes[1].base_type) == (
-        "vehicle.ford.ambulance",
-        "van",
+    assert (read.captured_at, read.weather) == (
+        EXAMPLE["captured_at"],
+        EXAMPLE["weather"],
     )
-    assert read.boxes[2].instance_id == 4711
-    assert [box.is_3d for box in read.boxes] == [False, False, False, True]
+    assert read.camera_wh == (1280, 720)
 
 
-def xywh():
-    return {"xywh": [10, 20, 30, 40]}
+def test_the_boxes_of_the_contracts_example_are_read():
+    boxes = parse_annotation(EXAMPLE).boxes
+
+    assert [box.id for box in boxes] == ["217", "218", "219", "220"]
+    assert [box.class_name for box in boxes] == ["car", None, "van", "walker"]
+    assert [box.distance for box in boxes] == [12.5, None, None, None]
+    assert (boxes[1].type_id, boxes[1].base_type) == ("vehicle.x", "van")
+    assert boxes[2].instance_id == 4711
+    assert [box.is_3d for box in boxes] == [False, False, False, True]
 
 
 def test_bytes_text_and_mapping_say_the_same():

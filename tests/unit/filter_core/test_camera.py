@@ -87,7 +87,7 @@ def test_a_transform_that_cannot_be_read_says_what_is_missing(value, words):
 
 @pytest.mark.parametrize("fov", [0, -10, 180, 270, float("nan")])
 def test_an_impossible_field_of_view_is_refused(fov):
-    with pytest.raises(FilterError, match="camera, fov: expected degrees") as fault:
+    with pytest.raises(FilterError, match=r"camera\.fov: expected degrees") as fault:
         Camera.from_fov(1280, 720, fov, POSE)
 
     assert (fault.value.kind, fault.value.pointer) == ("bad_camera", "/camera/fov")

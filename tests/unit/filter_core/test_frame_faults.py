@@ -113,7 +113,7 @@ def test_faults_of_a_frame(raw, pointer, code, words):
             {**CAMERA, "fov": 180},
             "/fov",
             "bad_camera",
-            ", fov: expected degrees between 0 and 180, found 180.0",
+            ".fov: expected degrees between 0 and 180, found 180.0",
         ),
         (
             {**CAMERA, "fov": "90"},
