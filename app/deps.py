@@ -138,7 +138,7 @@ COOKIE = Depends(
 )
 
 AppSettings = Annotated[Settings, Depends(settings_of)]
-Services = Annotated[ServiceContext, Depends(services_of)]
+AppServices = Annotated[ServiceContext, Depends(services_of)]
 AppDatabase = Annotated[Database, Depends(database_of)]
 CurrentPrincipal = Annotated[Principal, Depends(current_principal)]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
