@@ -8,8 +8,7 @@ from typing import Final
 
 from filter_core.config_values import nearest
 from filter_core.errors import ConfigError
-from filter_core.measure import PUBLISHED_COLORS
-from filter_core.palettes import FAMILIES, Palette
+from filter_core.palettes import FAMILIES, PUBLISHED_COLORS, Palette
 
 ALIASES: Final = {"street_light": "traffic_light"}
 """Other names under which a class is known."""

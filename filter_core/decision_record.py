@@ -93,7 +93,7 @@ def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, object]:
         "toss_up": box.toss_up,
         "large": box.large,
         "matched_pixels": judgement.matched_pixels,
-        "box_pixels": box.box_pixels if box.measured else None,
+        "box_pixels": box.box_pixels,
         "area_percent": judgement.area_percent,
         "crowding": _number(box.crowding),
         "explained_by": box.explained_by,
@@ -180,7 +180,8 @@ def _judgement(
     hiding: Sequence[HiddenBy],
 ) -> Judgement:
     config, name = frame.config, box.class_name
-    match = _number(box.match_percent)
+    # A box without a rectangle in the image has no pixels to have a share of.
+    match = _number(box.match_percent) if box.box_pixels else None
     return Judgement(
         reason=box.reason,
         class_name=name,

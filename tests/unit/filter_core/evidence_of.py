@@ -1,0 +1,38 @@
+"""Small evidence, one box per keyword given; everything else is unremarkable."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from filter_core.types import Evidence
+
+ACCEPTS_CAR = 1 << 14
+
+
+def evidence_of(boxes, class_names=("car",)):
+    """Evidence of boxes given as dicts of what is special about them."""
+
+    def column(name, default, dtype):
+        return np.array([box.get(name, default) for box in boxes], dtype=dtype)
+
+    pixels = column("box_pixels", 1000, np.int64)
+    percent = column("match_percent", 50.0, np.float64)
+    matched = np.nan_to_num(percent * pixels / 100).astype(np.int64)
+    given = [box.get("matched_pixels") for box in boxes]
+    return Evidence(
+        class_names=tuple(class_names),
+        class_index=column("class_index", 0, np.int32),
+        state=column("state", 0, np.uint8),
+        accept_mask=column("accept_mask", ACCEPTS_CAR, np.int64),
+        measured=column("measured", True, np.bool_),
+        box_pixels=pixels,
+        matched_pixels=np.array(
+            [m if g is None else g for m, g in zip(matched, given, strict=True)],
+            dtype=np.int64,
+        ).reshape(-1),
+        image_pixels=np.full(len(boxes), 1_000_000, dtype=np.int64),
+        match_percent=percent,
+        area_percent=column("area_percent", 1.0, np.float64),
+        crowding=np.zeros(len(boxes)),
+        distance=column("distance", np.nan, np.float64),
+    )

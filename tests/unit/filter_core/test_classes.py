@@ -1,0 +1,106 @@
+"""Classes: what a blueprint is, and whose pixels count."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.classes import (
+    BLUEPRINT_CLASS,
+    accept_mask_of,
+    accepted_names,
+    class_of,
+)
+from filter_core.config import FilterConfig
+from filter_core.errors import ConfigError
+from tests.shared_data import shared
+
+
+def bits(*tags):
+    return sum(1 << tag for tag in tags)
+
+
+def test_every_accept_set_is_the_oracle_s():
+    oracle = json.loads(shared("oracles/carla_palettes.json").read_text())
+
+    for family, classes in oracle["accept_tags"].items():
+        for name, tags in classes.items():
+            assert accept_mask_of(name, family) == bits(*tags), (family, name)
+
+
+def test_every_blueprint_is_the_oracle_s():
+    oracle = json.loads(shared("oracles/carla_palettes.json").read_text())
+
+    expected = {one["blueprint"]: one["base_type"] for one in oracle["vehicles"]}
+    assert expected == BLUEPRINT_CLASS
+
+
+@pytest.mark.parametrize(
+    ("name", "family", "profile", "expected"),
+    [
+        ("car", "carla-0.9.14", "paper", bits(14)),
+        ("van", "carla-0.9.14", "paper", bits(14, 15)),
+        ("motorcycle", "carla-0.9.14", "paper", bits(13, 18)),
+        ("street_light", "carla-0.9.14", "paper", bits(7)),
+        ("traffic_light", "carla-0.9.0", "paper", 0),
+        ("bicycle", "carla-0.9.10", "paper", bits(4, 10)),
+        ("truck", "paper-table1", "paper", bits(1)),
+        ("van", "paper-table1", "paper", bits(3)),
+        ("vehicle", "paper-table1", "paper", 0),
+        ("truck", "carla-0.9.14", "carlasimu", bits(14)),
+        ("motorcycle", "carla-0.9.14", "carlasimu", bits(18)),
+        ("street_light", "carla-0.9.14", "carlasimu", bits(7)),
+        ("bus", "carla-0.9.10", "carlasimu", 0),
+        ("bus", None, "paper", bits(16)),
+        ("unknown", "carla-0.9.14", "paper", 0),
+        ("unknown", None, "carlasimu", 0),
+    ],
+)
+def test_the_accept_set_of_a_class(name, family, profile, expected):
+    assert accept_mask_of(name, family, profile) == expected
+
+
+@pytest.mark.parametrize(
+    ("type_id", "base_type", "expected"),
+    [
+        ("vehicle.ford.ambulance", "car", "van"),
+        ("vehicle.tesla.cybertruck", None, "truck"),
+        ("vehicle.ambulance.ford", "van", "van"),
+        ("vehicle.ambulance.ford", None, None),
+        ("vehicle.ambulance.ford", "hovercraft", None),
+        ("walker.pedestrian.0001", None, "walker"),
+        ("traffic.traffic_light", None, "traffic_light"),
+        ("traffic.traffic_light.large", None, "traffic_light"),
+        ("traffic.stop", None, None),
+        ("static.prop.trashcan", None, None),
+        ("walkers", None, None),
+        (None, "bus", "bus"),
+        (None, None, None),
+    ],
+)
+def test_the_class_of_an_actor(type_id, base_type, expected):
+    assert class_of(type_id, base_type) == expected
+
+
+def test_an_override_replaces_a_set_by_name_or_number():
+    config = FilterConfig.from_mapping(
+        {"classes": {"van": {"accept": ["Truck", 14]}, "sign": {"accept": [8]}}}
+    )
+
+    masks = config.accept_masks(["van", "sign", "car"], "carla-0.9.14")
+
+    assert masks.tolist() == [bits(14, 15), bits(8), bits(14)]
+
+
+def test_an_override_of_another_family_s_tag_is_refused_with_the_nearest():
+    config = FilterConfig.from_mapping({"classes": {"van": {"accept": ["Truck"]}}})
+
+    with pytest.raises(ConfigError, match=r"carla-0\.9\.10 has no tag 'Truck'"):
+        config.accept_masks(["van"], "carla-0.9.10")
+    assert config.accept_masks(["van"], None).tolist() == [bits(15)]
+
+
+def test_accepted_tags_have_names():
+    assert accepted_names(bits(13, 18), "carla-0.9.14") == ("Rider", "Motorcycle")
+    assert accepted_names(0, "carla-0.9.14") == ()
