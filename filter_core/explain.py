@@ -95,24 +95,33 @@ def explain(judgement: Judgement) -> str:
 def percent(value: float, against: float | None = None) -> str:
     """A percentage for people, with as many digits as keep it honest.
 
-    Whole from 10 up, one decimal below; more if it would otherwise read like
-    `against`, 0 or 100 without being it.
+    Whole from 10 up, one decimal below; more if it would otherwise read like, or lie
+    on the other side of, `against`, 0 or 100.
     """
-    fixed_points = [0.0, 100.0] + ([against] if against is not None else [])
-    for digits in range(0 if value >= 10 else 1, 10):
-        shown = float(f"{value:.{digits}f}")
-        if all((value == point) == (shown == point) for point in fixed_points):
+    marks = [0.0, 100.0] + ([against] if against is not None else [])
+    return f"{_rounded(value, 0 if value >= 10 else 1, marks)} %"
+
+
+def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
+    """With the fewest digits that leave the value on its side of every mark."""
+    shown = value
+    for count in range(digits, 10):
+        shown = float(f"{value:.{count}f}")
+        if all(_side(value, mark) == _side(shown, mark) for mark in marks):
             break
-    return f"{shown:.9f}".rstrip("0").rstrip(".") + " %"
+    return f"{shown:.9f}".rstrip("0").rstrip(".")
+
+
+def _side(value: float, mark: float) -> int:
+    return (value > mark) - (value < mark)
 
 
 def _exact_percent(value: float) -> str:
     return f"{value:.15g} %"
 
 
-def _metres(value: float, against: float) -> str:
-    digits = next((d for d in range(6) if round(value, d) != against), 6)
-    return f"{value:.{digits}f} m"
+def _metres(value: float, limit: float) -> str:
+    return f"{_rounded(value, 0, [limit])} m"
 
 
 def _outside(_: Judgement) -> str:
@@ -152,8 +161,10 @@ def _no_visible_pixels(box: Judgement) -> str:
     found, needed = box.matched_pixels or 0, box.min_visible_pixels
     if found == 0:
         return f"none of its pixels are {names}{_hiding(box)}"
-    are = "pixel is" if found == 1 else "pixels are"
-    return f"only {found} of its {are} {names}, {needed} are needed{_hiding(box)}"
+    are = "is" if found == 1 else "are"
+    return (
+        f"only {found} of its pixels {are} {names}, {needed} are needed{_hiding(box)}"
+    )
 
 
 def _share(box: Judgement) -> str:
