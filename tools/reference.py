@@ -24,14 +24,21 @@ from unghost.cli.program import app as program
 class Parameter(Protocol):
     """What is asked of an option or argument; typer and click each have their own."""
 
-    name: str | None
-    opts: list[str]
+    @property
+    def name(self) -> str | None:
+        """As a Python name."""
+
+    @property
+    def opts(self) -> list[str]:
+        """As typed on the command line."""
 
 
 class Command(Protocol):
     """What is asked of a command."""
 
-    help: str | None
+    @property
+    def help(self) -> str | None:
+        """Its help text."""
 
     @property
     def params(self) -> Sequence[Parameter]:

@@ -1,0 +1,30 @@
+"""`unghost demo` from an installation, in a folder that has nothing of the project."""
+
+from __future__ import annotations
+
+import httpx
+
+from tests.packaging.conftest import Installation
+from tests.servers import start, stop, wait_for_link
+
+
+def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_path):
+    options = ["demo", "--frames", "4", "--port", "0"]
+    command = [str(installation.command("unghost")), *options]
+    log = tmp_path / "log"
+
+    process = start(command, tmp_path / "data", log, {})
+    try:
+        url, token = wait_for_link(process, log)
+        headers = {"Authorization": f"Bearer {token}"}
+        with httpx.Client(base_url=url, headers=headers, timeout=60) as client:
+            ready = client.get("/readyz")
+            page = client.get("/")
+            stats = client.get("/api/v1/datasets/demo/stats").json()
+    finally:
+        stop(process)
+
+    assert (ready.status_code, page.status_code) == (200, 200)
+    assert stats["frames"] == 4
+    assert stats["kept"] > 0
+    assert stats["rejected"] > 0
