@@ -14,8 +14,8 @@ export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
 
 /** @type {readonly {value: string, text: string}[]} */
 export const REVIEW_CHOICES = [
-  { value: "none", text: "Undecided" },
-  { value: "any", text: "Answered" },
+  { value: "undecided", text: "Undecided" },
+  { value: "decided", text: "Decided" },
   { value: "keep", text: "Answered keep" },
   { value: "reject", text: "Answered reject" },
   { value: "unsure", text: "Unsure" },
@@ -33,9 +33,11 @@ export function isShown(box, query) {
 
 /** @param {Decision} box @param {string} wanted */
 function matchesReview(box, wanted) {
-  if (wanted === "none") return isUndecided(box);
-  if (wanted === "any") return !isUndecided(box);
-  return answerOf(box) === wanted;
+  const answer = answerOf(box);
+  if (wanted === "none" || wanted === "any") return (answer === null) === (wanted === "none");
+  const isDecided = answer === "keep" || answer === "reject";
+  if (wanted === "undecided" || wanted === "decided") return isDecided === (wanted === "decided");
+  return answer === wanted;
 }
 
 /** @param {readonly Decision[]} boxes @param {Query} query */

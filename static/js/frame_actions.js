@@ -82,11 +82,17 @@ export function createFrameActions(app, frame, store, page) {
     app.prefs.change({ mask: true, opacity: mask ? clamp(Math.round((opacity + change) * 10) / 10, 0.1, 1) : opacity });
   }
 
+  /** Crop stays on from box to box, and from frame to frame, until it is switched off. */
   function crop() {
-    const box = selected();
-    const stage = page.stage();
-    if (stage?.isFitted() && box?.xyxy) stage.crop(box.xyxy);
-    else stage?.fit();
+    const isCrop = app.prefs.get().crop;
+    const hasMoved = page.stage()?.mode() === "free";
+    if (isCrop && hasMoved && selected()?.xyxy) page.stage()?.recrop();
+    else app.prefs.change({ crop: !isCrop });
+  }
+
+  function fit() {
+    app.prefs.change({ crop: false });
+    page.stage()?.fit();
   }
 
   return {
@@ -125,7 +131,7 @@ export function createFrameActions(app, frame, store, page) {
       edges: () => app.prefs.change({ edges: !app.prefs.get().edges }),
       cycleVerdict,
       crop,
-      fit: () => page.stage()?.fit(),
+      fit,
       zoomIn: () => page.stage()?.zoomBy(ZOOM_STEP),
       zoomOut: () => page.stage()?.zoomBy(1 / ZOOM_STEP),
       escape: () => select(null),

@@ -10,13 +10,18 @@
 export const MAX_SCALE = 40;
 const KEEP_VISIBLE_PX = 64;
 
-/** The whole image, centred. @param {Size} image @param {Size} stage @param {number} [padding] @returns {View} */
-export function fitView(image, stage, padding = 16) {
+/** Room for the bars over the stage, so that a fitted image is never covered. */
+const INSETS = { side: 16, top: 56, bottom: 68 };
+
+/** The whole image, centred between the bars. @param {Size} image @param {Size} stage @param {{side: number, top: number, bottom: number}} [insets] @returns {View} */
+export function fitView(image, stage, insets = INSETS) {
+  const { side, top, bottom } = insets;
   const scale = Math.min(
-    Math.max(stage.width - 2 * padding, 1) / image.width,
-    Math.max(stage.height - 2 * padding, 1) / image.height,
+    Math.max(stage.width - 2 * side, 1) / image.width,
+    Math.max(stage.height - top - bottom, 1) / image.height,
   );
-  return centredOn({ x: image.width / 2, y: image.height / 2 }, scale, stage);
+  const view = centredOn({ x: image.width / 2, y: image.height / 2 }, scale, stage);
+  return { ...view, y: view.y + (top - bottom) / 2 };
 }
 
 /** A box with its surroundings: as much again on each side, at least 24 px. @param {Xyxy} xyxy @param {Size} stage @returns {View} */
@@ -29,6 +34,13 @@ export function cropView(xyxy, stage) {
     MAX_SCALE,
   );
   return centredOn({ x: (x0 + x1) / 2, y: (y0 + y1) / 2 }, scale, stage);
+}
+
+/** Move, without zooming, until a box is wholly on the stage; centre it if it was not. @param {View} view @param {Xyxy} xyxy @param {Size} stage @returns {View} */
+export function revealView(view, xyxy, stage) {
+  const [x0, y0, x1, y1] = toStage(view, xyxy);
+  if (x0 >= 0 && y0 >= 0 && x1 <= stage.width && y1 <= stage.height) return view;
+  return centredOn({ x: (xyxy[0] + xyxy[2]) / 2, y: (xyxy[1] + xyxy[3]) / 2 }, view.scale, stage);
 }
 
 /** @param {Point} centre image px @param {number} scale @param {Size} stage @returns {View} */

@@ -10,12 +10,13 @@ import { createValue } from "./store.js";
  * @property {number} opacity  of the segmentation, 0.1 to 1
  * @property {boolean} lit  matching pixels of the selected box
  * @property {boolean} edges  3D edges
+ * @property {boolean} crop  the selected box's surroundings rather than the frame
  */
 
 const STORAGE_KEY = "unghost.prefs.v1";
 
 /** @type {Prefs} */
-const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true };
+const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false };
 
 /** @param {Pick<Storage, "getItem" | "setItem">} storage */
 export function createPrefs(storage) {

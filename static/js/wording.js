@@ -51,6 +51,9 @@ export function percentText(percent) {
   return `${percent.toFixed(digits).replace(/\.0$/, "")} %`;
 }
 
+/** Where no threshold is near, whole numbers will do. @param {number} percent */
+const wholePercent = (percent) => (percent < 1 ? percentText(percent) : `${Math.round(percent)} %`);
+
 /** @param {number | null | undefined} metres */
 export const metresText = (metres) =>
   metres === null || metres === undefined ? "–" : `${metres.toFixed(metres < 10 ? 1 : 0)} m`;
@@ -74,7 +77,7 @@ function measureText(box) {
     case "large_below_threshold":
       return `${percentText(box.match_percent)} ${tags}${thresholdText(box, "<")}`;
     case "no_visible_pixels":
-      return `not one pixel of ${tags}`;
+      return `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
       return `${metresText(box.distance)}: out of range`;
     case "explained_by_nearer":
@@ -93,7 +96,7 @@ const thresholdText = (box, sign) => (box.threshold === null ? "" : ` ${sign} ${
 /** @param {Decision} box */
 function hiddenText(box) {
   const most = box.hidden_by?.[0];
-  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${percentText(most.percent)}` : "";
+  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercent(most.percent)}` : "";
 }
 
 /** What the smallest label says: "car 4.1 %". @param {Decision} box */

@@ -2,7 +2,7 @@
 // The stage: two layers of canvas, drawn by requestAnimationFrame from the latest snapshot and
 // the current view. Events only change those two; nothing is drawn from an event.
 
-import { boxesAt, clampView, cropView, fitView, nextOfStack, panBy, toImage, zoomAt } from "../geometry.js";
+import { boxesAt, clampView, cropView, fitView, nextOfStack, panBy, revealView, toImage, zoomAt } from "../geometry.js";
 import { createGlide } from "./glide.js";
 import { listen } from "./input.js";
 import { paintBase, paintTop, readInks } from "./paint.js";
@@ -22,12 +22,14 @@ import { paintBase, paintTop, readInks } from "./paint.js";
  * @property {Decision | null} selected
  * @property {import("./pixels.js").Lit | null} lit
  * @property {boolean} edges
+ * @property {boolean} crop  show the selected box's surroundings rather than the frame
  */
 
 /**
  * @typedef {object} StageEvents
  * @property {(boxId: number | null) => void} onSelect
  * @property {(scale: number) => void} onZoom
+ * @property {(isOnBox: boolean) => void} onCrop  a double click
  */
 
 const CLICK_SLACK_PX = 4;
@@ -43,7 +45,7 @@ export function createStage(host, events) {
   let view = { scale: 1, x: 0, y: 0 };
   /** @type {Decision | null} */
   let hovered = null;
-  /** What a resize restores. @type {"fit" | "free"} */
+  /** What a resize, and another selection, restore. @type {"fit" | "crop" | "free"} */
   let mode = "fit";
   let inks = readInks(host);
   let dirty = { base: false, top: false };
@@ -82,6 +84,31 @@ export function createStage(host, events) {
     if (snapshot) glide.to(fitView(snapshot.image, size), smoothly);
   }
 
+  /** @param {Xyxy} xyxy @param {boolean} smoothly */
+  function crop(xyxy, smoothly) {
+    mode = "crop";
+    glide.to(cropView(xyxy, size), smoothly);
+  }
+
+  /** Again what the mode says: to the box in crop mode, the whole image in fit mode. @param {boolean} smoothly */
+  function restore(smoothly) {
+    const xyxy = snapshot?.selected?.xyxy;
+    if (mode === "free") show(view);
+    else if (snapshot?.crop && xyxy) crop(xyxy, smoothly);
+    else fit(smoothly);
+  }
+
+  /** The eye follows the selection. @param {Snapshot} before @param {Snapshot} next */
+  function follow(before, next) {
+    const isMove = before.selected?.box_id !== next.selected?.box_id;
+    if (before.crop !== next.crop || (isMove && mode === "crop" && next.selected)) {
+      mode = next.crop ? "crop" : "fit";
+      restore(true);
+    } else if (isMove && mode === "free" && next.selected?.xyxy) {
+      glide.to(revealView(view, next.selected.xyxy, size), true);
+    }
+  }
+
   /** @param {Point} at */
   function hitsAt(at) {
     if (!snapshot) return [];
@@ -114,40 +141,36 @@ export function createStage(host, events) {
       events.onSelect(nextOfStack(hits, current)?.box_id ?? null);
     },
     doubleClick(at) {
-      const box = hitsAt(at)[0];
-      if (box?.xyxy) crop(box.xyxy);
-      else fit(true);
+      events.onCrop(hitsAt(at)[0] !== undefined);
     },
   });
-
-  /** @param {Xyxy} xyxy */
-  function crop(xyxy) {
-    mode = "free";
-    glide.to(cropView(xyxy, size), true);
-  }
 
   const resizes = new ResizeObserver(() => {
     size.width = host.clientWidth;
     size.height = host.clientHeight;
     for (const layer of [base, top]) fitLayer(layer, size);
-    if (mode === "fit") fit(false);
-    else show(view);
+    restore(false);
   });
   resizes.observe(host);
 
   return {
     /** @param {Snapshot} next */
     update(next) {
-      const isNewImage = next.image.width !== snapshot?.image.width || next.image.height !== snapshot?.image.height;
-      const onlyLit = snapshot !== null && sameBut(snapshot, next, "lit");
+      const before = snapshot;
+      const isNewImage = next.image.width !== before?.image.width || next.image.height !== before?.image.height;
       snapshot = next;
       if (hovered) hovered = next.boxes.find(({ box_id }) => box_id === hovered?.box_id) ?? null;
-      if (isNewImage) fit(false);
-      invalidate(onlyLit ? "top" : "all");
+      if (before && !isNewImage) follow(before, next);
+      else restore(false);
+      invalidate(before && sameBut(before, next, "lit") ? "top" : "all");
     },
     fit: () => fit(true),
-    crop,
-    isFitted: () => mode === "fit",
+    mode: () => mode,
+    /** Crop again after a pan or a zoom. */
+    recrop() {
+      mode = "crop";
+      restore(true);
+    },
     /** @param {number} factor */
     zoomBy(factor) {
       mode = "free";

@@ -19,6 +19,14 @@ export function BoxList({ boxes, shown, selected, query, waiting, onSelect, onQu
   const hidden = boxes.length - shown.length;
   const list = useRef(/** @type {HTMLUListElement | null} */ (null));
   useEffect(() => list.current?.querySelector("[aria-selected=true]")?.scrollIntoView({ block: "nearest" }), [selected?.box_id]);
+  /** @param {KeyboardEvent} event */
+  const onKeyDown = (event) => {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!step || listed.length === 0) return;
+    event.preventDefault();
+    const at = listed.findIndex((box) => box === selected);
+    onSelect(listed[Math.min(Math.max(at + step, 0), listed.length - 1)]?.box_id ?? null);
+  };
   const listed = selected && !shown.includes(selected) ? boxes.filter((box) => box === selected || shown.includes(box)) : shown;
   return html`<aside class="panel panel--list" aria-label="Boxes">
     <${Filters} boxes=${boxes} query=${query} onQuery=${onQuery} />
@@ -29,7 +37,7 @@ export function BoxList({ boxes, shown, selected, query, waiting, onSelect, onQu
     </p>
     ${boxes.length === 0 && html`<p class="panel__empty">This frame has no boxes.</p>`}
     <ul class="boxes" role="listbox" aria-label="Boxes of this frame" tabindex="0" ref=${list}
-      aria-activedescendant=${selected ? `box-${selected.box_id}` : undefined}>
+      onKeyDown=${onKeyDown} aria-activedescendant=${selected ? `box-${selected.box_id}` : undefined}>
       ${listed.map((box) => html`<${Row} key=${box.box_id} box=${box} isSelected=${box === selected} isWaiting=${waiting.has(box.box_id)} onSelect=${onSelect} />`)}
     </ul>
   </aside>`;

@@ -1,13 +1,14 @@
 // @ts-check
 // The frames of a dataset: thumbnails with counts, filters in the address, pages by cursor.
 
-import { html, useCallback, useEffect, useRef, useState } from "../html.js";
+import { html, useEffect, useRef } from "../html.js";
 import { FILTER_KEYS } from "../boxfilter.js";
 import { linkTo } from "../router.js";
 import { countOf, countText } from "../wording.js";
 import { FrameFilters } from "./filters.js";
 import { useLoaded, useTitle } from "./hooks.js";
 import { Icon } from "./icons.js";
+import { usePages } from "./pages.js";
 import { Failure, Notice, VerdictBar } from "./parts.js";
 import { TopBar } from "./topbar.js";
 
@@ -47,11 +48,13 @@ const FRAME_FILTERS = /** @type {const} */ ([...FILTER_KEYS, "key"]);
 
 /** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
 function FrameGrid({ app, dataset, query, total, onClear }) {
-  const { items, isDone, error, more } = usePages(app, dataset, query);
+  const { items, isDone, error, more } = usePages(app, `${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
+    app.api.frames(dataset, { ...apiParams(query), limit, cursor }),
+  );
   const isFiltered = FRAME_FILTERS.some((key) => query[key]);
   if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
   if (isDone && items.length === 0) return html`<${Nothing} isFiltered=${isFiltered} onClear=${onClear} />`;
-  return html`<p class="page__count" role="status">${countText_(items.length, isDone, isFiltered, total)}</p>
+  return html`<p class="page__count" role="status">${countLine(items.length, isDone, isFiltered, total)}</p>
     <ul class="thumbs" aria-busy=${!isDone && items.length === 0}>
       ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
       ${items.length === 0 && Array.from({ length: 12 }, () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`)}
@@ -61,32 +64,11 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
 }
 
 /** @param {number} shown @param {boolean} isDone @param {boolean} isFiltered @param {number | null} total */
-function countText_(shown, isDone, isFiltered, total) {
+function countLine(shown, isDone, isFiltered, total) {
   if (shown === 0) return "Loading frames";
   if (!isDone) return `First ${countText(shown)}${!isFiltered && total ? ` of ${countText(total)}` : ""} frames`;
   const hidden = isFiltered && total ? total - shown : 0;
   return countOf(shown, "frame") + (hidden > 0 ? ` · ${countText(hidden)} hidden by the filters` : "");
-}
-
-/** @param {App} app @param {string} dataset @param {Query} query */
-function usePages(app, dataset, query) {
-  const [pages, setPages] = useState(/** @type {{items: FrameItem[], cursor: string | null, isDone: boolean, error: Error | null}} */ ({ items: [], cursor: null, isDone: false, error: null }));
-  const isBusy = useRef(false);
-  const more = useCallback(async () => {
-    if (isBusy.current || pages.isDone) return;
-    isBusy.current = true;
-    try {
-      const page = await app.api.frames(dataset, { ...apiParams(query), limit: PAGE_SIZE, cursor: pages.cursor ?? undefined });
-      setPages({ items: [...pages.items, ...page.items], cursor: page.next_cursor, isDone: page.next_cursor === null, error: null });
-    } catch (error) {
-      app.notice(error);
-      setPages({ ...pages, error: error instanceof Error ? error : new Error(String(error)) });
-    } finally {
-      isBusy.current = false;
-    }
-  }, [pages]);
-  useEffect(() => void more(), []);
-  return { ...pages, more };
 }
 
 /** Asks for more when it comes into sight. @param {{onSeen: () => void}} props */

@@ -64,7 +64,7 @@ function Row({ app, row, changing, onChange }) {
     <dd>
       <span class="sr-only">${row.keys.join(" or ") || "no key"}</span>
       <${Keys} app=${app} keys=${row.keys} />
-      <button class="button button--quiet button--small" aria-label=${`Change the key: ${row.help}`} onClick=${() => onChange(isChanging ? "" : row.action)}>
+      <button class="button button--quiet button--small ${isChanging ? "is-changing" : ""}" aria-label=${`Change the key: ${row.help}`} onClick=${() => onChange(isChanging ? "" : row.action)}>
         ${isChanging ? "Press a key…" : "Change"}
       </button>
     </dd>

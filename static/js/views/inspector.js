@@ -2,6 +2,7 @@
 // Everything about the selected box: verdict, sentence, numbers, what hides it, its history.
 
 import { html } from "../html.js";
+import { boundKeys } from "../keymap.js";
 import { answerOf } from "../reviews.js";
 import { swatchOf } from "../palette.js";
 import { acceptedText, countText, labelText, percentText } from "../wording.js";
@@ -11,7 +12,7 @@ import { History } from "./history.js";
 import { useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
 import { Numbers } from "./numbers.js";
-import { VerdictBadge } from "./parts.js";
+import { Keys, VerdictBadge } from "./parts.js";
 
 /** @typedef {import("../app.js").App} App */
 /** @typedef {import("../types.js").Decision} Decision */
@@ -25,7 +26,7 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     ${box
       ? html`<${BoxDetails} key=${box.box_id} app=${app} box=${box} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
-      : html`<${FrameDetails} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUndecided} />`}
+      : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUndecided} />`}
   </aside>`;
 }
 
@@ -106,10 +107,11 @@ function HiddenBy({ box }) {
   </section>`;
 }
 
-/** No box is selected: the frame itself, and where to start. @param {{frame: Frame, boxes: readonly Decision[], onStart: () => void}} props */
-function FrameDetails({ frame, boxes, onStart }) {
+/** No box is selected: the frame itself, and where to start. @param {{app: App, frame: Frame, boxes: readonly Decision[], onStart: () => void}} props */
+function FrameDetails({ app, frame, boxes, onStart }) {
   const undecided = boxes.filter((box) => answerOf(box) === null).length;
   const { segmentation } = frame;
+  const keys = boundKeys(useValue(app.keys)).find(({ action }) => action === "nextUndecided")?.keys ?? [];
   const facts = [
     ["Size", frame.width && frame.height ? `${frame.width} × ${frame.height}` : "unknown"],
     ["Map", frame.map],
@@ -120,7 +122,7 @@ function FrameDetails({ frame, boxes, onStart }) {
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
     <p class="inspector__sentence">${undecided ? `${countText(undecided)} of ${countText(boxes.length)} boxes wait for an answer.` : "Every box here has an answer."}</p>
-    ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided<kbd aria-hidden="true">⇧J</kbd></button>`}
+    ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
 }

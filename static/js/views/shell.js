@@ -52,7 +52,10 @@ function useFocusOnMove(route) {
   const isFirst = useRef(true);
   const place = `${route.name} ${Object.values(route.params).join(" ")}`;
   useEffect(() => {
-    if (!isFirst.current) document.getElementById("main")?.focus({ preventScroll: true });
+    if (!isFirst.current) {
+      scrollTo(0, 0);
+      document.getElementById("main")?.focus({ preventScroll: true });
+    }
     isFirst.current = false;
   }, [place]);
 }

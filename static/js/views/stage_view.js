@@ -31,7 +31,11 @@ export function StageView({ app, frame, shown, selected, onSelect, stageRef }) {
   const image = imageSize(frame, picture.image);
 
   useLayoutEffect(() => {
-    const stage = createStage(/** @type {HTMLElement} */ (host.current), { onSelect, onZoom: app.zoom.set });
+    const stage = createStage(/** @type {HTMLElement} */ (host.current), {
+      onSelect,
+      onZoom: app.zoom.set,
+      onCrop: (crop) => app.prefs.change({ crop }),
+    });
     stageRef.current = stage;
     const stop = onThemeChange(app.prefs, () => requestAnimationFrame(stage.restyle));
     return () => {
@@ -42,8 +46,8 @@ export function StageView({ app, frame, shown, selected, onSelect, stageRef }) {
   }, []);
   useLayoutEffect(() => {
     const boxes = selected && !shown.includes(selected) ? [...shown, selected] : shown;
-    stageRef.current?.update({ image, picture: picture.image, mask, opacity: prefs.opacity, boxes, selected, lit, edges: prefs.edges });
-  }, [picture.image, mask, prefs.opacity, shown, selected, lit, prefs.edges]);
+    stageRef.current?.update({ image, picture: picture.image, mask, opacity: prefs.opacity, boxes, selected, lit, edges: prefs.edges, crop: prefs.crop });
+  }, [picture.image, mask, prefs.opacity, shown, selected, lit, prefs.edges, prefs.crop]);
 
   const words = `${countOf(shown.length, "box", "boxes")} shown${selected ? `; selected: ${spokenText(selected)}` : ""}`;
   return html`<div class="stage-wrap">

@@ -42,7 +42,7 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
 
 /** @param {{app: App, frame: import("../types.js").Frame, actions: Actions}} props */
 export function LookBar({ app, frame, actions }) {
-  const { mask, opacity, lit, edges } = useValue(app.prefs);
+  const { mask, opacity, lit, edges, crop } = useValue(app.prefs);
   const hasEdges = frame.boxes.some((box) => box.edges?.length);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const setOpacity = ({ currentTarget }) => app.prefs.change({ opacity: Number(currentTarget.value), mask: true });
@@ -53,7 +53,7 @@ export function LookBar({ app, frame, actions }) {
       <${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`}
     ${hasEdges && html`<${Toggle} app=${app} action="edges" icon="cube" isOn=${edges} run=${actions.edges} />`}
     <span class="bar__rule" aria-hidden="true"></span>
-    <${Toggle} app=${app} action="crop" icon="crop" run=${actions.crop} />
+    <${Toggle} app=${app} action="crop" icon="crop" isOn=${crop} run=${actions.crop} />
     <${Toggle} app=${app} action="fit" icon="fit" run=${actions.fit} />
     <${Toggle} app=${app} action="zoomOut" icon="minus" run=${actions.zoomOut} />
     <${ZoomText} app=${app} />

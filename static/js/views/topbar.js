@@ -74,7 +74,7 @@ function Menu({ app }) {
   }, [isOpen]);
   return html`<div class="menu" ref=${root}>
     <button class="button button--quiet button--icon" aria-expanded=${isOpen} aria-label="Settings" title="Settings" onClick=${() => setOpen(!isOpen)}>
-      <${Icon} name="sun" />
+      <${Icon} name="dots" class="icon--bold" />
     </button>
     ${isOpen && html`<${MenuPanel} app=${app} close=${() => setOpen(false)} />`}
   </div>`;

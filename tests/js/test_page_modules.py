@@ -1,0 +1,78 @@
+"""The page's own tests and types, run by node where it is installed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+STATIC = HERE.parents[1] / "static"
+VENDOR = STATIC / "vendor"
+LOCK = json.loads((VENDOR / "lock.json").read_text())["files"]
+NODE = shutil.which("node")
+TSC = HERE / "node_modules" / ".bin" / "tsc"
+
+
+def run(*command: str) -> str:
+    done = subprocess.run(
+        command, cwd=HERE, capture_output=True, text=True, timeout=200, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.skipif(NODE is None, reason="needs node 18 or newer")
+@pytest.mark.parametrize("file", sorted((HERE / "unit").glob("*.test.js")), ids=str)
+def test_pure_modules_keep_their_promises(file):
+    run(str(NODE), "--test", str(file))
+
+
+@pytest.mark.skipif(not TSC.exists(), reason="needs npm ci in tests/js")
+def test_types_of_the_page_are_sound():
+    run(str(TSC), "--project", "tsconfig.json")
+
+
+@pytest.mark.parametrize("entry", LOCK, ids=lambda entry: entry["path"])
+def test_vendored_file_is_the_locked_one(entry):
+    content = (VENDOR / entry["path"]).read_bytes()
+
+    assert hashlib.sha256(content).hexdigest() == entry["sha256"]
+    assert (VENDOR / entry["licence_file"]).is_file()
+
+
+def test_nothing_unlocked_is_vendored():
+    code = {path.name for path in VENDOR.glob("*.js")}
+
+    assert code == {entry["path"] for entry in LOCK}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "why"),
+    [
+        (r"innerHTML|outerHTML|insertAdjacentHTML", "text must stay text"),
+        (r"\beval\(|new Function", "the policy forbids it"),
+        (r"style=\"|style='", "style attributes are forbidden by the policy"),
+        (r"https?://(?!www\.w3\.org)", "nothing is loaded from elsewhere"),
+    ],
+)
+def test_own_code_is_free_of(pattern, why):
+    files = [*STATIC.glob("js/**/*.js"), *STATIC.glob("css/*.css")]
+    found = [file.name for file in files if re.search(pattern, file.read_text())]
+
+    assert found == [], why
+
+
+def test_every_module_is_type_checked():
+    unchecked = [
+        file.name
+        for file in STATIC.glob("js/**/*.js")
+        if not file.read_text().startswith("// @ts-check\n")
+    ]
+
+    assert unchecked == []

@@ -1,0 +1,118 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { createFrameActions } from "../../../static/js/frame_actions.js";
+import { createPrefs } from "../../../static/js/prefs.js";
+import { parseHash } from "../../../static/js/router.js";
+import { createStore, createValue } from "../../../static/js/store.js";
+import { createUndo } from "../../../static/js/undo.js";
+import { decision, memoryStorage } from "./builders.js";
+
+/** @type {any} */
+let app;
+/** @type {import("../../../static/js/store.js").Store} */
+let store;
+/** @type {import("../../../static/js/frame_actions.js").FrameActions} */
+let actions;
+/** @type {string[]} */
+let said;
+
+beforeEach(() => {
+  said = [];
+  const route = createValue(parseHash("#/frames/10"));
+  const go = (/** @type {string} */ hash) => route.set(parseHash(hash));
+  app = {
+    router: { route, go, replace: go },
+    announcement: createValue(""),
+    toasts: { show: (/** @type {string} */ text) => said.push(text) },
+    undo: createUndo(),
+    prefs: createPrefs(memoryStorage()),
+    settle: () => {},
+  };
+  store = createStore([decision({ box_id: 1 }), decision({ box_id: 2, verdict: "kept" }), decision({ box_id: 3 })]);
+  store.observe(app.undo.notice);
+  const frame = /** @type {any} */ ({ id: 10, dataset: "d", previous_id: null, next_id: 11 });
+  actions = createFrameActions(app, frame, store, { stage: () => null, openComment: () => said.push("comment") });
+});
+
+const query = () => app.router.route.get().query;
+const answers = () => store.all().map((box) => box.review?.verdict ?? null);
+
+test("next goes from box to box, then to the next frame's first box", () => {
+  const seen = [1, 2, 3].map(() => (actions.byName.next(), query().box));
+  actions.byName.next();
+  assert.deepEqual(seen, ["1", "2", "3"]);
+  assert.deepEqual([app.router.route.get().params.id, query().box], ["11", "first"]);
+});
+
+test("steps respect the filters in the address, and keep them", () => {
+  app.router.go("#/frames/10?verdict=rejected");
+  const seen = [1, 2].map(() => (actions.byName.next(), query().box));
+  assert.deepEqual([seen, query().verdict], [["1", "3"], "rejected"]);
+});
+
+test("there is nothing before the first frame", () => {
+  actions.byName.previousFrame();
+  assert.deepEqual(said, ["There is no further frame."]);
+});
+
+test("an answer needs a selected box", () => {
+  actions.byName.keep();
+  assert.deepEqual([said, answers()], [["Select a box first."], [null, null, null]]);
+});
+
+test("the same answer twice is one answer", () => {
+  actions.select(1);
+  actions.byName.keep();
+  actions.byName.keep();
+  assert.equal(app.undo.size(), 1);
+});
+
+test("undo goes back step by step and selects what it changes", () => {
+  actions.select(1);
+  actions.byName.keep();
+  actions.byName.reject();
+  actions.select(3);
+  actions.byName.unsure();
+  actions.byName.undo();
+  assert.deepEqual([answers(), query().box], [["reject", null, null], "3"]);
+  actions.byName.undo();
+  assert.deepEqual([answers(), query().box], [["keep", null, null], "1"]);
+  actions.byName.undo();
+  actions.byName.undo();
+  assert.deepEqual([answers(), said], [[null, null, null], ["Nothing to take back."]]);
+});
+
+test("undo of an answer on another frame goes there", () => {
+  const other = decision({ box_id: 99, frame_id: 12 });
+  app.undo.notice({ origin: "local", before: other, after: other });
+  actions.byName.undo();
+  assert.deepEqual([app.router.route.get().params.id, query()], ["12", { box: "99", undo: "1" }]);
+});
+
+test("the next undecided skips what has an answer", () => {
+  actions.select(1);
+  actions.byName.keep();
+  actions.byName.nextUndecided();
+  assert.equal(query().box, "2");
+});
+
+test("V goes through kept, rejected and all", () => {
+  const seen = [1, 2, 3].map(() => (actions.byName.cycleVerdict(), query().verdict ?? "all"));
+  assert.deepEqual(seen, ["kept", "rejected", "all"]);
+});
+
+test("the brackets fade the segmentation within limits and switch it on", () => {
+  actions.byName.opacityUp();
+  assert.deepEqual([app.prefs.get().mask, app.prefs.get().opacity], [true, 0.5]);
+  for (let i = 0; i < 9; i++) actions.byName.opacityUp();
+  assert.equal(app.prefs.get().opacity, 1);
+  for (let i = 0; i < 12; i++) actions.byName.opacityDown();
+  assert.equal(app.prefs.get().opacity, 0.1);
+});
+
+test("the address can ask for the first, the last or an undecided box", () => {
+  actions.select(1);
+  actions.byName.keep();
+  assert.deepEqual(["first", "last", "undecided"].map(actions.resolve), [1, 3, 2]);
+});

@@ -1,0 +1,82 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { MAX_SCALE, boxesAt, clampView, cropView, fitView, nextOfStack, panBy, pixelBounds, revealView, toImage, toStage, zoomAt } from "../../../static/js/geometry.js";
+
+const IMAGE = { width: 1280, height: 720 };
+const STAGE = { width: 800, height: 600 };
+const NO_INSETS = { side: 0, top: 0, bottom: 0 };
+
+/** @param {{x: number, y: number}} a @param {{x: number, y: number}} b */
+function assertNear(a, b) {
+  assert.ok(Math.hypot(a.x - b.x, a.y - b.y) < 1e-9, `${JSON.stringify(a)} is not ${JSON.stringify(b)}`);
+}
+
+test("fit shows the whole image in the middle", () => {
+  assert.deepEqual(fitView(IMAGE, STAGE, NO_INSETS), { scale: 0.625, x: 0, y: 75 });
+});
+
+test("fit leaves room for the bars", () => {
+  const [x0, y0, x1, y1] = toStage(fitView(IMAGE, STAGE), [0, 0, 1280, 720]);
+  assert.ok(x0 >= 16 && x1 <= 784 && y0 >= 56 && y1 <= 532);
+});
+
+test("crop centres a box with surroundings", () => {
+  const view = cropView([100, 100, 140, 140], STAGE);
+  const [x0, y0, x1, y1] = toStage(view, [100, 100, 140, 140]);
+  assert.deepEqual([(x0 + x1) / 2, (y0 + y1) / 2], [400, 300]);
+  assert.ok(y1 - y0 < STAGE.height / 2);
+});
+
+test("crop of a single pixel does not zoom past the limit", () => {
+  assert.ok(cropView([5, 5, 5.1, 5.1], STAGE).scale <= MAX_SCALE);
+});
+
+test("zoom keeps the point under the pointer", () => {
+  const before = { scale: 0.5, x: 30, y: -20 };
+  const at = { x: 123, y: 321 };
+  assertNear(toImage(zoomAt(before, 1.7, at, 0.01), at), toImage(before, at));
+});
+
+test("zoom stops at its limits", () => {
+  const view = { scale: 1, x: 0, y: 0 };
+  assert.equal(zoomAt(view, 1e9, { x: 0, y: 0 }, 0.2).scale, MAX_SCALE);
+  assert.equal(zoomAt(view, 1e-9, { x: 0, y: 0 }, 0.2).scale, 0.2);
+});
+
+test("stage and image are inverse", () => {
+  const view = { scale: 3, x: 7, y: -9 };
+  const [x, y] = toStage(view, [11, 13, 0, 0]);
+  assertNear(toImage(view, { x, y }), { x: 11, y: 13 });
+});
+
+test("however far one pans, a corner of the image stays in sight", () => {
+  for (const [dx, dy] of [[1e6, 1e6], [-1e6, -1e6], [1e6, -1e6]]) {
+    const [x0, y0, x1, y1] = toStage(clampView(panBy({ scale: 1, x: 0, y: 0 }, dx ?? 0, dy ?? 0), IMAGE, STAGE), [0, 0, 1280, 720]);
+    assert.ok(x1 > 0 && y1 > 0 && x0 < STAGE.width && y0 < STAGE.height);
+  }
+});
+
+test("a box that is in sight does not move the view", () => {
+  const view = { scale: 1, x: 0, y: 0 };
+  assert.equal(revealView(view, [10, 10, 50, 50], STAGE), view);
+  assert.equal(revealView(view, [1200, 10, 1250, 50], STAGE).scale, 1);
+});
+
+test("the smallest box under the pointer is hit first, and clicking again goes deeper", () => {
+  const large = { xyxy: [0, 0, 100, 100] };
+  const small = { xyxy: [40, 40, 60, 60] };
+  const outside = { xyxy: null };
+  const hits = boxesAt(/** @type {any} */ ([large, small, outside]), { x: 50, y: 50 }, 0);
+  assert.deepEqual(hits, [small, large]);
+  assert.equal(nextOfStack(hits, undefined), small);
+  assert.equal(nextOfStack(hits, small), large);
+  assert.equal(nextOfStack(hits, large), small);
+  assert.equal(nextOfStack([], undefined), undefined);
+});
+
+test("a box is every pixel that it touches, at least one, and never outside", () => {
+  assert.deepEqual(pixelBounds([0.5, 0.5, 2.1, 2], IMAGE), { x: 0, y: 0, width: 3, height: 2 });
+  assert.deepEqual(pixelBounds([7.2, 7.2, 7.4, 7.4], IMAGE), { x: 7, y: 7, width: 1, height: 1 });
+  assert.deepEqual(pixelBounds([1280, 720, 1280, 720], IMAGE), { x: 1279, y: 719, width: 1, height: 1 });
+});

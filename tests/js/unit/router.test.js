@@ -1,0 +1,33 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { linkTo, parseHash, tokenOf } from "../../../static/js/router.js";
+
+test("an empty address is the list of datasets", () => {
+  for (const hash of ["", "#", "#/", "#/datasets"]) assert.equal(parseHash(hash).name, "datasets", hash);
+});
+
+test("what is written is read again", () => {
+  const query = { box: "7", class: "traffic light & co", key: "a/b?c=1" };
+  const name = "town 10/ü#?%";
+  assert.deepEqual(parseHash(linkTo("frames", { dataset: name }, query)), { name: "frames", params: { dataset: name }, query });
+});
+
+test("empty filters are not written", () => {
+  assert.equal(linkTo("frame", { id: 3 }, { box: "", verdict: "kept" }), "#/frames/3?verdict=kept");
+});
+
+test("an unknown address is a view of its own", () => {
+  assert.equal(parseHash("#/nothing/here").name, "unknown");
+  assert.equal(parseHash("#/frames/3/more").name, "unknown");
+});
+
+test("a broken escape does not throw", () => {
+  assert.equal(parseHash("#/datasets/%E0%A4%A/frames").params["dataset"], "%E0%A4%A");
+});
+
+test("only a login link has a token", () => {
+  assert.equal(tokenOf("#token=abc%2Bd"), "abc+d");
+  assert.equal(tokenOf("#/datasets?token=abc"), null);
+  assert.equal(tokenOf("#token="), null);
+});

@@ -1,0 +1,194 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { ApiError, NoAnswer } from "../../../static/js/api.js";
+import { createOutbox } from "../../../static/js/outbox.js";
+import { withAnswer } from "../../../static/js/reviews.js";
+import { createSaver } from "../../../static/js/saver.js";
+import { LOCAL, REMOTE } from "../../../static/js/store.js";
+import { decision, memoryStorage } from "./builders.js";
+
+/** @typedef {{boxId: number, verdict: string, comment: string, seen_revision: number, key: string}} Sent */
+
+/** @type {Storage} */
+let storage;
+/** @type {Sent[]} */
+let sent;
+/** What the server says next; nothing: it stores. @type {Error[]} */
+let refusals;
+/** @type {Map<number, number>} */
+let revisions;
+/** @type {{run: () => void, ms: number}[]} */
+let timers;
+/** @type {any[]} */
+let told;
+
+beforeEach(() => {
+  storage = memoryStorage();
+  sent = [];
+  refusals = [];
+  revisions = new Map();
+  timers = [];
+  told = [];
+});
+
+/** @param {string} [tab] */
+function saverOf(tab = "t1") {
+  const outbox = createOutbox(storage, tab);
+  /** @type {any} */
+  const send = async (/** @type {number} */ boxId, /** @type {any} */ answer, /** @type {string} */ key) => {
+    sent.push({ boxId, ...answer, key });
+    const refusal = refusals.shift();
+    if (refusal) throw refusal;
+    const revision = (revisions.get(boxId) ?? 0) + 1;
+    revisions.set(boxId, revision);
+    return { box_id: boxId, revision, verdict: answer.verdict, reviewer: "ada", effective_verdict: "kept" };
+  };
+  const events = {
+    onStored: (/** @type {any} */ stored, /** @type {boolean} */ isLatest) => told.push(["stored", stored.box_id, stored.revision, isLatest]),
+    onConflict: (/** @type {any} */ item, /** @type {any} */ current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
+    onRefused: (/** @type {any} */ item, /** @type {Error} */ error) => told.push(["refused", item.verdict, error.message]),
+  };
+  return { outbox, saver: createSaver(outbox, send, events, (run, ms) => void timers.push({ run, ms })) };
+}
+
+/** @param {any} saver @param {number} boxId @param {any} verdict @param {any} [origin] */
+function answer(saver, boxId, verdict, origin = LOCAL) {
+  const before = decision({ box_id: boxId });
+  saver.notice({ origin, before, after: withAnswer(before, verdict) });
+}
+
+const settled = () => new Promise((resolve) => setImmediate(resolve));
+const verdicts = () => sent.map((item) => [item.boxId, item.verdict, item.seen_revision]);
+
+test("an answer is sent at once, with what was seen", async () => {
+  const { saver, outbox } = saverOf();
+  answer(saver, 1, "keep");
+  assert.equal(saver.state.get().phase, "saving");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0]]);
+  assert.deepEqual(told, [["stored", 1, 1, true]]);
+  assert.deepEqual([saver.state.get().phase, outbox.items()], ["saved", []]);
+});
+
+test("what the server changed is not sent back to it", async () => {
+  const { saver } = saverOf();
+  answer(saver, 1, "keep", REMOTE);
+  await settled();
+  assert.deepEqual(sent, []);
+});
+
+test("a second answer waits for the first and has seen its revision", async () => {
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  answer(saver, 1, "reject");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "reject", 1]]);
+  assert.deepEqual(told.map((event) => event[3]), [false, true]);
+});
+
+test("without a network answers wait, survive a reload, and are sent in order", async () => {
+  refusals = [new NoAnswer("gone"), new NoAnswer("gone")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answer(saver, 2, "reject");
+  await settled();
+  assert.deepEqual([saver.state.get().phase, saver.state.get().waiting.size], ["offline", 2]);
+
+  const reloaded = saverOf().saver;
+  sent = [];
+  await reloaded.resume();
+
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [2, "reject", 0]]);
+  assert.equal(reloaded.state.get().phase, "saved");
+});
+
+test("an answer that may have arrived is repeated word for word, under the same key", async () => {
+  refusals = [new NoAnswer("lost on the way back")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answer(saver, 1, "reject");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "reject", 1]]);
+  assert.equal(sent[0]?.key, sent[1]?.key);
+  assert.notEqual(sent[1]?.key, sent[2]?.key);
+});
+
+test("answers that were never sent are replaced by the latest on that box", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 7, "keep");
+  await settled();
+  for (const verdict of ["keep", "reject", "unsure"]) answer(saver, 1, verdict);
+  assert.deepEqual(outbox.items().map((item) => [item.boxId, item.verdict]), [[7, "keep"], [1, "unsure"]]);
+});
+
+test("the pause between attempts grows, and any success resets it", async () => {
+  refusals = [new NoAnswer(""), new NoAnswer(""), new NoAnswer("")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  for (let i = 0; i < 4; i++) {
+    await settled();
+    timers.at(-1)?.run();
+  }
+  await settled();
+  assert.deepEqual(timers.map((timer) => timer.ms), [1000, 2000, 4000]);
+  assert.equal(saver.state.get().phase, "saved");
+});
+
+test("a busy server is asked again when it says", async () => {
+  refusals = [new ApiError(503, {}, 7)];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  assert.deepEqual([timers[0]?.ms, saver.state.get().phase], [7000, "busy"]);
+});
+
+test("signed out, answers are kept and nothing is tried until somebody signs in", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answer(saver, 2, "keep");
+  await settled();
+  assert.deepEqual([sent.length, saver.state.get().phase, timers.length], [1, "signed-out", 0]);
+  await saver.resume();
+  assert.deepEqual(verdicts().slice(1), [[1, "keep", 0], [2, "keep", 0]]);
+});
+
+test("a conflict is told with the other's answer, is not repeated, and does not stop the rest", async () => {
+  const theirs = decision({ review: { verdict: "reject", reviewer: "bo", revision: 3 } });
+  refusals = [new ApiError(412, { current: theirs }, null)];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  answer(saver, 2, "keep");
+  await settled();
+  assert.deepEqual(told, [["conflict", "keep", "reject"], ["stored", 2, 1, true]]);
+  assert.equal(saver.state.get().phase, "saved");
+});
+
+test("what the server will never take is told and let go", async () => {
+  refusals = [new ApiError(403, { detail: "viewers cannot review" }, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  assert.deepEqual(told, [["refused", "keep", "viewers cannot review"]]);
+  assert.deepEqual(outbox.items(), []);
+});
+
+test("a tab leaves the answers of another open tab alone and adopts those of a closed one", () => {
+  const mine = createOutbox(storage, "t1");
+  const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
+  createOutbox(storage, "open").add({ boxId: 1, ...given });
+  createOutbox(storage, "closed").add({ boxId: 2, ...given });
+  mine.adopt(new Set(["t1", "open"]));
+  assert.deepEqual(mine.items().map((item) => item.boxId), [2]);
+});
+
+test("rubbish in the storage is not an answer", () => {
+  storage.setItem("unghost.outbox.v1.x", "{");
+  storage.setItem("unghost.outbox.v1.y", "{}");
+  assert.deepEqual(createOutbox(storage, "t1").items(), []);
+});
