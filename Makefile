@@ -42,7 +42,7 @@ types: $(DEVELOPMENT) ## Static types, strict
 	$(BIN)/mypy
 
 imports: $(DEVELOPMENT) ## Which package may import which
-	$(BIN)/lint-imports
+	$(BIN)/lint-imports --no-cache
 
 js: ## Types and tests of the page's modules (where Node is installed)
 	@sh tools/check_page.sh

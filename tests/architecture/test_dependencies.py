@@ -1,0 +1,57 @@
+"""What the product imports is what it declares, and nothing is declared for nothing."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from importlib import metadata
+
+from tests.architecture.sources import PRODUCT, python_sources
+
+MODULE_OF = {
+    "opencv-python-headless": "cv2",
+    "python-multipart": "python_multipart",
+    "pyyaml": "yaml",
+}
+# Used by name, never imported: FastAPI reads forms with it.
+NOT_IMPORTED = {"python_multipart"}
+
+
+def imported() -> set[str]:
+    """Top-level modules that the product imports, without its own and Python's."""
+    names = {
+        name.split(".")[0]
+        for source in python_sources(*PRODUCT)
+        for node in ast.walk(source.tree)
+        for name in imports_of(node)
+    }
+    return names - set(sys.stdlib_module_names) - set(PRODUCT)
+
+
+def imports_of(node: ast.AST) -> list[str]:
+    """The modules that one statement imports."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        return [node.module or ""]
+    return []
+
+
+def declared() -> set[str]:
+    """The modules of the packages that an installation brings."""
+    requirements = metadata.requires("unghost") or []
+    names = [
+        re.split(r"[^\w.-]", requirement)[0].lower()
+        for requirement in requirements
+        if "extra ==" not in requirement
+    ]
+    return {MODULE_OF.get(name, name.replace("-", "_")) for name in names}
+
+
+def test_every_import_is_declared():
+    assert imported() - declared() == set()
+
+
+def test_every_declared_package_is_used():
+    assert declared() - imported() - NOT_IMPORTED == set()
