@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.frame_source import (
@@ -58,9 +58,9 @@ def _read_lines(path: Path, options: ReadOptions) -> Iterator[FrameSource]:
                 yield _read_line(line, at, path.parent, options)
 
 
-def _skip_rest_of_line(file: Iterator[bytes], line: bytes) -> None:
-    if not line.endswith(b"\n"):
-        next(file, None)
+def _skip_rest_of_line(file: BinaryIO, piece: bytes) -> None:
+    while piece and not piece.endswith(b"\n"):
+        piece = file.readline(MAX_LABEL_BYTES)
 
 
 def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:

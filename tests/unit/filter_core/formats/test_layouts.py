@@ -1,0 +1,288 @@
+"""Folders are read whole: what belongs together is found, the rest is listed."""
+
+from __future__ import annotations
+
+import unicodedata
+
+import pytest
+
+from filter_core.errors import LayoutError, NotAvailable
+from filter_core.formats.frame_source import ReadOptions
+from filter_core.formats.layouts import detect_layout, read_source
+from filter_core.formats.matching import frame_key
+from tests.unit.filter_core.formats.folders import write_files
+
+YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"
+BOX = {"class": "car", "cxcywhn": [0.5, 0.5, 0.1, 0.2]}
+NAMES = "names: [car, van]\n"
+
+
+def keys(frames):
+    return [frame.key for frame in frames]
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("a.png", "a"),
+        ("Town05_1.5km.v2.txt", "Town05_1.5km.v2"),
+        ("train/images/7.png", "train/7"),
+        ("images/train/7.png", "train/7"),
+        ("Annotations/my frame.xml", "my frame"),
+        ("a/b c/d.e.png", "a/b c/d.e"),
+        (unicodedata.normalize("NFD", "straße/é.png"), "straße/é"),
+    ],
+)
+def test_a_file_s_path_names_its_frame(name, key):
+    assert frame_key(name) == key
+
+
+@pytest.mark.parametrize(
+    ("images", "labels"),
+    [
+        ("images/train/1.png", "labels/train/1.txt"),
+        ("train/images/1.png", "train/labels/1.txt"),
+        ("train/1.png", "train/1.txt"),
+    ],
+)
+def test_yolo_in_any_of_its_nestings(tmp_path, images, labels):
+    write_files(tmp_path, {images: None, labels: YOLO_LINE, "data.yaml": NAMES})
+
+    frames = read_source(tmp_path)
+    (frame,) = frames
+
+    assert (frames.layout, frames.classes) == ("yolo", ("car", "van"))
+    assert (frame.key, frame.annotation) == ("train/1", {"boxes": [BOX]})
+    assert frame.image == tmp_path / images
+    assert frames.unmatched == ()
+
+
+def test_names_with_dots_spaces_accents_and_apple_s_leftovers(tmp_path):
+    composed, apart = (
+        unicodedata.normalize(form, "é 1.5 km") for form in ("NFC", "NFD")
+    )
+    write_files(
+        tmp_path,
+        {
+            f"images/{apart}.png": None,
+            f"labels/{composed}.txt": YOLO_LINE,
+            "images/__MACOSX/x.png": None,
+            "__MACOSX/labels/._x.txt": "rubbish",
+            "labels/.DS_Store": "",
+            "labels/._a.txt": "rubbish",
+            "classes.txt": "car\n",
+        },
+    )
+
+    frames = read_source(tmp_path)
+
+    assert keys(frames) == ["é 1.5 km"]
+    assert next(iter(frames)).image is not None
+    assert frames.unmatched == ()
+
+
+def test_what_does_not_match_is_listed_with_the_reason(tmp_path):
+    write_files(
+        tmp_path,
+        {
+            "images/a.png": None,
+            "images/a.jpg": None,
+            "images/alone.png": None,
+            "labels/a.txt": YOLO_LINE,
+            "labels/no image.txt": YOLO_LINE,
+            "seg/other.png": None,
+            "classes.txt": "car",
+        },
+    )
+
+    frames = read_source(tmp_path)
+
+    assert [(one.path, one.why) for one in frames.unmatched] == [
+        ("images/a.png", "same frame as images/a.jpg, which is used"),
+        ("images/alone.png", "no label file for this image"),
+        ("other.png", "no label file for this segmentation"),
+    ]
+    assert keys(frames) == ["a", "no image"]
+
+
+def test_segmentations_in_a_flat_folder_are_told_by_their_names(tmp_path):
+    write_files(
+        tmp_path,
+        {
+            "images/town/1.png": None,
+            "labels/town/1.txt": YOLO_LINE,
+            "labels/a/2.txt": YOLO_LINE,
+            "labels/b/2.txt": YOLO_LINE,
+            "tags/1.png": None,
+            "tags/2.png": None,
+            "classes.txt": "car",
+        },
+    )
+
+    options = ReadOptions(segmentation=tmp_path / "tags")
+    frames = read_source(tmp_path, options=options)
+
+    found = {frame.key: frame.segmentation for frame in frames}
+    assert found == {"a/2": None, "b/2": None, "town/1": tmp_path / "tags/1.png"}
+    assert [one.path for one in frames.unmatched] == ["2.png"]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("2 0.5 0.5 0.1 0.2", "labels/1.txt, line 2: expected a class from 0 to 1"),
+        ("-1 0.5 0.5 0.1 0.2", "found '-1'"),
+        ("0 0.5 x 0.1 0.2", "line 2: expected a finite number, found 'x'"),
+        ("0 0.5 nan 0.1 0.2", "found 'nan'"),
+        ("0 0.5", "line 2: expected 'class cx cy w h' (5 columns)"),
+        ("0 0 0 1 0 1 1 0 1", "found 9 columns"),
+    ],
+)
+def test_a_bad_line_is_named_and_the_other_frames_go_on(tmp_path, line, words):
+    write_files(
+        tmp_path,
+        {
+            "labels/1.txt": f"{YOLO_LINE}{line}\n",
+            "labels/2.txt": YOLO_LINE,
+            "data.yaml": NAMES,
+        },
+    )
+
+    bad, good = read_source(tmp_path)
+
+    assert words in str(bad.problem)
+    assert bad.annotation is None
+    assert (good.problem, good.annotation) == (None, {"boxes": [BOX]})
+
+
+def test_an_empty_label_file_is_a_frame_without_boxes(tmp_path):
+    write_files(tmp_path, {"labels/1.txt": "\n", "data.yaml": NAMES})
+
+    assert [frame.annotation for frame in read_source(tmp_path)] == [{"boxes": []}]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("names: {0: car, 2: van}", "expected numbers from 0 up"),
+        ("names: car", "expected a list of class names"),
+        ("names: [car, 3]", "expected a class name, found '3'"),
+        ("nc: 2", "expected a list of class names"),
+        ("names: [car", "data.yaml: line"),
+        ("names: [a]\nnames: [b]", "given twice"),
+    ],
+)
+def test_a_data_yaml_without_usable_names_is_refused(tmp_path, content, words):
+    write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": content})
+
+    with pytest.raises(LayoutError) as caught:
+        read_source(tmp_path)
+
+    assert words in caught.value.detail
+
+
+def test_names_by_number_keep_their_order(tmp_path):
+    names = "names:\n  1: van\n  0: traffic light\n"
+    write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": names})
+
+    assert read_source(tmp_path).classes == ("traffic light", "van")
+
+
+def test_yolo_without_class_names_says_what_is_missing(tmp_path):
+    write_files(tmp_path, {"labels/1.txt": YOLO_LINE})
+
+    with pytest.raises(LayoutError, match=r"data\.yaml"):
+        read_source(tmp_path, "yolo")
+    named = read_source(tmp_path, "yolo", ReadOptions(classes=["car"]))
+    assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
+
+
+def test_carlasimu_takes_the_widest_band_and_its_own_class_numbers(tmp_path):
+    write_files(
+        tmp_path,
+        {
+            "cam/Readme.txt": '{"classes": {"car": 1, "bus": 0}}',
+            "cam/images/00000001.png": None,
+            "cam/images_bbox/00000001.png": None,
+            "cam/labels/label50/00000001.txt": "",
+            "cam/labels/label50/00000002.txt": "",
+            "cam/labels/label200/00000001.txt": "1 0.5 0.5 0.1 0.2",
+            "cam/labels/label100/00000001.txt": "",
+            "seg/00000001.png": None,
+        },
+    )
+
+    frames = read_source(tmp_path)
+    (frame,) = frames
+
+    assert (frames.layout, frames.classes) == ("carlasimu", ("bus", "car"))
+    assert frame.annotation == {"boxes": [BOX]}
+    assert frame.segmentation == tmp_path / "seg/00000001.png"
+    assert [(one.path, one.why) for one in frames.unmatched] == [
+        ("label50/00000002.txt", "not in the widest band, label200")
+    ]
+
+
+def test_raw_centre_pixels_have_no_class_of_their_own(tmp_path):
+    write_files(tmp_path, {"label/1.txt": "10 20 4 6\n", "img/1.png": None})
+
+    plain = list(read_source(tmp_path))
+    named = list(read_source(tmp_path, options=ReadOptions(default_class="car")))
+
+    rectangle = {"cxcywh": [10.0, 20.0, 4.0, 6.0]}
+    assert plain[0].annotation == {"boxes": [{"class": "unknown", **rectangle}]}
+    assert named[0].annotation == {"boxes": [{"class": "car", **rectangle}]}
+
+
+@pytest.mark.parametrize(
+    ("files", "layout"),
+    [
+        ({"manifest.jsonl": "", "labels/1.txt": ""}, "manifest"),
+        ({"labels/label50/1.txt": ""}, "carlasimu"),
+        ({"out/label/1.txt": ""}, "carlasimu"),
+        ({"labels/1.txt": "", "data.yaml": NAMES}, "yolo"),
+        ({"Annotations/1.xml": ""}, "voc"),
+    ],
+)
+def test_a_layout_is_recognised_by_its_files(tmp_path, files, layout):
+    assert detect_layout(write_files(tmp_path, files)) == layout
+
+
+def test_two_layouts_in_one_folder_are_never_guessed_between(tmp_path):
+    write_files(tmp_path, {"a.xml": "", "labels/1.txt": "", "data.yaml": NAMES})
+
+    with pytest.raises(LayoutError, match="could be voc or yolo; name the layout"):
+        read_source(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("layout", "error", "words"),
+    [
+        ("auto", LayoutError, "no layout recognised"),
+        ("ylo", LayoutError, "the nearest is 'yolo'"),
+        ("coco", NotAvailable, "not read by this version"),
+        ("manifest", LayoutError, r"expected manifest\.jsonl"),
+        ("carlasimu", LayoutError, "found neither"),
+    ],
+)
+def test_a_folder_that_cannot_be_read_says_what_was_expected(
+    tmp_path, layout, error, words
+):
+    with pytest.raises(error, match=words):
+        read_source(tmp_path, layout)
+
+
+def test_a_source_that_is_not_there_is_named_without_its_folder(tmp_path):
+    with pytest.raises(LayoutError) as caught:
+        read_source(tmp_path / "nowhere")
+
+    assert "nowhere" in caught.value.detail
+    assert str(tmp_path) not in caught.value.detail
+
+
+def test_a_label_that_is_not_text_is_that_frame_s_problem(tmp_path):
+    write_files(tmp_path, {"labels/1.txt": b"\xff\xfe0", "data.yaml": NAMES})
+
+    (frame,) = read_source(tmp_path)
+
+    assert "labels/1.txt: expected UTF-8 text, found byte 0xff" in str(frame.problem)

@@ -1,0 +1,78 @@
+"""The manifest: a line is a frame, and a bad line is only its own problem."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.formats import manifest
+from filter_core.formats.frame_source import ReadOptions
+from filter_core.formats.layouts import read_source
+
+FRAME = {"key": "a/0", "boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}]}
+
+
+def write(tmp_path, *lines):
+    path = tmp_path / "frames.jsonl"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def test_paths_are_relative_to_the_manifest_or_absolute(tmp_path):
+    files = {"image": "rgb/0.png", "segmentation": "/else/0.png", "depth": "d/0.png"}
+    path = write(tmp_path, json.dumps({**FRAME, **files, "map": "Town01"}))
+
+    (frame,) = read_source(path)
+
+    assert frame.key == "a/0"
+    assert frame.image == tmp_path / "rgb/0.png"
+    assert str(frame.segmentation) == "/else/0.png"
+    assert frame.others == {"depth": tmp_path / "d/0.png"}
+    assert frame.annotation == {"boxes": FRAME["boxes"], "map": "Town01"}
+
+
+def test_segmentations_can_be_named_apart(tmp_path):
+    path = write(tmp_path, json.dumps({**FRAME, "segmentation": "0.png"}))
+
+    (frame,) = read_source(path, options=ReadOptions(segmentation=tmp_path / "seg"))
+
+    assert frame.segmentation == tmp_path / "seg/0.png"
+
+
+def test_a_mark_at_the_beginning_and_empty_lines_are_nothing(tmp_path):
+    path = write(tmp_path, "\ufeff" + json.dumps(FRAME), "", "  ", json.dumps(FRAME))
+
+    assert [frame.problem for frame in read_source(path)] == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("{", "frames.jsonl, line 2: expected one JSON object"),
+        ("[]", "found list"),
+        ("[" * 100_000, "expected one JSON object"),
+        ('{"boxes": []}', '"key" of 1 to 512 characters, found None'),
+        ('{"key": 7}', "found 7"),
+        (json.dumps({"key": "k" * 513}), '"key" of 1 to 512'),
+        ('{"key": "a", "image": 3}', "line 2, image: expected a path, found 3"),
+    ],
+)
+def test_a_bad_line_is_named_and_the_next_is_read(tmp_path, line, words):
+    path = write(tmp_path, json.dumps(FRAME), line, json.dumps(FRAME))
+
+    first, bad, last = read_source(path)
+
+    assert words in str(bad.problem)
+    assert bad.annotation is None
+    assert first.problem is last.problem is None
+
+
+def test_a_line_without_end_does_not_fill_the_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(manifest, "MAX_LABEL_BYTES", 100)
+    path = write(tmp_path, '{"key": "' + "x" * 1000, json.dumps(FRAME))
+
+    long, good = read_source(path)
+
+    assert "expected at most 100 bytes" in str(long.problem)
+    assert good.key == "a/0"

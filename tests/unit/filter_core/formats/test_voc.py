@@ -1,0 +1,85 @@
+"""Pascal VOC files: their corners, their size, and what is wrong with them."""
+
+from __future__ import annotations
+
+import pytest
+
+from filter_core.errors import LayoutError
+from filter_core.formats.layouts import read_source
+from filter_core.formats.voc_xml import read_voc
+from tests.unit.filter_core.formats.folders import write_files
+
+
+def voc(corners=(1, 2, 30, 40), extra="", size="<width>80</width><height>60</height>"):
+    names = ("xmin", "ymin", "xmax", "ymax")
+    box = "".join(f"<{n}>{v}</{n}>" for n, v in zip(names, corners, strict=True))
+    return (
+        f"<annotation>\n<size>{size}</size>\n<object>\n<name>traffic light</name>"
+        f"{extra}<bndbox>{box}</bndbox>\n</object></annotation>"
+    ).encode()
+
+
+def test_whole_numbers_are_counted_from_one_and_inclusive():
+    annotation = read_voc(voc((1, 2, 30, 40), "<truncated>1</truncated>"), "a.xml")
+
+    assert annotation == {
+        "camera": {"width": 80, "height": 60},
+        "boxes": [
+            {"class": "traffic light", "xyxy": [0, 1, 30, 40], "truncated": 1},
+        ],
+    }
+
+
+def test_fractions_are_pixel_coordinates_as_they_are():
+    annotation = read_voc(voc((1, 2.5, 30, 40)), "a.xml")
+
+    expected = [{"class": "traffic light", "xyxy": [1, 2.5, 30, 40]}]
+    assert annotation["boxes"] == expected
+
+
+def test_a_size_of_zero_is_no_size():
+    size = "<width>0</width><height>0</height>"
+
+    assert "camera" not in read_voc(voc(size=size), "a.xml")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            voc((1, "x", 3, 4)),
+            "a.xml, line 4: expected a finite number in <ymin>, found",
+        ),
+        (voc((1, "nan", 3, 4)), "found 'nan'"),
+        (voc(size="<width>8.5</width><height>6</height>"), "a whole <width>"),
+        (voc(size="<width>8</width>"), "line 2: expected <height> in <size>"),
+        (b"<annotation>\n<object/></annotation>", "line 2: expected <bndbox>"),
+        (b"<note/>", "expected <annotation>, found <note>"),
+        (b"<annotation>\n<object>", "a.xml, line 2"),
+        (b"", "not XML"),
+        (b'<!DOCTYPE a [<!ENTITY b "c">]><annotation/>', "a DTD or entities"),
+        (b'<?xml version="1.0" encoding="nope"?><annotation/>', "unknown encoding"),
+    ],
+)
+def test_a_bad_file_names_its_line_and_what_was_expected(content, words):
+    with pytest.raises(LayoutError) as caught:
+        read_voc(content, "a.xml")
+
+    assert words in caught.value.detail
+
+
+def test_a_folder_in_voc_s_own_layout(tmp_path):
+    write_files(
+        tmp_path,
+        {
+            "JPEGImages/7.png": None,
+            "Annotations/7.xml": voc(),
+            "Annotations/bad.xml": b"<a",
+            "SegmentationClass/ignored.txt": "",
+        },
+    )
+
+    good, bad = read_source(tmp_path)
+
+    assert (good.key, good.image) == ("7", tmp_path / "JPEGImages/7.png")
+    assert "Annotations/bad.xml, line 1" in str(bad.problem)

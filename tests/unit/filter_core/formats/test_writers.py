@@ -1,0 +1,267 @@
+"""What is exported: YOLO that trains as it is, decisions, and books that add up."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from filter_core.formats.decisions_writer import write_decisions
+from filter_core.formats.export_frame import (
+    ExportBox,
+    ExportFrame,
+    ExportHead,
+    file_stem,
+)
+from filter_core.formats.export_tally import ExportError
+from filter_core.formats.yolo_writer import YoloOptions, split_of, write_yolo
+
+HEAD = ExportHead(("car", "traffic light"), {"dataset": "d", "config": "0" * 64})
+
+
+def box(number, verdict="kept", xyxy=(10, 20, 30, 60), **more):
+    decision = {
+        "id": str(number),
+        "class": "car",
+        "verdict": verdict,
+        "reason": "visible" if verdict == "kept" else "below_threshold",
+        "xyxy": None if xyxy is None else list(xyxy),
+        **more,
+    }
+    return ExportBox(decision)
+
+
+def frame(key, *boxes, **more):
+    return ExportFrame(key, (100, 80), boxes, map="Town01", **more)
+
+
+def export(frames, head=HEAD, **options):
+    """The files that the YOLO writer makes, by name."""
+    files = {}
+
+    def sink(name, pieces):
+        assert name not in files
+        files[name] = b"".join(pieces)
+
+    write_yolo(iter(frames), sink, head, YoloOptions(**options))
+    return files
+
+
+def manifest_of(files):
+    return json.loads(files["manifest.json"])
+
+
+def test_a_frame_becomes_an_image_and_a_label_of_the_same_name():
+    files = export([frame("a/7", box(0), read_image=lambda: b"PNG")])
+
+    part = split_of("a/7", "Town01", 0.8)
+    assert files[f"images/{part}/a/7.png"] == b"PNG"
+    line = files[f"labels/{part}/a/7.txt"].decode()
+    assert line == "0 0.20000000 0.50000000 0.20000000 0.50000000\n"
+
+
+def test_data_yaml_has_train_val_and_names_in_order_and_no_path():
+    document = yaml.safe_load(export([])["data.yaml"])
+
+    assert document == {
+        "train": "images/train",
+        "val": "images/val",
+        "names": {0: "car", 1: "traffic light"},
+    }
+
+
+def test_a_frame_without_boxes_has_an_empty_label_file():
+    files = export([frame("7")], split=1.0, images="none")
+
+    assert files["labels/train/7.txt"] == b""
+    assert manifest_of(files)["counts"]["frames"] == {
+        "in": 1,
+        "train": 1,
+        "without_boxes": 1,
+    }
+
+
+def test_boxes_are_clipped_before_they_are_normalised():
+    amodal = box(0, xyxy=(80, 0, 100, 40), amodal_xyxy=[80, -40, 140, 40])
+
+    files = export([frame("7", amodal)], split=1.0, images="none", boxes="amodal")
+
+    text = files["labels/train/7.txt"].decode()
+    assert text == "0 0.90000000 0.25000000 0.20000000 0.50000000\n"
+    assert manifest_of(files)["boxes"] == [
+        {
+            "frame": "7",
+            "box": "0",
+            "class": "car",
+            "fate": "clipped",
+            "reason": "beyond_image",
+        }
+    ]
+
+
+def test_a_rectangle_that_was_cut_on_the_way_in_counts_as_clipped():
+    cut = replace(box(0, xyxy=(0, 0, 30, 60)), given_xyxy=(-5, -5, 30, 60))
+
+    counts = manifest_of(export([frame("7", cut)], images="none"))["counts"]
+
+    assert counts["boxes"] == {"in": 1, "out": 1, "dropped": 0, "clipped": 1}
+
+
+BY_PERSON = {"review": {"verdict": "reject"}, "effective_verdict": "rejected"}
+RESCUED = {"review": {"verdict": "keep"}, "effective_verdict": "kept"}
+
+
+@pytest.mark.parametrize(
+    ("options", "out"),
+    [
+        ({}, ["0", "3"]),
+        ({"include": "kept"}, ["0", "2"]),
+        ({"include": "all"}, ["0", "1", "2", "3", "4"]),
+        ({"include_unmeasured": True}, ["0", "3", "4"]),
+    ],
+)
+def test_which_boxes_go_out(options, out):
+    boxes = [
+        box(0),
+        box(1, "rejected"),
+        box(2, **BY_PERSON),
+        box(3, "rejected", **RESCUED),
+        box(4, "unmeasured"),
+    ]
+
+    files = export([frame("7", *boxes)], split=1.0, images="none", **options)
+
+    dropped = [row["box"] for row in manifest_of(files)["boxes"]]
+    assert sorted(dropped + out) == ["0", "1", "2", "3", "4"]
+    assert files["labels/train/7.txt"].count(b"\n") == len(out)
+
+
+def test_every_dropped_box_has_its_reason():
+    boxes = [
+        box(0, "rejected"),
+        box(1, **BY_PERSON),
+        box(2, "rejected", None, **RESCUED),
+        box(3, xyxy=(120, 0, 140, 9)),
+    ]
+
+    counts = manifest_of(export([frame("7", *boxes)], images="none"))["counts"]
+
+    assert counts["dropped_by_reason"] == {
+        "below_threshold": 2,
+        "degenerate": 1,
+        "rejected_by_person": 1,
+    }
+    assert counts["classes"]["car"] == {"in": 4, "out": 0, "dropped": 4, "clipped": 0}
+
+
+def test_the_same_frames_give_the_same_bytes():
+    frames = [frame(f"{n}", box(n), box(n + 1, "rejected")) for n in range(50)]
+
+    assert export(frames, images="none") == export(frames, images="none")
+
+
+def test_the_split_gives_every_map_its_share_and_never_reshuffles():
+    keys = [f"{number:06}" for number in range(4000)]
+
+    for town in ("Town01", "Town02", None):
+        train = sum(split_of(key, town, 0.8) == "train" for key in keys)
+        assert 0.77 < train / len(keys) < 0.83
+    wider = {key for key in keys if split_of(key, "Town01", 0.9) == "train"}
+    assert {key for key in keys if split_of(key, "Town01", 0.8) == "train"} <= wider
+
+
+def test_a_class_that_is_not_in_the_list_stops_the_export():
+    with pytest.raises(ExportError, match="class 'car' is not among"):
+        export([frame("7", box(0))], ExportHead(("van",)))
+
+
+def test_a_count_that_does_not_add_up_stops_the_export():
+    with pytest.raises(ExportError, match="expected 2 boxes, found 1"):
+        export([frame("7", box(0))], replace(HEAD, expected_boxes=2), images="none")
+
+
+def test_an_image_that_is_not_there_is_counted():
+    counts = manifest_of(export([frame("7", box(0))]))["counts"]
+
+    assert counts["frames"]["without_image"] == 1
+
+
+@pytest.mark.parametrize("split", [-0.1, 1.1])
+def test_a_split_is_a_share(split):
+    with pytest.raises(ExportError, match="split"):
+        YoloOptions(split=split)
+
+
+HOSTILE = [
+    "../../etc/passwd",
+    "..",
+    ".",
+    "/abs",
+    "a//b",
+    "a/./b",
+    "C:\\x",
+    "con",
+    "CON.txt",
+    "images/1",
+    "x/labels/1",
+    "a ",
+    " a",
+    "a.",
+    ".a",
+    "a\x00b",
+    "a%2Fb",
+    "é" * 200,
+    "é" * 201,
+    "<>:|?*",
+]
+
+
+def test_hostile_keys_are_names_and_never_paths():
+    stems = [file_stem(key) for key in HOSTILE]
+
+    for stem in stems:
+        parts = stem.split("/")
+        assert not {"", ".", "..", "images", "labels", "con"} & set(parts)
+        assert all(len(part.encode()) <= 255 for part in parts)
+        assert "\\" not in stem
+        assert "\x00" not in stem
+    assert len(set(stems)) == len(HOSTILE)
+
+
+@pytest.mark.parametrize("key", ["Town05_1.5 km", "a/b/000007", "straße/é"])
+def test_ordinary_keys_stay_as_they_are(key):
+    assert file_stem(key) == key
+
+
+def test_decisions_are_one_line_per_frame_in_order():
+    files = {}
+    frames = [frame("b", box(0), palette="carla-0.9.14"), frame("a")]
+
+    def sink(name, pieces):
+        files[name] = b"".join(pieces)
+
+    write_decisions(iter(frames), sink, HEAD)
+
+    lines = [json.loads(line) for line in files["decisions.jsonl"].splitlines()]
+    assert lines == [
+        {
+            "key": "b",
+            "palette": "carla-0.9.14",
+            "decisions": [dict(box(0).decision)],
+        },
+        {"key": "a", "palette": None, "decisions": []},
+    ]
+    counts = json.loads(files["manifest.json"])["counts"]
+    assert counts["boxes"] == {"in": 1, "out": 1, "dropped": 0, "clipped": 0}
+
+
+def test_a_list_of_dropped_boxes_longer_than_memory_allows_is_whole():
+    frames = [
+        frame(f"{n:0200}", *[box(i, "rejected") for i in range(30)]) for n in range(600)
+    ]
+
+    document = manifest_of(export(frames, images="none"))
+
+    assert len(document["boxes"]) == document["counts"]["boxes"]["dropped"] == 18_000
