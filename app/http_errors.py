@@ -101,12 +101,14 @@ def install(app: FastAPI) -> None:
 
 async def _answer(request: Request, exc: Exception) -> Response:
     problem = problem_of(exc)
+    path = request.url.path
     if problem.status == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = ", ".join(_methods_at(request))
-        problem = replace(problem, headers={"Allow": allowed})
-    return problem.response(
-        instance=request.url.path, request_id=current_request_id.get()
-    )
+        detail = f"{request.method} is not possible here, but {allowed}"
+        problem = replace(problem, detail=detail, headers={"Allow": allowed})
+    elif problem.detail == HTTPStatus.NOT_FOUND.phrase:
+        problem = replace(problem, detail=f"there is nothing at {path!r}")
+    return problem.response(instance=path, request_id=current_request_id.get())
 
 
 def _methods_at(request: Request) -> Iterator[str]:

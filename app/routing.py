@@ -42,24 +42,16 @@ class OpenRoute(APIRoute):
         """The endpoint behind the checks that all routes share."""
         endpoint = super().get_route_handler()
         known = frozenset(_query_names(self.dependant))
+        body = self.body_field
+        takes_json = body is not None and not isinstance(body.field_info, params.Form)
 
         async def checked(request: Request) -> Response:
             _refuse_unknown_parameters(request, known)
-            self._refuse_other_media(request)
+            if takes_json:
+                _expect_json(request)
             return await endpoint(request)
 
         return checked
-
-    def _refuse_other_media(self, request: Request) -> None:
-        if self.body_field is None or not _has_body(request):
-            return
-        media_type = request.headers.get("content-type", "").partition(";")[0].strip()
-        is_form = isinstance(self.body_field.field_info, params.Form)
-        expected = "multipart/form-data" if is_form else "application/json"
-        if media_type.lower() != expected:
-            raise UnsupportedMedia(
-                f"the body must be {expected}, it says {media_type or 'nothing'!r}"
-            )
 
 
 class ApiRoute(OpenRoute):
@@ -72,7 +64,7 @@ class ApiRoute(OpenRoute):
         """The endpoint behind authorisation and idempotency."""
         endpoint = super().get_route_handler()
         large = LARGE_BODY.items() <= (self.openapi_extra or {}).items()
-        repeatable = is_repeatable(self)
+        repeatable = is_repeatable(self) and not large
 
         async def authorised(request: Request) -> Response:
             reads = request.method in SAFE_METHODS
@@ -182,6 +174,18 @@ def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:
         expected = ", ".join(sorted(known)) or "none"
         raise UnknownParameter(
             f"unknown query parameter {unknown[0]!r}; known here: {expected}"
+        )
+
+
+def _expect_json(request: Request) -> None:
+    """A JSON body is held in memory: it has a smaller limit than a stream."""
+    allowance = request.scope[BODY_ALLOWANCE]
+    limit = int(settings_of(request).max_json_bytes)
+    allowance.max_bytes = min(allowance.max_bytes, limit)
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip()
+    if _has_body(request) and media_type.lower() != "application/json":
+        raise UnsupportedMedia(
+            f"the body must be application/json, it says {media_type or 'nothing'!r}"
         )
 
 

@@ -78,6 +78,11 @@ class Settings(BaseSettings):
         ge=1024,
         description="Largest body of a request, other than a batch of frames.",
     )
+    max_json_bytes: ByteSize = Field(
+        default=ByteSize(16 * 1024**2),
+        ge=1024,
+        description="Largest JSON body of a request; annotations have their own limit.",
+    )
     max_batch_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**3),
         ge=1024,

@@ -15,6 +15,7 @@ from typing import Final
 import uvicorn
 from fastapi import FastAPI
 
+from app.http_protocol import ProblemProtocol
 from app.logs import configure_logging, error_log
 from app.main import create_app
 from app.services.access import write_secret
@@ -59,7 +60,13 @@ def serve(
                 webbrowser.open(link)
 
         app = create_app(settings)
-        server = _Server(server_config(app), ready, note.remove)
+
+        def stopping() -> None:
+            note.remove()
+            # Streams of events would keep the server waiting for their end.
+            app.state.services.engine.stopping.set()
+
+        server = _Server(server_config(app), ready, stopping)
         # The usual way to end it, and uvicorn's way to say that it never started.
         with suppress(KeyboardInterrupt, SystemExit):
             server.run(sockets=[listener])
@@ -144,6 +151,7 @@ def server_config(app: FastAPI) -> uvicorn.Config:
         timeout_graceful_shutdown=STOP_WAIT_S,
         lifespan="on",
         ws="none",
+        http=ProblemProtocol,
     )
 
 

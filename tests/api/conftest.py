@@ -12,6 +12,8 @@ import pytest
 from app.security import Role, hash_secret, new_token
 from tests.api.live import Live, live
 
+LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
+LIMITS |= {"max_batch_bytes": 1_000_000}
 Serve = Callable[..., Live]
 AsRole = Callable[[Role], httpx.Client]
 
@@ -20,7 +22,7 @@ AsRole = Callable[[Role], httpx.Client]
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
     """One service for the module, with small limits."""
     folder = tmp_path_factory.mktemp("service") / "data"
-    with live(folder, max_body_bytes=10_000, max_batch_bytes=1_000_000) as running:
+    with live(folder, **LIMITS) as running:
         yield running
 
 

@@ -35,7 +35,7 @@ RAISED: dict[str, Exception] = {
     "busy": OperationalError("select 1", {}, Exception("database is locked")),
     "full": OperationalError("insert", {}, Exception("database or disk is full")),
     "away": OperationalError("select 1", {}, Exception("could not connect")),
-    "internal": RuntimeError("a secret: /srv/unghost/data"),
+    "internal": RuntimeError("the secret is hunter2"),
 }
 
 
