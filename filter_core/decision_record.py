@@ -69,7 +69,7 @@ class FrameGeometry:
     edges: Sequence[FloatArray | None] = field(default_factory=tuple)
 
 
-def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, object]:
+def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, Any]:
     """One decision under the keys of the API, ready for JSON.
 
     What only a server knows (its own ids, run and review) is not there.
@@ -115,7 +115,7 @@ def decision_dicts(
     evidence: Evidence,
     decisions: Decisions,
     geometry: FrameGeometry | None = None,
-) -> list[dict[str, object]]:
+) -> list[dict[str, Any]]:
     """The decisions of a whole frame, in the order of its boxes."""
     columns = _columns(evidence, decisions)
     rows = (

@@ -83,16 +83,15 @@ class MeasuredFrame:
     wh: tuple[int, int]
     evidence: Evidence
     geometry: FrameGeometry
-    segmentation: dict[str, object] | None
+    segmentation: dict[str, Any] | None
 
     def facts(self, config: FilterConfig) -> FrameFacts:
         """What the decisions of this frame have in common."""
         report = self.segmentation or {}
-        palette = report.get("palette")
         return FrameFacts(
             key=self.key,
             config=config,
-            family=palette if isinstance(palette, str) else None,
+            family=report.get("palette"),
             lossy=bool(report.get("lossy")),
         )
 
@@ -105,7 +104,7 @@ class FrameResult:
     the API; `verdicts` are the same as arrays.
     """
 
-    decisions: list[dict[str, object]]
+    decisions: list[dict[str, Any]]
     measured: MeasuredFrame
     verdicts: Decisions
 
@@ -296,7 +295,7 @@ def _agreed_size(
     return size
 
 
-def _report(segmentation: Segmentation) -> dict[str, object]:
+def _report(segmentation: Segmentation) -> dict[str, Any]:
     pixels = segmentation.width * segmentation.height
     return {
         "palette": segmentation.family,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from filter_core.config import FilterConfig
 from filter_core.errors import AnnotationErrors, FilterError, LayoutError
@@ -28,10 +28,10 @@ class FrameOutcome:
 
     key: str
     palette: str | None = None
-    decisions: list[dict[str, object]] | None = None
-    error: dict[str, object] | None = None
+    decisions: list[dict[str, Any]] | None = None
+    error: dict[str, Any] | None = None
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """The line that stands for this frame in a decisions file."""
         if self.error is not None:
             return {"key": self.key, "error": self.error}
@@ -44,7 +44,7 @@ def filter_source(
     *,
     dataset: SegmentationOptions | None = None,
     workers: int | None = None,
-) -> Iterator[FrameOutcome]:
+) -> Generator[FrameOutcome, None, None]:
     """Decide the boxes of many frames.
 
     Parameters
@@ -94,14 +94,11 @@ def filter_one(
         result = filter_frame(source.annotation or {}, tags, config, options)
     except FilterError as exc:
         return FrameOutcome(source.key, error=problem_of(exc))
-    report = result.measured.segmentation or {}
-    palette = report.get("palette")
-    return FrameOutcome(
-        source.key, None if palette is None else str(palette), result.decisions
-    )
+    palette = (result.measured.segmentation or {}).get("palette")
+    return FrameOutcome(source.key, palette, result.decisions)
 
 
-def problem_of(error: FilterError) -> dict[str, object]:
+def problem_of(error: FilterError) -> dict[str, Any]:
     """An error as the problem object that the API answers, without its HTTP part."""
     parts = error.errors if isinstance(error, AnnotationErrors) else (error,)
     return {
