@@ -110,6 +110,16 @@ class EvidenceRepository:
         )
         return {row[0]: EvidenceRow(*row) for row in self._session.execute(rows)}
 
+    def reports(
+        self, frame_ids: Iterable[int], measurement_id: int
+    ) -> dict[int, Mapping[str, Any] | None]:
+        """What was recognised in the segmentations of frames."""
+        rows = select(FrameEvidence.frame_id, FrameEvidence.segmentation).where(
+            FrameEvidence.frame_id.in_(list(frame_ids)),
+            FrameEvidence.measurement_id == measurement_id,
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
+
     def numbers(
         self, dataset_id: int, measurement_id: int, *, after_frame_id: int = 0
     ) -> list[NumbersRow]:

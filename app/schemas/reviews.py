@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Answer = Literal["keep", "reject", "unsure", "clear"]
 Comment = Annotated[str, Field(max_length=2000)]
+Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Id = Annotated[int, Field(ge=1, le=2**63 - 1)]
 
 
@@ -45,11 +47,11 @@ class BoxSelection(BaseModel):
     class_name: str | None = Field(default=None, alias="class")
     review: str | None = None
     toss_up: bool | None = None
-    match_min: float | None = None
-    match_max: float | None = None
-    margin_max: float | None = None
-    distance_min: float | None = None
-    distance_max: float | None = None
+    match_min: Percent | None = None
+    match_max: Percent | None = None
+    margin_max: Percent | None = None
+    distance_min: Metres | None = None
+    distance_max: Metres | None = None
 
 
 class BulkIn(BaseModel):

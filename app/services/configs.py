@@ -48,6 +48,18 @@ def config_of(version: ConfigVersion) -> FilterConfig:
     return _parsed(version.digest, _Body(version.body))
 
 
+def describe_version(dataset: Dataset, version: ConfigVersion) -> dict[str, Any]:
+    """A version as it is answered."""
+    return {
+        "digest": version.digest,
+        "config": version.body,
+        "unused_keys": version.unused_keys,
+        "created_by": version.created_by,
+        "created_at": version.created_at.isoformat(),
+        "active": version.id == dataset.active_config_id,
+    }
+
+
 class _Body:
     """A config's body that the cache ignores: the digest already names it."""
 

@@ -112,6 +112,11 @@ def change_dataset(
     )
 
 
+def remove_dataset(session: Session, dataset: Dataset) -> None:
+    """Delete a dataset with everything in it; its blobs stay until they are swept."""
+    DatasetRepository(session).remove(dataset)
+
+
 def describe_dataset(session: Session, dataset: Dataset) -> dict[str, Any]:
     """A dataset as it is answered."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))

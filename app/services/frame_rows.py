@@ -16,11 +16,12 @@ from app.repositories.frames import FrameRepository, NewBoxes
 from app.repositories.tallies import TallyRepository
 from app.services.frame_files import CheckedFiles
 from app.services.frame_replacement import carry_reviews, retire
-from app.services.measuring import MeasuredFrame
+from app.services.measuring import packed
 from app.services.statistics import tallies_of
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
+from filter_core.frame_filter import MeasuredFrame
 from filter_core.types import Decisions
 
 
@@ -62,7 +63,7 @@ def write_frame(
             {
                 "frame_id": frame_id,
                 "measurement_id": dataset.active_measurement_id,
-                **content.measured.packed(ids),
+                **packed(content.measured, ids),
             }
         ]
     )

@@ -18,11 +18,12 @@ from app.repositories.runs import ProblemRepository
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent, write_frame
-from app.services.measuring import MeasuredFrame, MeasurePlan, measure_frame
+from app.services.measuring import MeasurePlan, measure_files
 from app.services.run_requests import active_plan
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.frame_filter import MeasuredFrame
 
 _DIGEST_OF: Final = b"frame 1\n"
 """Begins every content digest, should its definition ever change."""
@@ -142,7 +143,7 @@ def _known(session: Session, dataset: Dataset, prepared: _Prepared) -> int | Non
 
 
 def _measure(plan: MeasurePlan, prepared: _Prepared) -> MeasuredFrame:
-    return measure_frame(plan, prepared.annotation, prepared.files.measured())
+    return measure_files(plan, prepared.annotation, prepared.files.measured())
 
 
 def _insert(

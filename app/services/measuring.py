@@ -18,18 +18,13 @@ from app.db.evidence_record import (
 )
 from app.db.tables import Dataset, Measurement
 from filter_core.annotation_types import FrameAnnotation
-from filter_core.classes import class_of
 from filter_core.config import FilterConfig
-from filter_core.frame_geometry import GeometryResult, frame_boxes_2d
+from filter_core.decision_record import FrameGeometry
+from filter_core.frame_filter import FrameOptions, MeasuredFrame, measure_frame
 from filter_core.ignore_mask import read_ignore_mask
 from filter_core.image_header import MAX_SIDE
-from filter_core.measure import FrameBoxes, MeasureOptions, Profile, measure
-from filter_core.segmentation import (
-    Segmentation,
-    SegmentationOptions,
-    read_segmentation,
-)
-from filter_core.types import Evidence, Mask
+from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.types import Mask
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
 
@@ -106,38 +101,6 @@ class FrameFiles:
     max_side_px: int = MAX_SIDE
 
 
-@dataclass(frozen=True)
-class MeasuredFrame:
-    """The numbers of one frame, before any decision."""
-
-    evidence: Evidence
-    geometry: GeometryResult
-    segmentation: Segmentation | None
-
-    def report(self) -> dict[str, Any] | None:
-        """What was recognised in the segmentation."""
-        found = self.segmentation
-        if found is None:
-            return None
-        return {
-            "palette": found.family,
-            "encoding": found.encoding,
-            "channel_order": found.channel_order,
-            "lossy": found.lossy,
-            "unknown_percent": found.unknown_percent,
-            "notes": list(found.notes),
-        }
-
-    def packed(self, class_ids: Sequence[int]) -> dict[str, Any]:
-        """The columns of an evidence row."""
-        return {
-            "numbers": pack_numbers(self.evidence, class_ids),
-            "tag_counts": pack_tag_counts(self.evidence.tag_counts),
-            "geometry": pack_geometry(_geometry(self.geometry)),
-            "segmentation": self.report(),
-        }
-
-
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasurePlan:
     """What the dataset and the configuration say together; they must agree."""
     layers = {
@@ -163,7 +126,7 @@ def _options(source: DatasetReading | FilterConfig) -> SegmentationOptions:
     )
 
 
-def measure_frame(
+def measure_files(
     plan: MeasurePlan, annotation: FrameAnnotation, files: FrameFiles
 ) -> MeasuredFrame:
     """Decode, project and measure one frame.
@@ -173,7 +136,6 @@ def measure_frame(
     FilterError
         Whatever is wrong with the frame, naming it.
     """
-    config = plan.config
     segmentation = None
     if files.segmentation is not None:
         segmentation = read_segmentation(
@@ -182,34 +144,18 @@ def measure_frame(
             expected_wh=files.image_wh,
             max_side=files.max_side_px,
         )
-    geometry = frame_boxes_2d(annotation, files.image_wh, config.projection)
-    family = segmentation.family if segmentation is not None else None
-    classes = [
-        class_name(box.class_name, box.type_id, box.base_type)
-        for box in annotation.boxes
-    ]
-    names = tuple(dict.fromkeys(classes))
-    masks = dict(zip(names, config.accept_masks(names, family).tolist(), strict=True))
-    boxes = FrameBoxes.of(
-        geometry.xyxy, classes, masks, files.image_wh, geometry.distance
-    )
-    evidence = measure(
-        segmentation,
-        boxes,
-        MeasureOptions(profile=cast("Profile", config.profile)),
-        ignore=_ignore(plan, files),
-    )
-    return MeasuredFrame(evidence, geometry, segmentation)
+    options = FrameOptions(image_wh=files.image_wh, ignore=_ignore(plan, files))
+    return measure_frame(annotation, segmentation, plan.config, options)
 
 
-def class_name(given: str | None, type_id: str | None, base_type: str | None) -> str:
-    """The class of a box: as given, else of its blueprint; else the blueprint itself.
-
-    A blueprint that maps to no class keeps its name, so that a reviewer can see it.
-    """
-    if given is not None:
-        return given
-    return class_of(type_id or "", base_type) or type_id or "unmapped"
+def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
+    """The columns of an evidence row."""
+    return {
+        "numbers": pack_numbers(measured.evidence, class_ids),
+        "tag_counts": pack_tag_counts(measured.evidence.tag_counts),
+        "geometry": pack_geometry(_geometry(measured.geometry)),
+        "segmentation": measured.segmentation,
+    }
 
 
 def _ignore(plan: MeasurePlan, files: FrameFiles) -> Mask | None:
@@ -224,7 +170,7 @@ def _ignore(plan: MeasurePlan, files: FrameFiles) -> Mask | None:
     return joined
 
 
-def _geometry(found: GeometryResult) -> list[Geometry | None]:
+def _geometry(found: FrameGeometry) -> list[Geometry | None]:
     return [
         None
         if edges is None

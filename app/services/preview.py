@@ -1,4 +1,4 @@
-"""What another configuration would decide: computed from numbers, nothing is written."""
+"""What another configuration would decide; nothing is written, no pixel is read."""
 
 from __future__ import annotations
 
@@ -42,16 +42,22 @@ class Histogram:
         }
 
 
+@dataclass(frozen=True)
+class PreviewLimits:
+    """How many flips are listed, and into how many bins matches are counted."""
+
+    flips: int
+    bins: int
+
+
 def preview(
     context: ServiceContext,
     session: Session,
     dataset: Dataset,
     config: FilterConfig,
-    *,
-    limits: tuple[int, int],
+    limits: PreviewLimits,
 ) -> dict[str, Any]:
-    """Counts, histograms and flips; `limits` are flips to list and bins to count in."""
-    flips, bins = limits
+    """Counts, histograms and flips."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     if plan.pixel_digest != measurement.pixel_digest:
@@ -68,8 +74,8 @@ def preview(
         "counts": {verdict.value: after.count(verdict) for verdict in Verdict},
         "by_reason": by_reason(after),
         "by_class": by_class(evidence, after),
-        "histograms": histogram(evidence, config, bins).as_dict(),
-        "flips": _flips(numbers, (before, after), evidence, flips),
+        "histograms": histogram(evidence, config, limits.bins).as_dict(),
+        "flips": _flips(numbers, (before, after), evidence, limits.flips),
     }
 
 

@@ -97,6 +97,19 @@ def select_boxes(
     return found
 
 
+def listed_boxes(ids: Sequence[int], expected: int | None, limit: int) -> list[int]:
+    """The boxes that a person listed, each once."""
+    chosen = list(dict.fromkeys(ids))
+    if len(chosen) > limit:
+        raise TooLarge(f"{len(chosen)} boxes, one bulk review changes at most {limit}")
+    if expected is not None and expected != len(chosen):
+        raise Conflict(
+            f"box_ids lists {len(chosen)} boxes, expected_count says {expected}",
+            code="count_changed",
+        )
+    return chosen
+
+
 def undo_batch(
     session: Session, batch_id: int, reviewer: str
 ) -> tuple[ReviewBatch, int, list[int]]:

@@ -14,7 +14,13 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository
 from app.repositories.runs import RunRepository
 from app.services.context import ServiceContext
-from app.services.measuring import FrameFiles, MeasurePlan, measure_frame, plan_of
+from app.services.measuring import (
+    FrameFiles,
+    MeasurePlan,
+    measure_files,
+    packed,
+    plan_of,
+)
 from app.services.recounting import recount, recounted_row
 from filter_core.annotation import parse_annotation
 from filter_core.config import FilterConfig
@@ -137,7 +143,7 @@ def _remeasured(
     size = (frame.width or 0, frame.height or 0)
     pixels = FrameFiles(read("segmentation"), size, read("ignore_mask"))
     try:
-        measured = measure_frame(source.plan, annotation, pixels)
+        measured = measure_files(source.plan, annotation, pixels)
     except FilterError as error:
         raise type(error)(
             f"frame {frame.key!r}: {error.detail}",
@@ -148,5 +154,5 @@ def _remeasured(
     return {
         "frame_id": frame.id,
         "measurement_id": source.measurement_id,
-        **measured.packed(ids),
+        **packed(measured, ids),
     }

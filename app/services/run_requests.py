@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -112,7 +112,7 @@ def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVe
     return found
 
 
-def described(run: Run, dataset: str, digest: str) -> Mapping[str, Any]:
+def describe_run(run: Run, dataset: str, digest: str) -> dict[str, Any]:
     """A run as it is answered."""
     return {
         "id": run.id,
@@ -127,7 +127,11 @@ def described(run: Run, dataset: str, digest: str) -> Mapping[str, Any]:
         "counts": run.counts or {},
         "error": run.error,
         "created_by": run.created_by,
-        "created_at": run.created_at,
-        "started_at": run.started_at,
-        "finished_at": run.finished_at,
+        "created_at": run.created_at.isoformat(),
+        "started_at": _time(run.started_at),
+        "finished_at": _time(run.finished_at),
     }
+
+
+def _time(at: datetime | None) -> str | None:
+    return None if at is None else at.isoformat()

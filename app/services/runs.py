@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
@@ -53,6 +54,11 @@ def start_runs(context: ServiceContext) -> None:
         waiting = [run.id for run in RunRepository(session).unfinished()]
     for run_id in waiting:
         context.engine.submit(partial(carry_out, context, run_id))
+
+
+def start_after(context: ServiceContext, session: Session) -> None:
+    """Start what this transaction has queued, once it is committed."""
+    event.listen(session, "after_commit", lambda _: start_runs(context), once=True)
 
 
 def carry_out(context: ServiceContext, run_id: int) -> None:

@@ -1,0 +1,83 @@
+"""Files as answers: strong entity tags, conditional requests, single ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from fastapi import Request, Response
+from fastapi.responses import FileResponse
+
+from app.errors import RangeNotSatisfiable
+
+IMMUTABLE: Final = "private, max-age=31536000, immutable"
+REVALIDATE: Final = "private, no-cache"
+_SANDBOX: Final = "default-src 'none'; sandbox"
+
+
+def file_response(
+    request: Request, path: Path, digest: str, media_type: str, name: str = ""
+) -> Response:
+    """A file that never changes under its digest."""
+    headers = blob_headers(digest)
+    if name:
+        headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    if _is_known(request, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    _check_range(request, path.stat().st_size)
+    return FileResponse(path, media_type=media_type, headers=headers)
+
+
+def drawn_response(
+    request: Request, tag: str, media_type: str, draw: Callable[[], bytes]
+) -> Response:
+    """A picture that is drawn only if the browser does not have it yet."""
+    headers = blob_headers(tag) | {"Cache-Control": REVALIDATE}
+    if _is_known(request, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(draw(), media_type=media_type, headers=headers)
+
+
+def blob_headers(tag: str) -> dict[str, str]:
+    """A blob is data: whatever it claims to be, no browser may run it."""
+    return {
+        "ETag": f'"{tag}"',
+        "Cache-Control": IMMUTABLE,
+        "Content-Security-Policy": _SANDBOX,
+    }
+
+
+def _is_known(request: Request, etag: str) -> bool:
+    known = request.headers.get("if-none-match", "")
+    tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
+    return etag in tags or known.strip() == "*"
+
+
+def _check_range(request: Request, size: int) -> None:
+    """Leave single ranges to the answer; take several as none, as HTTP allows."""
+    wanted = request.headers.get("range", "")
+    unit, _, spans = wanted.partition("=")
+    if unit.strip().lower() != "bytes" or "," in spans:
+        _without_range(request)
+        return
+    first, dash, last = spans.strip().partition("-")
+    numbers = all(part == "" or part.isdigit() for part in (first, last))
+    if not dash or not numbers or (first == "" and last == ""):
+        _without_range(request)
+        return
+    if last and first and int(last) < int(first):
+        _without_range(request)
+        return
+    empty_suffix = first == "" and int(last) == 0
+    if empty_suffix or (first and int(first) >= size):
+        raise RangeNotSatisfiable(size_bytes=size)
+
+
+def _without_range(request: Request) -> None:
+    headers = [
+        (name, value)
+        for name, value in request.scope["headers"]
+        if name not in (b"range", b"if-range")
+    ]
+    request.scope["headers"] = headers

@@ -1,0 +1,48 @@
+"""A configuration as a request body: JSON, or the text of a YAML file as it is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from fastapi import Depends, Request
+
+from app.deps import settings_of
+from app.errors import TooLarge, UnsupportedMedia
+from filter_core.config_file import LoadedConfig, load_config
+
+_MEDIA_TYPES: Final = (
+    "application/json",
+    "application/yaml",
+    "application/x-yaml",
+    "text/yaml",
+)
+
+
+async def config_body(request: Request) -> LoadedConfig:
+    """The configuration in the body; JSON is YAML as well."""
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip()
+    if media_type.lower() not in _MEDIA_TYPES:
+        raise UnsupportedMedia(
+            "the body must be application/json or application/yaml, "
+            f"it says {media_type or 'nothing'!r}"
+        )
+    limit = settings_of(request).max_config_bytes
+    content = await request.body()
+    if len(content) > limit:
+        raise TooLarge(
+            f"the configuration has {len(content)} bytes, expected at most {limit}"
+        )
+    return load_config(content)
+
+
+ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
+
+
+def described_config() -> dict[str, Any]:
+    """The body for the OpenAPI document."""
+    schema = {
+        "type": "object",
+        "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml.",
+    }
+    content = {name: {"schema": schema} for name in _MEDIA_TYPES[:2]}
+    return {"requestBody": {"required": True, "content": content}}

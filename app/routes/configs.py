@@ -1,0 +1,114 @@
+"""Configurations of a dataset, and what another one would decide."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Path, Query, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
+from app.repositories.datasets import DatasetRepository
+from app.repositories.runs import ConfigRepository
+from app.routes.accepted import accepted_run
+from app.routes.config_body import ConfigBody, described_config
+from app.routes.datasets import DatasetName
+from app.routing import ApiRouter
+from app.schemas.pages import Limit, Page, page_response
+from app.schemas.runs import ActivateIn, ConfigOut, PreviewIn, PreviewOut, RunOut
+from app.services.configs import active_version, add_version, describe_version
+from app.services.preview import PreviewLimits, preview
+from app.services.run_requests import RunRequest, request_run
+from app.services.runs import start_after
+from filter_core.config import FilterConfig
+
+router = ApiRouter(prefix="/api/v1", tag="configs")
+
+
+@router.get("/datasets/{dataset}/configs", response_model=Page[ConfigOut])
+def list_configs(
+    request: Request,
+    dataset: DatasetName,
+    session: ReadSession,
+    limit: Limit = 100,
+    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+) -> Response:
+    """Versions of a dataset's configuration, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = ConfigRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
+    items = [describe_version(found, row) for row in rows[:limit]]
+    more = len(rows) > limit
+    return page_response(request, items, str(rows[limit - 1].id) if more else None)
+
+
+@router.post(
+    "/datasets/{dataset}/configs",
+    status_code=201,
+    response_model=ConfigOut,
+    responses={200: {"model": ConfigOut, "description": "Stored already."}},
+    openapi_extra=described_config(),
+)
+def create_config(
+    dataset: DatasetName,
+    body: ConfigBody,
+    session: WriteSession,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Store a version; it decides nothing before a run applies it."""
+    found = DatasetRepository(session).named(dataset)
+    version, created = add_version(
+        session,
+        found,
+        body.config,
+        author=principal.name,
+        unused_keys=body.unused_keys,
+    )
+    return JSONResponse(
+        describe_version(found, version),
+        status_code=201 if created else 200,
+        headers={"Location": f"/api/v1/configs/{version.digest}"},
+    )
+
+
+@router.get("/configs/{digest}", response_model=ConfigOut)
+def get_config(
+    digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], session: ReadSession
+) -> dict[str, Any]:
+    """A version by its digest."""
+    version = ConfigRepository(session).with_digest(digest)
+    dataset = DatasetRepository(session).with_id(version.dataset_id)
+    return describe_version(dataset, version)
+
+
+@router.get("/datasets/{dataset}/config", response_model=ConfigOut)
+def get_active_config(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
+    """The version that decides now."""
+    found = DatasetRepository(session).named(dataset)
+    return describe_version(found, active_version(session, found))
+
+
+@router.put("/datasets/{dataset}/config", status_code=202, response_model=RunOut)
+def activate_config(
+    dataset: DatasetName,
+    body: ActivateIn,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Make a version the active one, through a run."""
+    found = DatasetRepository(session).named(dataset)
+    wanted = RunRequest(body.digest, principal.name, activate=True)
+    run = request_run(services, session, found, wanted)
+    start_after(services, session)
+    return accepted_run(session, run)
+
+
+@router.post("/datasets/{dataset}/preview", response_model=PreviewOut)
+def preview_config(
+    dataset: DatasetName, body: PreviewIn, session: ReadSession, services: AppServices
+) -> Response:
+    """What a configuration would decide; nothing is written, no pixel is read."""
+    found = DatasetRepository(session).named(dataset)
+    config = FilterConfig.from_mapping(body.config)
+    limits = PreviewLimits(flips=body.limit, bins=body.bins)
+    return JSONResponse(preview(services, session, found, config, limits))

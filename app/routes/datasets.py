@@ -1,0 +1,166 @@
+"""Datasets, and everything that is counted over one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Path, Query, Request, Response
+
+from app.deps import (
+    ADMIN,
+    AppServices,
+    CurrentPrincipal,
+    ReadSession,
+    WriteSession,
+)
+from app.errors import BadRequest
+from app.repositories.datasets import DatasetRepository
+from app.repositories.runs import ProblemRepository
+from app.routes.accepted import accepted_run
+from app.routing import ApiRouter
+from app.schemas.datasets import (
+    DatasetIn,
+    DatasetOut,
+    DatasetPatch,
+    HistogramOut,
+    ProblemOut,
+    StatsOut,
+)
+from app.schemas.pages import Cursor, Limit, Page, page_response
+from app.schemas.runs import RunOut
+from app.services import datasets
+from app.services.configs import active_version, config_of
+from app.services.measuring import DatasetReading
+from app.services.preview import active_numbers, histogram
+from app.services.runs import start_after
+
+router = ApiRouter(prefix="/api/v1", tag="datasets")
+
+DatasetName = Annotated[str, Path(max_length=100)]
+
+
+@router.get("/datasets", response_model=Page[DatasetOut])
+def list_datasets(
+    request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
+) -> Response:
+    """Datasets by name, with their counts."""
+    found = DatasetRepository(session).page(after=cursor or "", limit=limit + 1)
+    items = [datasets.describe_dataset(session, one) for one in found[:limit]]
+    return page_response(
+        request, items, items[-1]["name"] if len(found) > limit else None
+    )
+
+
+@router.post("/datasets", status_code=201, response_model=DatasetOut)
+def create_dataset(
+    body: DatasetIn,
+    response: Response,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> dict[str, Any]:
+    """Make a dataset; its first configuration is the service's own."""
+    mask = body.ignore_mask
+    reading = DatasetReading(
+        name=body.name,
+        palette=body.palette,
+        encoding=body.encoding,
+        channel_order=body.channel_order,
+        lossy_segmentation=body.lossy_segmentation,
+        ignore_mask=mask.model_dump() if mask else None,
+    )
+    wanted = datasets.NewDataset(
+        reading, body.description, body.classes, services.default_config, principal.name
+    )
+    dataset = datasets.create_dataset(session, wanted)
+    response.headers["Location"] = f"/api/v1/datasets/{dataset.name}"
+    return datasets.describe_dataset(session, dataset)
+
+
+@router.get("/datasets/{dataset}", response_model=DatasetOut)
+def get_dataset(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
+    """A dataset and where it stands."""
+    found = DatasetRepository(session).named(dataset)
+    return datasets.describe_dataset(session, found)
+
+
+@router.patch(
+    "/datasets/{dataset}",
+    response_model=DatasetOut,
+    responses={202: {"model": RunOut, "description": "Measured again first."}},
+)
+def change_dataset(
+    dataset: DatasetName,
+    body: DatasetPatch,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Any:  # noqa: ANN401  # a dataset, or the run that changes it
+    """Change a dataset; how segmentations are read changes by a run (202)."""
+    found = DatasetRepository(session).named(dataset)
+    changes = body.model_dump(exclude_unset=True)
+    run = datasets.change_dataset(services, session, found, changes, principal.name)
+    if run is None:
+        return datasets.describe_dataset(session, found)
+    start_after(services, session)
+    return accepted_run(session, run)
+
+
+@router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])
+def delete_dataset(
+    dataset: DatasetName, confirm: Annotated[str, Query()], session: WriteSession
+) -> Response:
+    """Delete a dataset with everything in it; `confirm` repeats its name."""
+    found = DatasetRepository(session).named(dataset)
+    if confirm != dataset:
+        raise BadRequest(
+            f"to delete dataset {dataset!r} send ?confirm={dataset}, found {confirm!r}",
+            code="not_confirmed",
+        )
+    datasets.remove_dataset(session, found)
+    return Response(status_code=204)
+
+
+@router.get("/datasets/{dataset}/stats", response_model=StatsOut)
+def get_stats(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
+    """Everything that can be counted without looking at a box."""
+    return datasets.statistics(session, DatasetRepository(session).named(dataset))
+
+
+@router.get("/datasets/{dataset}/histogram", response_model=HistogramOut)
+def get_histogram(
+    dataset: DatasetName,
+    session: ReadSession,
+    services: AppServices,
+    bins: Annotated[int, Query(ge=2, le=200)] = 50,
+) -> dict[str, Any]:
+    """match_percent per class, with the thresholds of the active configuration."""
+    found = DatasetRepository(session).named(dataset)
+    config = config_of(active_version(session, found))
+    numbers = active_numbers(services, session, found)
+    return histogram(numbers.evidence, config, bins).as_dict()
+
+
+@router.get("/datasets/{dataset}/problems", response_model=Page[ProblemOut])
+def list_problems(
+    request: Request,
+    dataset: DatasetName,
+    session: ReadSession,
+    limit: Limit = 100,
+    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+) -> Response:
+    """Frames that were refused and have not come in since, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = ProblemRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
+    items = [
+        {
+            "id": row.id,
+            "key": row.key,
+            "error": row.error,
+            "created_at": row.created_at.isoformat(),
+        }
+        for row in rows[:limit]
+    ]
+    return page_response(
+        request, items, str(rows[limit - 1].id) if len(rows) > limit else None
+    )

@@ -1,0 +1,116 @@
+"""Frames: taken in whole, listed, shown."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, Path, Query, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.repositories.datasets import DatasetRepository
+from app.repositories.frames import FrameFilter, FrameRepository
+from app.routes.datasets import DatasetName
+from app.routes.frame_upload import ANNOTATION, FrameParts, described_body
+from app.routes.selections import selection_of
+from app.routing import ApiRouter
+from app.schemas.boxes import FrameListQuery
+from app.schemas.frames import FrameOut, FrameSummary, StoredFrameOut
+from app.schemas.pages import Page, page_response
+from app.services import frames
+from app.services.box_selection import to_filter
+from app.services.frame_keys import checked_key
+from app.services.ingest import FrameUpload, store_frame
+
+router = ApiRouter(prefix="/api/v1", tag="frames")
+
+FrameKey = Annotated[str, Path(max_length=2000)]
+
+
+def frame_upload(
+    key: FrameKey,
+    parts: FrameParts,
+    principal: CurrentPrincipal,
+    replace: Annotated[
+        bool, Query(description="Store other content as the next revision.")
+    ] = False,
+) -> FrameUpload:
+    """A frame as it was sent."""
+    files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
+    return FrameUpload(
+        checked_key(key), parts[ANNOTATION], files, principal.name, replace
+    )
+
+
+@router.put(
+    "/datasets/{dataset}/frames/{key:path}",
+    status_code=201,
+    response_model=StoredFrameOut,
+    responses={200: {"model": StoredFrameOut, "description": "Stored already."}},
+    openapi_extra=described_body(),
+)
+def put_frame(
+    dataset: DatasetName,
+    upload: Annotated[FrameUpload, Depends(frame_upload)],
+    session: WriteSession,
+    services: AppServices,
+) -> Response:
+    """Store a frame: measured, decided and durable before this is answered."""
+    stored = store_frame(services, session, dataset, upload)
+    frame = frames.describe_frame(session, stored.frame_id)
+    decisions = frame.pop("boxes")
+    body = {
+        "frame": frame,
+        "segmentation": frame["segmentation"],
+        "decisions": decisions,
+    }
+    return JSONResponse(
+        body,
+        status_code=201 if stored.created else 200,
+        headers={"Location": f"/api/v1/frames/{stored.frame_id}"},
+    )
+
+
+@router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])
+def list_frames(
+    request: Request,
+    dataset: DatasetName,
+    session: ReadSession,
+    query: Annotated[FrameListQuery, Query()],
+) -> Response:
+    """Frames by key; with filters on boxes, those that have such a box."""
+    found = DatasetRepository(session).named(dataset)
+    selection = selection_of(query)
+    boxes = to_filter(session, found, selection) if selection.selects() else None
+    rows = FrameRepository(session).page(
+        FrameFilter(found.id, query.key, boxes),
+        after=query.cursor or "",
+        limit=query.limit + 1,
+    )
+    items = frames.frame_summaries(session, found, rows[: query.limit])
+    more = len(rows) > query.limit
+    return page_response(request, items, items[-1]["key"] if more else None)
+
+
+@router.get("/datasets/{dataset}/frames/{key:path}", response_model=FrameOut)
+def get_frame_by_key(
+    dataset: DatasetName, key: FrameKey, session: ReadSession
+) -> Response:
+    """The newest revision of the frame under a key."""
+    frame_id = frames.frame_id_of(session, dataset, key)
+    return JSONResponse(frames.describe_frame(session, frame_id))
+
+
+@router.delete("/datasets/{dataset}/frames/{key:path}", status_code=204)
+def delete_frame(
+    dataset: DatasetName, key: FrameKey, session: WriteSession
+) -> Response:
+    """Delete a frame with all its revisions and answers."""
+    frames.remove_frame(session, DatasetRepository(session).named(dataset), key)
+    return Response(status_code=204)
+
+
+@router.get("/frames/{frame_id}", response_model=FrameOut)
+def get_frame(frame_id: RowId, session: ReadSession) -> Response:
+    """A frame with its boxes, their evidence, decisions and answers."""
+    return JSONResponse(frames.describe_frame(session, frame_id))

@@ -1,0 +1,119 @@
+"""Frames as they are answered: in lists, alone, and by their files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset, Frame
+from app.errors import NotFound
+from app.repositories.datasets import DatasetRepository
+from app.repositories.decisions import DecisionRepository
+from app.repositories.evidence import EvidenceRepository
+from app.repositories.frames import FileRow, FrameRepository
+from app.repositories.tallies import TallyKey
+from app.services.decisions import DecisionReader
+from app.services.frame_replacement import retire
+from app.services.statistics import count, summary
+
+
+def frame_summaries(
+    session: Session, dataset: Dataset, frames: Sequence[Frame]
+) -> list[dict[str, Any]]:
+    """Rows of a list of frames."""
+    ids = [frame.id for frame in frames]
+    files = FrameRepository(session).files(ids)
+    tallies = DecisionRepository(session).per_frame(ids)
+    measurement = dataset.active_measurement_id or 0
+    reports = EvidenceRepository(session).reports(ids, measurement)
+    return [
+        {
+            "id": frame.id,
+            "key": frame.key,
+            "revision": frame.revision,
+            "width": frame.width,
+            "height": frame.height,
+            "map": frame.map,
+            "has_image": "image" in files[frame.id],
+            "has_segmentation": "segmentation" in files[frame.id],
+            "lossy": bool((reports.get(frame.id) or {}).get("lossy")),
+            "created_at": frame.created_at.isoformat(),
+            "counts": summary(count(_keyed(tallies[frame.id]))),
+        }
+        for frame in frames
+    ]
+
+
+def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
+    """A frame with everything the review page shows of it."""
+    frames = FrameRepository(session)
+    frame = frames.with_id(frame_id, annotation=True)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    (row,) = frame_summaries(session, dataset, [frame])
+    previous_id, next_id = frames.neighbours(frame)
+    reports = EvidenceRepository(session).reports(
+        [frame.id], dataset.active_measurement_id or 0
+    )
+    annotation = frame.annotation
+    return row | {
+        "dataset": dataset.name,
+        "camera": annotation.get("camera"),
+        "carla_version": frame.carla_version,
+        "captured_at": frame.captured_at,
+        "weather": annotation.get("weather"),
+        "superseded": frame.superseded_at is not None,
+        "segmentation": reports.get(frame.id),
+        "files": _files(frame.id, frames.files([frame.id])[frame.id]),
+        "previous_id": previous_id,
+        "next_id": next_id,
+        "boxes": DecisionReader(session, dataset).of_frame(frame),
+    }
+
+
+def frame_id_of(session: Session, dataset: str, key: str) -> int:
+    """The id of the newest revision under a key; NotFound."""
+    found = DatasetRepository(session).named(dataset)
+    current = FrameRepository(session).current(found.id, key)
+    if current is None:
+        raise NotFound("frame", key)
+    return current.id
+
+
+def frame_file(session: Session, frame_id: int, kind: str) -> FileRow:
+    """A file of a frame; NotFound if it has none of this kind."""
+    FrameRepository(session).with_id(frame_id)
+    found = FrameRepository(session).files([frame_id])[frame_id].get(kind)
+    if found is None:
+        raise NotFound(f"{kind} of frame", frame_id)
+    return found
+
+
+def remove_frame(session: Session, dataset: Dataset, key: str) -> None:
+    """Delete a frame with all its revisions; NotFound."""
+    frames = FrameRepository(session)
+    current = frames.current(dataset.id, key)
+    if current is None:
+        raise NotFound("frame", key)
+    retire(session, current)
+    frames.remove(dataset.id, key)
+
+
+def _files(frame_id: int, files: dict[str, FileRow]) -> dict[str, Any]:
+    return {
+        kind: {
+            "url": f"/api/v1/frames/{frame_id}/{kind}",
+            "sha256": file.sha256,
+            "media_type": file.media_type,
+            "size_bytes": file.size_bytes,
+        }
+        for kind, file in files.items()
+    }
+
+
+def _keyed(rows: Sequence[Any]) -> dict[TallyKey, int]:
+    return {
+        TallyKey(row.class_id, row.reason, row.toss_up, row.review): row.boxes
+        for row in rows
+    }

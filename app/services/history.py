@@ -1,0 +1,95 @@
+"""What happened to a box: decisions of runs and answers of people, newest first.
+
+Only changes are stored. Any earlier verdict is decided again: the numbers of a
+measurement and the version of a configuration never change, and deciding is pure.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.db.evidence_record import to_evidence, unpack_numbers
+from app.db.tables import Box, Frame, Review
+from app.repositories.datasets import DatasetRepository
+from app.repositories.evidence import EvidenceRepository
+from app.repositories.frames import FrameRepository
+from app.repositories.reviews import ReviewRepository
+from app.repositories.runs import ConfigRepository, RunRepository
+from app.services.configs import config_of
+from filter_core.decide import decide
+from filter_core.types import Reason
+
+
+def history(session: Session, box_id: int) -> list[dict[str, Any]]:
+    """Everything that was said of a box."""
+    box = FrameRepository(session).box(box_id)
+    frame = FrameRepository(session).with_id(box.frame_id)
+    entries = [_first_decision(session, box, frame)]
+    runs = RunRepository(session)
+    for flip in runs.flips_of_box(box_id):
+        run = runs.with_id(flip.run_id)
+        at = run.finished_at or run.created_at
+        entry = _decision(session, box, frame, (run.id, run.config_id), at)
+        entries.append(entry | {"activated": run.activate})
+    entries += [_answer(review) for review in ReviewRepository(session).of_box(box_id)]
+    return sorted(entries, key=lambda entry: str(entry["at"]), reverse=True)
+
+
+def _first_decision(session: Session, box: Box, frame: Frame) -> dict[str, Any]:
+    return _decision(
+        session, box, frame, (frame.run_id, frame.config_id), frame.created_at
+    )
+
+
+def _decision(
+    session: Session, box: Box, frame: Frame, by: tuple[int, int], at: datetime
+) -> dict[str, Any]:
+    run_id, config_id = by
+    version = ConfigRepository(session).with_id(config_id)
+    run = RunRepository(session).with_id(run_id)
+    classes = DatasetRepository(session).classes(frame.dataset_id)
+    row = EvidenceRepository(session).of_frames([frame.id], run.measurement_id or 0)
+    if frame.id not in row:
+        return _entry(at, run_id, version.digest)
+    evidence = to_evidence(
+        unpack_numbers([row[frame.id].numbers]), list(classes), list(classes.values())
+    ).take(np.array([box.id - frame.first_box_id]))
+    decided = decide(evidence, config_of(version))
+    reason = Reason(int(decided.reason[0]))
+    match, threshold = float(evidence.match_percent[0]), float(decided.threshold[0])
+    return _entry(at, run_id, version.digest) | {
+        "verdict": reason.verdict.value,
+        "reason": reason.label,
+        "match_percent": None if match != match else match,
+        "threshold": None if threshold != threshold else threshold,
+    }
+
+
+def _entry(at: datetime, run_id: int, digest: str) -> dict[str, Any]:
+    return {
+        "kind": "decision",
+        "at": at.isoformat(),
+        "run": run_id,
+        "config": digest,
+        "verdict": None,
+        "reason": None,
+        "match_percent": None,
+        "threshold": None,
+    }
+
+
+def _answer(review: Review) -> dict[str, Any]:
+    return {
+        "kind": "review",
+        "at": review.created_at.isoformat(),
+        "revision": review.revision,
+        "reviewer": review.reviewer,
+        "verdict": review.verdict,
+        "comment": review.comment,
+        "batch": review.batch_id,
+        "carried_from": review.carried_from,
+    }
