@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import re
 
+import httpx
+import numpy as np
 import pytest
 
 from app.main import create_app
 from app.settings import Settings
-from tests.docs.documents import DOCUMENTS, read
+from filter_core.annotation import parse_annotation
+from filter_core.frame_filter import filter_frame
+from tests.docs.documents import DOCUMENTS, blocks, read
 
 METHODS = ("GET", "POST", "PUT", "PATCH", "DELETE")
 ROW = re.compile(r"^\| ([A-Z]+) \| `(/[^`]*)` \| (.*) \|$", re.MULTILINE)
@@ -61,3 +66,43 @@ def test_every_route_is_tagged_and_described(routes):
 
     assert len(routes) > 0
     assert bare == []
+
+
+def test_the_example_of_an_error_is_what_the_server_answers(start_server):
+    server = start_server()
+    shown, *_ = (json.loads(block) for block in blocks(read("docs/api.md"), "json"))
+    boxes = '{"class": "car", "xyxy": [%s]}'
+    good, bad = boxes % "1, 2, 3, 4", boxes % "1, 2, NaN, 4"
+    annotation = f'{{"boxes": [{good}, {bad[:-1]}, "id": "217"}}]}}'
+
+    with httpx.Client(base_url=server.url, headers=server.headers) as client:
+        client.post("/api/v1/datasets", json={"name": "town10"})
+        files = {"annotation": ("annotation.json", annotation, "application/json")}
+        problem = client.put(shown["instance"], files=files).json()
+
+    # The title is Python's name for the status, and newer Pythons name 422 anew.
+    for of_the_moment in ("request_id", "title"):
+        assert shown.pop(of_the_moment)
+        assert problem.pop(of_the_moment)
+    assert problem == shown
+
+
+def test_the_example_of_an_annotation_is_taken_as_it_stands():
+    _, example, *_ = blocks(read("docs/api.md"), "json")
+
+    frame = parse_annotation(example)
+
+    assert [box.id for box in frame.boxes] == ["217", "218", "219"]
+
+
+def test_every_field_of_a_decision_is_explained():
+    frame = {
+        "carla_version": "0.9.15",
+        "boxes": [{"class": "car", "xyxy": [0, 0, 9, 9]}],
+    }
+    section = read("docs/api.md").split("## A decision")[1].split("## ")[0]
+
+    (decision,) = filter_frame(frame, np.zeros((10, 10), np.uint8)).decisions
+
+    explained = set(re.findall(r"`(\w+)`", section))
+    assert set(decision) - explained == set()

@@ -44,7 +44,8 @@ def test_the_library_example_is_ten_lines_beside_its_imports():
 
 
 @pytest.mark.usefixtures("one_frame")
-def test_the_client_example_uploads_and_explains(server, monkeypatch, capsys):
+def test_the_client_example_uploads_and_explains(start_server, monkeypatch, capsys):
+    server = start_server()
     monkeypatch.setenv("UNGHOST_SERVER", server.url)
     monkeypatch.setenv("UNGHOST_TOKEN", server.token)
 
