@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -86,7 +87,12 @@ _GROUND_CLEARANCE: Final = 0.19
 
 def car(shape: CarShape, rgb: tuple[float, float, float]) -> Mesh:
     """A car on the ground, centred at the origin, heading along x."""
-    body = Paint(rgb, gloss=0.055)
+    return _undyed(shape).dyed({1: rgb})
+
+
+@lru_cache(maxsize=32)
+def _undyed(shape: CarShape) -> Mesh:
+    body = Paint.dye(1, gloss=0.055)
     return join(
         [
             _lower_body(shape, body),

@@ -12,6 +12,7 @@ from app.demo.textures import (
     Float32,
     cloudy_tile,
     coverage,
+    f32,
     grain_tile,
     hashed,
     mixed,
@@ -208,15 +209,15 @@ class _Wall:
     def _behind_glass(self, dv: Float32) -> tuple[Float32, Float32]:
         """Dark rooms, curtains and blinds, some lights; wares in shops."""
         dice = self._dice
-        room = np.float32([0.020, 0.024, 0.028]) * (0.5 + 1.5 * dice)[:, None]
+        room = f32([0.020, 0.024, 0.028]) * (0.5 + 1.5 * dice)[:, None]
         drawn = hashed(self._bay, self._storey, self._seed + 31)
         down = 2 * self._opening()[1] * np.clip(drawn * 1.5 - 0.55, 0, 1)
         from_top = self._opening()[1] - (self._in_storey - self._opening()[2])
         curtain = coverage(down - from_top, self._up) * 0.9
-        cloth = np.float32([0.46, 0.42, 0.36]) * (0.55 + 0.6 * dice)[:, None]
+        cloth = f32([0.46, 0.42, 0.36]) * (0.55 + 0.6 * dice)[:, None]
         pane = mixed(room, cloth.astype(np.float32), curtain * ~self._shop)
         lit = (dice > 0.93) | (self._shop & (dice > 0.35))
-        warm = np.float32([0.62, 0.40, 0.19])
+        warm = f32([0.62, 0.40, 0.19])
         wares = sample(cloudy_tile(9), self._u, self._z, 70.0) * 0.14 + 0.42
         pane = np.where((lit & ~self._shop)[:, None], pane + warm * 0.35, pane)
         pane = np.where((lit & self._shop)[:, None], warm * wares[:, None] * 0.6, pane)
@@ -229,4 +230,4 @@ class _Wall:
         from_side = self._in_bay + self._opening()[0]
         top = np.clip(1 - from_top / 0.22, 0, 1)
         side = np.clip(1 - from_side / 0.14, 0, 1)
-        return 1 - 0.62 * np.maximum(top, side) * glass
+        return np.asarray(1 - 0.62 * np.maximum(top, side) * glass)

@@ -9,16 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demo.paint import Tag
-from app.demo.textures import Float32, cloudy_tile, coverage, grain_tile, mixed, sample
+from app.demo.textures import (
+    Float32,
+    cloudy_tile,
+    coverage,
+    f32,
+    grain_tile,
+    mixed,
+    sample,
+)
 
 LANE: Final = 3.5
 PARKING: Final = 2.4
 SIDEWALK_HEIGHT: Final = 0.14
 _LINE: Final = 0.075
 """Half the width of a painted line, metres."""
-_ASPHALT: Final = np.float32([0.092, 0.092, 0.096])
-_WHITE: Final = np.float32([0.56, 0.56, 0.54])
-_YELLOW: Final = np.float32([0.56, 0.40, 0.10])
+_ASPHALT: Final = f32([0.092, 0.092, 0.096])
+_WHITE: Final = f32([0.56, 0.56, 0.54])
+_YELLOW: Final = f32([0.56, 0.40, 0.10])
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,7 @@ class RoadPlan:
     def _from_crossing(self, x: Float32) -> Float32:
         distances = [np.abs(x - np.float32(middle)) for middle in self.crossings]
         far = np.full(x.shape, 1e6, dtype=np.float32)
-        return np.minimum.reduce([far, *distances])
+        return np.asarray(np.minimum.reduce([far, *distances]))
 
     def _lines(
         self, x: Float32, y: Float32, footprint: tuple[Float32, Float32]
@@ -106,20 +114,28 @@ class RoadPlan:
         zebra *= coverage(1.5 - np.abs(gap - 2.2), along)
         zebra *= side < self.half_width - 0.4
         stop = coverage(0.2 - np.abs(gap - 5.0), along)
-        stop *= coverage(self.lanes_edge / 2 - 0.15 - np.abs(side - self.lanes_edge / 2), across)
-        # Traffic keeps to the right: towards +x that is y > 0, seen before the crossing.
+        stop *= coverage(
+            self.lanes_edge / 2 - 0.15 - np.abs(side - self.lanes_edge / 2), across
+        )
+        # Traffic keeps to the right: towards +x that is y > 0, before the crossing.
         stop *= (y > 0) == (self._offset(x) < 0)
-        total = np.maximum.reduce([centre, edge, between, zebra, stop, self._side_lines(x, y, footprint)])
+        total = np.maximum.reduce(
+            [centre, edge, between, zebra, stop, self._side_lines(x, y, footprint)]
+        )
         return total, centre > 0.02
 
-    def _side_lines(self, x: Float32, y: Float32, footprint: tuple[Float32, Float32]) -> Float32:
+    def _side_lines(
+        self, x: Float32, y: Float32, footprint: tuple[Float32, Float32]
+    ) -> Float32:
         along, across = footprint
         off = self._from_crossing(x)
         gap = np.abs(y) - self.half_width
         dash = coverage(1.5 - np.abs(np.mod(y, 6.0) - 3.0), across)
         middle = coverage(_LINE - off, along) * dash * coverage(gap - 5.4, across)
         zebra = coverage(0.25 - np.abs(np.mod(off, 1.0) - 0.5), along)
-        zebra *= coverage(1.5 - np.abs(gap - 2.0), across) * (off < self.side_half_width - 0.4)
+        zebra *= coverage(1.5 - np.abs(gap - 2.0), across) * (
+            off < self.side_half_width - 0.4
+        )
         return np.maximum(middle, zebra)
 
     def _offset(self, x: Float32) -> Float32:
@@ -130,7 +146,9 @@ class RoadPlan:
             best = np.where(np.abs(offset) < np.abs(best), offset, best)
         return best
 
-    def _asphalt(self, x: Float32, y: Float32, footprint: tuple[Float32, Float32]) -> Float32:
+    def _asphalt(
+        self, x: Float32, y: Float32, footprint: tuple[Float32, Float32]
+    ) -> Float32:
         near = 1 / (1 + (footprint[1] * 70) ** 2)
         tone = 1 + 0.085 * sample(cloudy_tile(21), x, y, 9.0)
         tone += 0.06 * sample(cloudy_tile(22), x * 0.25, y * 2.0, 22.0)
@@ -144,7 +162,7 @@ class RoadPlan:
         tone -= 0.22 * gutter * (np.abs(y) < self.half_width)
         cracks = np.abs(sample(cloudy_tile(8, octaves=5), x, y, 30.0))
         tone -= 0.24 * near * np.clip(1 - cracks / 0.035, 0, 1)
-        return _ASPHALT * np.maximum(tone, 0.2)[:, None]
+        return np.asarray(_ASPHALT * np.maximum(tone, 0.2)[:, None])
 
 
 def grass(x: Float32, y: Float32, footprint: Float32) -> Float32:
@@ -154,14 +172,16 @@ def grass(x: Float32, y: Float32, footprint: Float32) -> Float32:
     tone += 0.24 * near * sample(grain_tile(14), x, y, 26.0)
     dry = np.clip(0.35 + 0.3 * sample(cloudy_tile(15), x, y, 5.0), 0, 1)
     green = mixed(
-        np.broadcast_to(np.float32([0.060, 0.110, 0.026]), (len(x), 3)),
-        np.broadcast_to(np.float32([0.150, 0.150, 0.055]), (len(x), 3)),
+        np.broadcast_to(f32([0.060, 0.110, 0.026]), (len(x), 3)),
+        np.broadcast_to(f32([0.150, 0.150, 0.055]), (len(x), 3)),
         dry.astype(np.float32),
     )
-    return green * np.maximum(tone, 0.25)[:, None]
+    return np.asarray(green * np.maximum(tone, 0.25)[:, None])
 
 
-def paving(x: Float32, y: Float32, base: Float32, footprint: tuple[Float32, Float32]) -> Float32:
+def paving(
+    x: Float32, y: Float32, base: Float32, footprint: tuple[Float32, Float32]
+) -> Float32:
     """(N, 3) linear colours of a sidewalk of slabs."""
     along, across = footprint
     row, column = np.floor(x / 0.8).astype(np.int32), np.floor(y / 0.6).astype(np.int32)
@@ -173,6 +193,23 @@ def paving(x: Float32, y: Float32, base: Float32, footprint: tuple[Float32, Floa
     near = 1 / (1 + (along * 6) ** 2)
     tone = 1 + 0.07 * sample(cloudy_tile(31), x, y, 15.0)
     tone += 0.06 * near * sample(grain_tile(32), x, y, 45.0)
-    slab = sample(grain_tile(33), row.astype(np.float32), column.astype(np.float32), 1.0)
+    slab = sample(
+        grain_tile(33), row.astype(np.float32), column.astype(np.float32), 1.0
+    )
     tone += 0.055 * np.clip(slab, -2, 2) * near - 0.42 * joint * near
-    return base * np.maximum(tone, 0.2)[:, None]
+    return np.asarray(base * np.maximum(tone, 0.2)[:, None])
+
+
+def ground_footprint(
+    ray: Float32, metres_per_pixel: Float32
+) -> tuple[Float32, Float32]:
+    """Metres of level ground per pixel along x and y.
+
+    Rays that graze the ground see far along their own direction.
+    """
+    steep = np.maximum(np.abs(ray[:, 2]), np.float32(1e-3))
+    stretch = 1 / steep - 1
+    return (
+        metres_per_pixel * (1 + np.abs(ray[:, 0]) * stretch),
+        metres_per_pixel * (1 + np.abs(ray[:, 1]) * stretch),
+    )

@@ -151,10 +151,15 @@ def _bonneted(shell: Shell, body: Paint, tag: int) -> Mesh:
     """A van's skin: a short bonnet, a leaning windscreen, a long box."""
     cowl = shell.front - 0.85
     stations = [
-        (shell.front, 1.02), (shell.front - 0.10, 1.12), (cowl, 1.36),
-        (cowl - shell.slope * 0.85, 2.42), (cowl - 1.35, shell.roof),
-        (cowl - 2.0, shell.roof), (shell.back + 0.08, shell.roof), (shell.back, shell.roof - 0.06),
-    ]  # fmt: skip
+        (shell.front, 1.02),
+        (shell.front - 0.10, 1.12),
+        (cowl, 1.36),
+        (cowl - shell.slope * 0.85, 2.42),
+        (cowl - 1.35, shell.roof),
+        (cowl - 2.0, shell.roof),
+        (shell.back + 0.08, shell.roof),
+        (shell.back, shell.roof - 0.06),
+    ]
     rings = []
     for x, roof in stations:
         half = _shell_half(shell, roof)

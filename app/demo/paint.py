@@ -55,6 +55,10 @@ SURFACE_COLUMNS: Final = 10
 """red, green, blue (linear), gloss, glow, kind, four parameters of the kind."""
 
 
+DYE_COLUMN: Final = 6
+"""The first parameter: of a plain surface, the number of its dye, or 0."""
+
+
 @dataclass(frozen=True)
 class Paint:
     """The look of a surface.
@@ -79,6 +83,11 @@ class Paint:
         linear = srgb_to_linear(np.array(self.rgb) / 255.0)
         rest = (self.gloss, self.glow, float(self.kind), *self.params)
         return np.array([*linear, *rest], dtype=np.float32)
+
+    @classmethod
+    def dye(cls, number: int, gloss: float = 0.0) -> Paint:
+        """A colour that is chosen later, by `Mesh.dyed`; numbers from 1."""
+        return cls((128, 128, 128), gloss, params=(float(number), 0.0, 0.0, 0.0))
 
     def tinted(self, factor: float) -> Paint:
         """The same paint, darker or brighter."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -12,6 +13,9 @@ from app.demo.paint import BLACK, Paint, Tag
 from app.demo.solids import ball, tube
 
 Point = tuple[float, float, float]
+RGB = tuple[float, float, float]
+
+_SHIRT, _TROUSERS, _SKIN, _HAIR = range(1, 5)
 
 SHIRTS: Final = (
     (178, 44, 42), (232, 228, 218), (38, 62, 110), (62, 110, 72), (208, 158, 52),
@@ -36,10 +40,10 @@ WALK_PHASES: Final = 4
 class Dress:
     """What one person wears."""
 
-    shirt: Paint
-    trousers: Paint
-    skin: Paint
-    hair: Paint
+    shirt: RGB
+    trousers: RGB
+    skin: RGB
+    hair: RGB
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Dress:
@@ -48,7 +52,18 @@ class Dress:
             colors[rng.integers(len(colors))]
             for colors in (SHIRTS, TROUSERS, SKINS, HAIRS)
         ]
-        return cls(*(Paint((float(r), float(g), float(b))) for r, g, b in pick))
+        return cls(*pick)
+
+    def on(self, figure: Mesh) -> Mesh:
+        """A figure that wears it."""
+        return figure.dyed(
+            {
+                _SHIRT: self.shirt,
+                _TROUSERS: self.trousers,
+                _SKIN: self.skin,
+                _HAIR: self.hair,
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -66,8 +81,13 @@ class Pose:
 
 def walker(dress: Dress, phase: int, scale: float = 1.0) -> Mesh:
     """Someone walking along x; `phase` is one of `WALK_PHASES` moments of a step."""
-    figure = person(dress, walking_pose(phase), Tag.PEDESTRIAN)
+    figure = dress.on(_undyed_walker(phase % WALK_PHASES))
     return Mesh(figure.corners * scale, figure.normals, figure.surface, figure.tag)
+
+
+@lru_cache(maxsize=WALK_PHASES)
+def _undyed_walker(phase: int) -> Mesh:
+    return person(walking_pose(phase), Tag.PEDESTRIAN)
 
 
 def walking_pose(phase: int) -> Pose:
@@ -100,51 +120,54 @@ def walking_pose(phase: int) -> Pose:
     )  # fmt: skip
 
 
-def person(dress: Dress, pose: Pose, tag: int) -> Mesh:
-    """A figure of limbs, trunk and head in a given pose."""
-    parts = [_trunk(dress, pose, tag), _head(dress, pose, tag)]
+def person(pose: Pose, tag: int) -> Mesh:
+    """A figure of limbs, trunk and head in a given pose, to be dressed."""
+    parts = [_trunk(pose, tag), _head(pose, tag)]
     for side in (0, 1):
-        parts += [_leg(dress, pose, side, tag), _arm(dress, pose, side, tag)]
+        parts += [_leg(pose, side, tag), _arm(pose, side, tag)]
     return join(parts)
 
 
-def _trunk(dress: Dress, pose: Pose, tag: int) -> Mesh:
+def _trunk(pose: Pose, tag: int) -> Mesh:
     hips, shoulders = np.array(pose.hips), np.array(pose.shoulders)
     waist = hips + 0.35 * (shoulders - hips)
     chest = hips + 0.72 * (shoulders - hips)
     return join(
         [
-            ball(hips, (0.13, 0.175, 0.13), (dress.trousers, tag)),
-            ball(waist, (0.115, 0.165, 0.20), (dress.shirt, tag)),
-            ball(chest, (0.13, 0.205, 0.21), (dress.shirt, tag)),
+            ball(hips, (0.13, 0.175, 0.13), (Paint.dye(_TROUSERS), tag)),
+            ball(waist, (0.115, 0.165, 0.20), (Paint.dye(_SHIRT), tag)),
+            ball(chest, (0.13, 0.205, 0.21), (Paint.dye(_SHIRT), tag)),
             ball(
                 shoulders - np.array([0, 0, 0.03]),
                 (0.10, 0.225, 0.085),
-                (dress.shirt, tag),
+                (Paint.dye(_SHIRT), tag),
             ),
         ]
     )
 
 
-def _head(dress: Dress, pose: Pose, tag: int) -> Mesh:
+def _head(pose: Pose, tag: int) -> Mesh:
     head = np.array(pose.head)
-    neck = tube(np.array(pose.shoulders), head, 0.055, (dress.skin, tag), 8)
-    face = ball(head, (0.095, 0.08, 0.12), (dress.skin, tag), 12)
+    neck = tube(np.array(pose.shoulders), head, 0.055, (Paint.dye(_SKIN), tag), 8)
+    face = ball(head, (0.095, 0.08, 0.12), (Paint.dye(_SKIN), tag), 12)
     hair = ball(
-        head + np.array([-0.022, 0, 0.03]), (0.092, 0.088, 0.105), (dress.hair, tag), 12
+        head + np.array([-0.022, 0, 0.03]),
+        (0.092, 0.088, 0.105),
+        (Paint.dye(_HAIR), tag),
+        12,
     )
     return join([neck, face, hair])
 
 
-def _leg(dress: Dress, pose: Pose, side: int, tag: int) -> Mesh:
+def _leg(pose: Pose, side: int, tag: int) -> Mesh:
     sign = 1 - 2 * side
     hip = np.array(pose.hips) + np.array([0, 0.09 * sign, -0.03])
     knee, foot = np.array(pose.knees[side]), np.array(pose.feet[side])
     return join(
         [
-            tube(hip, knee, (0.092, 0.066), (dress.trousers, tag), 8),
-            tube(knee, foot, (0.066, 0.046), (dress.trousers, tag), 8),
-            ball(knee, 0.066, (dress.trousers, tag), 8),
+            tube(hip, knee, (0.092, 0.066), (Paint.dye(_TROUSERS), tag), 8),
+            tube(knee, foot, (0.066, 0.046), (Paint.dye(_TROUSERS), tag), 8),
+            ball(knee, 0.066, (Paint.dye(_TROUSERS), tag), 8),
             ball(
                 foot + np.array([0.06, 0, -0.035]),
                 (0.135, 0.05, 0.052),
@@ -155,15 +178,15 @@ def _leg(dress: Dress, pose: Pose, side: int, tag: int) -> Mesh:
     )
 
 
-def _arm(dress: Dress, pose: Pose, side: int, tag: int) -> Mesh:
+def _arm(pose: Pose, side: int, tag: int) -> Mesh:
     sign = 1 - 2 * side
     shoulder = np.array(pose.shoulders) + np.array([0, 0.20 * sign, -0.04])
     elbow, hand = np.array(pose.elbows[side]), np.array(pose.hands[side])
     return join(
         [
-            tube(shoulder, elbow, (0.062, 0.048), (dress.shirt, tag), 8),
-            tube(elbow, hand, (0.048, 0.036), (dress.shirt, tag), 8),
-            ball(elbow, 0.048, (dress.shirt, tag), 8),
-            ball(hand, (0.045, 0.04, 0.055), (dress.skin, tag), 8),
+            tube(shoulder, elbow, (0.062, 0.048), (Paint.dye(_SHIRT), tag), 8),
+            tube(elbow, hand, (0.048, 0.036), (Paint.dye(_SHIRT), tag), 8),
+            ball(elbow, 0.048, (Paint.dye(_SHIRT), tag), 8),
+            ball(hand, (0.045, 0.04, 0.055), (Paint.dye(_SKIN), tag), 8),
         ]
     )

@@ -10,16 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demo.facade import WallPixels, facade_look
-from app.demo.ground import RoadPlan, grass, paving
-from app.demo.mesh import Mesh
+from app.demo.ground import grass, ground_footprint, paving
+from app.demo.mesh import Mesh, along, cross
 from app.demo.paint import Kind
-from app.demo.sky import Hour, mirrored_surroundings, sky_light, sky_with_clouds
+from app.demo.sky import Hour, mirrored_surroundings, sky_light
 from app.demo.sunlight import ShadowMap
-from app.demo.textures import Float32, cloudy_tile, sample
-from filter_core.types import FloatArray
-
-GROUND: Final = -2
-NOTHING: Final = -1
+from app.demo.textures import Float32, cloudy_tile, f32, sample
+from app.demo.view import to_homogeneous
+from filter_core.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +26,7 @@ class Pixels:
 
     position: Float32
     direction: Float32
-    depth: Float32
+    distance: Float32
     normal: Float32
     surface: Float32
     metres_per_pixel: Float32
@@ -40,7 +38,6 @@ class Lighting:
 
     hour: Hour
     shadows: tuple[ShadowMap, ...]
-    plan: RoadPlan
 
 
 @dataclass(eq=False)
@@ -54,12 +51,11 @@ class Look:
     normal: Float32
 
 
-def shade(pixels: Pixels, ground: NDArray[np.bool_], open_sky: Float32, light: Lighting) -> Float32:
+def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
     """(N, 3) linear light that reaches the camera, haze included."""
-    look = _looks(pixels, ground, light.plan)
+    look = _looks(pixels)
     look.open_sky = look.open_sky * open_sky
-    kind = pixels.surface[:, 5].astype(np.int32)
-    leaf = (kind == Kind.LEAF) & ~ground
+    leaf = pixels.surface[:, 5] == Kind.LEAF
     diffuse = look.albedo * _irradiance(pixels, look, leaf, light)
     shiny = np.flatnonzero(look.gloss > 0)
     diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.hour)
@@ -67,7 +63,7 @@ def shade(pixels: Pixels, ground: NDArray[np.bool_], open_sky: Float32, light: L
     return _hazed(pixels, diffuse, light.hour)
 
 
-def _looks(pixels: Pixels, ground: NDArray[np.bool_], plan: RoadPlan) -> Look:
+def _looks(pixels: Pixels) -> Look:
     surface = pixels.surface
     look = Look(
         albedo=surface[:, :3].copy(),
@@ -76,41 +72,30 @@ def _looks(pixels: Pixels, ground: NDArray[np.bool_], plan: RoadPlan) -> Look:
         open_sky=np.ones(len(surface), dtype=np.float32),
         normal=pixels.normal,
     )
-    kind = np.where(ground, -1, surface[:, 5].astype(np.int32))
-    _look_at_ground(pixels, look, np.flatnonzero(ground), plan)
+    kind = surface[:, 5]
     _look_at_walls(pixels, look, np.flatnonzero(kind == Kind.FACADE))
     _look_at_masonry(pixels, look, np.flatnonzero(kind == Kind.MASONRY))
     flat = np.flatnonzero(kind == Kind.PAVING)
     x, y = pixels.position[flat, 0], pixels.position[flat, 1]
-    look.albedo[flat] = paving(x, y, look.albedo[flat], _ground_footprint(pixels, flat))
+    look.albedo[flat] = paving(
+        x,
+        y,
+        look.albedo[flat],
+        ground_footprint(pixels.direction[flat], pixels.metres_per_pixel[flat]),
+    )
     lawn = np.flatnonzero(kind == Kind.GRASS)
     x, y = pixels.position[lawn, 0], pixels.position[lawn, 1]
-    look.albedo[lawn] = grass(x, y, _ground_footprint(pixels, lawn)[0])
-    return look
-
-
-def _ground_footprint(pixels: Pixels, chosen: NDArray[np.int64]) -> tuple[Float32, Float32]:
-    """Metres per pixel along x and y: grazing rays see far along their direction."""
-    ray = pixels.direction[chosen]
-    size = pixels.metres_per_pixel[chosen]
-    steep = np.maximum(np.abs(ray[:, 2]), 1e-3)
-    return (
-        size * (1 + np.abs(ray[:, 0]) * (1 / steep - 1)),
-        size * (1 + np.abs(ray[:, 1]) * (1 / steep - 1)),
+    look.albedo[lawn] = grass(
+        x, y, ground_footprint(pixels.direction[lawn], pixels.metres_per_pixel[lawn])[0]
     )
-
-
-def _look_at_ground(pixels: Pixels, look: Look, chosen: NDArray[np.int64], plan: RoadPlan) -> None:
-    x, y = pixels.position[chosen, 0], pixels.position[chosen, 1]
-    _, albedo = plan.look(x, y, _ground_footprint(pixels, chosen))
-    look.albedo[chosen] = albedo
-    look.gloss[chosen] = 0.012
-    look.glow[chosen] = 0.0
+    return look
 
 
 def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
     size = pixels.metres_per_pixel[chosen]
-    facing = np.abs(np.sum(pixels.normal[chosen] * pixels.direction[chosen], axis=1))
+    facing = np.abs(
+        np.einsum("ij,ij->i", pixels.normal[chosen], pixels.direction[chosen])
+    )
     upright = np.sqrt(np.maximum(1 - pixels.direction[chosen, 2] ** 2, 0.05))
     wall = WallPixels(
         position=pixels.position[chosen],
@@ -124,7 +109,9 @@ def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> Non
     look.gloss[chosen] = seen.gloss
     look.glow[chosen] = seen.glow
     look.open_sky[chosen] = seen.open_sky
-    bent = pixels.normal[chosen] + np.stack([seen.tilt, -seen.tilt, 0.4 * seen.tilt], axis=1)
+    bent = pixels.normal[chosen] + np.stack(
+        [seen.tilt, -seen.tilt, 0.4 * seen.tilt], axis=1
+    )
     look.normal[chosen] = bent
 
 
@@ -140,10 +127,12 @@ def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> N
     look.albedo[chosen] *= (tone - 0.22 * joint * near)[:, None]
 
 
-def _irradiance(pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Lighting) -> Float32:
+def _irradiance(
+    pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Lighting
+) -> Float32:
     hour = light.hour
-    sun = np.float32(hour.sun)
-    facing = look.normal @ sun
+    sun = f32(hour.sun)
+    facing = along(look.normal, sun)
     lit = np.maximum(facing, 0.0)
     # Light also shines through leaves and wraps around their clumps.
     lit = np.where(leaf, 0.30 + 0.62 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
@@ -156,10 +145,10 @@ def _irradiance(pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Ligh
     direct = np.zeros_like(lit)
     direct[in_sun] = lit[in_sun] * shine
     upwards = (0.5 + 0.5 * look.normal[:, 2])[:, None]
-    dome = np.float32(hour.zenith) * 0.55 + np.float32(hour.horizon) * 0.45
-    bounce = np.float32(hour.bounce)
+    dome = f32(hour.zenith) * 0.55 + f32(hour.horizon) * 0.45
+    bounce = f32(hour.bounce)
     ambient = bounce + (dome - bounce) * upwards
-    total: Float32 = np.float32(hour.sunlight) * direct[:, None]
+    total: Float32 = f32(hour.sunlight) * direct[:, None]
     total += ambient * look.open_sky[:, None]
     return total
 
@@ -168,14 +157,16 @@ def _with_mirror(
     pixels: Pixels, look: Look, diffuse: Float32, shiny: NDArray[np.int64], hour: Hour
 ) -> Float32:
     ray, normal = pixels.direction[shiny], look.normal[shiny]
-    facing = np.sum(ray * normal, axis=1)
+    facing = np.einsum("ij,ij->i", ray, normal)
     away = ray - 2 * facing[:, None] * normal
     gloss = look.gloss[shiny]
-    share = gloss + (1 - gloss) * (1 - np.clip(np.abs(facing), 0, 1)) ** 5 * np.minimum(1, gloss * 12)
+    share = gloss + (1 - gloss) * (1 - np.clip(np.abs(facing), 0, 1)) ** 5 * np.minimum(
+        1, gloss * 12
+    )
     mirrored = mirrored_surroundings(hour, away)
-    towards_sun = np.clip(away @ np.float32(hour.sun), 0, 1)
+    towards_sun = np.clip(along(away, hour.sun), 0, 1)
     sparkle = (towards_sun**220 * 9.0 + towards_sun**24 * 0.35) * (gloss > 0.03)
-    mirrored = mirrored + np.float32(hour.sunlight) * sparkle[:, None]
+    mirrored = mirrored + f32(hour.sunlight) * sparkle[:, None]
     mirrored *= look.open_sky[shiny][:, None]
     seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
     return seen
@@ -185,41 +176,41 @@ def _hazed(pixels: Pixels, light: Float32, hour: Hour) -> Float32:
     level = pixels.direction.copy()
     level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
     air = sky_light(hour, level) * 0.92
-    length = pixels.depth * np.linalg.norm(pixels.direction, axis=1)
-    share = 1 - np.exp(-((length * hour.haze) ** 1.25))
+    share = 1 - np.exp(-((pixels.distance * hour.haze) ** 1.25))
     hazed: Float32 = light + (air - light) * share[:, None]
     return hazed
 
 
 def smooth_normals(
-    mesh: Mesh, homogeneous: FloatArray, chosen: NDArray[np.int64], uv: Float32, flat: Float32
+    mesh: Mesh, camera: Camera, chosen: NDArray[np.int32], uv: Float32, flat: Float32
 ) -> Float32:
     """(N, 3) normals of pixels on triangles whose corners have different normals.
 
-    A normal divided by the depth is linear on the screen, so three coefficients per axis
-    and triangle say it for every pixel.
+    A normal divided by the depth is linear on the screen, so three coefficients per
+    axis and triangle say it for every pixel.
     """
     unique, which = np.unique(chosen, return_inverse=True)
-    rows = homogeneous[unique]
+    rows = to_homogeneous(mesh.corners[unique], camera)
     a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
-    inverse = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
-    volume = np.sum(a * np.cross(b, c), axis=1)
+    inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
+    volume = np.sum(a * cross(b, c), axis=1)
     sound = np.abs(volume) > 1e-9
     inverse /= np.where(sound, volume, 1.0)[:, None, None]
-    slope = (inverse @ mesh.normals[unique]).astype(np.float32)
-    normals = slope[which, 0] * uv[:, :1] + slope[which, 1] * uv[:, 1:] + slope[which, 2]
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    slope = np.einsum("nij,njk->nik", inverse, mesh.normals[unique])
+    slope = slope.astype(np.float32).reshape(-1, 9)[which]
+    normals = slope[:, :3] * uv[:, :1] + slope[:, 3:6] * uv[:, 1:] + slope[:, 6:]
+    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
     good = sound[which] & (length[:, 0] > 1e-12)
     return np.where(good[:, None], normals / np.maximum(length, 1e-12), flat)
 
 
-def develop(light: Float32, exposure: float) -> NDArray[np.uint8]:
+def develop(light: Float32, exposure: float) -> Float32:
     """Linear light (H, W, 3) to a display image, by a film's curve."""
     x = light * np.float32(exposure)
     # Narkowicz, "ACES filmic tone mapping curve", 2015.
     film = (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
     index = (np.clip(film, 0, 1) * 4095).astype(np.int32)
-    return _GAMMA[index]
+    return np.asarray(_GAMMA[index])
 
 
 def _gamma_table() -> Float32:
@@ -234,19 +225,22 @@ _GAMMA: Final = _gamma_table()
 def ambient_occlusion(depth: Float32, focal: float) -> Float32:
     """(H, W) 0..1: how much of the sky a pixel's surroundings leave open.
 
-    Pairs of opposite neighbours: on a plane their mean nearness is the pixel's own; in a
-    corner they are nearer.
+    Pairs of opposite neighbours: on a plane their mean nearness is the pixel's own;
+    in a corner they are nearer.
     """
     height, width = depth.shape
-    small = cv2.resize(1.0 / depth, (width // 2, height // 2), interpolation=cv2.INTER_NEAREST)
+    half_wh = (width // 2, height // 2)
+    small = f32(cv2.resize(1.0 / depth, half_wh, interpolation=cv2.INTER_NEAREST))
     closed = np.zeros_like(small)
     for reach in (3, 7, 15):
         for du, dv in ((1, 0), (0, 1), (0.7, 0.7), (0.7, -0.7)):
-            x, y = int(round(du * reach)), int(round(dv * reach))
+            x, y = round(du * reach), round(dv * reach)
             closed += _pair_occlusion(small, x, y, focal / 2)
     open_sky = 1 - np.clip(closed / 12 * 2.6, 0, 0.72)
     blurred = cv2.blur(open_sky, (5, 5))
-    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR))
+    return np.asarray(
+        cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR)
+    )
 
 
 def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
@@ -262,4 +256,4 @@ def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
     closed = np.clip(rise_m / np.maximum(step_m, 0.02), 0, 1)
     # Far in front is another object, and wide steps say nothing about a near corner.
     closed *= np.clip(1.6 - rise_m / 1.2, 0, 1) * np.clip(2.0 - step_m / 0.7, 0, 1)
-    return closed
+    return np.asarray(closed)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.demo.mesh import Mesh, join
+from app.demo.mesh import Mesh, cross, join
 from app.demo.paint import Paint
 from filter_core.types import FloatArray
 
@@ -50,7 +50,14 @@ def tube(
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False) + np.pi / sides
     circle = np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * up
     rings = np.stack([first + thick * circle, last + thin * circle])
-    return loft(rings, [[look[0]]], look[1])
+    closed = np.concatenate([rings, rings[:, :1]], axis=1)
+    out = np.concatenate([circle, circle[:1]])
+    skin = _quads(_cells(closed), _cells(np.stack([out, out])), *look)
+    along = last - first
+    ends = [
+        _cap(ring, way, *look) for ring, way in zip(rings, (-along, along), strict=True)
+    ]
+    return join([skin, *ends])
 
 
 def ball(
@@ -125,9 +132,25 @@ def loft(
         paint = paints[row][column]
         parts.append(_quads(quads[flat], normals.reshape(-1, 4, 3)[flat], paint, tag))
     if caps:
-        parts.append(_cap(rings[0], rings[0] - rings[1], paints[0][-1], tag))
-        parts.append(_cap(rings[-1], rings[-1] - rings[-2], paints[-1][-1], tag))
+        parts.append(
+            _cap(
+                rings[0], (rings[0] - rings[1]).mean(axis=0), _cap_paint(paints[0]), tag
+            )
+        )
+        parts.append(
+            _cap(
+                rings[-1],
+                (rings[-1] - rings[-2]).mean(axis=0),
+                _cap_paint(paints[-1]),
+                tag,
+            )
+        )
     return join(parts)
+
+
+def _cap_paint(strips: Sequence[Paint]) -> Paint:
+    """The paint of the ring's middle: its first strips are what lies underneath."""
+    return strips[len(strips) // 3]
 
 
 def _by_paint(
@@ -154,15 +177,15 @@ def _face_normals(closed: FloatArray, rings: FloatArray) -> FloatArray:
     """(S-1, K, 3): normals of the skin's quads, outwards from the rings' centres."""
     one = closed[1:, 1:] - closed[:-1, :-1]
     two = closed[:-1, 1:] - closed[1:, :-1]
-    normals = np.cross(one, two)
+    normals = cross(one, two)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = normals / np.maximum(length, 1e-12)
     centres = rings.mean(axis=1)
     middle = (centres[1:] + centres[:-1])[:, None] / 2
     quad_middle = (closed[1:, 1:] + closed[:-1, :-1]) / 2
     # One sign for the whole skin: face by face it would flip on hollow shapes.
-    agree = np.sum(normals * (quad_middle - middle) * length)
-    return normals if agree >= 0 else -normals
+    outwards = np.sum(normals * (quad_middle - middle) * length) >= 0
+    return np.asarray(normals if outwards else -normals)
 
 
 def _creased(faces: FloatArray) -> FloatArray:
@@ -187,9 +210,9 @@ def _cap(ring: FloatArray, outwards: FloatArray, paint: Paint, tag: int) -> Mesh
     count = len(ring)
     centre = np.broadcast_to(ring.mean(axis=0), (count, 3))
     corners = np.stack([centre, ring, np.roll(ring, -1, axis=0)], axis=1)
-    area = np.cross(ring - centre, np.roll(ring, -1, axis=0) - centre).sum(axis=0)
+    area = cross(ring - centre, np.roll(ring, -1, axis=0) - centre).sum(axis=0)
     normal = area / max(float(np.linalg.norm(area)), 1e-12)
-    if normal @ outwards.mean(axis=0) < 0:
+    if normal @ outwards < 0:
         normal = -normal
     return Mesh.of(corners, np.broadcast_to(normal, corners.shape).copy(), paint, tag)
 
@@ -198,9 +221,9 @@ def _frame(along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two directions that are square to a third."""
     axis = along / np.linalg.norm(along)
     other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
-    across = np.cross(axis, other)
+    across = cross(axis, other)
     across /= np.linalg.norm(across)
-    return across, np.cross(axis, across)
+    return across, cross(axis, across)
 
 
 def _quads(quads: FloatArray, normals: FloatArray, paint: Paint, tag: int) -> Mesh:
@@ -208,6 +231,6 @@ def _quads(quads: FloatArray, normals: FloatArray, paint: Paint, tag: int) -> Me
     halves = [[0, 1, 2], [0, 2, 3]]
     corners = np.concatenate([quads[:, half] for half in halves])
     tilted = np.concatenate([normals[:, half] for half in halves])
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     real = np.linalg.norm(area, axis=1) > 1e-9
     return Mesh.of(corners[real], tilted[real], paint, tag)

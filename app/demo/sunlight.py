@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from app.demo.mesh import along, turned
 from app.demo.rasteriser import Canvas, draw
 from app.demo.textures import Float32
 from filter_core.types import FloatArray
@@ -31,8 +32,11 @@ class ShadowMap:
 
     @classmethod
     def of(
-        cls, corners: FloatArray, sun: tuple[float, float, float],
-        area: FloatArray, texels: tuple[int, int],
+        cls,
+        corners: FloatArray,
+        sun: tuple[float, float, float],
+        area: FloatArray,
+        texels: tuple[int, int],
     ) -> ShadowMap:
         """Map triangles (T, 3, 3) as the sun sees them.
 
@@ -42,7 +46,7 @@ class ShadowMap:
         flat = area @ axes[:2].T
         origin, end = flat.min(axis=0), flat.max(axis=0)
         texel = (end - origin) / np.array(texels)
-        screen = corners @ axes.T
+        screen = turned(corners, axes)
         screen[..., :2] = (screen[..., :2] - origin) / texel
         canvas = Canvas.blank(*texels, nearness=_LOWEST)
         draw(canvas, screen, np.arange(len(corners)))
@@ -50,10 +54,14 @@ class ShadowMap:
 
     def shine(self, points: Float32) -> Float32:
         """(N,) 0..1: how much of the sun reaches each of (N, 3) points."""
-        axes = self.axes.astype(np.float32)
-        u = (points @ axes[0] - np.float32(self.origin[0])) / np.float32(self.texel[0])
-        v = (points @ axes[1] - np.float32(self.origin[1])) / np.float32(self.texel[1])
-        height = points @ axes[2] + np.float32(_BIAS)
+        axes = self.axes
+        u = (along(points, axes[0]) - np.float32(self.origin[0])) / np.float32(
+            self.texel[0]
+        )
+        v = (along(points, axes[1]) - np.float32(self.origin[1])) / np.float32(
+            self.texel[1]
+        )
+        height = along(points, axes[2]) + np.float32(_BIAS)
         rows, columns = self.highest.shape
         flat, total = self.highest.reshape(-1), np.zeros(len(points), dtype=np.float32)
         for du, dv in _TAPS:
@@ -62,7 +70,7 @@ class ShadowMap:
             inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
             place = np.where(inside, row * columns + column, 0)
             total += ~inside | (flat[place] <= height)
-        return total / np.float32(len(_TAPS))
+        return np.asarray(total / np.float32(len(_TAPS)))
 
 
 def sun_axes(sun: tuple[float, float, float]) -> FloatArray:

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-Float32: TypeAlias = NDArray[np.float32]
+Float32: TypeAlias = NDArray[np.floating[Any]]
+"""Single precision; numpy's stubs lose track of it where numbers are mixed in."""
 
 TILE: Final = 512
 _MASK: Final = TILE - 1
 
 
-@lru_cache(maxsize=8)
+def f32(values: ArrayLike) -> Float32:
+    """Numbers as single-precision numbers."""
+    return np.asarray(values, dtype=np.float32)
+
+
+@lru_cache(maxsize=32)
 def cloudy_tile(seed: int, octaves: int = 6, roughness: float = 0.55) -> Float32:
     """(TILE, TILE) fractal noise of mean 0 and deviation 1; tiles without a seam."""
     rng = np.random.default_rng(seed)
@@ -24,10 +30,10 @@ def cloudy_tile(seed: int, octaves: int = 6, roughness: float = 0.55) -> Float32
         cells = 4 << octave
         grid = rng.standard_normal((cells, cells)).astype(np.float32)
         total += roughness**octave * _enlarged(grid)
-    return (total - total.mean()) / total.std()
+    return np.asarray((total - total.mean()) / total.std())
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def grain_tile(seed: int) -> Float32:
     """(TILE, TILE) white noise of mean 0 and deviation 1."""
     rng = np.random.default_rng(seed)
@@ -46,7 +52,7 @@ def sample(tile: Float32, u: Float32, v: Float32, per_unit: float) -> Float32:
     """The tile's value at each place (nearest), with `per_unit` texels per unit."""
     row = (v * np.float32(per_unit)).astype(np.int32) & _MASK
     column = (u * np.float32(per_unit)).astype(np.int32) & _MASK
-    return tile.reshape(-1)[row * TILE + column]
+    return np.asarray(tile.reshape(-1)[row * TILE + column])
 
 
 def hashed(*whole: NDArray[np.int32]) -> Float32:
@@ -57,14 +63,14 @@ def hashed(*whole: NDArray[np.int32]) -> Float32:
         state ^= state >> np.uint32(15)
         state *= np.uint32(0x85EBCA6B)
         state ^= state >> np.uint32(13)
-    return (state >> np.uint32(8)).astype(np.float32) / np.float32(1 << 24)
+    return np.asarray((state >> np.uint32(8)).astype(np.float32) / np.float32(1 << 24))
 
 
 def coverage(inside: Float32, footprint: Float32 | float) -> Float32:
     """Share of a pixel within a shape, from the signed distance to its edge."""
-    return np.clip(inside / footprint + np.float32(0.5), 0.0, 1.0)
+    return np.asarray(np.clip(inside / footprint + np.float32(0.5), 0.0, 1.0))
 
 
 def mixed(below: Float32, above: Float32, share: Float32) -> Float32:
     """(N, 3) colours blended, `share` (N,) of the one above."""
-    return below + (above - below) * share[:, None]
+    return np.asarray(below + (above - below) * share[:, None])

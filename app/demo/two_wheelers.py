@@ -59,7 +59,7 @@ def bicycle(rgb: RGB, dress: Dress) -> Mesh:
         ball((-0.23, 0, 0.93), (0.13, 0.07, 0.035), (BLACK, tag), 8),
         tube((0.02, 0.11, 0.38), (-0.06, -0.11, 0.18), 0.014, (DARK_STEEL, tag), 6),
     ]
-    return join([*parts, person(dress, _CYCLIST, Tag.RIDER), _helmet(_CYCLIST, rgb)])
+    return join([*parts, dress.on(person(_CYCLIST, Tag.RIDER)), _helmet(_CYCLIST, rgb)])
 
 
 def motorcycle(rgb: RGB, dress: Dress) -> Mesh:
@@ -81,8 +81,12 @@ def motorcycle(rgb: RGB, dress: Dress) -> Mesh:
     ]
     fork = tube((0.72, 0.09, 0.31), (0.46, 0.09, 0.98), 0.03, (CHROME, tag), 6)
     swing = tube((-0.68, 0.09, 0.31), (-0.10, 0.09, 0.42), 0.03, (STEEL, tag), 6)
-    rider = replace(dress, hair=Paint(rgb, gloss=0.08))
-    parts += [fork.both_sides(), swing.both_sides(), person(rider, _BIKER, Tag.RIDER)]
+    rider = replace(dress, hair=rgb)
+    parts += [
+        fork.both_sides(),
+        swing.both_sides(),
+        rider.on(person(_BIKER, Tag.RIDER)),
+    ]
     return join([*parts, _helmet(_BIKER, rgb, full=True)])
 
 

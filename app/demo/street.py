@@ -1,0 +1,185 @@
+"""The demo's street: frames with everything that is true about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from threading import Lock
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.demo.annotation import FIRST_ACTOR, FOV, HEIGHT, WIDTH, annotate, placed_boxes
+from app.demo.exposure import Exposure, Planes, expose
+from app.demo.lidar import npy, scan
+from app.demo.photograph import photograph
+from app.demo.planes import encode_depth, encode_instances, paint_tags, png, raw_tags
+from app.demo.shading import Lighting
+from app.demo.snapshot import Stage, corners_of
+from app.demo.styles import STYLES, build_town
+from app.demo.sunlight import ShadowMap
+from app.demo.town import SIDE_END, STEP_S, TOWN_END, TOWN_START, Town
+from app.demo.truth import truth_of
+from filter_core.camera import Camera
+from filter_core.types import FloatArray
+
+_SHADOW_TEXELS: Final = (4096, 4096)
+_MOVING_TEXELS: Final = (1536, 1536)
+_MOVING_REACH: Final = 55.0
+_FLAT_EVERY: Final = 4
+"""Every fourth frame of a town has naive rectangles instead of 3D boxes."""
+THREADS: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class StreetFrame:
+    """One frame: what a recording of CARLA would hold, and the truth beside it.
+
+    Attributes
+    ----------
+    key : such as ``town-a/000012``
+    image_png, segmentation_png, instances_png, depth_png : bytes
+    lidar_npy : bytes
+    annotation : the camera and the boxes
+    truth : per box: visible pixels and the kind of ghost; never part of the input
+    """
+
+    key: str
+    image_png: bytes
+    segmentation_png: bytes
+    instances_png: bytes
+    depth_png: bytes
+    lidar_npy: bytes
+    annotation: dict[str, Any]
+    truth: list[dict[str, Any]]
+
+
+class StreetScene:
+    """Three towns and a drive through each; the same seed gives the same bytes.
+
+    Parameters
+    ----------
+    seed : int
+    raw : bool
+        Write raw tags instead of palette colours into the segmentation.
+    """
+
+    def __init__(self, seed: int = 0, *, raw: bool = False) -> None:
+        self._seed, self._raw = seed, raw
+        self._sets = [_Set(number, seed) for number in range(len(STYLES))]
+
+    def frames(self, count: int, threads: int = THREADS) -> Iterator[StreetFrame]:
+        """The first `count` frames, in order; a few are rendered ahead."""
+        with ThreadPoolExecutor(threads) as pool:
+            pending = [
+                pool.submit(self.render_frame, index)
+                for index in range(min(count, 2 * threads))
+            ]
+            for index in range(count):
+                frame = pending.pop(0).result()
+                following = index + 2 * threads
+                if following < count:
+                    pending.append(pool.submit(self.render_frame, following))
+                yield frame
+
+    def render_frame(self, index: int) -> StreetFrame:
+        """One frame; towns take turns."""
+        step, number = divmod(index, len(self._sets))
+        return self._sets[number].render(step, raw=self._raw)
+
+
+class _Set:
+    """A town with what is computed once for all of its frames."""
+
+    def __init__(self, number: int, seed: int) -> None:
+        self._number, self._seed = number, seed
+        self._lock = Lock()
+
+    @cached_property
+    def _town(self) -> Town:
+        return build_town(STYLES[self._number], self._seed)
+
+    @cached_property
+    def _stage(self) -> Stage:
+        return Stage(self._town)
+
+    @cached_property
+    def _still_shadows(self) -> ShadowMap:
+        reach = SIDE_END / 2
+        area = _box_corners((TOWN_START, -reach, 0.0), (TOWN_END, reach, 10.0))
+        still = [thing for thing in self._town.things if not thing.route.length]
+        return ShadowMap.of(
+            corners_of(still), self._town.style.hour.sun, area, _SHADOW_TEXELS
+        )
+
+    def render(self, step: int, *, raw: bool) -> StreetFrame:
+        with self._lock:
+            stage, still = self._stage, self._still_shadows
+        style, things = self._town.style, self._town.things
+        time_s = step * STEP_S
+        pose = self._town.camera(step)
+        camera = Camera.from_fov(WIDTH, HEIGHT, FOV, pose)
+        exposure = expose(stage.snapshot(camera, time_s), camera, style.plan)
+        shadows = (still, self._moving_shadows(camera, time_s))
+        seed = (self._seed * 31 + self._number) * 100_003 + step
+        image = photograph(exposure, camera, Lighting(style.hour, shadows), seed)
+        key = f"{style.name}/{step:06d}"
+        boxes = placed_boxes(things, stage.poses(time_s), camera)
+        planes = exposure.planes
+        flat = step % _FLAT_EVERY == _FLAT_EVERY - 1
+        return StreetFrame(
+            key=key,
+            image_png=png(image),
+            segmentation_png=png(
+                raw_tags(planes.tags) if raw else paint_tags(planes.tags)
+            ),
+            instances_png=png(self._instances(planes)),
+            depth_png=png(encode_depth(planes.depth)),
+            lidar_npy=npy(self._scan(exposure, camera)),
+            annotation=annotate(style, pose, camera, boxes, flat=flat),
+            truth=truth_of(key, planes, boxes, camera, len(things)),
+        )
+
+    def _scan(self, exposure: Exposure, camera: Camera) -> NDArray[np.void]:
+        ids = [FIRST_ACTOR + index for index in range(len(self._town.things))]
+        normals = np.zeros((camera.height * camera.width, 3), dtype=np.float32)
+        normals[exposure.solid] = exposure.pixels.normal
+        plane = normals.reshape(camera.height, camera.width, 3)
+        return scan(exposure.planes, plane, camera, np.array([*ids, 0]))
+
+    def _instances(self, planes: Planes) -> NDArray[np.uint8]:
+        numbers = np.array(
+            [*(thing.instance for thing in self._town.things), 0], dtype=np.int32
+        )
+        return encode_instances(planes.tags, numbers[planes.owner])
+
+    def _moving_shadows(self, camera: Camera, time_s: float) -> ShadowMap:
+        x, y, _ = camera.position
+        ahead = _MOVING_REACH * 0.6
+        area = _box_corners(
+            (x + ahead - _MOVING_REACH, y - _MOVING_REACH * 0.6, 0.0),
+            (x + ahead + _MOVING_REACH, y + _MOVING_REACH * 0.6, 3.0),
+        )
+        moving = [thing for thing in self._town.things if thing.route.length]
+        near = [
+            thing
+            for thing in moving
+            if abs(thing.pose(time_s).location[0] - x - ahead) < _MOVING_REACH + 10
+        ]
+        return ShadowMap.of(
+            corners_of(near, time_s), self._town.style.hour.sun, area, _MOVING_TEXELS
+        )
+
+
+def _box_corners(low: tuple[float, ...], high: tuple[float, ...]) -> FloatArray:
+    return np.array(
+        [
+            [x, y, z]
+            for x in (low[0], high[0])
+            for y in (low[1], high[1])
+            for z in (low[2], high[2])
+        ]
+    )
