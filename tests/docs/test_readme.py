@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+
 import cv2
 import numpy as np
 import pytest
 
 from tests.docs.documents import blocks, read
+from tests.servers import running_server
 
 CLIENT, LIBRARY = blocks(read("README.md"), "python")
 CAR_OF_THE_EXAMPLE = np.s_[410:640, 83:466]
@@ -52,3 +57,26 @@ def test_the_client_example_uploads_and_explains(start_server, monkeypatch, caps
     run(CLIENT)
 
     assert capsys.readouterr().out.startswith("7 kept: 100 %")
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
+@pytest.mark.usefixtures("one_frame")
+def test_the_curl_example_uploads_a_frame(tmp_path):
+    (example,) = (text for text in blocks(read("README.md"), "sh") if "curl" in text)
+
+    with running_server(tmp_path / "unghost-data") as server:
+        script = example.replace("http://127.0.0.1:8000", server.url)
+        curl = ["sh", "-euc", script]
+        answers = subprocess.run(curl, check=True, capture_output=True, text=True)
+
+    dataset, frame = json_documents(answers.stdout)
+    assert dataset["name"] == "town10"
+    assert [decision["verdict"] for decision in frame["decisions"]] == ["kept"]
+
+
+def json_documents(text):
+    """JSON values that stand one behind the other."""
+    while text.strip():
+        value, end = json.JSONDecoder().raw_decode(text.lstrip())
+        yield value
+        text = text.lstrip()[end:]
