@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from filter_core.errors import FilterError, LayoutError
 
@@ -31,7 +31,7 @@ class FrameSource:
     """
 
     key: str
-    annotation: dict[str, object] | None
+    annotation: dict[str, Any] | None
     image: Path | None = None
     segmentation: Path | None = None
     others: Mapping[str, Path] = field(default_factory=dict)

@@ -1,0 +1,115 @@
+"""Real CARLA data, made by strangers, through the library as it is."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from filter_core.boxes import to_xyxy
+from filter_core.config import FilterConfig
+from filter_core.formats.frame_source import ReadOptions
+from filter_core.formats.layouts import read_source
+from filter_core.frame_filter import filter_frame
+from filter_core.local_filter import filter_source
+from tests.shared_data import shared
+
+AUTHORS = "data/Mofeed-Chaar_base-repo-sample"
+VOC = "data/ee267-trojanhorsepower"
+SWAPPED = "data/ee267-litian-gong"
+THREE_FORMS = "data/DanielHfnr_Carla-Object-Detection-Dataset"
+
+
+@pytest.mark.parametrize("profile", ["paper", "carlasimu"])
+def test_the_authors_own_frame_is_imported_and_corrected(profile):
+    oracle = json.loads(
+        shared(f"{AUTHORS}/kept_rejected_oracle.DERIVED.json").read_text()
+    )
+    frames = read_source(
+        shared(f"{AUTHORS}/samples"), options=ReadOptions(default_class="car")
+    )
+
+    (outcome,) = filter_source(frames, FilterConfig(profile=profile))
+
+    assert (frames.layout, outcome.key) == ("carlasimu", "00000993")
+    decisions = outcome.decisions or []
+    assert Counter(one["reason"] for one in decisions) == {
+        "outside_image": 12,
+        "no_segmentation": 20,
+    }
+    for decision, expected in zip(decisions, oracle, strict=True):
+        assert (decision["xyxy"] is not None) == expected["inside"]
+        if expected["inside"]:
+            np.testing.assert_allclose(decision["xyxy"], expected["box"], atol=0.006)
+            assert decision["area_percent"] == pytest.approx(
+                expected["area_pct"], abs=0.006
+            )
+
+
+def test_labels_without_a_class_are_not_guessed_at():
+    frames = read_source(shared(f"{AUTHORS}/samples"))
+
+    (outcome,) = filter_source(frames, FilterConfig())
+
+    reasons = Counter(one["reason"] for one in outcome.decisions or ())
+    assert reasons == {"outside_image": 12, "unmapped_class": 20}
+
+
+def test_frames_without_a_segmentation_are_unmeasured_and_nothing_else():
+    frames = read_source(shared(VOC))
+
+    outcomes = list(filter_source(frames, FilterConfig()))
+
+    assert [one.error for one in outcomes] == [None] * 13
+    boxes = [box for one in outcomes for box in one.decisions or ()]
+    assert Counter(box["verdict"] for box in boxes) == {"unmeasured": 117}
+    assert [one.why for one in frames.unmatched] == ["no label file for this image"]
+
+
+def annotation_by_key(frames):
+    return {frame.key: frame.annotation for frame in frames}
+
+
+def test_two_forms_of_the_same_labels_give_the_same_boxes():
+    root = shared(THREE_FORMS)
+    labels = ReadOptions(labels=root / "labels_yolo_format")
+    voc = annotation_by_key(read_source(root, "voc"))
+    yolo = annotation_by_key(read_source(root, "yolo", labels))
+
+    assert len(voc) == 12
+    assert voc.keys() == yolo.keys()
+    for key, annotation in voc.items():
+        camera = annotation["camera"]
+        wh = (camera["width"], camera["height"])
+        shares = [box["cxcywhn"] for box in yolo[key]["boxes"]]
+        corners = np.reshape([box["xyxy"] for box in annotation["boxes"]], (-1, 4))
+        # The author's converter takes the last pixel off: 388..392 is 4 px wide.
+        np.testing.assert_allclose(
+            to_xyxy("cxcywhn", shares, wh), corners - [0, 0, 1, 1], atol=1e-6
+        )
+
+
+def test_a_frame_saved_with_swapped_channels_is_measured_all_the_same():
+    folder = shared(f"{SWAPPED}/report/Part5_output")
+    name = "instance_segmentation.modal_boxes.DERIVED.json"
+    objects = json.loads((folder / name).read_text())["objects"]
+    accept = {one["cls"]: {"accept": [one["tag"]]} for one in objects}
+    boxes = [{"class": one["cls"], "xyxy": one["modal_box_xyxy"]} for one in objects]
+
+    # Red and green are instance ids there, so only the config can say where tags are.
+    config = FilterConfig.from_mapping(
+        {"encoding": "raw", "channel_order": "bgr", "classes": accept}
+    )
+
+    result = filter_frame(
+        {"carla_version": "0.9.15", "boxes": boxes},
+        (folder / "instance_segmentation.png").read_bytes(),
+        config,
+    )
+
+    fills = [one["class_fill"] * 100 for one in objects]
+    found = [one["match_percent"] for one in result.decisions]
+    np.testing.assert_allclose(found, fills, atol=0.006)
+    assert {one["verdict"] for one in result.decisions} <= {"kept", "rejected"}

@@ -1,0 +1,165 @@
+"""Measuring and deciding together agree with a slow, obvious definition."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from filter_core.accept_sets import accept_sets_differ, with_accept_sets
+from filter_core.config import FilterConfig
+from filter_core.frame_filter import filter_frame
+
+WH = (24, 16)
+ACCEPTS = {"car": {14}, "van": {14, 15}, "walker": {12}, "kite": set()}
+COORDINATE = st.one_of(
+    st.integers(-8, 32).map(float), st.floats(-8, 32, allow_nan=False, width=32)
+)
+
+
+@st.composite
+def tag_images(draw):
+    seed = draw(st.integers(0, 2**32 - 1))
+    tags = np.random.default_rng(seed).choice([1, 9, 12, 14, 15], size=WH[::-1])
+    return tags.astype(np.uint8)
+
+
+BOXES = st.lists(
+    st.fixed_dictionaries(
+        {
+            "class": st.sampled_from(sorted(ACCEPTS)),
+            "xyxy": st.lists(COORDINATE, min_size=4, max_size=4),
+        },
+        optional={"distance": st.floats(0, 300)},
+    ),
+    max_size=12,
+)
+CONFIGS = st.builds(
+    FilterConfig,
+    threshold_small_box=st.integers(0, 100),
+    size_big_box=st.integers(0, 100),
+    threshold_big_box=st.integers(0, 100),
+    min_visible_pixels=st.integers(0, 20),
+    max_distance=st.one_of(st.none(), st.integers(0, 300)),
+)
+
+
+def slow_reason(box, tags, config):
+    """filter.md, steps 1 to 3, for one box and one pixel at a time."""
+    width, height = WH
+    x_min, y_min, x_max, y_max = box["xyxy"]
+    if x_min > width or y_min > height or x_max < 0 or y_max < 0:
+        return "outside_image"
+    x_min, x_max = (min(max(x, 0), width) for x in (x_min, x_max))
+    y_min, y_max = (min(max(y, 0), height) for y in (y_min, y_max))
+    if x_max <= x_min or y_max <= y_min:
+        return "degenerate"
+    far = config.max_distance is not None and "distance" in box
+    if far and box["distance"] > config.max_distance:
+        return "out_of_range"
+    if not ACCEPTS[box["class"]]:
+        return "unmapped_class"
+    pixels = [
+        int(tags[row, column])
+        for row in range(math.floor(y_min), math.ceil(y_max))
+        for column in range(math.floor(x_min), math.ceil(x_max))
+    ]
+    area = 100 * ((x_max - x_min) * (y_max - y_min)) / (width * height)
+    return slow_threshold_reason(pixels, ACCEPTS[box["class"]], area, config)
+
+
+def slow_threshold_reason(pixels, accepted, area, config):
+    matched = sum(tag in accepted for tag in pixels)
+    percent = 100 * matched / len(pixels)
+    if matched < config.min_visible_pixels:
+        return "no_visible_pixels"
+    if area > config.size_big_box:
+        fails = percent < config.threshold_big_box
+        return "large_below_threshold" if fails else "visible"
+    return "below_threshold" if percent < config.threshold_small_box else "visible"
+
+
+@given(tag_images(), BOXES, CONFIGS)
+def test_a_frame_is_filtered_as_the_definition_says(tags, boxes, config):
+    frame = {"carla_version": "0.9.15", "boxes": boxes}
+
+    result = filter_frame(frame, tags, config)
+
+    expected = [slow_reason(box, tags, config) for box in boxes]
+    assert [one["reason"] for one in result.decisions] == expected
+
+
+@given(tag_images(), BOXES, CONFIGS, st.randoms())
+def test_the_order_of_the_boxes_changes_no_decision(tags, boxes, config, random):
+    named = [{"id": f"{index}", **box} for index, box in enumerate(boxes)]
+    mixed = random.sample(named, len(named))
+
+    straight, shuffled = (
+        filter_frame({"carla_version": "0.9.15", "boxes": some}, tags, config)
+        for some in (named, mixed)
+    )
+
+    by_id = {one["id"]: one for one in shuffled.decisions}
+    assert [by_id[one["id"]] for one in straight.decisions] == straight.decisions
+
+
+@given(tag_images(), BOXES, CONFIGS)
+def test_a_mirrored_frame_has_the_same_verdicts(tags, boxes, config):
+    # Quarters, because 24 - x is not exact for every float.
+    exact = [
+        {**box, "xyxy": [round(value * 4) / 4 for value in box["xyxy"]]}
+        for box in boxes
+    ]
+    mirrored = [
+        {**box, "xyxy": [WH[0] - x_max, y_min, WH[0] - x_min, y_max]}
+        for box in exact
+        for x_min, y_min, x_max, y_max in [box["xyxy"]]
+    ]
+
+    plain, turned = (
+        filter_frame({"carla_version": "0.9.15", "boxes": some}, image, config)
+        for some, image in ((exact, tags), (mirrored, tags[:, ::-1].copy()))
+    )
+
+    reasons = [one["reason"] for one in plain.decisions]
+    assert [one["reason"] for one in turned.decisions] == reasons
+
+
+@given(tag_images(), BOXES, CONFIGS)
+def test_every_number_of_a_decision_is_consistent(tags, boxes, config):
+    result = filter_frame({"carla_version": "0.9.15", "boxes": boxes}, tags, config)
+
+    for one in result.decisions:
+        if one["threshold"] is None:
+            assert one["margin"] is None
+            assert not one["toss_up"]
+        else:
+            assert one["margin"] == one["match_percent"] - one["threshold"]
+            assert (one["verdict"] == "kept") == (one["margin"] >= 0)
+        if one["box_pixels"]:
+            share = 100 * one["matched_pixels"] / one["box_pixels"]
+            assert one["match_percent"] == pytest.approx(share)
+        assert sum(hider["percent"] for hider in one["hidden_by"]) <= 100 + 1e-9
+
+
+@given(tag_images(), BOXES)
+def test_other_accept_sets_need_no_pixel(tags, boxes):
+    """Numbers only: the histogram gives what measuring again would."""
+    config = FilterConfig.from_mapping({"classes": {"car": {"accept": ["Truck", 9]}}})
+    frame = {"carla_version": "0.9.15", "boxes": boxes}
+    family = "carla-0.9.14"
+    before = filter_frame(frame, tags).measured.evidence
+    again = filter_frame(frame, tags, config).measured.evidence
+
+    from_numbers = with_accept_sets(before, config, family)
+
+    differs = accept_sets_differ(before, config, family)
+    assert differs.tolist() == [box["class"] == "car" for box in boxes]
+    np.testing.assert_array_equal(from_numbers.matched_pixels, again.matched_pixels)
+    np.testing.assert_array_equal(from_numbers.match_percent, again.match_percent)
+    np.testing.assert_array_equal(from_numbers.crowding, again.crowding)
+    assert not accept_sets_differ(again, config, family).any()
+    assert with_accept_sets(again, config, family) is again
