@@ -13,8 +13,8 @@ from typing import Any, Final
 from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Request, params
 from fastapi.dependencies.models import Dependant
-from fastapi.dependencies.utils import get_flat_params
 from fastapi.routing import APIRoute
+from pydantic import BaseModel
 from starlette.responses import Response
 
 from app.deps import BEARER, COOKIE, authorise, settings_of, write_session
@@ -190,9 +190,14 @@ def _expect_json(request: Request) -> None:
 
 
 def _query_names(dependant: Dependant) -> Iterator[str]:
-    for field in get_flat_params(dependant):
-        if isinstance(field.field_info, params.Query):
+    for field in dependant.query_params:
+        model = field.field_info.annotation
+        if isinstance(model, type) and issubclass(model, BaseModel):
+            yield from (one.alias or name for name, one in model.model_fields.items())
+        else:
             yield field.alias
+    for sub in dependant.dependencies:
+        yield from _query_names(sub)
 
 
 def _uses(dependant: Dependant, call: Callable[..., Any]) -> bool:

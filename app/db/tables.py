@@ -214,7 +214,15 @@ class FrameEvidence(Base):
     """The numbers of one frame's boxes as packed columns; see `evidence_record`."""
 
     __tablename__ = "evidence"
-    __table_args__ = (UniqueConstraint("frame_id", "measurement_id"),)
+    __table_args__ = (
+        UniqueConstraint("frame_id", "measurement_id"),
+        Index(
+            "ix_evidence_lossy",
+            "measurement_id",
+            sqlite_where=text("lossy"),
+            postgresql_where=text("lossy"),
+        ),
+    )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     frame_id: Mapped[int] = mapped_column(
@@ -227,6 +235,7 @@ class FrameEvidence(Base):
     tag_counts: Mapped[bytes] = mapped_column(LargeBinary)
     geometry: Mapped[bytes] = mapped_column(LargeBinary)
     segmentation: Mapped[Any | None] = mapped_column(JsonText)
+    lossy: Mapped[bool]
 
 
 class Decision(Base):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, insert, select
+from sqlalchemy import delete, func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -119,6 +119,19 @@ class EvidenceRepository:
             FrameEvidence.measurement_id == measurement_id,
         )
         return {row[0]: row[1] for row in self._session.execute(rows)}
+
+    def lossy_boxes(self, measurement_id: int) -> int:
+        """How many current boxes rest on a lossy segmentation."""
+        rows = (
+            select(func.coalesce(func.sum(Frame.box_count), 0))
+            .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
+            .where(
+                FrameEvidence.measurement_id == measurement_id,
+                FrameEvidence.lossy.is_(True),
+                Frame.superseded_at.is_(None),
+            )
+        )
+        return int(self._session.scalar(rows) or 0)
 
     def numbers(
         self, dataset_id: int, measurement_id: int, *, after_frame_id: int = 0

@@ -47,6 +47,8 @@ def create_bulk_review(
     if (body.box_ids is None) == (body.filter is None):
         raise Unprocessable("expected either box_ids or filter, found both or neither")
     if body.filter is not None:
+        if body.expected_count is None:
+            raise Unprocessable("a filter needs expected_count, the number you saw")
         wanted = to_filter(session, dataset, selection_of(body.filter))
         ids = reviews.select_boxes(session, wanted, body.expected_count, limit)
     else:

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.tables import Dataset, Run
 from app.repositories.datasets import DatasetRepository
+from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, ProblemRepository, RunRepository
 from app.repositories.tallies import TallyRepository
@@ -157,6 +158,9 @@ def statistics(session: Session, dataset: Dataset) -> dict[str, Any]:
         "unsure": counts.unsure,
         "conflicts": counts.conflicts,
         "toss_ups": counts.toss_ups,
+        "lossy": EvidenceRepository(session).lossy_boxes(
+            dataset.active_measurement_id or 0
+        ),
         "effective": counts.effective,
         "by_reason": counts.by_reason,
         "by_class": {names[key]: of for key, of in counts.by_class.items()},

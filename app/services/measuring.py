@@ -155,6 +155,7 @@ def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
         "tag_counts": pack_tag_counts(measured.evidence.tag_counts),
         "geometry": pack_geometry(_geometry(measured.geometry)),
         "segmentation": measured.segmentation,
+        "lossy": bool((measured.segmentation or {}).get("lossy")),
     }
 
 

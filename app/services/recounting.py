@@ -47,4 +47,5 @@ def recounted_row(
         "tag_counts": row.tag_counts,
         "geometry": row.geometry,
         "segmentation": row.segmentation,
+        "lossy": bool((row.segmentation or {}).get("lossy")),
     }

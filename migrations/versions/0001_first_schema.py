@@ -339,6 +339,7 @@ def upgrade() -> None:
         sa.Column("tag_counts", sa.LargeBinary(), nullable=False),
         sa.Column("geometry", sa.LargeBinary(), nullable=False),
         sa.Column("segmentation", sa.Text(), nullable=True),
+        sa.Column("lossy", sa.Boolean(), nullable=False),
         sa.ForeignKeyConstraint(
             ["frame_id"],
             ["frames.id"],
@@ -357,6 +358,13 @@ def upgrade() -> None:
             "measurement_id",
             name=op.f("uq_evidence_frame_id_measurement_id"),
         ),
+    )
+    op.create_index(
+        "ix_evidence_lossy",
+        "evidence",
+        ["measurement_id"],
+        sqlite_where=sa.text("lossy"),
+        postgresql_where=sa.text("lossy"),
     )
     op.create_index(
         op.f("ix_evidence_measurement_id"), "evidence", ["measurement_id"], unique=False
@@ -599,6 +607,7 @@ def downgrade() -> None:
     op.drop_index(op.f("ix_frame_files_sha256"), table_name="frame_files")
     op.drop_table("frame_files")
     op.drop_index(op.f("ix_evidence_measurement_id"), table_name="evidence")
+    op.drop_index("ix_evidence_lossy", table_name="evidence")
     op.drop_table("evidence")
     op.drop_index(op.f("ix_boxes_frame_id"), table_name="boxes")
     op.drop_table("boxes")
