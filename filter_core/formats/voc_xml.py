@@ -5,17 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
-from xml.etree.ElementTree import Element, ParseError
+from typing import Final, Protocol
 
 from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import DefusedXMLParser
+from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import LayoutError
 
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
 _KEPT: Final = ("pose", "truncated", "difficult", "occluded")
 _MAX_SIDE: Final = 1 << 16
+
+
+class Element(Protocol):
+    """What is used of an XML element."""
+
+    tag: str
+
+    def find(self, path: str, /) -> Element | None:
+        """The first child of this name."""
+
+    def findtext(self, path: str, /) -> str | None:
+        """The text of the first child of this name."""
+
+    def iter(self, tag: str, /) -> Iterator[Element]:
+        """All elements of this name below this one."""
 
 
 @dataclass(frozen=True)
