@@ -17,6 +17,7 @@ from pydantic import ByteSize
 from pydantic_core import PydanticUndefined
 
 from app.main import create_app
+from app.resources import static_dir
 from app.settings import Settings
 from unghost.cli.program import app as program
 
@@ -48,6 +49,7 @@ class Command(Protocol):
         """The first sentence of its help."""
 
 
+_BINDING: Final = re.compile(r'keys: \[(.*?)\], help: "(.*?)"')
 DOCS: Final = Path(__file__).resolve().parents[1] / "docs"
 
 
@@ -101,9 +103,19 @@ def _below(path: str, command: Command) -> Iterator[tuple[str, Command]]:
         yield from _below(f"{path} {name}", child)
 
 
+def key_table() -> Iterator[str]:
+    """Every key of the review page, from the table that the page itself reads."""
+    yield "| keys | what they do |"
+    yield "|---|---|"
+    for keys, text in _BINDING.findall((static_dir() / "js" / "keymap.js").read_text()):
+        names = " ".join(f"`{key}`" for key in re.findall(r'"([^"]+)"', keys))
+        yield f"| {names} | {text} |"
+
+
 PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
     "settings": (DOCS / "configuration.md", settings_table),
     "commands": (DOCS / "commands.md", command_table),
+    "keys": (DOCS / "review.md", key_table),
     "routes": (DOCS / "api.md", route_table),
 }
 
