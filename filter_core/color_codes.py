@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.palettes import FAMILIES, RGB, palette_of
-from filter_core.types import UNKNOWN_TAG, IntArray
+from filter_core.types import UNKNOWN_TAG
 
 ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
 Codes: TypeAlias = NDArray[np.uint8]
@@ -27,10 +27,6 @@ NEAREST_LEVELS: Final = 32
 """How far a lossy colour may be from a palette's, per channel."""
 RECOGNIZED_LEVELS: Final = 8
 """How near a lossy colour must be to count towards recognising its family."""
-
-# Looking up runs costs per run about what looking up pixels costs per pixel, so runs
-# longer than this on average pay for finding them.
-_SHORTEST_MEAN_RUN: Final = 4
 
 
 def packed(rgb: RGB, order: ChannelOrder = "rgb") -> int:
@@ -114,45 +110,6 @@ def tags_of_codes(family: str, order: ChannelOrder) -> NDArray[np.uint8]:
         tags[CODE_OF[packed(tag.rgb, order)]] = tag.tag
     tags.setflags(write=False)
     return tags
-
-
-def count_codes(pixels: NDArray[np.uint8], table: Codes | None) -> IntArray:
-    """How many pixels have each code.
-
-    Parameters
-    ----------
-    pixels : (H, W, 4) uint8: B, G, R and anything; or (H, W) uint8: the codes
-    table : (2^24,) uint8, or None if `pixels` are the codes
-
-    Returns
-    -------
-    (256,) int64, px
-
-    Notes
-    -----
-    Exact. A segmentation consists of runs of one colour; only the last pixel of each
-    is looked up and counts for the whole run. Images without runs are looked up whole.
-    """
-    flat: NDArray[np.uint8] | NDArray[np.uint32]
-    flat = np.ascontiguousarray(pixels).reshape(-1)
-    if table is not None:
-        flat = flat.view(np.uint32)
-    ends = np.flatnonzero(flat[1:] != flat[:-1])
-    if len(ends) * _SHORTEST_MEAN_RUN > len(flat):
-        return np.bincount(_codes_of(flat, table), minlength=256)
-    ends = np.append(ends, len(flat) - 1)
-    lengths = np.diff(ends, prepend=-1)
-    codes = _codes_of(flat[ends], table)
-    # Weights are float64: exact for whole numbers of pixels.
-    return np.bincount(codes, weights=lengths, minlength=256).astype(np.int64)
-
-
-def _codes_of(
-    flat: NDArray[np.uint8] | NDArray[np.uint32], table: Codes | None
-) -> Codes:
-    if table is None:
-        return flat.astype(np.uint8, copy=False)
-    return table.take(flat & COLOR_BITS)
 
 
 def _nearest(colors: list[tuple[int, int]], levels: int, *, default: int) -> Codes:

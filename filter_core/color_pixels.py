@@ -12,7 +12,6 @@ from filter_core.color_codes import (
     COLOR_BITS,
     NO_FAMILY,
     Codes,
-    count_codes,
     exact_codes,
     nearest_tags,
     recognizable_codes,
@@ -22,6 +21,7 @@ from filter_core.color_codes import (
 from filter_core.errors import SegmentationError
 from filter_core.palettes import FAMILIES, RGB
 from filter_core.pixel_codes import PixelCodes, Segmentation, tags_below
+from filter_core.pixel_values import codes_of, count_codes, values_of
 from filter_core.recognition import (
     Named,
     Reading,
@@ -37,19 +37,19 @@ _LOSSY_FLOOR_PERCENT: Final = 0.1
 """A lossy colour must cover this much to count: blends at edges imitate others."""
 
 
-def count_colors(bgra: NDArray[np.uint8]) -> IntArray:
+def count_colors(pixels: NDArray[np.uint8]) -> IntArray:
     """(256,) int64: how often each known colour's code occurs; 0 is no family's."""
-    return count_codes(bgra, exact_codes())
+    return count_codes(pixels, exact_codes())
 
 
 def read_exact_colors(
-    bgra: NDArray[np.uint8], counts: IntArray, named: Named
+    pixels: NDArray[np.uint8], counts: IntArray, named: Named
 ) -> Segmentation:
     """A segmentation whose colours are exactly those of a palette.
 
     Parameters
     ----------
-    bgra : (H, W, 4) uint8, the fourth channel 255
+    pixels : (H, W, 3) uint8: B, G, R; or (H, W, 4): the fourth is 255
     counts : what `count_colors` says of it
     named : Named
 
@@ -59,15 +59,15 @@ def read_exact_colors(
         ``foreign_colors``: more than 1 % of the pixels have colours of no family; and
         what `recognize` raises.
     """
-    _refuse_no_family(bgra, counts, [NO_FAMILY])
+    _refuse_no_family(pixels, counts, [NO_FAMILY])
     found = recognize(_occurring(counts), named)
     foreign, senseless = _split_missing(found)
     no_family = [NO_FAMILY, *senseless]
-    _refuse_no_family(bgra, counts, no_family)
+    _refuse_no_family(pixels, counts, no_family)
     foreign_pixels = int(counts[foreign].sum())
     tags = tags_of_codes(found.family, found.order)
     return Segmentation(
-        codes=PixelCodes(bgra, tags, counts),
+        codes=PixelCodes(pixels, tags, counts),
         family=found.family,
         encoding="palette",
         channel_order=found.order,
@@ -78,12 +78,12 @@ def read_exact_colors(
     )
 
 
-def read_nearest_colors(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
+def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation:
     """A segmentation whose colours have suffered: each pixel by the nearest colour.
 
     Parameters
     ----------
-    bgra : (H, W, 4) uint8, the fourth channel 255
+    pixels : (H, W, 3) uint8: B, G, R; or (H, W, 4): the fourth is 255
     named : Named
 
     Raises
@@ -91,7 +91,7 @@ def read_nearest_colors(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
     SegmentationError
         ``foreign_colors``: nothing resembles a palette; and what `recognize` raises.
     """
-    near = count_codes(bgra, recognizable_codes())
+    near = count_codes(pixels, recognizable_codes())
     floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
     occurring = _occurring(np.where(near >= floor, near, 0))
     if not occurring:
@@ -101,9 +101,9 @@ def read_nearest_colors(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
             code="foreign_colors",
         )
     found = recognize(occurring, named)
-    colors = bgra.view(np.int32)[:, :, 0]
-    tags = nearest_tags(found.family, found.order).take(colors, mode="wrap")
-    counts = count_codes(tags, None)
+    table = nearest_tags(found.family, found.order)
+    tags = codes_of(values_of(pixels), table)
+    counts = count_codes(tags, table)
     unknown = int(counts[UNKNOWN_TAG])
     share = 100.0 * unknown / float(counts.sum())
     return Segmentation(
@@ -138,12 +138,12 @@ def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:
 
 
 def _refuse_no_family(
-    bgra: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
+    pixels: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
 ) -> None:
     share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
     if share <= MAX_NO_FAMILY_PERCENT:
         return
-    red, green, blue = _commonest_color(bgra, codes, exact_codes())
+    red, green, blue = _commonest_color(pixels, codes, exact_codes())
     raise SegmentationError(
         f"{share:.1f} % of the pixels have colours of no known family, most often "
         f"({red}, {green}, {blue}); at most {MAX_NO_FAMILY_PERCENT:g} % may. "
@@ -154,9 +154,9 @@ def _refuse_no_family(
 
 
 def _commonest_color(
-    bgra: NDArray[np.uint8], codes: Sequence[int], table: Codes
+    pixels: NDArray[np.uint8], codes: Sequence[int], table: Codes
 ) -> RGB:
-    colors = bgra.view(np.uint32).reshape(-1) & COLOR_BITS
+    colors = values_of(pixels).reshape(-1) & COLOR_BITS
     odd, how_often = np.unique(
         colors[np.isin(table[colors], codes)], return_counts=True
     )

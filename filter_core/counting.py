@@ -13,7 +13,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from filter_core.pixel_codes import PixelCodes, PixelValues
+from filter_core.pixel_codes import PixelCodes
+from filter_core.pixel_values import PixelValues
+from filter_core.runs import run_ends, run_lengths
 from filter_core.types import BoolArray, IntArray, Mask
 
 # Nanoseconds, measured with benchmarks/bench_filter.py; only their ratios matter.
@@ -139,16 +141,19 @@ def count_by_comparing(
     regions: Regions, codes_of_box: Sequence[Sequence[int]]
 ) -> IntArray:
     """Matches by comparing a rectangle's pixels with each accepted value."""
-    values = regions.codes.values
-    matched = np.zeros(len(regions), dtype=np.int64)
-    for index, region in enumerate(regions.rows()):
-        part = values[region]
-        for code in codes_of_box[index]:
-            hit = part == regions.codes.value_of(code)
+    values = {
+        code: regions.codes.value_of(code) for codes in codes_of_box for code in codes
+    }
+    matched = []
+    for region, codes in zip(regions.rows(), codes_of_box, strict=True):
+        part, count = regions.codes.values_in(region), 0
+        for code in codes:
+            hit = part == values[code]
             if regions.keep is not None:
                 hit &= regions.keep[region]
-            matched[index] += np.count_nonzero(hit)
-    return matched
+            count += np.count_nonzero(hit)
+        matched.append(count)
+    return np.array(matched, dtype=np.int64)
 
 
 def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
@@ -193,32 +198,24 @@ def _portions(areas: IntArray) -> Iterator[int]:
 
 
 def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:
-    pixels = regions.codes.values
+    codes = regions.codes
     if regions.keep is None:
-        parts = [pixels[region].reshape(-1) for region in regions.rows()]
+        parts = [codes.values_in(region).reshape(-1) for region in regions.rows()]
         sizes = regions.areas
     else:
-        parts = [pixels[region][regions.keep[region]] for region in regions.rows()]
+        keep = regions.keep
+        parts = [codes.values_in(region)[keep[region]] for region in regions.rows()]
         sizes = np.array([len(part) for part in parts], dtype=np.int64)
     flat: PixelValues = np.concatenate(parts)  # type: ignore[assignment]  # all of one dtype
     if not len(flat):
         return np.zeros((len(regions), width), dtype=np.int64)
-    ends = _run_ends(flat, sizes)
-    box = np.searchsorted(np.cumsum(sizes), ends, side="right")
-    codes = regions.codes.codes_of(flat[ends])
+    stops = np.cumsum(sizes)
+    ends = run_ends(flat, stops)
+    box = np.searchsorted(stops, ends, side="right")
     counts = np.bincount(
-        box * width + column[codes],
+        box * width + column[codes.codes_of(flat[ends])],
         # Weights are float64: exact for whole numbers of pixels.
-        weights=np.diff(ends, prepend=-1),
+        weights=run_lengths(ends),
         minlength=len(regions) * width,
     )
     return counts.reshape(-1, width).astype(np.int64)
-
-
-def _run_ends(flat: PixelValues, sizes: IntArray) -> IntArray:
-    """The last pixel of each run of equal pixels; no run goes over a box's end."""
-    last = np.empty(len(flat), dtype=np.bool_)
-    np.not_equal(flat[1:], flat[:-1], out=last[:-1])
-    stops = np.cumsum(sizes)
-    last[stops[stops > 0] - 1] = True
-    return np.flatnonzero(last)

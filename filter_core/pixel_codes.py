@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +16,8 @@ from filter_core.color_codes import (
     Codes,
     exact_codes,
 )
+from filter_core.pixel_values import PixelValues, codes_of, values_of
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
-
-PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
-"""Packed colours with 255 in the upper byte, or codes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +26,9 @@ class PixelCodes:
 
     Attributes
     ----------
-    pixels : (H, W) uint8, or (H, W, 4) uint8
-        The codes themselves, or B, G, R and 255, whose codes are `exact_codes`.
+    pixels : (H, W) uint8, or (H, W, 3) or (H, W, 4) uint8
+        The codes themselves; or B, G, R with or without a fourth channel that is 255,
+        whose codes are `exact_codes`.
     tag_of_code : (256,) uint8
         The tag that a code means; 255 is Unknown.
     counts : (256,) int64, px
@@ -47,30 +44,25 @@ class PixelCodes:
         """Height and width, px."""
         return self.pixels.shape[0], self.pixels.shape[1]
 
-    @cached_property
-    def values(self) -> PixelValues:
-        """(H, W): one comparable number per pixel; a view, not a copy."""
-        if self.pixels.ndim == 2:
-            return self.pixels
-        return self.pixels.view(np.int32)[:, :, 0]
+    def values_in(self, region: tuple[slice, slice]) -> PixelValues:
+        """The comparable numbers of a rectangle; not to be written to."""
+        return values_of(self.pixels[region])
 
     def codes_of(self, values: PixelValues) -> Codes:
-        """The codes of some of `values`."""
-        if self.pixels.ndim == 2:
-            return values.astype(np.uint8, copy=False)
-        # The upper byte is 255, so a packed colour is a negative number that counts
-        # from the end of the table's 2^24 rows: wrapping drops the byte for free.
-        return exact_codes().take(values, mode="wrap")
+        """The codes of some values."""
+        return codes_of(values, exact_codes())
 
-    def value_of(self, code: int) -> int | None:
-        """The one number in `values` that has this code; None if there are many."""
+    def value_of(self, code: int) -> int:
+        """The one number that has this code; not for the code of no family."""
         if self.pixels.ndim == 2:
             return code
-        return None if code == NO_FAMILY else KNOWN_COLORS[code - 1] - N_COLORS
+        if code == NO_FAMILY:
+            raise ValueError("colours of no family have many values")
+        return KNOWN_COLORS[code - 1] - N_COLORS
 
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
-        return self.codes_of(self.values[y0:y1, x0:x1])
+        return self.codes_of(self.values_in((slice(y0, y1), slice(x0, x1))))
 
     def occurring(self) -> list[int]:
         """The codes that occur, in ascending order."""
@@ -130,7 +122,7 @@ class Segmentation:
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
-        """As decoded: (H, W) raw tags, or (H, W, 4) B, G, R and 255."""
+        """As decoded: (H, W) tags, or (H, W, 3 or 4) B, G, R and perhaps 255."""
         return self.codes.pixels
 
     @cached_property
@@ -145,17 +137,6 @@ class Segmentation:
         codes = self.codes.crop(x0, y0, x1, y1)
         tags: TagImage = self.codes.tag_of_code[codes]
         return tags
-
-
-def as_bgra(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W, 4) with the fourth channel 255, from B, G, R with or without alpha."""
-    if pixels.ndim == 2:
-        pixels = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)
-    if pixels.shape[2] == 3:
-        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2BGRA), np.uint8)
-    opaque: NDArray[np.uint8] = pixels.copy()
-    opaque[:, :, 3] = 255
-    return opaque
 
 
 def tags_below(count: int) -> NDArray[np.uint8]:

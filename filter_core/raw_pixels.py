@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.color_codes import ChannelOrder, count_codes
+from filter_core.color_codes import ChannelOrder, exact_codes
 from filter_core.errors import SegmentationError
 from filter_core.palettes import FAMILIES, PAPER_TABLE, palette_of
 from filter_core.pixel_codes import PixelCodes, Segmentation, tags_below
+from filter_core.pixel_values import count_codes
 from filter_core.recognition import Named
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
@@ -22,13 +23,13 @@ _MAX_SENSELESS_PERCENT: Final = 1.0
 _BLUE, _GREEN, _RED = 0, 1, 2
 
 
-def looks_raw(bgra: NDArray[np.uint8]) -> bool:
+def looks_raw(bgr: NDArray[np.uint8]) -> bool:
     """Whether all that an image has are small numbers in red alone, or blue alone."""
-    red, green, blue = (_maximum(bgra, channel) for channel in (_RED, _GREEN, _BLUE))
+    red, green, blue = (_maximum(bgr, channel) for channel in (_RED, _GREEN, _BLUE))
     return green == 0 and (red == 0) != (blue == 0) and red + blue <= _LAST_TAG
 
 
-def read_raw_channel(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
+def read_raw_channel(bgr: NDArray[np.uint8], named: Named) -> Segmentation:
     """Raw tags in the red channel, or in blue if it alone has any.
 
     Raises
@@ -37,8 +38,8 @@ def read_raw_channel(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
         ``segmentation_contradiction``: the channel of the order that was named is
         empty and the other is not; and what `read_raw_tags` raises.
     """
-    only_blue = _maximum(bgra, _RED) == 0 and _maximum(bgra, _BLUE) > 0
-    only_red = _maximum(bgra, _BLUE) == 0 and _maximum(bgra, _RED) > 0
+    only_blue = _maximum(bgr, _RED) == 0 and _maximum(bgr, _BLUE) > 0
+    only_red = _maximum(bgr, _BLUE) == 0 and _maximum(bgr, _RED) > 0
     order: ChannelOrder = named.order or ("bgr" if only_blue else "rgb")
     if (order == "rgb" and only_blue) or (order == "bgr" and only_red):
         raise SegmentationError(
@@ -46,7 +47,7 @@ def read_raw_channel(bgra: NDArray[np.uint8], named: Named) -> Segmentation:
             f"tags are in the {'blue' if only_blue else 'red'} channel alone",
             code="segmentation_contradiction",
         )
-    channel = cv2.extractChannel(bgra, _RED if order == "rgb" else _BLUE)
+    channel = cv2.extractChannel(bgr, _RED if order == "rgb" else _BLUE)
     return read_raw_tags(channel.astype(np.uint8, copy=False), named, order)
 
 
@@ -68,7 +69,7 @@ def read_raw_tags(
         ``segmentation_contradiction``: tags occur that the named family does not have;
         ``family_not_named``: nothing names the family and nothing proves it.
     """
-    counts = count_codes(tags, None)
+    counts = count_codes(tags, exact_codes())
     _refuse_senseless(counts)
     family = named.family or _proved_family(counts)
     _refuse_contradiction(counts, family, named)
@@ -98,8 +99,8 @@ def raw_segmentation(
     )
 
 
-def _maximum(bgra: NDArray[np.uint8], channel: int) -> int:
-    return int(cv2.minMaxLoc(cv2.extractChannel(bgra, channel))[1])
+def _maximum(bgr: NDArray[np.uint8], channel: int) -> int:
+    return int(cv2.minMaxLoc(cv2.extractChannel(bgr, channel))[1])
 
 
 def _refuse_senseless(counts: IntArray) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.color_codes import NO_FAMILY, ChannelOrder, count_codes
+from filter_core.color_codes import NO_FAMILY, ChannelOrder, exact_codes
 from filter_core.color_pixels import (
     count_colors,
     read_exact_colors,
@@ -30,7 +30,8 @@ from filter_core.palettes import (
     family_of_version,
     palette_of,
 )
-from filter_core.pixel_codes import PixelCodes, Segmentation, as_bgra
+from filter_core.pixel_codes import PixelCodes, Segmentation
+from filter_core.pixel_values import count_codes
 from filter_core.raw_pixels import (
     looks_raw,
     raw_segmentation,
@@ -153,7 +154,7 @@ def read_segmentation(
     pixels = _decode(content, header)
     if header.color_model in ("grey", "grey_alpha"):
         return _noted(read_raw_tags(_first_channel(pixels), named), notes)
-    return _noted(_read_channels(as_bgra(pixels), header, options, named), notes)
+    return _noted(_read_channels(_three_or_four(pixels), header, options, named), notes)
 
 
 def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
@@ -177,26 +178,26 @@ def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
         raise SegmentationError(
             f"tags: expected an array (H, W) of uint8, found {tags.shape} {tags.dtype}"
         )
-    return raw_segmentation(tags, count_codes(tags, None), family, "rgb")
+    return raw_segmentation(tags, count_codes(tags, exact_codes()), family, "rgb")
 
 
 def _read_channels(
-    bgra: NDArray[np.uint8],
+    bgr: NDArray[np.uint8],
     header: ImageHeader,
     options: SegmentationOptions,
     named: Named,
 ) -> Segmentation:
     if options.encoding == "raw":
-        return read_raw_channel(bgra, named)
+        return read_raw_channel(bgr, named)
     if header.media_type == "image/jpeg":
-        return read_nearest_colors(bgra, named)
-    counts = count_colors(bgra)
+        return read_nearest_colors(bgr, named)
+    counts = count_colors(bgr)
     no_family = float(counts[NO_FAMILY])
-    if no_family and options.encoding == "auto" and looks_raw(bgra):
-        return read_raw_channel(bgra, named)
+    if no_family and options.encoding == "auto" and looks_raw(bgr):
+        return read_raw_channel(bgr, named)
     if no_family and options.lossy == "nearest":
-        return read_nearest_colors(bgra, named)
-    return read_exact_colors(bgra, counts, named)
+        return read_nearest_colors(bgr, named)
+    return read_exact_colors(bgr, counts, named)
 
 
 def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
@@ -271,6 +272,15 @@ def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:
             "cannot be decoded: it is damaged"
         )
     return cast("NDArray[np.uint8]", pixels)
+
+
+def _three_or_four(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """B, G, R; or B, G, R and 255: alpha says nothing about a tag."""
+    if pixels.ndim == 2:
+        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)
+    if pixels.shape[2] == 4:
+        pixels[:, :, 3] = 255
+    return pixels
 
 
 def _first_channel(pixels: NDArray[np.uint8]) -> TagImage:

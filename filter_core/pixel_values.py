@@ -1,0 +1,114 @@
+"""Pixels as one comparable number each, and what numbers there are in an image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final, TypeAlias, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.color_codes import Codes
+from filter_core.runs import run_ends, run_lengths
+from filter_core.types import IntArray
+
+PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
+"""Packed colours with 255 in the upper byte, so negative; or codes."""
+
+# OpenCV splits larger pictures between threads, which then wait for each other
+# whenever the cores are busy with other frames.
+_CONVERTED_AT_ONCE: Final = 1 << 16
+# A strip's temporaries stay in the processor's cache.
+_STRIP_PIXELS: Final = 1 << 17
+# Finding a run costs about as much as looking up this many pixels.
+_SHORTEST_MEAN_RUN: Final = 4
+
+
+def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
+    """One number per pixel.
+
+    Parameters
+    ----------
+    pixels : (H, W) uint8, or (H, W, 3) or (H, W, 4) uint8
+        Codes; B, G, R; or B, G, R and 255.
+
+    Returns
+    -------
+    (H, W) uint8 or int32
+        A view, except of B, G, R, which are converted.
+    """
+    if pixels.ndim == 2:
+        return pixels
+    if not pixels.size:
+        return np.empty(pixels.shape[:2], dtype=np.int32)
+    if pixels.shape[2] == 3:
+        pixels = _with_fourth_channel(pixels)
+    return pixels.view(np.int32)[:, :, 0]
+
+
+def codes_of(values: PixelValues, table: Codes) -> Codes:
+    """The code of each value: of codes themselves, or by the table of 2^24 colours."""
+    if values.dtype == np.uint8:
+        return values.astype(np.uint8, copy=False)
+    # A negative number counts from the end of the table's 2^24 rows: wrapping drops
+    # the upper byte, which is 255, for free.
+    return table.take(values, mode="wrap")
+
+
+def count_codes(pixels: NDArray[np.uint8], table: Codes) -> IntArray:
+    """How many pixels of an image have each code.
+
+    Parameters
+    ----------
+    pixels : as for `values_of`
+    table : (2^24,) uint8
+        The code of each packed colour; not looked at if `pixels` are codes.
+
+    Returns
+    -------
+    (256,) int64, px
+
+    Notes
+    -----
+    Exact. A segmentation consists of runs of one colour; only the last pixel of each
+    is looked up and counts for the whole run. Images without runs are looked up whole.
+    """
+    counts = np.zeros(256, dtype=np.int64)
+    values: list[NDArray[Any]] = []
+    lengths: list[IntArray] = []
+    for strip in _strips(pixels):
+        ends = run_ends(strip)
+        if len(ends) * _SHORTEST_MEAN_RUN > len(strip):
+            counts += np.bincount(codes_of(strip, table), minlength=256)
+        else:
+            values.append(strip[ends])
+            lengths.append(run_lengths(ends))
+    if values:
+        found: PixelValues = np.concatenate(values)
+        codes = codes_of(found, table)
+        # Weights are float64: exact for whole numbers of pixels.
+        weighed = np.bincount(codes, weights=np.concatenate(lengths), minlength=256)
+        counts += weighed.astype(np.int64)
+    return counts
+
+
+def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
+    """Whole rows of values, flat; valid until the next strip is asked for."""
+    rows = max(1, _STRIP_PIXELS // pixels.shape[1])
+    for top in range(0, len(pixels), rows):
+        # Contiguous already, unless an array of tags was given as a view.
+        strip: PixelValues = values_of(pixels[top : top + rows]).reshape(-1)
+        yield strip
+
+
+def _with_fourth_channel(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = bgr.shape[:2]
+    if height * width <= _CONVERTED_AT_ONCE:
+        return cast("NDArray[np.uint8]", cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA))
+    bgra = np.empty((height, width, 4), dtype=np.uint8)
+    rows = max(1, _CONVERTED_AT_ONCE // width)
+    for top in range(0, height, rows):
+        part = slice(top, top + rows)
+        cv2.cvtColor(bgr[part], cv2.COLOR_BGR2BGRA, dst=bgra[part])
+    return bgra
