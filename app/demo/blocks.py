@@ -14,7 +14,7 @@ from app.demo.mesh import join
 from app.demo.paint import Kind, Paint, Tag
 from app.demo.parking import park_in_lot
 from app.demo.solids import block, sheet
-from app.demo.things import SCENERY, Thing
+from app.demo.things import HOUSE_TYPE, SCENERY, Thing
 from app.demo.town import BACK_ROW, SIDE_END, TOWN_END, TownBuilder
 from filter_core.pose import Transform
 
@@ -107,7 +107,8 @@ def _house(builder: TownBuilder, x0: float, x1: float, side: int, kind: int) -> 
 
 def _add_building(builder: TownBuilder, plot: Plot) -> None:
     """Facades know where their house is, so it is built in place."""
-    builder.scenery(building(plot, builder.rng), 0, 0, z=0.0)
+    mesh = building(plot, builder.rng)
+    builder.put(Thing(0, SCENERY, HOUSE_TYPE, "", (mesh,), Transform()))
 
 
 def _gap(builder: TownBuilder, x0: float, x1: float, side: int) -> None:

@@ -9,20 +9,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demo.ground import RoadPlan, ground_footprint
-from app.demo.paint import SURFACE_COLUMNS, Kind, Tag
+from app.demo.normals import sample_normals
+from app.demo.paint import SURFACE_COLUMNS, Tag
 from app.demo.rasteriser import Canvas, draw
-from app.demo.shading import Pixels, smooth_normals
+from app.demo.shading import Pixels
 from app.demo.snapshot import Snapshot
-from app.demo.textures import Float32
-from app.demo.view import to_screen
+from app.demo.textures import Float32, f32
 from filter_core.camera import Camera
 from filter_core.types import IntArray, TagImage
 
 SKY_DEPTH: Final = 1000.0
 """Metres: what CARLA's depth camera says of the sky."""
-_GROUND: Final = -2
+SKY: Final = -1
+GROUND: Final = -2
 _HORIZON: Final = 900.0
 _ROAD_GLOSS: Final = 0.012
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N places on the screen and the nearest triangle at each.
+
+    Attributes
+    ----------
+    uv : (N, 2) px
+    winner : (N,) int32, a triangle, `GROUND` or `SKY`
+    depth : (N,) metres
+    rays : (N, 3) world directions, one metre deep
+    """
+
+    uv: Float32
+    winner: NDArray[np.int32]
+    depth: Float32
+    rays: Float32
+
+    def part(self, chosen: IntArray) -> Samples:
+        """Some of them."""
+        return Samples(
+            self.uv[chosen], self.winner[chosen], self.depth[chosen], self.rays[chosen]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,113 +60,105 @@ class Planes:
     tags : (H, W) uint8
     owner : (H, W) int32
         Index of the thing; -1 for sky and ground.
+    normals : (H, W, 3) float32
     """
 
     depth: Float32
     tags: TagImage
     owner: NDArray[np.int32]
+    normals: Float32
 
 
-@dataclass(frozen=True, eq=False)
-class Exposure:
-    """Planes, and what shading needs of the pixels that are not sky."""
-
-    planes: Planes
-    pixels: Pixels
-    solid: IntArray
-    """(N,) flat indices of `pixels`."""
-    rays: Float32
-    """(H W, 3): world directions, one metre deep."""
+def pixel_centres(snapshot: Snapshot) -> Samples:
+    """The middle of every pixel: what tags, instances and depth are made from."""
+    return _sampled(snapshot, 0.5)
 
 
-def expose(snapshot: Snapshot, camera: Camera, plan: RoadPlan) -> Exposure:
-    """Find the nearest surface of every pixel."""
-    mesh = snapshot.mesh
-    two_sided = mesh.surface[:, 5] == Kind.LEAF
-    screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
-    rays = _rays(camera)
-    canvas = _ground_canvas(rays, camera)
-    draw(canvas, screen, source)
-    nearness, winner = canvas.nearness.reshape(-1), canvas.winner.reshape(-1)
-    solid = np.flatnonzero(winner != -1)
-    depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
-    depth[solid] = 1 / nearness[solid]
-    pixels, ground_tags = _pixels(
-        snapshot, camera, plan, (solid, winner[solid], depth, rays)
+def pixel_corners(snapshot: Snapshot) -> Samples:
+    """The (H + 1) (W + 1) corners of the pixels, for smoothing the colour image."""
+    return _sampled(snapshot, 0.0)
+
+
+def _sampled(snapshot: Snapshot, offset: float) -> Samples:
+    camera = snapshot.camera
+    rows, columns = (
+        camera.height + (offset == 0),
+        camera.width + (offset == 0),
     )
-    tags = np.full(len(winner), Tag.SKY, dtype=np.uint8)
-    owner = np.full(len(winner), -1, dtype=np.int32)
-    on_thing = winner >= 0
-    tags[on_thing] = mesh.tag[winner[on_thing]]
-    owner[on_thing] = snapshot.owner[winner[on_thing]]
-    tags[winner == _GROUND] = ground_tags
-    shape = canvas.winner.shape
-    planes = Planes(depth.reshape(shape), tags.reshape(shape), owner.reshape(shape))
-    return Exposure(planes, pixels, solid, rays)
+    u, v = np.arange(columns) + offset, np.arange(rows) + offset
+    rays = _rays(camera, u, v)
+    canvas = Canvas.blank(columns, rows)
+    _draw_ground(canvas, rays, camera)
+    # The rasteriser samples at half pixels.
+    shifted = snapshot.screen + np.array([0.5 - offset, 0.5 - offset, 0.0])
+    draw(canvas, shifted, snapshot.source)
+    winner, nearness = canvas.winner.reshape(-1), canvas.nearness.reshape(-1)
+    depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
+    solid = np.flatnonzero(winner != SKY)
+    depth[solid] = 1 / nearness[solid]
+    uv = np.empty((rows, columns, 2), dtype=np.float32)
+    uv[..., 0], uv[..., 1] = u, v[:, None]
+    return Samples(uv.reshape(-1, 2), winner, depth, rays)
 
 
-def _rays(camera: Camera) -> Float32:
+def _rays(camera: Camera, u: Float32, v: Float32) -> Float32:
     """(H W, 3): forward + right u + up v, without a product per pixel."""
     focal = camera.intrinsic[0, 0]
     forward, right, up = camera.world_to_camera[:3, :3]
-    u = (np.arange(camera.width) + 0.5 - camera.width / 2) / focal
-    v = (camera.height / 2 - np.arange(camera.height) - 0.5) / focal
-    across = (forward + u[:, None] * right).astype(np.float32)
-    down = (v[:, None] * up).astype(np.float32)
+    across = f32(forward + ((u - camera.width / 2) / focal)[:, None] * right)
+    down = f32(((camera.height / 2 - v) / focal)[:, None] * up)
     return np.asarray((down[:, None] + across).reshape(-1, 3))
 
 
-def _ground_canvas(rays: Float32, camera: Camera) -> Canvas:
-    """A canvas that shows the level ground up to the horizon."""
-    canvas = Canvas.blank(camera.width, camera.height)
-    nearness = (-rays[:, 2] / np.float32(camera.position[2])).reshape(
-        canvas.winner.shape
-    )
-    on_ground = nearness > 1 / _HORIZON
-    canvas.nearness[on_ground] = nearness[on_ground]
-    canvas.winner[on_ground] = _GROUND
-    return canvas
+def _draw_ground(canvas: Canvas, rays: Float32, camera: Camera) -> None:
+    """The level ground, up to the horizon."""
+    nearness = -rays[:, 2] / np.float32(camera.position[2])
+    plane = nearness.reshape(canvas.winner.shape)
+    on_ground = plane > 1 / _HORIZON
+    canvas.nearness[on_ground] = plane[on_ground]
+    canvas.winner[on_ground] = GROUND
 
 
-def _pixels(
-    snapshot: Snapshot,
-    camera: Camera,
-    plan: RoadPlan,
-    seen: tuple[IntArray, NDArray[np.int32], Float32, Float32],
+def surfaces(
+    snapshot: Snapshot, samples: Samples, plan: RoadPlan
 ) -> tuple[Pixels, TagImage]:
-    solid, winner, all_depth, all_rays = seen
-    mesh, depth, rays = snapshot.mesh, all_depth[solid], all_rays[solid]
-    ground = np.flatnonzero(winner == _GROUND)
-    triangle = np.maximum(winner, 0)
-    position = camera.position.astype(np.float32) + rays * depth[:, None]
-    stretch = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    direction = rays / stretch[:, None]
-    size = depth / np.float32(camera.intrinsic[0, 0])
-    normal = _normals(snapshot, camera, triangle, solid)
+    """What samples that do not show the sky show: for shading, and their tags."""
+    camera, mesh = snapshot.camera, snapshot.mesh
+    ground = np.flatnonzero(samples.winner == GROUND)
+    triangle = np.maximum(samples.winner, 0)
+    stretch = np.sqrt(np.einsum("ij,ij->i", samples.rays, samples.rays))
+    direction = samples.rays / stretch[:, None]
+    position = f32(camera.position) + samples.rays * samples.depth[:, None]
+    size = samples.depth / np.float32(camera.intrinsic[0, 0])
+    normal = sample_normals(snapshot, triangle, samples.uv)
     normal[ground] = (0.0, 0.0, 1.0)
-    surface = mesh.surface[triangle]
+    surface, tags = mesh.surface[triangle], mesh.tag[triangle]
     footprint = ground_footprint(direction[ground], size[ground])
-    tags, albedo = plan.look(position[ground, 0], position[ground, 1], footprint)
+    x, y = position[ground, 0], position[ground, 1]
     paint = np.zeros((len(ground), SURFACE_COLUMNS), dtype=np.float32)
-    paint[:, :3], paint[:, 3] = albedo, _ROAD_GLOSS
+    tags[ground], paint[:, :3] = plan.look(x, y, footprint)
+    paint[:, 3] = _ROAD_GLOSS
     surface[ground] = paint
-    return Pixels(position, direction, depth * stretch, normal, surface, size), tags
+    distance = samples.depth * stretch
+    return Pixels(position, direction, distance, normal, surface, size), tags
 
 
-def _normals(
-    snapshot: Snapshot, camera: Camera, triangle: NDArray[np.int32], solid: IntArray
-) -> Float32:
-    mesh = snapshot.mesh
-    shown = np.zeros(len(mesh), dtype=bool)
-    shown[triangle] = True
-    numbers = np.flatnonzero(shown)
-    corner = mesh.normals[numbers]
-    bent = np.zeros(len(mesh), dtype=bool)
-    spread = np.abs(corner[:, 1:] - corner[:, :1]).reshape(-1, 6)
-    bent[numbers] = spread.sum(axis=1) > 1e-6
-    normal = mesh.normals[:, 0].astype(np.float32)[triangle]
-    chosen = np.flatnonzero(bent[triangle])
-    row, column = np.divmod(solid[chosen], camera.width)
-    uv = (np.stack([column, row], axis=1) + 0.5).astype(np.float32)
-    normal[chosen] = smooth_normals(mesh, camera, triangle[chosen], uv, normal[chosen])
-    return normal
+def planes_of(
+    snapshot: Snapshot, samples: Samples, tags: TagImage, normals: Float32
+) -> Planes:
+    """Arrange the pixels' centres as images; `tags` and `normals` leave out the sky."""
+    solid = np.flatnonzero(samples.winner != SKY)
+    all_tags = np.full(len(samples.winner), Tag.SKY, dtype=np.uint8)
+    all_tags[solid] = tags
+    all_normals = np.zeros((len(samples.winner), 3), dtype=np.float32)
+    all_normals[solid] = normals
+    owner = np.full(len(samples.winner), -1, dtype=np.int32)
+    on_thing = samples.winner >= 0
+    owner[on_thing] = snapshot.owner[samples.winner[on_thing]]
+    shape = (snapshot.camera.height, snapshot.camera.width)
+    return Planes(
+        samples.depth.reshape(shape),
+        all_tags.reshape(shape),
+        owner.reshape(shape),
+        all_normals.reshape(*shape, 3),
+    )

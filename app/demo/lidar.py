@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demo.exposure import Planes
-from app.demo.textures import Float32
+from app.demo.mesh import turned
 from filter_core.camera import Camera
 from filter_core.types import IntArray
 
@@ -28,15 +28,12 @@ POINT: Final = np.dtype(
 """One point, as `carla.SemanticLidarMeasurement` delivers it."""
 
 
-def scan(
-    planes: Planes, normals: Float32, camera: Camera, ids: IntArray
-) -> NDArray[np.void]:
+def scan(planes: Planes, camera: Camera, ids: IntArray) -> NDArray[np.void]:
     """(P,) points of `POINT` in the sensor's axes: x forward, y right, z up.
 
     Parameters
     ----------
     planes : Planes
-    normals : (H, W, 3) float32, world
     camera : Camera
     ids : (things + 1,)
         The actor of each thing; the last one is that of sky and ground.
@@ -53,7 +50,8 @@ def scan(
     for axis, name in enumerate("xyz"):
         points[name] = place[hit, axis]
     towards = place[hit] / length[hit, None]
-    local = normals[row[hit], column[hit]] @ camera.world_to_camera[:3, :3].T
+    normals = planes.normals[row[hit], column[hit]].astype(np.float64)
+    local = turned(normals, camera.world_to_camera[:3, :3])
     points["CosAngle"] = np.abs(np.sum(towards * local, axis=1))
     points["ObjIdx"] = ids[planes.owner[row[hit], column[hit]]]
     points["ObjTag"] = planes.tags[row[hit], column[hit]]

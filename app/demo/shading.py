@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from app.demo.facade import WallPixels, facade_look
 from app.demo.ground import grass, ground_footprint, paving
-from app.demo.mesh import Mesh, along, cross
+from app.demo.mesh import along
 from app.demo.paint import Kind
 from app.demo.sky import Hour, mirrored_surroundings, sky_light
 from app.demo.sunlight import ShadowMap
 from app.demo.textures import Float32, cloudy_tile, f32, sample
-from app.demo.view import to_homogeneous
-from filter_core.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,29 +177,6 @@ def _hazed(pixels: Pixels, light: Float32, hour: Hour) -> Float32:
     share = 1 - np.exp(-((pixels.distance * hour.haze) ** 1.25))
     hazed: Float32 = light + (air - light) * share[:, None]
     return hazed
-
-
-def smooth_normals(
-    mesh: Mesh, camera: Camera, chosen: NDArray[np.int32], uv: Float32, flat: Float32
-) -> Float32:
-    """(N, 3) normals of pixels on triangles whose corners have different normals.
-
-    A normal divided by the depth is linear on the screen, so three coefficients per
-    axis and triangle say it for every pixel.
-    """
-    unique, which = np.unique(chosen, return_inverse=True)
-    rows = to_homogeneous(mesh.corners[unique], camera)
-    a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
-    inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
-    volume = np.sum(a * cross(b, c), axis=1)
-    sound = np.abs(volume) > 1e-9
-    inverse /= np.where(sound, volume, 1.0)[:, None, None]
-    slope = np.einsum("nij,njk->nik", inverse, mesh.normals[unique])
-    slope = slope.astype(np.float32).reshape(-1, 9)[which]
-    normals = slope[:, :3] * uv[:, :1] + slope[:, 3:6] * uv[:, 1:] + slope[:, 6:]
-    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
-    good = sound[which] & (length[:, 0] > 1e-12)
-    return np.where(good[:, None], normals / np.maximum(length, 1e-12), flat)
 
 
 def develop(light: Float32, exposure: float) -> Float32:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demo.annotation import FIRST_ACTOR, FOV, HEIGHT, WIDTH, annotate, placed_boxes
-from app.demo.exposure import Exposure, Planes, expose
+from app.demo.exposure import SKY, Planes, pixel_centres, planes_of, surfaces
 from app.demo.lidar import npy, scan
-from app.demo.photograph import photograph
+from app.demo.photograph import Photographer
 from app.demo.planes import encode_depth, encode_instances, paint_tags, png, raw_tags
 from app.demo.shading import Lighting
 from app.demo.snapshot import Stage, corners_of
@@ -122,13 +122,17 @@ class _Set:
         time_s = step * STEP_S
         pose = self._town.camera(step)
         camera = Camera.from_fov(WIDTH, HEIGHT, FOV, pose)
-        exposure = expose(stage.snapshot(camera, time_s), camera, style.plan)
-        shadows = (still, self._moving_shadows(camera, time_s))
+        snapshot = stage.snapshot(camera, time_s)
+        samples = pixel_centres(snapshot)
+        solid = samples.part(np.flatnonzero(samples.winner != SKY))
+        pixels, tags = surfaces(snapshot, solid, style.plan)
+        planes = planes_of(snapshot, samples, tags, pixels.normal)
+        light = Lighting(style.hour, (still, self._moving_shadows(camera, time_s)))
         seed = (self._seed * 31 + self._number) * 100_003 + step
-        image = photograph(exposure, camera, Lighting(style.hour, shadows), seed)
+        photographer = Photographer(snapshot, style.plan, light)
+        image = photographer.photograph(samples, pixels, planes, seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
-        planes = exposure.planes
         flat = step % _FLAT_EVERY == _FLAT_EVERY - 1
         return StreetFrame(
             key=key,
@@ -138,17 +142,14 @@ class _Set:
             ),
             instances_png=png(self._instances(planes)),
             depth_png=png(encode_depth(planes.depth)),
-            lidar_npy=npy(self._scan(exposure, camera)),
+            lidar_npy=npy(self._scan(planes, camera)),
             annotation=annotate(style, pose, camera, boxes, flat=flat),
             truth=truth_of(key, planes, boxes, camera, len(things)),
         )
 
-    def _scan(self, exposure: Exposure, camera: Camera) -> NDArray[np.void]:
+    def _scan(self, planes: Planes, camera: Camera) -> NDArray[np.void]:
         ids = [FIRST_ACTOR + index for index in range(len(self._town.things))]
-        normals = np.zeros((camera.height * camera.width, 3), dtype=np.float32)
-        normals[exposure.solid] = exposure.pixels.normal
-        plane = normals.reshape(camera.height, camera.width, 3)
-        return scan(exposure.planes, plane, camera, np.array([*ids, 0]))
+        return scan(planes, camera, np.array([*ids, 0]))
 
     def _instances(self, planes: Planes) -> NDArray[np.uint8]:
         numbers = np.array(

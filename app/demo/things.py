@@ -17,6 +17,8 @@ from filter_core.types import FloatArray
 SCENERY: Final = "scenery"
 """The class of what CARLA hands out no box for."""
 
+HOUSE_TYPE: Final = "static.building"
+
 
 @dataclass(frozen=True)
 class Route:
@@ -70,6 +72,11 @@ class Thing:
     def moves(self) -> bool:
         """Whether it has to be placed anew for each frame."""
         return self.route.length > 0 or len(self.shapes) > 1
+
+    @property
+    def hides(self) -> bool:
+        """Whether it is a house: large, and nothing can be seen through it."""
+        return self.type_id == HOUSE_TYPE
 
     @property
     def has_box(self) -> bool:
