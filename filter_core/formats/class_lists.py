@@ -18,9 +18,13 @@ _TEXT_LISTS: Final = ("classes.txt", "labels.txt", "obj.names")
 
 
 def find_class_list(root: Path) -> str | None:
-    """The name of the folder's file that lists classes, if there is one."""
+    """The folder's file that lists classes, relative to it, if there is one.
+
+    Some tools put it among the labels.
+    """
     names = (*_YAML_LISTS, *_TEXT_LISTS)
-    return next((name for name in names if (root / name).is_file()), None)
+    places = (*names, *(f"labels/{name}" for name in names))
+    return next((name for name in places if (root / name).is_file()), None)
 
 
 def yolo_classes(root: Path) -> tuple[str, ...]:
@@ -38,7 +42,7 @@ def yolo_classes(root: Path) -> tuple[str, ...]:
             f"{', '.join(_TEXT_LISTS)}, found none of them"
         )
     text = read_label_text(root / name, name)
-    if name in _TEXT_LISTS:
+    if name.endswith(_TEXT_LISTS):
         return tuple(line.strip() for line in text.splitlines() if line.strip())
     try:
         document = parse_yaml(text)

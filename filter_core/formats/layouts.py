@@ -15,7 +15,7 @@ from filter_core.formats.frame_source import FrameSet, ReadOptions
 from filter_core.formats.manifest import MANIFEST_NAME, read_manifest
 from filter_core.formats.matching import walk
 from filter_core.formats.voc import read_voc_folder
-from filter_core.formats.yolo import read_yolo
+from filter_core.formats.yolo import is_label, read_yolo
 
 _READERS: Final[dict[str, Callable[[Path, ReadOptions], FrameSet]]] = {
     "manifest": read_manifest,
@@ -94,10 +94,8 @@ def _layouts_of(source: Path) -> Iterator[str]:
         yield "carlasimu"
         return
     names = list(islice(walk(source, (".txt", ".xml")), _FILES_LOOKED_AT))
-    class_list = find_class_list(source)
-    if any(name.endswith(".xml") for name in names):
+    if any(name.lower().endswith(".xml") for name in names):
         yield "voc"
-    if class_list and any(
-        name.endswith(".txt") and name != class_list for name in names
-    ):
+    labelled = any(n.lower().endswith(".txt") and is_label(n) for n in names)
+    if labelled and find_class_list(source):
         yield "yolo"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import FilterError
-from filter_core.formats.class_lists import find_class_list, yolo_classes
+from filter_core.formats.class_lists import yolo_classes
 from filter_core.formats.frame_source import (
     FrameSet,
     FrameSource,
@@ -19,10 +19,12 @@ from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
 from filter_core.formats.yolo_text import read_label_lines
 
 SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
-_NOT_LABELS: Final = frozenset(
-    {"classes.txt", "labels.txt", "readme.txt", "requirements.txt"}
-    | {"train.txt", "val.txt", "test.txt"}
+_CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
+_TEXTS_AT_THE_TOP: Final = frozenset(
+    {"readme.txt", "requirements.txt", "train.txt", "val.txt", "test.txt"}
 )
+"""Lists of files and notes that lie beside a dataset; deeper down, such a name is a
+frame's."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,14 @@ def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
         default_class=options.default_class,
     )
     skip = [tags] if tags else []
-    labels = (
-        name
-        for name in walk(folders.labels, (".txt",), skip)
-        if name.lower() not in _NOT_LABELS and name != find_class_list(root)
-    )
+    labels = (name for name in walk(folders.labels, (".txt",), skip) if is_label(name))
     return frame_set("yolo", folders, labels)
+
+
+def is_label(name: str) -> bool:
+    """Whether a text file, relative to the dataset, holds boxes."""
+    folder, _, base = name.lower().rpartition("/")
+    return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
 
 
 def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:

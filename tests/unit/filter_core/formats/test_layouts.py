@@ -155,6 +155,23 @@ def test_a_bad_line_is_named_and_the_other_frames_go_on(tmp_path, line, words):
     assert (good.problem, good.annotation) == (None, {"boxes": [BOX]})
 
 
+def test_lists_and_notes_are_no_labels_and_a_frame_may_be_called_like_them(tmp_path):
+    write_files(
+        tmp_path,
+        {
+            "labels/classes.txt": "car\n",
+            "labels/train.txt": YOLO_LINE,
+            "readme.txt": "hello",
+            "train.txt": "images/train.png",
+        },
+    )
+
+    frames = read_source(tmp_path)
+
+    assert (frames.layout, keys(frames)) == ("yolo", ["train"])
+    assert frames.classes == ("car",)
+
+
 def test_an_empty_label_file_is_a_frame_without_boxes(tmp_path):
     write_files(tmp_path, {"labels/1.txt": "\n", "data.yaml": NAMES})
 
