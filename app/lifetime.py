@@ -15,6 +15,7 @@ from app.resources import migrations_dir
 from app.services import access
 from app.services.context import ServiceContext
 from app.services.idempotency import forget_old_answers
+from app.services.exports import start_exports
 from app.services.runs import start_runs
 from app.settings import Settings
 from app.storage import FolderStorage
@@ -40,6 +41,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             engine=LocalEngine(settings.workers),
         )
         start_runs(services)
+        start_exports(services)
         try:
             yield services
         finally:

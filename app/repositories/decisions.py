@@ -79,9 +79,9 @@ class DecisionRepository:
         )
         return list(self._session.scalars(rows))
 
-    def of_frame(self, frame_id: int) -> dict[int, CurrentRow]:
-        """Current decisions of a frame's boxes."""
-        return self._fetch(Decision.frame_id == frame_id)
+    def of_frames(self, frame_ids: Iterable[int]) -> dict[int, CurrentRow]:
+        """Current decisions of the boxes of frames."""
+        return self._fetch(Decision.frame_id.in_(list(frame_ids)))
 
     def per_frame(self, frame_ids: Sequence[int]) -> dict[int, list[TallyRow]]:
         """Tallies of single frames."""

@@ -103,17 +103,17 @@ class FrameRepository:
             rows = rows.where(_has_box(wanted.boxes))
         return list(self._session.scalars(rows))
 
-    def chunk(self, dataset_id: int, *, after_id: int, limit: int) -> list[Frame]:
-        """The next current frames by id, with annotations: for work on all of them."""
+    def chunk(self, dataset_id: int, *, after: str, limit: int) -> list[Frame]:
+        """The next current frames by key, with annotations: for work on all of them."""
         rows = (
             select(Frame)
             .where(
                 Frame.dataset_id == dataset_id,
                 Frame.superseded_at.is_(None),
-                Frame.id > after_id,
+                Frame.key > after,
             )
             .options(undefer(Frame.annotation))
-            .order_by(Frame.id)
+            .order_by(Frame.key)
             .limit(limit)
         )
         return list(self._session.scalars(rows))

@@ -87,6 +87,15 @@ class ReviewRepository:
         )
         return {row[0]: LatestReview(*row) for row in self._session.execute(rows)}
 
+    def last_id(self, dataset_id: int) -> int:
+        """The number of the newest answer in a dataset; 0 if there is none."""
+        rows = (
+            select(func.max(Review.id))
+            .join(Decision, Decision.box_id == Review.box_id)
+            .where(Decision.dataset_id == dataset_id)
+        )
+        return self._session.scalar(rows) or 0
+
     def before(self, batch_id: int) -> dict[int, tuple[str, str]]:
         """Per box of a batch: verdict and comment of the answer before it."""
         earlier = (

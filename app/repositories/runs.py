@@ -144,6 +144,15 @@ class ExportRepository:
         rows = select(Export).where(Export.state.in_(("queued", "running")))
         return list(self._session.scalars(rows.order_by(Export.id)))
 
+    def open_count(self) -> int:
+        """How many exports wait or work."""
+        rows = (
+            select(func.count())
+            .select_from(Export)
+            .where(Export.state.in_(("queued", "running")))
+        )
+        return self._session.scalar(rows) or 0
+
 
 class ProblemRepository:
     """Rows of `problems`."""

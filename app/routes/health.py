@@ -8,7 +8,7 @@ from importlib.metadata import version
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from app.deps import AppDatabase, AppSettings
+from app.deps import AppDatabase, AppSettings, WritersTurn
 from app.routing import ApiRouter, OpenRouter
 from app.services import readiness
 
@@ -45,7 +45,7 @@ async def healthz() -> Alive:
 
 
 @probes.get("/readyz")
-def readyz(settings: AppSettings, database: AppDatabase) -> Ready:
+def readyz(settings: AppSettings, database: AppDatabase, _turn: WritersTurn) -> Ready:
     """The database takes writes, its schema is current, and there is room; else 503."""
     return Ready(ready=True, checks=dict(readiness.check(settings, database)))
 

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
-from app.deps import AppSettings, CurrentPrincipal, WriteSession
+from app.deps import AppSettings, CurrentPrincipal, ReadSession, WriteSession
 from app.errors import Forbidden
 from app.routing import ApiRouter, OpenRouter
 from app.security import SESSION_COOKIE, Role, comes_from_no_other_page
@@ -31,16 +31,22 @@ inside = ApiRouter(prefix=PREFIX, tag="session", write=Role.VIEWER)
 
 @entrance.post("/session", status_code=204)
 def log_in(
-    body: LogIn, request: Request, session: WriteSession, settings: AppSettings
+    body: LogIn,
+    request: Request,
+    reading: ReadSession,
+    writing: WriteSession,
+    settings: AppSettings,
 ) -> Response:
     """Trade a token for the page's session cookie."""
     if not comes_from_no_other_page(request.headers):
         raise Forbidden("only the service's own page may log in")
+    # Guessing tokens must not keep others from writing.
+    principal = access.by_token(reading, body.token)
     lifetime = timedelta(hours=settings.session_hours)
     response = Response(status_code=204)
     response.set_cookie(
         SESSION_COOKIE,
-        access.log_in(session, body.token, lifetime),
+        access.log_in(writing, principal, lifetime),
         max_age=int(lifetime.total_seconds()),
         httponly=True,
         samesite="strict",

@@ -59,9 +59,8 @@ def write_secret(file: Path, text: str) -> None:
         raise
 
 
-def log_in(session: Session, token: str, lifetime: timedelta) -> str:
+def log_in(session: Session, principal: Principal, lifetime: timedelta) -> str:
     """Open a session for the page; the value of its cookie."""
-    principal = by_token(session, token)
     session_id = new_session_id()
     Tokens(session).open_session(
         principal.token_id, hash_secret(session_id), utc_now() + lifetime

@@ -78,9 +78,25 @@ class DecisionReader:
 
     def of_frame(self, frame: Frame) -> list[dict[str, Any]]:
         """Decisions of all boxes of a current frame, in the order they came in."""
-        rows = DecisionRepository(self._session).of_frame(frame.id)
-        positions = {frame.id: list(range(frame.box_count))} if rows else {}
-        return self._describe({frame.id: frame}, positions, rows)
+        return self.of_frames([frame])[frame.id]
+
+    def of_frames(self, frames: Sequence[Frame]) -> dict[int, list[dict[str, Any]]]:
+        """Decisions of all boxes of frames; none for a frame that was replaced."""
+        by_id = {frame.id: frame for frame in frames}
+        rows = DecisionRepository(self._session).of_frames(by_id)
+        current = {row.frame_id for row in rows.values()}
+        wanted = {key: range(by_id[key].box_count) for key in by_id if key in current}
+        found: dict[int, list[dict[str, Any]]] = {key: [] for key in by_id}
+        for decision in self._describe(by_id, wanted, rows):
+            found[decision["frame_id"]].append(decision)
+        return found
+
+    def palettes(self, frame_ids: Iterable[int]) -> dict[int, str]:
+        """Tag families of frames whose segmentations were measured."""
+        reports = EvidenceRepository(self._session).reports(
+            frame_ids, self._dataset.active_measurement_id or 0
+        )
+        return {key: report["palette"] for key, report in reports.items() if report}
 
     def frames(
         self, frames: Mapping[int, Frame], wanted: Mapping[int, Sequence[int]]

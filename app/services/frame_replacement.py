@@ -19,7 +19,7 @@ from filter_core.annotation_types import GEOMETRIES
 
 def retire(session: Session, frame: Frame) -> None:
     """Take a frame's boxes out of every list and count; its history stays."""
-    rows = DecisionRepository(session).of_frame(frame.id).values()
+    rows = DecisionRepository(session).of_frames([frame.id]).values()
     gone = tallies_of(
         (row.class_id, row.reason, row.toss_up, row.review) for row in rows
     )

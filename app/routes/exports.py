@@ -1,0 +1,87 @@
+"""Exports: labels written in the background, then downloaded."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Query, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.repositories.datasets import DatasetRepository
+from app.repositories.runs import ExportRepository
+from app.routes.blobs import file_response
+from app.routes.datasets import DatasetName
+from app.routing import ApiRouter
+from app.schemas.pages import Limit, Page, page_response
+from app.schemas.runs import ExportIn, ExportOut
+from app.services.exports import (
+    MEDIA_TYPE,
+    ExportRequest,
+    describe_export,
+    finished_file,
+    request_export,
+)
+
+router = ApiRouter(prefix="/api/v1", tag="exports")
+
+_ARCHIVE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {MEDIA_TYPE: {}}, "description": "The archive."}
+}
+
+
+@router.get("/datasets/{dataset}/exports", response_model=Page[ExportOut])
+def list_exports(
+    request: Request,
+    dataset: DatasetName,
+    session: ReadSession,
+    limit: Limit = 100,
+    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+) -> Response:
+    """Exports of a dataset, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = ExportRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
+    items = [describe_export(row, dataset) for row in rows[:limit]]
+    more = len(rows) > limit
+    return page_response(request, items, str(rows[limit - 1].id) if more else None)
+
+
+@router.post("/datasets/{dataset}/exports", status_code=202, response_model=ExportOut)
+def create_export(
+    dataset: DatasetName,
+    body: ExportIn,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Write labels of the dataset as it is; from now on its classes keep their order."""
+    found = DatasetRepository(session).named(dataset)
+    wanted = ExportRequest(body.format, body.options.model_dump(), principal.name)
+    export = request_export(services, session, found, wanted)
+    return JSONResponse(
+        describe_export(export, dataset),
+        status_code=202,
+        headers={"Location": f"/api/v1/exports/{export.id}"},
+    )
+
+
+@router.get("/exports/{export_id}", response_model=ExportOut)
+def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
+    """An export and how far it is."""
+    export = ExportRepository(session).with_id(export_id)
+    dataset = DatasetRepository(session).with_id(export.dataset_id)
+    return describe_export(export, dataset.name)
+
+
+@router.get(
+    "/exports/{export_id}/download", response_class=Response, responses=_ARCHIVE
+)
+def download_export(
+    export_id: RowId, request: Request, session: ReadSession, services: AppServices
+) -> Response:
+    """The archive of a finished export; a download can be resumed by ranges."""
+    export = ExportRepository(session).with_id(export_id)
+    dataset = DatasetRepository(session).with_id(export.dataset_id)
+    path = finished_file(services, export)
+    name = f"{dataset.name}-{export.format}-{export.id}.zip"
+    return file_response(request, path, export.sha256 or "", MEDIA_TYPE, name)

@@ -1,0 +1,80 @@
+"""Frames of a dataset as the writers of formats take them, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset, Frame
+from app.repositories.frames import FileRow, FrameRepository
+from app.services.context import ServiceContext
+from app.services.decisions import DecisionReader
+from filter_core.annotation import parse_annotation
+from filter_core.formats.export_frame import ExportBox, ExportFrame
+from filter_core.frame_geometry import frame_boxes_2d
+
+_CHUNK: Final = 200
+
+
+class ExportFrames:
+    """Iterates over all current frames in the order of their keys."""
+
+    def __init__(
+        self, context: ServiceContext, session: Session, dataset: Dataset
+    ) -> None:
+        self._context = context
+        self._session = session
+        self._dataset = dataset
+        self._reader = DecisionReader(session, dataset)
+
+    def __iter__(self) -> Iterator[ExportFrame]:
+        frames = FrameRepository(self._session)
+        after = ""
+        while chunk := frames.chunk(self._dataset.id, after=after, limit=_CHUNK):
+            files = frames.files(frame.id for frame in chunk)
+            decisions = self._reader.of_frames(chunk)
+            palettes = self._reader.palettes(frame.id for frame in chunk)
+            for frame in chunk:
+                content = self._frame(frame, files[frame.id], decisions[frame.id])
+                yield replace(content, palette=palettes.get(frame.id))
+            after = chunk[-1].key
+            # Otherwise the session would keep every frame it has ever seen.
+            for frame in chunk:
+                self._session.expunge(frame)
+
+    def _frame(
+        self,
+        frame: Frame,
+        files: Mapping[str, FileRow],
+        decisions: list[dict[str, Any]],
+    ) -> ExportFrame:
+        given = self._given(frame)
+        image = files.get("image")
+        return ExportFrame(
+            key=frame.key,
+            wh=(frame.width or 0, frame.height or 0),
+            boxes=[
+                ExportBox(decision, xyxy)
+                for decision, xyxy in zip(decisions, given, strict=True)
+            ],
+            map=frame.map,
+            media_type=image.media_type if image else "image/png",
+            read_image=self._reader_of(image),
+        )
+
+    def _given(self, frame: Frame) -> list[list[float]]:
+        annotation = parse_annotation(frame.annotation, frame=frame.key)
+        size = (frame.width or 0, frame.height or 0)
+        projection = self._reader.config.projection
+        geometry = frame_boxes_2d(annotation, size, projection)
+        given: list[list[float]] = geometry.xyxy.tolist()
+        return given
+
+    def _reader_of(self, image: FileRow | None) -> Callable[[], bytes] | None:
+        if image is None:
+            return None
+        return partial(self._context.storage.read, image.sha256)
