@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Annotated, Final
 
+from anyio import CapacityLimiter, fail_after
 from fastapi import Depends, Path, Query, Request
 from fastapi.security import APIKeyCookie, HTTPBearer
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from app.db.engine import Database
-from app.errors import Forbidden, Unauthorised
+from app.errors import DatabaseBusy, Forbidden, Unauthorised
 from app.security import (
     SAFE_METHODS,
     SESSION_COOKIE,
@@ -26,6 +27,9 @@ from app.services.idempotency import claim_on_begin
 from app.settings import Settings
 
 MAX_ID: Final = 2**63 - 1
+MAX_WRITERS: Final = 16
+"""Well below the 40 threads that anyio gives to the routes of a process."""
+WRITE_WAIT_S: Final = 30
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """An id in a path; larger ones would overflow the database's integers."""
@@ -110,7 +114,28 @@ def read_session(request: Request) -> Iterator[Session]:
         yield session
 
 
-def write_session(request: Request) -> Iterator[Session]:
+async def writers_turn(request: Request) -> AsyncIterator[None]:
+    """A place among the requests that write; the others wait without a thread.
+
+    Only one transaction writes at a time. If all threads waited for it, it would not
+    get one itself to make its answer and to commit.
+    """
+    places: CapacityLimiter = request.app.state.writers
+    try:
+        with fail_after(WRITE_WAIT_S):
+            await places.acquire_on_behalf_of(request)
+    except TimeoutError as exc:
+        raise DatabaseBusy("too many writes are waiting; try again") from exc
+    try:
+        yield
+    finally:
+        places.release_on_behalf_of(request)
+
+
+WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
+
+
+def write_session(request: Request, _turn: WritersTurn) -> Iterator[Session]:
     """One transaction per request: commit on return, leave no trace on raise."""
     with database_of(request).write() as session:
         repeatable = getattr(request.state, "repeatable", None)

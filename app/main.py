@@ -9,11 +9,13 @@ from importlib import import_module
 from importlib.metadata import version
 from pkgutil import iter_modules
 
+from anyio import CapacityLimiter
 from fastapi import APIRouter, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
 from app import http_errors, openapi, routes
+from app.deps import MAX_WRITERS
 from app.lifetime import running
 from app.middleware import (
     AccessLog,
@@ -65,6 +67,7 @@ def _routers() -> Iterator[APIRouter]:
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     # Opening and closing block (migrations, waiting for work to stop): off the loop.
     lifetime = running(app.state.settings)
+    app.state.writers = CapacityLimiter(MAX_WRITERS)
     try:
         services = await run_in_threadpool(lifetime.__enter__)
     except Exception as exc:
