@@ -152,10 +152,10 @@ def test_push_does_not_ignore_an_option_that_the_dataset_contradicts(
 def test_an_interrupted_push_says_so_and_can_be_repeated(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 200)
     command = ("push", folder, "--dataset", name, "--json", "--workers", 1)
-    process = unghost.start(*command)
-    first = process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    with unghost.running(*command) as process:
+        first = process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
 
     assert '"stored"' in first
     assert process.returncode == INTERRUPTED

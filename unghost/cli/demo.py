@@ -11,7 +11,7 @@ import typer
 
 from unghost.cli.command import command
 from unghost.cli.demo_filling import Filling
-from unghost.cli.exits import Refused
+from unghost.cli.exits import PARTLY, Refused
 from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Screen
 from unghost.cli.serve import Port, settings_of
@@ -28,7 +28,7 @@ class DemoOptions(OutputOptions):
     ] = 48
     seed: Annotated[
         int, typer.Option(min=0, help="Another seed gives another street.")
-    ] = 1
+    ] = 0
     data: Annotated[
         Path | None,
         typer.Option(
@@ -60,23 +60,23 @@ def demo(options: DemoOptions) -> None:
     folder = options.data
     if folder is None and "UNGHOST_DATA" not in os.environ:
         folder = _DEFAULT_DATA
-    settings = settings_of(data=folder, port=options.port)
+    # One line per request would drown the bars; whoever wants them asks for them.
+    quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
+    settings = settings_of(data=folder, port=options.port, log_level=quiet)
     street = rendered_street(settings.data, options, screen)
     filling = Filling(street, screen, stop_when_done=options.exit_when_ready)
     try:
         startup.serve(settings, on_ready=filling.start)
     except startup.CannotServe as exc:
         raise Refused(str(exc)) from exc
-    except KeyboardInterrupt:
-        # Also how the filling ends the server: then it says why.
-        if not filling.ended_the_server:
-            raise
     filling.raise_if_failed()
+    if filling.refused:
+        raise typer.Exit(PARTLY)
 
 
 def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
     """The folder of the street's frames, rendered unless that was done before."""
-    from app.demo.street import write_street
+    from app.demo.writing import write_street
 
     name = f"street-{options.seed}-{options.frames}"
     folder = data / "demo" / name

@@ -28,7 +28,7 @@ class Filling:
         self._screen = screen
         self._stop_when_done = stop_when_done
         self._error: Exception | None = None
-        self.ended_the_server = False
+        self.refused = 0
 
     def start(self, login_link: str) -> None:
         """Begin; the server answers from now on."""
@@ -46,7 +46,7 @@ class Filling:
         except Exception as error:  # told by the main thread, which it ends
             self._error = error
         if self._error is not None or self._stop_when_done:
-            self.ended_the_server = True
+            # As Ctrl-C does, which the server takes as the sign to end well.
             signal.raise_signal(signal.SIGINT)
 
     def _fill(self, login_link: str) -> None:
@@ -54,6 +54,7 @@ class Filling:
         with Client(url, token) as client:
             report = _push(client, self._street, self._screen)
             numbers = client.stats(DATASET)
+        self.refused = len(report.problems)
         for problem in report.problems:
             self._screen.note(f"refused: {problem.key}: {problem.error}")
         self._screen.record(
