@@ -30,15 +30,15 @@
  * @property {string} class
  * @property {Verdict} verdict
  * @property {string} reason
- * @property {string} evidence
+ * @property {string | null} evidence  the channel used
  * @property {string} [explanation]
  * @property {number | null} match_percent
  * @property {number | null} threshold
  * @property {number | null} margin
  * @property {boolean} toss_up
  * @property {boolean} [large]
- * @property {number} matched_pixels
- * @property {number} box_pixels
+ * @property {number | null} matched_pixels
+ * @property {number | null} box_pixels
  * @property {number | null} area_percent
  * @property {number | null} crowding
  * @property {string | number | null} [explained_by]

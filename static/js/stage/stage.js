@@ -64,6 +64,7 @@ export function createStage(host, events) {
     if (dirty.base) paintBase(base, scene);
     if (dirty.top) paintTop(top, scene);
     dirty = { base: false, top: false };
+    host.dataset.view = `${view.scale} ${view.x} ${view.y}`;
     host.dataset.drawn = String(Number(host.dataset.drawn ?? 0) + 1);
   }
 

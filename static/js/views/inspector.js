@@ -121,7 +121,7 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   ];
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
-    <p class="inspector__sentence">${undecided ? `${countText(undecided)} of ${countText(boxes.length)} boxes wait for an answer.` : "Every box here has an answer."}</p>
+    <p class="inspector__sentence">${undecided ? `${countText(undecided)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
     ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided<${Keys} app=${app} keys=${keys} /></button>`}
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;

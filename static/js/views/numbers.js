@@ -10,7 +10,7 @@ import { countText, metresText, percentText } from "../wording.js";
 function rowsOf(box) {
   const { xyxy } = box;
   return [
-    ["Matched pixels", `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels ?? 0)}`],
+    ["Matched pixels", box.box_pixels ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null],
     ["Margin", box.margin === null ? null : signed(box.margin)],
     ["Share of the image", percentText(box.area_percent)],
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],

@@ -1,0 +1,181 @@
+"""The page in a real browser against the real server, with data sent over HTTP."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+
+from tests.browser import scenes
+from tests.servers import RunningServer
+
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+WIDE = {"width": 1440, "height": 900}
+PHONE = {"width": 390, "height": 844}
+
+RE_VIEW = re.compile(r"\S+ \S+ \S+")
+RE_SAVED = re.compile(r"savestate--saved")
+
+_numbers = count(1)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium of the system, or the one that Playwright has installed."""
+    path = str(CHROMIUM) if CHROMIUM.exists() else None
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(
+            executable_path=path, args=list(ARGUMENTS)
+        )
+        yield launched
+        launched.close()
+
+
+@pytest.fixture(scope="session")
+def api(server: RunningServer) -> Iterator[httpx.Client]:
+    """The server as a program sees it."""
+    base = f"{server.url}/api/v1"
+    with httpx.Client(base_url=base, headers=server.headers, timeout=60) as client:
+        yield client
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A dataset of the test's own and its first frame."""
+
+    api: httpx.Client
+    dataset: str
+    frame: dict[str, Any]
+
+    def box_id(self, name: str) -> int:
+        """The server's id of the box that the sender called so."""
+        found: int = self._box(name)["box_id"]
+        return found
+
+    def review(self, name: str) -> dict[str, Any] | None:
+        """What the server has stored as the latest answer."""
+        box = scenes.get(self.api, f"/boxes/{self.box_id(name)}")
+        review: dict[str, Any] | None = box["review"]
+        return review
+
+    def revision(self, name: str) -> int:
+        box = scenes.get(self.api, f"/boxes/{self.box_id(name)}")
+        revision: int = box["revision"]
+        return revision
+
+    def link(self, name: str = "", **query: str) -> str:
+        """The address of the frame with a box selected."""
+        wanted = {**({"box": str(self.box_id(name))} if name else {}), **query}
+        search = "&".join(f"{key}={value}" for key, value in wanted.items())
+        return f"#/frames/{self.frame['id']}{'?' if search else ''}{search}"
+
+    def push(self, key: str, **kwargs: Any) -> dict[str, Any]:
+        """One more frame."""
+        return scenes.push(self.api, self.dataset, key, **kwargs)
+
+    def _box(self, name: str) -> dict[str, Any]:
+        return next(box for box in self.frame["boxes"] if box["id"] == name)
+
+
+MakeScene = Callable[..., Scene]
+
+
+@pytest.fixture
+def make_scene(api: httpx.Client) -> MakeScene:
+    """`make_scene(form="raw", boxes=[...])`: a new dataset with one frame."""
+
+    def make(form: str = "palette", boxes: list[dict[str, Any]] | None = None) -> Scene:
+        dataset = f"scene-{next(_numbers)}"
+        made = api.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
+        assert made.status_code == 201, made.text
+        frame = scenes.push(api, dataset, "run/000001", boxes, form)
+        return Scene(api, dataset, frame)
+
+    return make
+
+
+@pytest.fixture
+def scene(make_scene: MakeScene) -> Scene:
+    return make_scene()
+
+
+@dataclass
+class Visitor:
+    """A person with a browser window, signed in."""
+
+    page: Page
+    url: str
+
+    def open(self, link: str) -> Page:
+        """Go somewhere and wait until it can be used."""
+        self.page.goto(f"{self.url}/{link}")
+        if link.startswith("#/frames/"):
+            self.ready()
+        return self.page
+
+    def ready(self) -> None:
+        """The stage has been drawn with its picture."""
+        stage = self.page.locator(".stage")
+        expect(stage).to_have_attribute("data-picture", "shown")
+        expect(stage).to_have_attribute("data-view", RE_VIEW)
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def saved(self) -> None:
+        """Every answer is on the server."""
+        expect(self.page.locator(".savestate")).to_have_class(RE_SAVED)
+
+
+Visit = Callable[..., Visitor]
+
+
+@pytest.fixture
+def visit(browser: Browser, server: RunningServer) -> Iterator[Visit]:
+    """Opens a window: `visit(color_scheme="dark")`. No script may fail in it."""
+    contexts: list[BrowserContext] = []
+    faults: list[str] = []
+
+    def arrive(*, sign_in: bool = True, **options: Any) -> Visitor:
+        options = {"viewport": WIDE, "reduced_motion": "reduce", **options}
+        context = browser.new_context(**options)
+        context.set_default_timeout(15_000)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("console", lambda message: note(message.type, message.text))
+        if sign_in:
+            page.goto(server.login_link)
+            expect(page.locator("[data-view=datasets]")).to_be_visible()
+        return Visitor(page, server.url)
+
+    def note(kind: str, text: str) -> None:
+        # A refused request is part of some tests; a broken policy never is.
+        if kind == "error" and not text.startswith("Failed to load resource"):
+            faults.append(text)
+
+    yield arrive
+    for context in contexts:
+        context.close()
+    assert faults == []
+
+
+@pytest.fixture
+def ada(visit: Visit) -> Visitor:
+    return visit()

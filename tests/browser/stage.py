@@ -1,0 +1,67 @@
+"""Reading what is really drawn on the stage."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+from playwright.sync_api import Page
+
+READ_LAYER = """(name) => {
+  const canvas = document.querySelector(`.stage__layer--${name}`);
+  const { width, height } = canvas;
+  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+  let text = "";
+  for (let i = 0; i < data.length; i += 32768)
+    text += String.fromCharCode(...data.subarray(i, i + 32768));
+  return { width, height, pixels: btoa(text) };
+}"""
+
+
+def layer(page: Page, name: str) -> np.ndarray:
+    """The pixels of the `base` or the `top` layer, (H, W, 4) RGBA."""
+    import base64
+
+    drawn = page.evaluate(READ_LAYER, name)
+    flat = np.frombuffer(base64.b64decode(drawn["pixels"]), np.uint8)
+    return flat.reshape(drawn["height"], drawn["width"], 4)
+
+
+def view(page: Page) -> tuple[float, float, float]:
+    """Scale and origin: stage px = image px * scale + origin."""
+    text = page.locator(".stage").get_attribute("data-view") or ""
+    scale, x, y = map(float, text.split())
+    return scale, x, y
+
+
+def point(page: Page, x: float, y: float) -> tuple[float, float]:
+    """Where an image pixel is in the window."""
+    scale, x0, y0 = view(page)
+    corner = page.locator(".stage").bounding_box()
+    assert corner is not None
+    return corner["x"] + x * scale + x0, corner["y"] + y * scale + y0
+
+
+def drawings(page: Page) -> int:
+    """How often the stage has been drawn."""
+    return int(page.locator(".stage").get_attribute("data-drawn") or 0)
+
+
+def after_drawing(page: Page) -> None:
+    """Wait until what was asked for has been drawn."""
+    page.evaluate(
+        "() => new Promise((done) => requestAnimationFrame("
+        "() => requestAnimationFrame(done)))"
+    )
+
+
+def edge_runs(page: Page, xyxy: tuple[int, ...]) -> int:
+    """Separate strokes along a box's lower edge: one is solid, many are dashes."""
+    scale, x0, y0 = view(page)
+    base = layer(page, "base").astype(int)
+    row = round(xyxy[3] * scale + y0)
+    left, right = (round(x * scale + x0) for x in (xyxy[0], xyxy[2]))
+    pixels = base[row - 1 : row + 1, left + 4 : right - 4, :3]
+    grey = np.array(cast("list[int]", [118, 118, 118]))
+    inked = (np.abs(pixels - grey).max(axis=(0, 2)) > 60).astype(int)
+    return int((np.diff(inked, prepend=0) == 1).sum())
