@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -57,7 +59,7 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
 
 
 def parse_yaml(text: str | bytes) -> object:
-    """Plain values from YAML written by a stranger.
+    """Plain values from YAML or JSON written by a stranger.
 
     Raises
     ------
@@ -73,6 +75,10 @@ def parse_yaml(text: str | bytes) -> object:
     try:
         # Bytes are decoded here: YAML would take a UTF-16 mark as leave to switch.
         plain = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        if plain.lstrip().startswith("{"):
+            # Nearly YAML, but for tabs and for numbers such as 1e1.
+            with suppress(json.JSONDecodeError, RecursionError):
+                return json.loads(plain, object_pairs_hook=_unique)
         return _StrictLoader(plain).get_single_data()
     except ConfigError:
         raise
@@ -84,6 +90,15 @@ def parse_yaml(text: str | bytes) -> object:
     except ValueError as exc:
         # A date that no calendar has, a number of a million digits.
         raise ConfigError(f"not a value: {exc}", code="bad_yaml") from exc
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ConfigError(f"the key {key[:60]!r} is given twice", code="bad_yaml")
+        found[key] = value
+    return found
 
 
 class _StrictLoader(yaml.SafeLoader):

@@ -49,6 +49,12 @@ def test_our_own_keys_load_from_yaml_and_from_json():
     assert load_config(yaml).unused_keys == ()
 
 
+def test_json_may_have_tabs_and_exponents():
+    loaded = load_config('\n{\n\t"threshold_small_box": 2.5e1\n}')
+
+    assert loaded.config == FilterConfig(threshold_small_box=25)
+
+
 def test_the_published_file_loads_as_it_is():
     loaded = load_config(CARLASIMU)
 
@@ -84,6 +90,9 @@ def test_a_wrong_number_in_the_published_file_is_refused():
     [
         ("profile: paper\nprofile: paper", "line 2, column 1: the key 'profile' is"),
         ("classes: {car: {}, car: {}}", "the key 'car' is given twice"),
+        ('{"profile": "paper", "profile": "paper"}', "'profile' is given twice"),
+        ("{'a': " * 5000, "nested too deeply"),
+        ('{"a": ' * 6000, "nested too deeply"),
         ("a: &x [1]\nb: *x", "line 2, column 4: aliases are not allowed"),
         ("<<: {profile: paper}", "expected a plain key"),
         ("? [a]\n: b", "expected a plain key"),

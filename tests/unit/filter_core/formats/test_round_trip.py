@@ -1,0 +1,53 @@
+"""A folder in, filtered, a folder out, and read again: only the ghosts are gone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from filter_core.boxes import to_xyxy
+from filter_core.config import FilterConfig
+from filter_core.formats.export_frame import ExportBox, ExportFrame, ExportHead
+from filter_core.formats.layouts import read_source
+from filter_core.formats.yolo_writer import YoloOptions, write_yolo
+from filter_core.local_filter import filter_source
+from tests.unit.filter_core.formats.folders import painted, street, write_files
+
+CAR = (10.25, 10.5, 50, 40)
+LABELS = "0 0.3765625 0.42083333 0.496875 0.49166667\n1 0.8125 0.79 0.125 0.25\n"
+
+
+def filtered_folder(source):
+    """The frames of a folder as the local filter leaves them, ready for export."""
+    frames = read_source(source)
+    outcomes = filter_source(frames, FilterConfig())
+    for frame, outcome in zip(frames, outcomes, strict=True):
+        boxes = [ExportBox(one) for one in outcome.decisions or ()]
+        read = frame.image and frame.image.read_bytes
+        yield ExportFrame(frame.key, (80, 60), boxes, read_image=read)
+
+
+def test_what_is_kept_comes_back_where_it_was(tmp_path):
+    files: dict[str, object] = {"data.yaml": "names: [car, walker]\n"}
+    for key in ("a/1.5", "straße 7"):
+        files[f"images/{key}.png"] = None
+        files[f"labels/{key}.txt"] = LABELS
+        files[f"seg/{key}.png"] = painted(street())
+    source = write_files(tmp_path / "in", files)
+    out = {}
+
+    def sink(name, pieces):
+        out[name] = b"".join(pieces)
+
+    head = ExportHead(("car", "walker"), expected_boxes=4)
+    write_yolo(filtered_folder(source), sink, head, YoloOptions())
+    again = read_source(write_files(tmp_path / "out", out))
+
+    assert again.layout == "yolo"
+    assert again.classes == ("car", "walker")
+    found = {frame.key.partition("/")[2]: frame for frame in again}
+    assert sorted(found) == ["a/1.5", "straße 7"]
+    for frame in found.values():
+        (box,) = (frame.annotation or {})["boxes"]
+        assert box["class"] == "car"
+        xyxy = to_xyxy("cxcywhn", [box["cxcywhn"]], (80, 60))
+        np.testing.assert_allclose(xyxy, [CAR], atol=1e-5)
