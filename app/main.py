@@ -17,6 +17,7 @@ from starlette.middleware import Middleware
 from app import http_errors, openapi, routes
 from app.deps import MAX_WRITERS
 from app.lifetime import running
+from app.metrics import RequestMetrics
 from app.middleware import (
     AccessLog,
     BodyLimit,
@@ -35,18 +36,19 @@ from app.settings import Settings
 def create_app(settings: Settings | None = None) -> FastAPI:
     """The service; what it keeps open is opened when the server starts it."""
     settings = settings or Settings()
+    metrics = RequestMetrics(version("unghost"))
     app = FastAPI(
         title="Unghost",
         version=version("unghost"),
         summary="Finds the boxes that CARLA's camera cannot see, and explains why.",
         lifespan=_lifespan,
-        middleware=_surroundings(settings),
+        middleware=_surroundings(settings, metrics),
         redirect_slashes=False,
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
     )
-    app.state.settings = settings
+    app.state.settings, app.state.metrics = settings, metrics
     http_errors.install(app)
     app.add_exception_handler(AlreadyAnswered, repeat_answer)
     for router in _routers():
@@ -80,11 +82,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await run_in_threadpool(lifetime.__exit__, None, None, None)
 
 
-def _surroundings(settings: Settings) -> list[Middleware]:
+def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middleware]:
     policy = content_security_policy(static_dir() / "index.html")
     return [
         Middleware(RequestId),
-        Middleware(AccessLog),
+        Middleware(AccessLog, metrics=metrics),
         Middleware(SecurityHeaders, content_security_policy=policy),
         Middleware(Problems),
         Middleware(KnownHosts, hosts=settings.served_hosts),

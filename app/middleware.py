@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.errors import MisdirectedHost, TooLarge
 from app.http_errors import problem_of
 from app.logs import access_log, current_request_id, error_log
+from app.metrics import RequestMetrics
 from app.security import host_name
 from app.settings import ANY_HOST
 
@@ -64,10 +65,14 @@ class RequestId:
 
 
 class AccessLog:
-    """One line per request: method, path, status, time, who. No query, no header."""
+    """One line per request: method, path, status, time, who. No query, no header.
 
-    def __init__(self, app: ASGIApp) -> None:
+    What it sees is counted as well.
+    """
+
+    def __init__(self, app: ASGIApp, metrics: RequestMetrics) -> None:
         self._app = app
+        self._metrics = metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
@@ -86,14 +91,14 @@ class AccessLog:
         try:
             await self._app(scope, receive, send_and_note)
         finally:
+            seconds = time.perf_counter() - started
+            method, path = scope["method"], scope["path"]
+            route = getattr(scope.get("route"), "path", None)
+            self._metrics.observe(method, route, status, seconds)
             principal = scope.get("state", {}).get("principal")
+            who = principal.name if principal else "-"
             access_log.info(
-                "%s %s %d %.1f ms %s",
-                scope["method"],
-                scope["path"],
-                status,
-                (time.perf_counter() - started) * 1000,
-                principal.name if principal else "-",
+                "%s %s %d %.1f ms %s", method, path, status, 1e3 * seconds, who
             )
 
 

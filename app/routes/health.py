@@ -1,16 +1,21 @@
-"""Is it alive, is it ready, which version is it."""
+"""Is it alive, is it ready, which version is it, how does it do."""
 
 from __future__ import annotations
 
 import platform
 from importlib.metadata import version
+from typing import Final
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
+from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel
 
 from app.deps import AppDatabase, AppSettings, WritersTurn
+from app.metrics import RequestMetrics
 from app.routing import ApiRouter, OpenRouter
 from app.services import readiness
+
+PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 
 class Alive(BaseModel):
@@ -56,6 +61,13 @@ async def running_version() -> Version:
     return Version(
         version=version("unghost"), api="v1", python=platform.python_version()
     )
+
+
+@about.get("/metrics", response_class=PlainTextResponse)
+async def metrics(request: Request) -> PlainTextResponse:
+    """Counts and durations of requests, for Prometheus."""
+    counts: RequestMetrics = request.app.state.metrics
+    return PlainTextResponse(counts.text(), media_type=PROMETHEUS_TYPE)
 
 
 router = APIRouter(redirect_slashes=False)
