@@ -22,7 +22,7 @@ def filtered_folder(source):
     outcomes = filter_source(frames, FilterConfig())
     for frame, outcome in zip(frames, outcomes, strict=True):
         boxes = [ExportBox(one) for one in outcome.decisions or ()]
-        read = frame.image and frame.image.read_bytes
+        read = frame.image.read_bytes if frame.image else None
         yield ExportFrame(frame.key, (80, 60), boxes, read_image=read)
 
 
