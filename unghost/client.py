@@ -13,6 +13,7 @@ from unghost.calls.datasets import DatasetCalls
 from unghost.calls.exports import ExportCalls
 from unghost.calls.frames import FrameCalls
 from unghost.calls.health import HealthCalls
+from unghost.calls.pictures import PictureCalls
 from unghost.calls.runs import RunCalls
 from unghost.discovery import find_server
 from unghost.retry import RetryPolicy
@@ -28,6 +29,7 @@ ClientT = TypeVar("ClientT", bound="Client")
 class Client(
     DatasetCalls,
     FrameCalls,
+    PictureCalls,
     BoxCalls,
     ConfigCalls,
     RunCalls,

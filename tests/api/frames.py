@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from filter_core.palettes import FAMILIES
+from unghost import Client, StoredFrame
 
 WIDTH, HEIGHT = 64, 48
 FAMILY = "carla-0.9.14"
@@ -74,3 +76,17 @@ def write_manifest(
         lines.append(json.dumps({**frame, **files}))
     (folder / "manifest.jsonl").write_text("\n".join(lines) + "\n")
     return folder
+
+
+def put(
+    client: Client, dataset: str, key: str, number: int = 0, **options: Any
+) -> StoredFrame:
+    """Send one frame."""
+    return client.put_frame(
+        dataset,
+        key,
+        annotation(),
+        image=image(number),
+        segmentation=segmentation(),
+        **options,
+    )

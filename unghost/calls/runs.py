@@ -29,10 +29,6 @@ class RunCalls(Calls):
         """One run as it is now."""
         return self._get(Run, f"{API}/runs/{run_id}")
 
-    def cancel_run(self, run_id: int) -> Run:
-        """Stop a run; what it had decided is dropped."""
-        return self._post(Run, f"{API}/runs/{run_id}/cancel")
-
     def wait(
         self,
         run: Run | int,

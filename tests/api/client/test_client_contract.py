@@ -1,53 +1,16 @@
-"""The client and the real server speak the same language: every method, no mock."""
+"""Client and real server speak one language: datasets, frames, boxes and reviews."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
 import unghost
 from tests.api import frames
-from tests.servers import RunningServer
 from unghost import Client
 
-STRICT = {"threshold_small_box": 90}
-
-
-@pytest.fixture
-def client(server: RunningServer) -> Iterator[Client]:
-    with Client(server.url, server.token) as client:
-        yield client
-
-
-@pytest.fixture
-def dataset(client: Client, request: pytest.FixtureRequest) -> str:
-    """An empty dataset of the test's own."""
-    digest = hashlib.sha256(request.node.nodeid.encode()).hexdigest()[:12]
-    return client.create_dataset(f"contract-{digest}", classes=["car"]).name
-
-
-@pytest.fixture
-def filled(client: Client, dataset: str) -> str:
-    """A dataset of three frames, each with a box to keep and one to reject."""
-    for number in range(3):
-        put(client, dataset, f"run/{number:06}", number)
-    return dataset
-
-
-def put(client: Client, dataset: str, key: str, number: int = 0, **options: Any):
-    return client.put_frame(
-        dataset,
-        key,
-        frames.annotation(),
-        image=frames.image(number),
-        segmentation=frames.segmentation(),
-        **options,
-    )
+JPEG = b"\xff\xd8"
 
 
 def ghost(client: Client, dataset: str) -> unghost.Decision:
@@ -97,7 +60,7 @@ def test_a_name_that_is_taken_is_a_conflict(client, dataset):
 
 
 def test_an_upload_is_answered_with_decisions(client, dataset):
-    stored = put(client, dataset, "a/b c/ü")
+    stored = frames.put(client, dataset, "a/b c/ü")
 
     assert stored.created
     assert stored.frame.key == "a/b c/ü"
@@ -119,8 +82,8 @@ def test_files_can_be_paths(client, dataset, tmp_path):
 
 
 def test_the_same_frame_again_changes_nothing(client, dataset):
-    first = put(client, dataset, "a")
-    again = put(client, dataset, "a")
+    first = frames.put(client, dataset, "a")
+    again = frames.put(client, dataset, "a")
 
     assert (first.created, again.created) == (True, False)
     assert again.frame.id == first.frame.id
@@ -129,11 +92,11 @@ def test_the_same_frame_again_changes_nothing(client, dataset):
 def test_another_frame_under_the_same_key_is_a_conflict_unless_replaced(
     client, dataset
 ):
-    put(client, dataset, "a", 1)
+    frames.put(client, dataset, "a", 1)
 
     with pytest.raises(unghost.Conflict):
-        put(client, dataset, "a", 2)
-    assert put(client, dataset, "a", 2, replace=True).frame.revision == 2
+        frames.put(client, dataset, "a", 2)
+    assert frames.put(client, dataset, "a", 2, replace=True).frame.revision == 2
 
 
 def test_a_refused_frame_names_its_faults_and_is_listed(client, dataset):
@@ -177,6 +140,15 @@ def test_files_come_back_as_they_were_sent(client, filled):
     frame = next(client.frames(filled))
 
     assert client.frame_file(frame.id, "segmentation") == frames.segmentation()
+
+
+def test_pictures_are_drawn(client, filled):
+    frame = next(client.frames(filled))
+    box = ghost(client, filled)
+
+    assert client.thumbnail(frame.id).startswith(JPEG)
+    assert client.overlay(frame.id, boxes="kept", layer="blend").startswith(JPEG)
+    assert client.crop(box.box_id, pad=0.5).startswith(JPEG)
 
 
 def test_a_deleted_frame_is_gone(client, filled):
@@ -254,96 +226,3 @@ def test_a_bulk_review_by_filter_guards_its_count(client, filled):
     batch = client.bulk_review(filled, "keep", rejected, expected_count=3)
 
     assert batch.count == 3
-
-
-def test_configs_are_versions_known_by_digest(client, filled):
-    added = client.add_config(filled, STRICT)
-    same = client.add_config(filled, "threshold_small_box: 90  # percent\n")
-
-    assert same.digest == added.digest
-    assert client.config(added.digest).config["threshold_small_box"] == 90
-    active = client.active_config(filled)
-    assert active.digest != added.digest
-    digests = {version.digest for version in client.configs(filled)}
-    assert {added.digest, active.digest} <= digests
-
-
-def test_a_wrong_config_is_refused_with_the_nearest_key(client, dataset):
-    with pytest.raises(unghost.Invalid, match="threshold_small_box"):
-        client.add_config(dataset, {"treshold_small_box": 5})
-
-
-def test_activating_a_config_is_a_run(client, filled):
-    digest = client.add_config(filled, {"min_visible_pixels": 500}).digest
-    seen: list[unghost.Run] = []
-
-    run = client.wait(client.set_config(filled, digest), progress=seen.append)
-
-    assert (run.state, run.config) == ("done", digest)
-    assert run.finished
-    assert seen[-1] == run
-    assert client.active_config(filled).digest == digest
-    assert client.stats(filled).rejected == 6
-
-
-def test_a_run_that_is_not_activated_changes_nothing_that_counts(client, filled):
-    started = client.start_run(filled, {"min_visible_pixels": 500})
-    run = client.wait(started.id, timeout_s=60)
-
-    assert run.counts is not None
-    assert run.counts.rejected == 6
-    assert client.stats(filled).rejected == 3
-    assert run.id in [each.id for each in client.runs(filled)]
-
-
-def test_a_finished_run_cannot_be_cancelled(client, filled):
-    run = client.wait(client.start_run(filled, STRICT))
-
-    with pytest.raises(unghost.Conflict):
-        client.cancel_run(run.id)
-
-
-def test_a_preview_counts_and_writes_nothing(client, filled):
-    preview = client.preview(filled, {"min_visible_pixels": 500})
-
-    assert preview.counts.rejected == 6
-    assert preview.flips.kept_to_rejected == preview.flips.total == 3
-    assert preview.flips.items[0].before.verdict == "kept"
-    assert preview.flips.items[0].after.reason == "no_visible_pixels"
-    assert client.stats(filled).rejected == 3
-
-
-def test_stats_and_histogram(client, filled):
-    stats = client.stats(filled)
-    histogram = client.histogram(filled, bins=10)
-
-    assert (stats.frames, stats.boxes, stats.kept, stats.rejected) == (3, 6, 3, 3)
-    assert stats.by_reason == {"visible": 3, "no_visible_pixels": 3}
-    assert stats.by_class["car"].kept == 3
-    assert len(histogram.edges) == 11
-    assert sum(histogram.classes["car"]) == 6
-    assert histogram.thresholds["car"] == 10
-
-
-def test_an_export_is_made_and_downloaded(client, filled, tmp_path):
-    export = client.wait_for_export(client.start_export(filled, "yolo"))
-
-    path = client.download(export, tmp_path / "labels.zip")
-
-    assert export.id in [each.id for each in client.exports(filled)]
-    names = zipfile.ZipFile(path).namelist()
-    assert any(name.endswith("data.yaml") for name in names)
-    assert sum(name.endswith("000001.txt") for name in names) == 1
-
-
-def test_decisions_are_exported_as_lines(client, filled, tmp_path):
-    export = client.wait_for_export(client.start_export(filled, "decisions-jsonl"))
-
-    text = client.download(export, tmp_path / "out.jsonl").read_text("utf-8")
-
-    assert all(isinstance(json.loads(line), dict) for line in text.splitlines())
-
-
-def test_a_format_that_is_not_known_is_refused(client, filled):
-    with pytest.raises(unghost.ApiError):
-        client.start_export(filled, "punch-cards")
