@@ -1,0 +1,85 @@
+"""Small pictures for tests: drawn with letters, encoded in every form there is."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from filter_core.measure import FrameBoxes
+from filter_core.palettes import FAMILIES
+
+FAMILY = "carla-0.9.14"
+LETTERS = {".": 1, "c": 14, "t": 15, "w": 12, "v": 9, "s": 11, "r": 13, "b": 16}
+"""Road, Car, Truck, Pedestrian, Vegetation, Sky, Rider and Bus of `FAMILY`."""
+ACCEPT = {"car": 1 << 14, "truck": 1 << 14 | 1 << 15, "walker": 1 << 12}
+
+
+def tag_image(*rows: str) -> np.ndarray:
+    """Tags drawn with `LETTERS`; ``?`` is Unknown."""
+    tags = {**LETTERS, "?": 255}
+    return np.array([[tags[letter] for letter in row] for row in rows], np.uint8)
+
+
+def painted(tags: np.ndarray, family: str = FAMILY) -> np.ndarray:
+    """RGB, as CARLA colours these tags."""
+    return FAMILIES[family].paint(tags)
+
+
+def png(picture: np.ndarray, order: str = "rgb") -> bytes:
+    """A PNG of grey, RGB or RGBA pixels; ``bgr`` writes red and blue swapped."""
+    if picture.ndim == 3 and order == "rgb":
+        picture = picture[:, :, [2, 1, 0, 3][: picture.shape[2]]]
+    return cv2.imencode(".png", np.ascontiguousarray(picture))[1].tobytes()
+
+
+def jpeg(rgb: np.ndarray, quality: int = 95) -> bytes:
+    """A JPEG of RGB pixels."""
+    flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    return cv2.imencode(".jpg", np.ascontiguousarray(rgb[:, :, ::-1]), flags)[
+        1
+    ].tobytes()
+
+
+def with_alpha(rgb: np.ndarray, alpha: int = 255) -> np.ndarray:
+    """RGBA of RGB."""
+    fourth = np.full((*rgb.shape[:2], 1), alpha, np.uint8)
+    return np.concatenate([rgb, fourth], axis=2)
+
+
+def chunk(kind: bytes, body: bytes = b"") -> bytes:
+    """One chunk of a PNG."""
+    checksum = zlib.crc32(kind + body)
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", checksum)
+
+
+def png_of_chunks(header: tuple[int, ...], *chunks: bytes) -> bytes:
+    """A PNG from its header's numbers (width, height, depth, colour type) on."""
+    first = chunk(b"IHDR", struct.pack(">IIBBBBB", *header, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + first + b"".join(chunks) + chunk(b"IEND")
+
+
+def indexed_png(tags: np.ndarray, colors: np.ndarray) -> bytes:
+    """A PNG with a palette of its own, whose indexes are the tags."""
+    height, width = tags.shape
+    rows = b"".join(b"\x00" + row.tobytes() for row in tags)
+    pixels = chunk(b"IDAT", zlib.compress(rows))
+    palette = chunk(b"PLTE", colors.astype(np.uint8).tobytes())
+    return png_of_chunks((width, height, 8, 3), palette, pixels)
+
+
+def frame_boxes(
+    xyxy: ArrayLike,
+    wh: tuple[int, int],
+    classes: str | Sequence[str] = "car",
+    accept: Mapping[str, int] = MappingProxyType(ACCEPT),
+) -> FrameBoxes:
+    """Boxes of one class, or of a class each."""
+    boxes = np.asarray(xyxy, np.float64).reshape(-1, 4)
+    names = [classes] * len(boxes) if isinstance(classes, str) else list(classes)
+    return FrameBoxes.of(boxes, names, accept, wh)
