@@ -14,6 +14,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.browser import scenes
+from tests.browser.stage import after_drawing
 from tests.servers import RunningServer
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -133,6 +134,7 @@ class Visitor:
         stage = self.page.locator(".stage")
         expect(stage).to_have_attribute("data-picture", "shown")
         expect(stage).to_have_attribute("data-view", RE_VIEW)
+        after_drawing(self.page)
 
     def press(self, *keys: str) -> None:
         for key in keys:

@@ -44,7 +44,7 @@ def tags() -> np.ndarray:
     _fill(scene, CAR, palette.tag_of("Car"))
     _fill(scene, HALF_HIDDEN, palette.tag_of("Vegetation"))
     # 4 % of the box: 100 x 4 of its 100 x 100 pixels
-    _fill(scene, (300, 276, 400, 280), palette.tag_of("Car"))
+    _fill(scene, (300, 228, 400, 232), palette.tag_of("Car"))
     _fill(scene, WALKER, palette.tag_of("Pedestrian"))
     return scene
 
@@ -88,7 +88,7 @@ def push(
         "camera": camera,
         "boxes": BOXES if boxes is None else boxes,
     }
-    files = {
+    files: dict[str, tuple[str, bytes | str, str]] = {
         "image": ("image.png", picture(), "image/png"),
         "annotation": ("a.json", json.dumps(annotation), "application/json"),
     }

@@ -105,12 +105,11 @@ export function Segments({ label, value, choices, onChange }) {
 /** @param {{label: string, value: string, choices: readonly {value: string, text: string}[], any: string, onChange: (value: string) => void}} props */
 export function Select({ label, value, choices, any, onChange }) {
   const known = value === "" || choices.some((choice) => choice.value === value);
-  return html`<label class="select ${value ? "is-set" : ""}">
-    <span class="sr-only">${label}</span>
-    <select value=${value} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
+  return html`<span class="select ${value ? "is-set" : ""}">
+    <select aria-label=${label} value=${value} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
       <option value="">${any}</option>
       ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
       ${!known && html`<option value=${value}>${value}</option>`}
     </select>
-  </label>`;
+  </span>`;
 }
