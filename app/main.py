@@ -6,7 +6,6 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib import import_module
-from importlib.metadata import version
 from pkgutil import iter_modules
 
 from anyio import CapacityLimiter
@@ -31,15 +30,16 @@ from app.resources import static_dir
 from app.routing import repeat_answer
 from app.services.idempotency import AlreadyAnswered
 from app.settings import Settings
+from app.version import VERSION
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
     """The service; what it keeps open is opened when the server starts it."""
     settings = settings or Settings()
-    metrics = RequestMetrics(version("unghost"))
+    metrics = RequestMetrics(VERSION)
     app = FastAPI(
         title="Unghost",
-        version=version("unghost"),
+        version=VERSION,
         summary="Finds the boxes that CARLA's camera cannot see, and explains why.",
         lifespan=_lifespan,
         middleware=_surroundings(settings, metrics),

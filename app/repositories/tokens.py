@@ -53,15 +53,49 @@ class Tokens:
 
     def replace(self, name: str, role: str, digest: str) -> None:
         """Give the token of this name a new hash; what the old one opened ends."""
-        token = self._session.scalars(
-            select(Token).where(Token.name == name).order_by(Token.id)
-        ).one_or_none()
+        token = self.by_name(name)
         if token is None:
-            self._session.add(Token(name=name, role=role, hash=digest))
-        else:
-            self.end_sessions_of(token.id)
-            token.hash, token.role = digest, role
-            token.revoked_at = token.expires_at = None
+            self.add(Token(name=name, role=role, hash=digest))
+            return
+        self.end_sessions_of(token.id)
+        token.hash, token.role = digest, role
+        token.revoked_at = token.expires_at = None
+        self._session.flush()
+
+    def add(self, token: Token) -> None:
+        """Store a new token."""
+        self._session.add(token)
+        self._session.flush()
+
+    def by_id(self, token_id: int) -> Token | None:
+        """The token, valid or not."""
+        return self._session.get(Token, token_id)
+
+    def by_name(self, name: str) -> Token | None:
+        """The token of this name, valid or not."""
+        statement = select(Token).where(Token.name == name).order_by(Token.id)
+        return self._session.scalars(statement).one_or_none()
+
+    def page(self, *, after_id: int, limit: int) -> list[Token]:
+        """The next tokens by id."""
+        statement = (
+            select(Token).where(Token.id > after_id).order_by(Token.id).limit(limit)
+        )
+        return list(self._session.scalars(statement))
+
+    def valid_ids(self, role: str, now: datetime) -> list[int]:
+        """Tokens of a role that may be used."""
+        statement = (
+            select(Token.id)
+            .where(Token.role == role, *_is_valid(now))
+            .order_by(Token.id)
+        )
+        return list(self._session.scalars(statement))
+
+    def revoke(self, token: Token, now: datetime) -> None:
+        """Let nobody in with it any more; the first time is what counts."""
+        token.revoked_at = token.revoked_at or now
+        self.end_sessions_of(token.id)
         self._session.flush()
 
     def open_session(self, token_id: int, digest: str, expires_at: datetime) -> None:

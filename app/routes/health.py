@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import version
 from typing import Final
 
 from fastapi import APIRouter, Request
@@ -14,6 +13,7 @@ from app.deps import AppDatabase, AppSettings, WritersTurn
 from app.metrics import RequestMetrics
 from app.routing import ApiRouter, OpenRouter
 from app.services import readiness
+from app.version import VERSION
 
 PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -58,9 +58,7 @@ def readyz(settings: AppSettings, database: AppDatabase, _turn: WritersTurn) -> 
 @about.get("/version")
 async def running_version() -> Version:
     """The version of the service and of its API."""
-    return Version(
-        version=version("unghost"), api="v1", python=platform.python_version()
-    )
+    return Version(version=VERSION, api="v1", python=platform.python_version())
 
 
 @about.get("/metrics", response_class=PlainTextResponse)

@@ -99,9 +99,12 @@ def store_answer(
     headers: Mapping[str, str],
     body: Any,  # noqa: ANN401  # a streamed answer has no body yet
 ) -> None:
-    """Keep the answer beside the work, in the same transaction."""
+    """Keep the answer beside the work, in the same transaction.
+
+    One that must not be stored (it shows a secret) is not: the key is free again.
+    """
     keys = IdempotencyKeys(session.connection(), request.token_id)
-    if not isinstance(body, bytes):
+    if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
         keys.release(request.key)
         return
     kept = {name: headers[name] for name in _STORED_HEADERS if name in headers}

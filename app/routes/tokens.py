@@ -1,0 +1,55 @@
+"""Tokens: who may come in. For admins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import Request, Response
+from fastapi.responses import JSONResponse
+
+from app.db.access_tables import Token
+from app.deps import ReadSession, RowId, WriteSession
+from app.errors import BadRequest
+from app.repositories.tokens import Tokens
+from app.routing import ApiRouter
+from app.schemas.pages import Cursor, Limit, Page, page_response
+from app.schemas.tokens import NewTokenOut, TokenIn, TokenOut
+from app.security import Role
+from app.services import tokens
+
+router = ApiRouter(prefix="/api/v1", tag="tokens", read=Role.ADMIN, write=Role.ADMIN)
+
+
+@router.get("/tokens", response_model=Page[TokenOut])
+def list_tokens(
+    request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
+) -> Response:
+    """All tokens, revoked ones included, oldest first. What they open with is gone."""
+    if cursor is not None and not (cursor.isdecimal() and len(cursor) < 19):
+        raise BadRequest("the cursor is damaged", code="bad_cursor")
+    found = Tokens(session).page(after_id=int(cursor or 0), limit=limit + 1)
+    following = str(found[limit - 1].id) if len(found) > limit else None
+    return page_response(request, [_described(one) for one in found[:limit]], following)
+
+
+@router.post("/tokens", status_code=201, response_model=NewTokenOut)
+def create_token(body: TokenIn, session: WriteSession) -> Response:
+    """A new token. It is shown in this answer and never again."""
+    token, secret = tokens.issue(session, body.name, body.role, body.expires_at)
+    # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
+    return JSONResponse(
+        {**_described(token), "token": secret},
+        status_code=201,
+        headers={"Cache-Control": "no-store"},
+    )
+
+
+@router.delete("/tokens/{token_id}", status_code=204)
+def revoke_token(token_id: RowId, session: WriteSession) -> Response:
+    """Take a token back; the sessions that it opened end as well."""
+    tokens.revoke(session, token_id)
+    return Response(status_code=204)
+
+
+def _described(token: Token) -> dict[str, Any]:
+    return TokenOut.model_validate(token, from_attributes=True).model_dump(mode="json")
