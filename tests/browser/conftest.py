@@ -68,11 +68,9 @@ class Scene:
         found: int = self._box(name)["box_id"]
         return found
 
-    def review(self, name: str) -> dict[str, Any] | None:
-        """What the server has stored as the latest answer."""
-        box = scenes.get(self.api, f"/boxes/{self.box_id(name)}")
-        review: dict[str, Any] | None = box["review"]
-        return review
+    def review(self, name: str) -> Any:
+        """What the server has stored as the latest answer; None without one."""
+        return scenes.get(self.api, f"/boxes/{self.box_id(name)}")["review"]
 
     def revision(self, name: str) -> int:
         box = scenes.get(self.api, f"/boxes/{self.box_id(name)}")

@@ -1,0 +1,133 @@
+"""No serious finding of axe on any view, in either appearance; keyboard and speech."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.browser.conftest import PHONE, WIDE, Scene, Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+AXE = (Path(__file__).parent / "vendor" / "axe-core-4.14.1.min.js").read_text("utf-8")
+RUN = """async () => {
+  const { violations } = await axe.run(document, { resultTypes: ["violations"] });
+  return violations.flatMap(({ id, impact, nodes }) =>
+    nodes.map(({ html, failureSummary }) => ({ id, impact, html, failureSummary })));
+}"""
+SERIOUS = ("serious", "critical")
+
+
+def findings(page: Page) -> list[dict[str, str]]:
+    """What axe finds that keeps people out."""
+    page.evaluate(AXE)
+    found: list[dict[str, str]] = page.evaluate(RUN)
+    return [finding for finding in found if finding["impact"] in SERIOUS]
+
+
+@pytest.fixture(params=["light", "dark"])
+def scheme(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_frame_with_answers_has_no_serious_finding(
+    scene: Scene, visit: Visit, scheme, size
+):
+    ada = visit(color_scheme=scheme, viewport=size)
+    page = ada.open(scene.link("ghost"))
+    ada.press("a", "j", "x", "j", "Space", "ArrowLeft", "m")
+    ada.saved()
+
+    assert findings(page) == []
+
+
+def test_lists_have_no_serious_finding(scene, visit, scheme):
+    ada = visit(color_scheme=scheme)
+    page = ada.open("#/datasets")
+    expect(page.get_by_role("heading", name=scene.dataset)).to_be_visible()
+    assert findings(page) == []
+
+    ada.open(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    assert findings(page) == []
+
+
+def test_menu_help_and_sign_in_have_no_serious_finding(scene, visit, scheme):
+    ada = visit(color_scheme=scheme)
+    page = ada.open(scene.link())
+    page.get_by_role("button", name="Settings").click()
+    assert findings(page) == []
+    ada.press("Escape", "?")
+    assert findings(page) == []
+    ada.press("Escape")
+    page.context.clear_cookies()
+    page.reload()
+    expect(page.get_by_label("Token")).to_be_visible()
+
+    assert findings(page) == []
+
+
+def test_conflict_and_offline_have_no_serious_finding(scene, visit, scheme):
+    ada = visit(color_scheme=scheme)
+    page = ada.open(scene.link("ghost"))
+    body = {"verdict": "reject", "seen_revision": 0}
+    scene.api.post(f"/boxes/{scene.box_id('ghost')}/reviews", json=body)
+    ada.press("a")
+    expect(page.locator(".conflict")).to_be_visible()
+    assert findings(page) == []
+
+    page.context.set_offline(True)
+    ada.press("j", "a")
+    expect(page.locator(".savestate")).to_contain_text("offline")
+
+    assert findings(page) == []
+
+
+def test_a_frame_is_reviewed_by_keyboard_alone(scene, ada: Visitor):
+    page = ada.open("#/datasets")
+    page.get_by_role("link", name=scene.dataset).focus()
+    ada.press("Enter")
+    page.get_by_role("link", name="run/000001").focus()
+    ada.press("Enter")
+    ada.ready()
+
+    ada.press("Shift+J", "k")
+
+    ada.saved()
+    assert scene.review("real")["verdict"] == "keep"
+
+
+def test_focus_is_always_visible(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    for _ in range(25):
+        ada.press("Tab")
+        outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert outline != "none", page.evaluate("document.activeElement.outerHTML")
+
+
+def test_what_happens_is_said(scene, ada):
+    page = ada.open(scene.link("real"))
+    spoken = page.locator(".sr-only[aria-live]")
+
+    ada.press("j")
+    expect(spoken).to_have_text(
+        "car hidden, rejected: 4 % Car < 10 % · hidden by Vegetation 96 %"
+    )
+    ada.press("a")
+    expect(spoken).to_have_text("car hidden: keep")
+    ada.press("z")
+    expect(spoken).to_have_text("car hidden: taken back")
+
+
+def test_skip_link_leads_to_the_content(scene, ada):
+    page = ada.open(scene.link())
+    address = page.url
+    page.get_by_role("link", name="Skip to content").focus()
+
+    ada.press("Enter")
+
+    expect(page.locator("main")).to_be_focused()
+    assert page.url == address

@@ -1,0 +1,131 @@
+"""Dark and light, wide and narrow; empty, loading and failing."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.conftest import PHONE, Scene, Visit, Visitor
+from tests.browser.stage import after_drawing, view
+
+pytestmark = pytest.mark.browser
+
+BACKGROUND = "getComputedStyle(document.body).backgroundColor"
+IN_SIGHT = """(element) => {
+  const { left, right, width } = element.getBoundingClientRect();
+  return width > 0 && left >= 0 && right <= innerWidth;
+}"""
+
+
+@pytest.mark.parametrize(("scheme", "is_dark"), [("dark", True), ("light", False)])
+def test_page_follows_the_systems_appearance(visit: Visit, scheme, is_dark):
+    page = visit(color_scheme=scheme).open("#/datasets")
+
+    red, *_ = map(int, re.findall(r"\d+", page.evaluate(BACKGROUND)))
+    assert (red < 60) == is_dark
+
+
+def test_chosen_appearance_wins_and_is_remembered(visit):
+    page = visit(color_scheme="light").open("#/datasets")
+    page.get_by_role("button", name="Settings").click()
+
+    page.get_by_role("button", name="Dark").click()
+
+    expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+    page.reload()
+    expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+    red, *_ = map(int, re.findall(r"\d+", page.evaluate(BACKGROUND)))
+    assert red < 60
+
+
+@pytest.mark.parametrize("width", [360, 390, 768, 1024, 1600])
+def test_nothing_is_cut_off_at_any_width(scene: Scene, visit: Visit, width):
+    ada = visit(viewport={"width": width, "height": 844})
+    links = ["#/datasets", f"#/datasets/{scene.dataset}/frames", scene.link("hidden")]
+    for link in links:
+        page = ada.open(link)
+        expect(page.locator(".topbar")).to_be_visible()
+        overflow = "document.documentElement.scrollWidth - innerWidth"
+        assert page.evaluate(overflow) <= 0, link
+        for button in page.locator(".topbar button, .bar button").all():
+            if button.is_visible():
+                assert button.evaluate(IN_SIGHT), (link, button.inner_text())
+
+
+def test_phone_shows_list_and_box_in_turns_and_answers_by_touch(scene, visit):
+    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = bo.open(scene.link())
+    expect(page.locator(".panel--list")).to_be_hidden()
+    page.get_by_role("button", name=re.compile("^Boxes")).tap()
+    page.locator(".box", has_text="ghost").tap()
+    page.get_by_role("button", name="Selected box").tap()
+    expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
+
+    keep = page.get_by_role("button", name="Keep")
+    assert keep.bounding_box()["height"] >= 44
+    keep.tap()
+
+    bo.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+
+
+def test_two_fingers_zoom(scene, visit):
+    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = bo.open(scene.link())
+    before, *_ = view(page)
+
+    page.evaluate(PINCH)
+    after_drawing(page)
+
+    assert view(page)[0] == pytest.approx(2 * before, rel=0.01)
+
+
+PINCH = """() => {
+  const stage = document.querySelector(".stage");
+  const { left, top } = stage.getBoundingClientRect();
+  stage.setPointerCapture = () => {};
+  const send = (type, pointerId, x) => stage.dispatchEvent(new PointerEvent(type,
+    { pointerId, button: 0, clientX: left + x, clientY: top + 150, bubbles: true }));
+  send("pointerdown", 1, 150);
+  send("pointerdown", 2, 200);
+  send("pointermove", 2, 225);
+  send("pointermove", 1, 125);
+  send("pointerup", 1, 125);
+  send("pointerup", 2, 225);
+}"""
+
+
+def test_empty_server_says_how_to_bring_data(visit, start_server):
+    own = start_server()
+    page = visit(sign_in=False).page
+
+    page.goto(own.login_link)
+
+    expect(page.get_by_role("heading", name="No datasets yet")).to_be_visible()
+    expect(page.locator("code").first).to_have_text(
+        "unghost push FOLDER --dataset NAME"
+    )
+    expect(page.get_by_role("button", name=re.compile("^Copy"))).to_have_count(2)
+
+
+def test_loading_is_shown_and_failing_can_be_tried_again(scene, ada: Visitor):
+    page = ada.page
+    page.route("**/api/v1/datasets?*", lambda route: route.abort())
+    page.goto(f"{ada.url}/#/frames/{scene.frame['id']}")
+    page.goto(f"{ada.url}/#/datasets")
+    expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
+
+    page.unroute("**/api/v1/datasets?*")
+    page.get_by_role("button", name="Try again").click()
+
+    expect(page.get_by_role("heading", name=scene.dataset)).to_be_visible()
+
+
+def test_frame_without_segmentation_offers_no_mask(make_scene, ada):
+    page = ada.open(make_scene(form="none").link())
+
+    expect(page.get_by_role("toolbar", name="View")).to_be_visible()
+    expect(page.get_by_role("button", name="Segmentation")).to_have_count(0)
+    expect(page.locator(".stroke--unmeasured").first).to_be_visible()

@@ -1,0 +1,88 @@
+"""The way in: the login link, a pasted token, and out again."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.conftest import Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+
+def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
+    page = visit(sign_in=False).page
+
+    page.goto(server.login_link)
+
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    assert page.url == f"{server.url}/#/datasets"
+    kept = page.evaluate("JSON.stringify([{...localStorage}, {...sessionStorage}])")
+    assert server.token not in kept
+    assert page.evaluate("document.cookie") == ""
+    page.reload()
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    assert page.evaluate("performance.getEntriesByType('navigation')[0].name").endswith(
+        "/#/datasets"
+    )
+
+
+def test_wrong_login_link_says_so(visit, server):
+    page = visit(sign_in=False).page
+
+    page.goto(f"{server.url}/#token=wrong")
+
+    expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
+    expect(page.get_by_role("alert")).not_to_be_empty()
+    assert "wrong" not in page.url
+
+
+@pytest.mark.parametrize("what", ["token", "login_link"])
+def test_pasted_token_or_link_signs_in_where_one_wanted_to_go(
+    visit, server, scene, what
+):
+    visitor = visit(sign_in=False)
+    page = visitor.page
+    page.goto(f"{server.url}/{scene.link('ghost')}")
+    expect(page.get_by_label("Token")).to_be_focused()
+
+    page.get_by_label("Token").fill(getattr(server, what))
+    visitor.press("Enter")
+
+    visitor.ready()
+    expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
+
+
+def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
+    page = visit(sign_in=False).open("#/datasets")
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).to_have_text("Paste the token first.")
+    page.get_by_label("Token").fill("wrong")
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).not_to_have_text("Paste the token first.")
+
+    page.get_by_label("Token").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+
+
+def test_sign_out_ends_the_session(ada: Visitor):
+    page = ada.open("#/datasets")
+    page.get_by_role("button", name="Settings").click()
+
+    page.get_by_role("button", name="Sign out").click()
+
+    expect(page.get_by_label("Token")).to_be_visible()
+    page.reload()
+    expect(page.get_by_label("Token")).to_be_visible()
+
+
+def test_login_link_works_in_a_window_that_is_open_already(visit, server):
+    page = visit(sign_in=False).open("#/datasets")
+    expect(page.get_by_label("Token")).to_be_visible()
+
+    page.goto(server.login_link)
+
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    assert "token" not in page.url
