@@ -13,6 +13,7 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.exceptions import RequestValidationError
 from sqlalchemy import exc as sql
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Match
 
@@ -127,6 +128,8 @@ def problem_of(exc: Exception) -> Problem:
         return _invalid_request(exc)
     if isinstance(exc, HTTPException):
         return _http_problem(exc)
+    if isinstance(exc, ClientDisconnect):  # nobody is left to read this
+        return Problem(400, "client_disconnected", "the body ended too early")
     known = _translated(exc)
     if isinstance(known, AppError):
         return _app_problem(known)

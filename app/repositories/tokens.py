@@ -3,12 +3,33 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from sqlalchemy import ColumnElement, delete, or_, select
+from sqlalchemy import bindparam, delete, or_, select
 from sqlalchemy.orm import Session
 
 from app.db.access_tables import LoginSession, Token
+
+_VALID: Final = (
+    Token.revoked_at.is_(None),
+    or_(Token.expires_at.is_(None), Token.expires_at > bindparam("now")),
+)
+# Built once: every request asks one of them.
+_BY_HASH: Final = (
+    select(Token.id, Token.name, Token.role, Token.hash)
+    .where(Token.hash == bindparam("digest"), *_VALID)
+    .order_by(Token.id)
+)
+_BY_SESSION: Final = (
+    select(Token.id, Token.name, Token.role, LoginSession.hash)
+    .join(LoginSession, LoginSession.token_id == Token.id)
+    .where(
+        LoginSession.hash == bindparam("digest"),
+        LoginSession.expires_at > bindparam("now"),
+        *_VALID,
+    )
+    .order_by(Token.id)
+)
 
 
 class TokenRow(NamedTuple):
@@ -28,27 +49,12 @@ class Tokens:
 
     def valid_by_hash(self, digest: str, now: datetime) -> TokenRow | None:
         """The token with this hash, unless it is revoked or has expired."""
-        statement = (
-            select(Token.id, Token.name, Token.role, Token.hash)
-            .where(Token.hash == digest, *_is_valid(now))
-            .order_by(Token.id)
-        )
-        row = self._session.execute(statement).one_or_none()
+        row = self._session.execute(_BY_HASH, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
     def valid_by_session(self, digest: str, now: datetime) -> TokenRow | None:
         """The token that opened this session, if both are still valid."""
-        statement = (
-            select(Token.id, Token.name, Token.role, LoginSession.hash)
-            .join(LoginSession, LoginSession.token_id == Token.id)
-            .where(
-                LoginSession.hash == digest,
-                LoginSession.expires_at > now,
-                *_is_valid(now),
-            )
-            .order_by(Token.id)
-        )
-        row = self._session.execute(statement).one_or_none()
+        row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
     def replace(self, name: str, role: str, digest: str) -> None:
@@ -86,11 +92,9 @@ class Tokens:
     def valid_ids(self, role: str, now: datetime) -> list[int]:
         """Tokens of a role that may be used."""
         statement = (
-            select(Token.id)
-            .where(Token.role == role, *_is_valid(now))
-            .order_by(Token.id)
+            select(Token.id).where(Token.role == role, *_VALID).order_by(Token.id)
         )
-        return list(self._session.scalars(statement))
+        return list(self._session.scalars(statement, {"now": now}))
 
     def revoke(self, token: Token, now: datetime) -> None:
         """Let nobody in with it any more; the first time is what counts."""
@@ -120,11 +124,3 @@ class Tokens:
         self._session.execute(
             delete(LoginSession).where(LoginSession.expires_at <= now)
         )
-
-
-def _is_valid(now: datetime) -> tuple[ColumnElement[bool], ...]:
-    """Conditions under which a token may be used."""
-    return (
-        Token.revoked_at.is_(None),
-        or_(Token.expires_at.is_(None), Token.expires_at > now),
-    )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import socket
 
 import pytest
+from starlette.requests import ClientDisconnect
 
 from app import errors
 from app.errors import AppError
@@ -158,6 +160,27 @@ def test_a_token_in_a_body_is_never_repeated(anybody):
 
     assert answer.status_code == 422
     assert "ug_secret" not in answer.text
+
+
+def test_a_client_that_hangs_up_is_no_failure_of_the_service(caplog):
+    problem = problem_of(ClientDisconnect())
+
+    assert (problem.status, problem.code) == (400, "client_disconnected")
+    assert caplog.records == []
+
+
+def test_what_nobody_foresaw_is_logged_with_its_traceback(caplog):
+    problem = problem_of(RuntimeError("the disk is on fire"))
+
+    assert (problem.status, problem.code) == (500, "internal")
+    assert "fire" not in problem.detail
+    assert "the disk is on fire" in caplog.text
+
+
+def test_a_full_disk_is_no_internal_error():
+    problem = problem_of(OSError(errno.ENOSPC, "No space left on device"))
+
+    assert (problem.status, problem.code) == (503, "storage_full")
 
 
 def test_a_message_keeps_the_pointer_of_its_fault():
