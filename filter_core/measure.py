@@ -9,6 +9,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.ambiguity import refuse_ambiguity
 from filter_core.boxes import correct_xyxy, pixel_bounds
 from filter_core.color_codes import CODE_OF, packed
 from filter_core.counting import Regions, count_codes_in, count_matches, count_pixels
@@ -28,15 +29,6 @@ from filter_core.types import (
     IntArray,
     Mask,
 )
-
-__all__ = [
-    "PUBLISHED_COLORS",
-    "FrameBoxes",
-    "MeasureOptions",
-    "Profile",
-    "measure",
-    "with_accept_masks",
-]
 
 Profile: TypeAlias = Literal["paper", "carlasimu"]
 
@@ -235,9 +227,6 @@ def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
 
 def _refuse_ambiguity(segmentation: Segmentation, boxes: FrameBoxes) -> None:
     if segmentation.rivals:
-        # Rare, and the table of classes in turn needs this module's colours.
-        from filter_core.ambiguity import refuse_ambiguity
-
         masks = {
             (boxes.class_names[index], mask)
             for index, mask in zip(
