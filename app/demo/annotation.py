@@ -9,8 +9,10 @@ import numpy as np
 
 from app.demo.things import Thing
 from app.demo.town import TownStyle
+from filter_core.box3d import boxes3d_vertices
 from filter_core.camera import Camera
 from filter_core.pose import Transform
+from filter_core.projection import project_boxes
 from filter_core.types import FloatArray
 
 WIDTH: Final = 1280
@@ -19,7 +21,6 @@ FOV: Final = 90.0
 CARLA_VERSION: Final = "0.9.15"
 MAX_DISTANCE: Final = 200.0
 FIRST_ACTOR: Final = 100
-_EXTREME_PX: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,23 +45,19 @@ def placed_boxes(
     things: list[Thing], poses: list[Transform], camera: Camera
 ) -> list[PlacedBox]:
     """The boxes of all things within `MAX_DISTANCE`, seen or not."""
-    boxes = []
-    for index, (thing, pose) in enumerate(zip(things, poses, strict=True)):
-        if not thing.has_box:
-            continue
-        centre, half = thing.box
-        matrix = pose.matrix
-        local = np.vstack([centre[None], centre + _CORNERS * half])
-        world = local @ matrix[:3, :3].T + matrix[:3, 3]
-        distance = float(np.linalg.norm(world[0] - camera.position))
-        if distance <= MAX_DISTANCE:
-            boxes.append(PlacedBox(index, thing, pose, world[1:], distance))
-    return boxes
-
-
-_CORNERS: Final = np.array(
-    [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
-)
+    boxed = [index for index, thing in enumerate(things) if thing.has_box]
+    rows = [
+        (*poses[index].location, *poses[index].rotation, *centre, *half, 0, 0, 0)
+        for index in boxed
+        for centre, half in [things[index].box]
+    ]
+    vertices = boxes3d_vertices(np.array(rows))
+    distance = np.linalg.norm(vertices.mean(axis=1) - camera.position, axis=1)
+    return [
+        PlacedBox(index, things[index], poses[index], corners, float(metres))
+        for index, corners, metres in zip(boxed, vertices, distance, strict=True)
+        if metres <= MAX_DISTANCE
+    ]
 
 
 def annotate(
@@ -83,50 +80,39 @@ def annotate(
             "transform": camera_pose.as_dict(),
         },
         "sensors": {"lidar": {"transform": camera_pose.as_dict()}},
-        "boxes": [_box(box, camera, flat=flat) for box in boxes],
+        "boxes": [
+            _with_rectangle(box, camera) if flat else _with_box3d(box) for box in boxes
+        ],
     }
 
 
-def _box(box: PlacedBox, camera: Camera, *, flat: bool) -> dict[str, Any]:
+def _named(box: PlacedBox) -> dict[str, Any]:
     thing = box.thing
-    entry: dict[str, Any] = {
-        "id": box.id,
-        "class": thing.class_name,
-        "type_id": thing.type_id,
-    }
-    if thing.base_type:
-        entry["base_type"] = thing.base_type
-    if flat:
-        rectangle = naive_rectangle(box.vertices, camera)
-        return {
-            **entry,
-            "xyxy": _rounded(rectangle, 2),
-            "distance": round(box.distance, 3),
-        }
-    centre, half = thing.box
-    entry["box3d"] = {
-        "transform": {
-            name: round(value, 5) for name, value in box.pose.as_dict().items()
-        },
+    names = {"id": box.id, "class": thing.class_name, "type_id": thing.type_id}
+    return {**names, "base_type": thing.base_type} if thing.base_type else names
+
+
+def _with_box3d(box: PlacedBox) -> dict[str, Any]:
+    centre, half = box.thing.box
+    pose = {name: round(value, 5) for name, value in box.pose.as_dict().items()}
+    box3d = {
+        "transform": pose,
         "location": _xyz(centre),
         "extent": _xyz(half),
         "rotation": {"pitch": 0.0, "yaw": 0.0, "roll": 0.0},
     }
-    return entry
+    return {**_named(box), "box3d": box3d}
 
 
-def naive_rectangle(vertices: FloatArray, camera: Camera) -> FloatArray:
-    """(4,) px: the tutorials' way, which knows nothing of what is behind the camera.
+def _with_rectangle(box: PlacedBox, camera: Camera) -> dict[str, Any]:
+    """The tutorials' rectangle, which knows nothing of what is behind the camera.
 
     Corners behind it come out mirrored, so that a box beside or behind the camera
     becomes a beam across the image or a rectangle somewhere in it.
     """
-    image = camera.world_to_image
-    points = vertices @ image[:, :3].T + image[:, 3]
-    depth = points[:, 2]
-    safe = np.where(np.abs(depth) < 1e-3, 1e-3, depth)
-    pixels = np.clip(points[:, :2] / safe[:, None], -_EXTREME_PX, _EXTREME_PX)
-    return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+    naive = project_boxes(box.vertices, camera, mode="naive").amodal_xyxy[0]
+    distance = round(box.distance, 3)
+    return {**_named(box), "xyxy": _rounded(naive, 2), "distance": distance}
 
 
 def _xyz(vector: FloatArray) -> dict[str, float]:

@@ -22,11 +22,11 @@ from app.demo.textures import (
 LANE: Final = 3.5
 PARKING: Final = 2.4
 SIDEWALK_HEIGHT: Final = 0.14
-_LINE: Final = 0.075
+_LINE: Final = 0.06
 """Half the width of a painted line, metres."""
 _ASPHALT: Final = f32([0.092, 0.092, 0.096])
 _WHITE: Final = f32([0.56, 0.56, 0.54])
-_YELLOW: Final = f32([0.56, 0.40, 0.10])
+_YELLOW: Final = f32([0.50, 0.34, 0.08])
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ RGB = tuple[float, float, float]
 _SHIRT, _TROUSERS, _SKIN, _HAIR = range(1, 5)
 
 SHIRTS: Final = (
-    (178, 44, 42), (232, 228, 218), (38, 62, 110), (62, 110, 72), (208, 158, 52),
-    (92, 92, 98), (120, 60, 104), (222, 128, 92), (74, 128, 158), (36, 36, 40),
+    (142, 52, 48), (214, 210, 200), (52, 68, 98), (84, 106, 82), (178, 144, 80),
+    (92, 92, 98), (104, 66, 92), (186, 122, 92), (92, 122, 140), (44, 44, 50),
 )  # fmt: skip
 TROUSERS: Final = (
-    (40, 48, 70), (58, 56, 54), (96, 82, 64), (30, 30, 34), (112, 116, 122),
+    (44, 50, 66), (60, 58, 56), (98, 86, 70), (36, 36, 40), (108, 110, 114),
 )  # fmt: skip
-SKINS: Final = ((226, 178, 148), (196, 140, 106), (142, 94, 66), (98, 64, 46))
+SKINS: Final = ((206, 162, 136), (184, 134, 104), (136, 94, 70), (94, 66, 50))
 HAIRS: Final = (
     (40, 28, 20),
     (92, 62, 36),
@@ -107,8 +107,8 @@ def walking_pose(phase: int) -> Pose:
     for side, forward in ((1, -reach), (-1, reach)):
         arms.append(
             (
-                (forward * 0.35 - 0.03, 0.27 * side, 1.16),
-                (forward * 0.8 + 0.06, 0.27 * side, 0.92),
+                (forward * 0.35 - 0.03, 0.245 * side, 1.16),
+                (forward * 0.8 + 0.06, 0.24 * side, 0.92),
             )
         )
     (right, right_foot), (left, left_foot) = legs
@@ -134,12 +134,12 @@ def _trunk(pose: Pose, tag: int) -> Mesh:
     chest = hips + 0.72 * (shoulders - hips)
     return join(
         [
-            ball(hips, (0.13, 0.175, 0.13), (Paint.dye(_TROUSERS), tag)),
-            ball(waist, (0.115, 0.165, 0.20), (Paint.dye(_SHIRT), tag)),
-            ball(chest, (0.13, 0.205, 0.21), (Paint.dye(_SHIRT), tag)),
+            ball(hips, (0.12, 0.155, 0.13), (Paint.dye(_TROUSERS), tag)),
+            ball(waist, (0.11, 0.14, 0.20), (Paint.dye(_SHIRT), tag)),
+            ball(chest, (0.125, 0.175, 0.21), (Paint.dye(_SHIRT), tag)),
             ball(
                 shoulders - np.array([0, 0, 0.03]),
-                (0.10, 0.225, 0.085),
+                (0.095, 0.20, 0.075),
                 (Paint.dye(_SHIRT), tag),
             ),
         ]
@@ -180,12 +180,12 @@ def _leg(pose: Pose, side: int, tag: int) -> Mesh:
 
 def _arm(pose: Pose, side: int, tag: int) -> Mesh:
     sign = 1 - 2 * side
-    shoulder = np.array(pose.shoulders) + np.array([0, 0.20 * sign, -0.04])
+    shoulder = np.array(pose.shoulders) + np.array([0, 0.185 * sign, -0.035])
     elbow, hand = np.array(pose.elbows[side]), np.array(pose.hands[side])
     return join(
         [
-            tube(shoulder, elbow, (0.062, 0.048), (Paint.dye(_SHIRT), tag), 8),
-            tube(elbow, hand, (0.048, 0.036), (Paint.dye(_SHIRT), tag), 8),
+            tube(shoulder, elbow, (0.054, 0.042), (Paint.dye(_SHIRT), tag), 8),
+            tube(elbow, hand, (0.042, 0.032), (Paint.dye(_SHIRT), tag), 8),
             ball(elbow, 0.048, (Paint.dye(_SHIRT), tag), 8),
             ball(hand, (0.045, 0.04, 0.055), (Paint.dye(_SKIN), tag), 8),
         ]

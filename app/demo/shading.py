@@ -133,7 +133,7 @@ def _irradiance(
     facing = along(look.normal, sun)
     lit = np.maximum(facing, 0.0)
     # Light also shines through leaves and wraps around their clumps.
-    lit = np.where(leaf, 0.30 + 0.62 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
+    lit = np.where(leaf, 0.20 + 0.58 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
     in_sun = np.flatnonzero(lit > 0)
     shine = np.ones(len(in_sun), dtype=np.float32)
     # Start from the front side of the surface, or its own texels would shade it.

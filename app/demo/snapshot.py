@@ -18,7 +18,7 @@ from filter_core.camera import Camera
 from filter_core.pose import Transform
 from filter_core.types import BoolArray, FloatArray, IntArray
 
-_FAR_M: Final = 55.0
+_FAR_M: Final = 42.0
 """From here on, things are drawn in their coarser shape if they have one."""
 _TILE: Final = 16
 

@@ -144,7 +144,7 @@ class _Set:
             depth_png=png(encode_depth(planes.depth)),
             lidar_npy=npy(self._scan(planes, camera)),
             annotation=annotate(style, pose, camera, boxes, flat=flat),
-            truth=truth_of(key, planes, boxes, camera, len(things)),
+            truth=truth_of(planes, boxes, camera, len(things)),
         )
 
     def _scan(self, planes: Planes, camera: Camera) -> NDArray[np.void]:

@@ -49,7 +49,7 @@ _OVERCAST: Final = Hour(
     zenith=(0.62, 0.70, 0.82),
     horizon=(0.98, 1.00, 1.02),
     bounce=(0.36, 0.35, 0.34),
-    haze=0.0058,
+    haze=0.0046,
     clouds=0.86,
     exposure=0.66,
 )

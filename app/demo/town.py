@@ -18,7 +18,7 @@ from filter_core.pose import Transform
 
 T = TypeVar("T")
 
-STEP_S: Final = 0.8
+STEP_S: Final = 1.25
 """Seconds between two frames of a town."""
 DRIVE_SPEED: Final = 6.25
 DRIVE_START: Final = -38.0
@@ -119,7 +119,7 @@ class TownBuilder:
         if len(grown) < 3:
             seed = int(self.rng.integers(1 << 30))
             near, far = (
-                tree(kind, np.random.default_rng(seed), d) for d in (0.6, 0.16)
+                tree(kind, np.random.default_rng(seed), d) for d in (0.7, 0.13)
             )
             grown.append((near, far))
             return grown[-1]

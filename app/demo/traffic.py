@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Final
 
-from app.demo.fleet import new_car, new_heavy, new_two_wheeler, new_walker
+from app.demo.fleet import HEAVY, new_car, new_heavy, new_two_wheeler, new_walker
 from app.demo.furniture import AMBER, GREEN, RED, traffic_light
 from app.demo.ground import SIDEWALK_HEIGHT
 from app.demo.things import Route, Thing
@@ -31,21 +32,21 @@ def _with_the_camera(builder: TownBuilder) -> None:
     """Vehicles that keep their distance, so that every frame has something near."""
     rng, plan = builder.rng, builder.plan
     own, other = plan.lane_middle(0), plan.lane_middle(plan.lanes - 1)
+    aside = float(rng.choice([-0.9, 0.7]))
     for gap in (19.0, 34.0, 58.0, 92.0):
         builder.put(new_car(rng, *convoy(gap + float(rng.uniform(-2, 3)), own)))
     builder.put(
         new_two_wheeler(
-            "motorcycle", rng, *convoy(float(rng.uniform(8.5, 12)), own + 1.0)
+            "motorcycle", rng, *convoy(float(rng.uniform(8.0, 11.5)), own + aside)
         )
     )
     builder.put(
         new_two_wheeler(
-            "bicycle", rng, *convoy(float(rng.uniform(10, 15)), plan.lanes_edge - 0.5)
+            "bicycle", rng, *convoy(float(rng.uniform(12.5, 15)), plan.lanes_edge - 0.3)
         )
     )
     if plan.lanes > 1:
-        ahead = "bus" if rng.random() < 0.6 else "truck"
-        builder.put(new_heavy(ahead, rng, *convoy(float(rng.uniform(24, 29)), other)))
+        builder.put(new_heavy("bus", rng, *convoy(float(rng.uniform(24, 29)), other)))
         builder.put(new_car(rng, *convoy(float(rng.uniform(38, 42)), other)))
         builder.put(new_car(rng, *convoy(-0.4, other)))
         builder.put(new_car(rng, *convoy(float(rng.uniform(60, 66)), other)))
@@ -56,6 +57,8 @@ def _with_the_camera(builder: TownBuilder) -> None:
 def _oncoming(builder: TownBuilder) -> None:
     rng, plan = builder.rng, builder.plan
     length = TOWN_END - TOWN_START
+    # In turns, so that a short drive meets every kind.
+    heavy = itertools.cycle(HEAVY)
     for lane in range(plan.lanes):
         speed = float(rng.uniform(7.5, 10.5))
         ahead = float(rng.uniform(0, 25))
@@ -68,10 +71,7 @@ def _oncoming(builder: TownBuilder) -> None:
             if dice < 0.62:
                 builder.put(new_car(rng, start, route))
             elif dice < 0.88:
-                name = str(
-                    rng.choice(["bus", "truck", "carlacola", "ambulance", "sprinter"])
-                )
-                builder.put(new_heavy(name, rng, start, route))
+                builder.put(new_heavy(next(heavy), rng, start, route))
             else:
                 builder.put(new_two_wheeler("motorcycle", rng, start, route))
             ahead += float(rng.uniform(20, 58))

@@ -33,10 +33,10 @@ class TreeKind:
     bark: RGB
 
 
-PLANE_TREE = TreeKind(8.6, (2.7, 2.7, 2.9), 0.30, (104, 128, 52), (120, 106, 84))
-LINDEN = TreeKind(7.4, (2.1, 2.1, 2.6), 0.26, (82, 116, 50), (86, 72, 58))
-MAPLE = TreeKind(7.0, (2.4, 2.4, 2.3), 0.27, (150, 118, 44), (82, 70, 58))
-POPLAR = TreeKind(11.5, (1.3, 1.3, 4.6), 0.26, (70, 104, 48), (104, 96, 80))
+PLANE_TREE = TreeKind(8.6, (2.7, 2.7, 2.9), 0.23, (98, 112, 56), (120, 106, 84))
+LINDEN = TreeKind(7.4, (2.1, 2.1, 2.6), 0.20, (80, 104, 54), (86, 72, 58))
+MAPLE = TreeKind(7.0, (2.4, 2.4, 2.3), 0.21, (150, 112, 48), (82, 70, 58))
+POPLAR = TreeKind(11.5, (1.3, 1.3, 4.6), 0.21, (72, 96, 52), (104, 96, 80))
 
 
 def tree(kind: TreeKind, rng: np.random.Generator, detail: float = 1.0) -> Mesh:
@@ -95,7 +95,7 @@ def _leaves(
     rng: np.random.Generator,
     detail: float,
 ) -> Mesh:
-    per_clump = int(120 * detail)
+    per_clump = int(170 * detail)
     size = kind.leaf / np.sqrt(detail)
     clump = np.repeat(clumps, per_clump, axis=0)
     count = len(clump)
@@ -150,7 +150,7 @@ def _leaf_mesh(
     tint = np.clip(np.concatenate([shade, shade]), 0.15, 1.6).astype(np.float32)
     mesh.surface[:, :3] *= tint[:, None]
     # Sunny leaves are yellower.
-    mesh.surface[:, 0] *= 0.86 + 0.18 * tint
+    mesh.surface[:, 0] *= 0.88 + 0.12 * tint
     return mesh
 
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from app.demo.annotation import PlacedBox
 from app.demo.exposure import Planes
 from app.demo.paint import Tag
-from app.demo.view import NEAR
+from app.demo.view import to_homogeneous
 from filter_core.camera import Camera
+from filter_core.projection import DepthStatus, project_boxes
 from filter_core.types import FloatArray
 
 FAR_AWAY_M: Final = 150.0
@@ -50,60 +51,62 @@ def visible_pixels(planes: Planes, boxes: list[PlacedBox], things: int) -> list[
 
 
 def truth_of(
-    key: str, planes: Planes, boxes: list[PlacedBox], camera: Camera, things: int
+    planes: Planes, boxes: list[PlacedBox], camera: Camera, things: int
 ) -> list[dict[str, Any]]:
     """One line per box: how much is seen, and what kind of ghost it is if nothing."""
     counts = visible_pixels(planes, boxes, things)
-    return [
-        {
-            "key": key,
-            "id": box.id,
-            "class": box.thing.class_name,
-            "instance": box.thing.instance,
-            "distance": round(box.distance, 3),
-            "visible_pixels": count,
-            "visible": count > 0,
-            "ghost": None if count else ghost_kind(box, planes, camera),
-        }
-        for box, count in zip(boxes, counts, strict=True)
-    ]
+    vertices = np.array([box.vertices for box in boxes])
+    seen = project_boxes(vertices, camera)
+    image_points = to_homogeneous(vertices, camera)
+    lines = []
+    for row, (box, count) in enumerate(zip(boxes, counts, strict=True)):
+        ghost = None
+        if not count:
+            nearest = float(image_points[row, :, 2].min())
+            status = DepthStatus(int(seen.status[row]))
+            ghost = _kind_by_place(status, seen.visible_xyxy[row], box.distance)
+            ghost = ghost or _hidden_by(box, nearest, planes, seen.visible_xyxy[row])
+        lines.append(_line(box, count, ghost))
+    return lines
 
 
-def ghost_kind(box: PlacedBox, planes: Planes, camera: Camera) -> str:
-    """Why a box without a visible pixel has none."""
-    image = camera.world_to_image
-    points = box.vertices @ image[:, :3].T + image[:, 3]
-    if (points[:, 2] < NEAR).all():
+def _line(box: PlacedBox, count: int, ghost: str | None) -> dict[str, Any]:
+    return {
+        "id": box.id,
+        "class": box.thing.class_name,
+        "instance": box.thing.instance,
+        "distance": round(box.distance, 3),
+        "visible_pixels": count,
+        "visible": count > 0,
+        "ghost": ghost,
+    }
+
+
+def _kind_by_place(
+    status: DepthStatus, visible_xyxy: FloatArray, distance: float
+) -> str | None:
+    """The kind of a ghost that lies where the camera does not look, or far off."""
+    if status is DepthStatus.BEHIND:
         return "behind_camera"
-    if (points[:, 2] < NEAR).any():
+    if status is DepthStatus.STRADDLES_NEAR_PLANE:
         return "partly_behind_camera"
-    window = _window(points[:, :2] / points[:, 2:], camera)
-    if window is None:
+    if np.isnan(visible_xyxy).any():
         return "outside_image"
-    if box.distance > FAR_AWAY_M:
-        return "far_away"
-    return _hidden_by(box, float(points[:, 2].min()), planes, window)
-
-
-def _window(pixels: FloatArray, camera: Camera) -> tuple[slice, slice] | None:
-    low = np.clip(np.floor(pixels.min(axis=0)), 0, (camera.width, camera.height))
-    high = np.clip(np.ceil(pixels.max(axis=0)), 0, (camera.width, camera.height))
-    if (high <= low).any():
-        return None
-    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+    return "far_away" if distance > FAR_AWAY_M else None
 
 
 def _hidden_by(
-    box: PlacedBox, nearest: float, planes: Planes, window: tuple[slice, slice]
+    box: PlacedBox, nearest: float, planes: Planes, visible_xyxy: FloatArray
 ) -> str:
     """What covers most of the box's rectangle and is nearer than the box."""
-    in_front = planes.depth[window] < nearest
-    tags: NDArray[np.uint8] = planes.tags[window][in_front]
-    counts = np.bincount(tags, minlength=256)
+    x0, y0 = np.floor(visible_xyxy[:2]).astype(int)
+    x1, y1 = np.ceil(visible_xyxy[2:]).astype(int)
+    in_front = planes.depth[y0:y1, x0:x1] < nearest
+    tags: NDArray[np.uint8] = planes.tags[y0:y1, x0:x1][in_front]
+    counts = np.bincount(tags, minlength=32)
     accepted = (box.thing.accept_mask >> np.arange(32)) & 1
-    same = int(counts[:32][accepted == 1].sum())
     best, most = "behind_other", 0
     for tag, kind in _HIDERS.items():
         if counts[tag] > most:
             best, most = kind, int(counts[tag])
-    return "behind_same_class" if same > most else best
+    return "behind_same_class" if counts[:32] @ accepted > most else best

@@ -25,10 +25,11 @@ def write_street(
     `progress` is called after each frame with how many are done, and of how many.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    manifest, truth = [], []
+    manifest: list[dict[str, Any]] = []
+    truth: list[dict[str, Any]] = []
     for number, frame in enumerate(StreetScene(seed).frames(frames), start=1):
         manifest.append(_write_frame(folder, frame))
-        truth.extend(frame.truth)
+        truth.extend({"key": frame.key, **line} for line in frame.truth)
         if progress is not None:
             progress(number, frames)
     _write_lines(folder / TRUTH, truth)
