@@ -127,6 +127,16 @@ def test_push_as_json_is_one_record_per_frame_and_a_summary(unghost, name, tmp_p
     assert records[-1]["refused"] == 1
 
 
+def test_a_class_without_tags_is_pointed_out(unghost, name, tmp_path):
+    manifest = frames_in(tmp_path, 2) / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', '"unicorn"'))
+
+    answer = unghost("push", manifest, "--dataset", name)
+
+    assert answer.code == DONE
+    assert "rejected: 4 boxes, since class 'unicorn' has no tags" in answer.err
+
+
 def test_changed_frames_are_refused_and_replaced_on_request(unghost, pushed, tmp_path):
     manifest = tmp_path / "frames-3" / "manifest.jsonl"
     manifest.write_text(manifest.read_text().replace('"id": "ghost"', '"id": "other"'))
@@ -206,6 +216,7 @@ def test_a_wrong_token_is_refused_with_advice(unghost):
         ["stats"],
         ["stats", "town", "--no-such-option"],
         ["push", "no-such-folder", "--dataset", "town"],
+        ["export", "town", "--format", "yolo", "-o", "x.zip", "-O", "split"],
         ["datasets", "--server", "not a url"],
     ],
     ids=" ".join,

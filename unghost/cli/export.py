@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from unghost.cli.command import command
-from unghost.cli.exits import Refused
 from unghost.cli.options import DatasetName, ServerOptions
 from unghost.client import Client
 from unghost.work_results import Export
@@ -53,14 +52,23 @@ def export(options: ExportOptions) -> None:
 
 
 def _download(client: Client, done: Export, options: ExportOptions) -> None:
-    with options.screen.progress("download", "bytes") as advance:
-        client.download(done, options.output, progress=advance)
+    with options.screen.progress("download", "kB") as advance:
+        client.download(
+            done,
+            options.output,
+            progress=lambda have, size: advance(_kb(have), size and _kb(size)),
+        )
+
+
+def _kb(size_bytes: int) -> int:
+    # Rounded up: the last one is reached with the last byte.
+    return -(-size_bytes // 1000)
 
 
 def _pair(text: str) -> tuple[str, object]:
     key, equals, value = text.partition("=")
     if not (key and equals):
-        raise Refused(f"--option {text!r} is not of the form KEY=VALUE")
+        raise typer.BadParameter(f"--option {text!r} is not of the form KEY=VALUE")
     return key, _value(value)
 
 

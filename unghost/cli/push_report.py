@@ -25,6 +25,7 @@ class PushReport:
         self._screen = screen
         self._verdicts: Counter[str] = Counter()
         self._outcomes: Counter[str] = Counter()
+        self._unmapped: Counter[str] = Counter()
         self.problems: list[NotSent] = []
 
     @property
@@ -41,7 +42,13 @@ class PushReport:
         """Count an outcome."""
         self._outcomes[outcome.word] += 1
         if isinstance(outcome, Sent):
-            self._verdicts.update(each.verdict for each in outcome.stored.decisions)
+            decisions = outcome.stored.decisions
+            self._verdicts.update(each.verdict for each in decisions)
+            self._unmapped.update(
+                each.class_name or "none"
+                for each in decisions
+                if each.reason == "unmapped_class"
+            )
         if isinstance(outcome, NotSent):
             self.problems.append(outcome)
         self._screen.record(_record(outcome))

@@ -94,7 +94,7 @@ def _rich_table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Non
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in columns:
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     for row in rows:
         # Text: names from users are not markup.
         table.add_row(*(Text(_cell(value)) for value in row))
