@@ -52,7 +52,9 @@ export async function createApp(api, storage) {
       undo.forget(item.boxId);
       conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
       if (current && frames.boxOnShow(item.boxId)) frames.current()?.store.apply(current, REMOTE);
-      toasts.show(`Somebody else has answered this box. Yours (${item.verdict}) is not stored.`, {
+      // The box on show says it itself.
+      if (router.route.get().query.box === String(item.boxId)) return;
+      toasts.show(`Somebody else has answered a box. Yours (${item.verdict}) is not stored.`, {
         kind: "error",
         action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
       });

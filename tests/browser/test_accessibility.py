@@ -102,15 +102,15 @@ def test_a_frame_is_reviewed_by_keyboard_alone(scene, ada: Visitor):
 
 def test_focus_is_always_visible(scene, ada):
     page = ada.open(scene.link("ghost"))
-    seen = 0
-    ada.press("Tab")
-    while page.evaluate("document.activeElement !== document.body"):
-        outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
-        assert outline != "none", page.evaluate("document.activeElement.outerHTML")
-        seen += 1
+    focused = "document.activeElement"
+    outlines = []
+    for _ in range(30):  # once round, from wherever the browser begins
         ada.press("Tab")
+        if page.evaluate(f"{focused} !== document.body"):
+            outlines.append(page.evaluate(f"getComputedStyle({focused}).outlineStyle"))
 
-    assert seen > 20
+    assert len(outlines) > 20
+    assert set(outlines) <= {"solid", "auto"}
 
 
 def test_what_happens_is_said(scene, ada):

@@ -12,6 +12,8 @@ const FULL = { height: 22, font: "600 12px" };
 const SHORT = { height: 16, font: "600 11px" };
 const MOST_SHORT_LABELS = 80;
 const SMALLEST_SIDE_PX = 18;
+/** From here on labels would hide the scene: only boxes with room for theirs get one. */
+const CROWDED = 50;
 
 /**
  * Above the box, or inside it at the stage's top; never past the stage's sides.
@@ -70,6 +72,7 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
     if (rect[3] - rect[1] < SMALLEST_SIDE_PX) continue;
     const text = `${VERDICT_SIGN[box.effective_verdict]} ${shortText(box)}`;
     const width = ctx.measureText(text).width + 8;
+    if (placed.length > CROWDED && rect[2] - rect[0] < width) continue;
     const x = Math.max(rect[0] - 1, 0);
     const y = rect[1] - SHORT.height >= 0 ? rect[1] - SHORT.height : Math.max(rect[1], 0);
     /** @type {Xyxy} */

@@ -28,6 +28,8 @@ const VERDICTS = ["unmeasured", "rejected", "kept"];
 const DASHES = { kept: [], rejected: [7, 4], unmeasured: [1.5, 3.5] };
 
 const DIMMED = 0.38;
+/** Closer than this one looks at pixels, not at the scene. */
+const CRISP_FROM = 8;
 const MARK_RADIUS_PX = 7;
 
 /** The canvas takes its colours from the style sheet. @param {HTMLElement} host @returns {Inks} */
@@ -68,7 +70,7 @@ export function paintBase(ctx, scene) {
 }
 
 /** @param {CanvasRenderingContext2D} ctx @param {CanvasImageSource | null} picture @param {Scene} scene @param {boolean} [smooth] */
-function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < 3) {
+function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < CRISP_FROM) {
   if (!picture) return;
   ctx.imageSmoothingEnabled = smooth;
   ctx.imageSmoothingQuality = "medium";

@@ -11,7 +11,7 @@ import { lightPixels, tagMatcher } from "../palette.js";
 
 /** On the image: a light that no CARLA scene has, and a shade that makes it stand out. */
 const LIT = [255, 221, 51, 168];
-const UNLIT = [8, 10, 14, 122];
+const UNLIT = [8, 10, 14, 96];
 
 /**
  * A canvas with the stored values: no colour management, no premultiplication.
