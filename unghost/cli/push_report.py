@@ -58,6 +58,8 @@ class PushReport:
         note = self._screen.note
         for text in _shortened([_line(problem) for problem in self.problems]):
             note(text)
+        for class_name, count in self._unmapped.most_common(_LISTED):
+            note(f"rejected: {count} boxes, since class {class_name!r} has no tags")
         for text in _shortened(
             [f"not matched: {file.path}: {file.why}" for file in unmatched]
         ):
