@@ -17,4 +17,8 @@ if [ ! node_modules/.package-lock.json -nt package-lock.json ]; then
     npm ci --no-audit --no-fund --loglevel=error || skipped "npm could not fetch its tools"
 fi
 npm run --silent types
-npm test --silent
+if ! report=$(npm test --silent 2>&1); then
+    echo "$report"
+    exit 1
+fi
+echo "The page's JavaScript: types are sound, $(echo "$report" | sed -n 's/^[#ℹ] pass //p') tests passed."
