@@ -219,8 +219,8 @@ class FrameEvidence(Base):
         Index(
             "ix_evidence_lossy",
             "measurement_id",
-            sqlite_where=text("lossy"),
-            postgresql_where=text("lossy"),
+            sqlite_where=text("lossy IS 1"),
+            postgresql_where=text("lossy IS true"),
         ),
     )
 
@@ -257,16 +257,16 @@ class Decision(Base):
             "dataset_id",
             "class_id",
             "match_percent",
-            sqlite_where=text("toss_up"),
-            postgresql_where=text("toss_up"),
+            sqlite_where=text("toss_up IS 1"),
+            postgresql_where=text("toss_up IS true"),
         ),
         Index(
             "ix_decisions_large",
             "dataset_id",
             "class_id",
             "match_percent",
-            sqlite_where=text("large"),
-            postgresql_where=text("large"),
+            sqlite_where=text("large IS 1"),
+            postgresql_where=text("large IS true"),
         ),
         Index("ix_decisions_by_crowding", "dataset_id", "crowding"),
         Index(

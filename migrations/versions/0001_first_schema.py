@@ -363,8 +363,8 @@ def upgrade() -> None:
         "ix_evidence_lossy",
         "evidence",
         ["measurement_id"],
-        sqlite_where=sa.text("lossy"),
-        postgresql_where=sa.text("lossy"),
+        sqlite_where=sa.text("lossy IS 1"),
+        postgresql_where=sa.text("lossy IS true"),
     )
     op.create_index(
         op.f("ix_evidence_measurement_id"), "evidence", ["measurement_id"], unique=False
@@ -493,8 +493,8 @@ def upgrade() -> None:
         "decisions",
         ["dataset_id", "class_id", "match_percent"],
         unique=False,
-        sqlite_where=sa.text("large"),
-        postgresql_where=sa.text("large"),
+        sqlite_where=sa.text("large IS 1"),
+        postgresql_where=sa.text("large IS true"),
     )
     op.create_index(
         "ix_decisions_reviewed",
@@ -509,8 +509,8 @@ def upgrade() -> None:
         "decisions",
         ["dataset_id", "class_id", "match_percent"],
         unique=False,
-        sqlite_where=sa.text("toss_up"),
-        postgresql_where=sa.text("toss_up"),
+        sqlite_where=sa.text("toss_up IS 1"),
+        postgresql_where=sa.text("toss_up IS true"),
     )
     op.create_table(
         "flips",
@@ -581,8 +581,8 @@ def downgrade() -> None:
     op.drop_index(
         "ix_decisions_toss_up",
         table_name="decisions",
-        sqlite_where=sa.text("toss_up"),
-        postgresql_where=sa.text("toss_up"),
+        sqlite_where=sa.text("toss_up IS 1"),
+        postgresql_where=sa.text("toss_up IS true"),
     )
     op.drop_index(
         "ix_decisions_reviewed",
@@ -593,8 +593,8 @@ def downgrade() -> None:
     op.drop_index(
         "ix_decisions_large",
         table_name="decisions",
-        sqlite_where=sa.text("large"),
-        postgresql_where=sa.text("large"),
+        sqlite_where=sa.text("large IS 1"),
+        postgresql_where=sa.text("large IS true"),
     )
     op.drop_index(op.f("ix_decisions_frame_id"), table_name="decisions")
     op.drop_index("ix_decisions_by_crowding", table_name="decisions")

@@ -1,0 +1,218 @@
+"""A million stored boxes: decided again, previewed, and listed.
+
+    python benchmarks/bench_runs.py [--boxes 1000000] [--json]
+
+The dataset is made once and kept in ``benchmarks/.data``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from app.db.engine import Database
+from app.db.migrate import migrate
+from app.db.tables import Dataset, Run
+from app.engine import LocalEngine
+from app.repositories.datasets import DatasetRepository
+from app.resources import migrations_dir
+from app.services.box_selection import Selection, to_filter
+from app.services.boxes import PageRequest, list_boxes
+from app.services.context import ServiceContext
+from app.services.datasets import statistics as dataset_statistics
+from app.services.preview import PreviewLimits, preview
+from app.services.run_requests import RunRequest, request_run
+from app.services.runs import carry_out
+from app.settings import Settings
+from app.storage import FolderStorage
+from benchmarks.million import NAME, fill
+from filter_core.config import FilterConfig
+
+PAGES = 60
+REPEATS = 3
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--boxes", type=int, default=1_000_000)
+    parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    context = opened(options.data)
+    try:
+        prepare(context, options.boxes)
+        figures = {**runs(context), **previews(context), **lists(context)}
+    finally:
+        context.close()
+        context.database.close()
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:58} {value:10.3f}")
+    return 0
+
+
+def opened(folder: Path) -> ServiceContext:
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = Settings(data=folder)
+    database = Database(settings.sqlalchemy_url)
+    migrate(database.engine, migrations_dir())
+    return ServiceContext(
+        settings=settings,
+        database=database,
+        storage=FolderStorage(folder / "blobs"),
+        engine=LocalEngine(settings.workers),
+    )
+
+
+def prepare(context: ServiceContext, boxes: int) -> None:
+    with context.database.read() as session:
+        if any(one.name == NAME for one in DatasetRepository(session).page(after="", limit=10)):
+            return
+
+    def shown(done: int) -> None:
+        sys.stderr.write(f"\rstoring {done:,} of {boxes:,} boxes")
+
+    fill(context, boxes, shown)
+    sys.stderr.write("\n")
+
+
+def decided(context: ServiceContext, config: FilterConfig) -> tuple[float, int]:
+    """Seconds from the request to the durable end of a run, and how many flipped."""
+    begun = time.perf_counter()
+    with context.database.write() as session:
+        dataset = DatasetRepository(session).named(NAME)
+        wanted = RunRequest(config, "benchmark", activate=True)
+        run_id = request_run(context, session, dataset, wanted).id
+    carry_out(context, run_id)
+    took = time.perf_counter() - begun
+    with context.database.read() as session:
+        run = session.get(Run, run_id)
+        assert run is not None and run.state == "done", run and run.error
+        return took, run.changed
+
+
+def runs(context: ServiceContext) -> dict[str, float]:
+    context.numbers.__init__()  # cold, as after a start
+    cold, _ = decided(context, FilterConfig(threshold_small_box=10))
+    few, all_ = [], []
+    for _ in range(REPEATS):
+        seconds, few_changed = decided(context, small_flip())
+        few.append(seconds)
+        decided(context, FilterConfig())
+    for _ in range(REPEATS):
+        seconds, all_changed = decided(context, everything_flips())
+        all_.append(seconds)
+        seconds, _ = decided(context, FilterConfig())
+        all_.append(seconds)
+    return {
+        "run from cold, nothing flips [s]": cold,
+        "boxes that flip in the small run": float(few_changed),
+        "run with the small flip, median [s]": statistics.median(few),
+        "boxes that flip in the large run": float(all_changed),
+        "run with the large flip, median [s]": statistics.median(all_),
+    }
+
+
+def small_flip() -> FilterConfig:
+    return FilterConfig(threshold_small_box=4.1)
+
+
+def everything_flips() -> FilterConfig:
+    # Every box becomes out of range: the reason of each one changes.
+    return FilterConfig(min_distance=1000)
+
+
+def previews(context: ServiceContext) -> dict[str, float]:
+    config = FilterConfig(threshold_small_box=12)
+    with context.database.read() as session:
+        dataset = DatasetRepository(session).named(NAME)
+        limits = PreviewLimits(100, 50)
+        preview(context, session, dataset, config, limits)
+        held = context.numbers.load(session, dataset.id, dataset.active_measurement_id or 0)
+        took = median(lambda: preview(context, session, dataset, config, limits))
+    match, area = held.evidence.match_percent, held.evidence.area_percent
+
+    def one_pass() -> int:
+        fails = np.where(area > 70, match < 50, match < 12)
+        return int(np.count_nonzero(fails))
+
+    reference = median(one_pass)
+    return {
+        "preview with counts, histograms and flips [ms]": 1000 * took,
+        "one numpy pass over the same columns [ms]": 1000 * reference,
+        "preview / one pass": took / reference,
+    }
+
+
+def median(work: Callable[[], object], repeats: int = 9) -> float:
+    times = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return statistics.median(times)
+
+
+QUERIES: dict[str, tuple[Selection, str]] = {
+    "verdict=rejected by id": (Selection(verdict="rejected"), "id"),
+    "verdict=kept by id": (Selection(verdict="kept"), "id"),
+    "reason=below_threshold by id": (Selection(reason="below_threshold"), "id"),
+    "class=van by id": (Selection(class_name="van"), "id"),
+    "doubt": (Selection(), "doubt"),
+    "doubt, verdict=rejected": (Selection(verdict="rejected"), "doubt"),
+    "doubt, undecided walkers": (
+        Selection(review="undecided", class_name="walker"),
+        "doubt",
+    ),
+    "match_percent": (Selection(), "match_percent"),
+    "crowding": (Selection(), "crowding"),
+}
+
+
+def lists(context: ServiceContext) -> dict[str, float]:
+    figures = {}
+    with context.database.read() as session:
+        dataset = DatasetRepository(session).named(NAME)
+        for name, (selection, sort) in QUERIES.items():
+            times = paged(session, dataset, selection, sort)
+            figures[f"list {name}, p95 [ms]"] = 1000 * quantile(times, 0.95)
+        stats = [
+            timed(lambda: dataset_statistics(session, dataset)) for _ in range(PAGES)
+        ]
+        figures["stats, p95 [ms]"] = 1000 * quantile(stats, 0.95)
+    return figures
+
+
+def paged(session, dataset: Dataset, selection: Selection, sort: str) -> list[float]:
+    wanted = to_filter(session, dataset, selection)
+    times, cursor = [], ""
+    for _ in range(PAGES):
+        begun = time.perf_counter()
+        page = PageRequest(sort, cursor, 100)
+        _, following = list_boxes(session, dataset, wanted, page)
+        times.append(time.perf_counter() - begun)
+        cursor = following or ""
+    return times
+
+
+def timed(work: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    work()
+    return time.perf_counter() - begun
+
+
+def quantile(times: list[float], share: float) -> float:
+    return sorted(times)[min(len(times) - 1, int(share * len(times)))]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
