@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, and_, false, or_
 
@@ -11,13 +12,39 @@ from app.db.tables import Decision
 from filter_core.types import Reason, Verdict
 
 
+class Side(NamedTuple):
+    """Boxes of one class on one side of the threshold that decided them.
+
+    Their match rises away from it (`sign` 1) or falls (-1).
+    """
+
+    reason: Reason
+    large: bool
+    threshold: float
+    sign: int
+
+
 @dataclass(frozen=True)
 class ClassThresholds:
-    """What the active config asks of a class, in percent."""
+    """What the active config asks of a class, in percent.
+
+    A large box has to reach `large` and, in the published code alone, `small` as well:
+    `kept_large` is what that comes to.
+    """
 
     class_id: int
     small: float
     large: float
+    kept_large: float
+
+    def sides(self) -> Iterator[Side]:
+        """Every side on which there can be a box."""
+        yield Side(Reason.VISIBLE, False, self.small, 1)
+        yield Side(Reason.BELOW_THRESHOLD, False, self.small, -1)
+        yield Side(Reason.VISIBLE, True, self.kept_large, 1)
+        yield Side(Reason.LARGE_BELOW_THRESHOLD, True, self.large, -1)
+        if self.kept_large > self.large:
+            yield Side(Reason.BELOW_THRESHOLD, True, self.small, -1)
 
 
 @dataclass(frozen=True)
@@ -111,11 +138,14 @@ def is_near(
     near = [
         and_(
             Decision.class_id == wanted.class_id,
-            Decision.large.is_(large),
-            Decision.match_percent.between(threshold - margin, threshold + margin),
+            Decision.reason == int(side.reason),
+            Decision.large.is_(side.large),
+            Decision.match_percent.between(
+                side.threshold - margin, side.threshold + margin
+            ),
         )
         for wanted in thresholds
-        for large, threshold in ((False, wanted.small), (True, wanted.large))
+        for side in wanted.sides()
     ]
     with_margin = Decision.reason.in_([int(reason) for reason in THRESHOLD_REASONS])
     return and_(with_margin, or_(*near)) if near else false()

@@ -33,6 +33,7 @@ from app.repositories.box_filter import (
     THRESHOLD_REASONS,
     BoxFilter,
     ClassThresholds,
+    Side,
     is_near,
 )
 from filter_core.types import Reason
@@ -43,6 +44,7 @@ NEAR_PERCENT: Final = 5.0
 CROWDED_PERCENT: Final = 50.0
 """From this share on, another box may have lent a hidden one its pixels."""
 _EPSILON: Final = 1e-9
+_MAX_ID: Final = 2**63 - 1
 
 
 class Position(NamedTuple):
@@ -225,24 +227,25 @@ class BoxPages:
         every = [*self._wanted.conditions(), *conditions]
         found = []
         for wanted in self._thresholds():
-            for large in (False, True) if self._present.large else (False,):
-                threshold = wanted.large if large else wanted.small
-                below = (
-                    Reason.LARGE_BELOW_THRESHOLD if large else Reason.BELOW_THRESHOLD
+            for side in wanted.sides():
+                if not self._occurs(side):
+                    continue
+                those = [
+                    *every,
+                    Decision.class_id == wanted.class_id,
+                    Decision.large.is_(side.large),
+                    Decision.reason == int(side.reason),
+                    *_bounds(side, within),
+                ]
+                found.append(
+                    Stream(Decision.match_percent, those, side.threshold, side.sign)
                 )
-                for sign, reason in ((1, Reason.VISIBLE), (-1, below)):
-                    if self._wanted.reasons and reason not in self._wanted.reasons:
-                        continue
-                    side = [
-                        Decision.class_id == wanted.class_id,
-                        Decision.large.is_(large),
-                        Decision.reason == int(reason),
-                        *_bounds(threshold, sign, within),
-                    ]
-                    found.append(
-                        Stream(Decision.match_percent, [*every, *side], threshold, sign)
-                    )
         return found
+
+    def _occurs(self, side: Side) -> bool:
+        if side.large and not self._present.large:
+            return False
+        return not self._wanted.reasons or side.reason in self._wanted.reasons
 
     def _class_ids(self) -> list[int]:
         return [wanted.class_id for wanted in self._thresholds()]
@@ -267,15 +270,13 @@ class Present:
     large: bool
 
 
-def _bounds(
-    threshold: float, sign: int, within: float | None
-) -> list[ColumnElement[bool]]:
-    column = Decision.match_percent
-    inner = column >= threshold if sign > 0 else column <= threshold
+def _bounds(side: Side, within: float | None) -> list[ColumnElement[bool]]:
+    column, threshold = Decision.match_percent, side.threshold
+    inner = column >= threshold if side.sign > 0 else column <= threshold
     if within is None:
         return [inner]
-    limit = threshold + sign * within
-    return [inner, column <= limit if sign > 0 else column >= limit]
+    limit = threshold + side.sign * within
+    return [inner, column <= limit if side.sign > 0 else column >= limit]
 
 
 def _encode(position: Position) -> str:
@@ -287,6 +288,9 @@ def _decode(cursor: str) -> Position:
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
         tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))
-        return Position(int(tier), float(score), int(stream), int(box_id))
-    except (ValueError, TypeError) as error:
+        position = Position(int(tier), float(score), int(stream), int(box_id))
+        if not all(-_MAX_ID <= number <= _MAX_ID for number in position):
+            raise ValueError(position)
+        return position
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise BadRequest(f"cursor {cursor!r} is not one of ours") from error

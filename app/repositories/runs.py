@@ -95,6 +95,15 @@ class RunRepository:
         rows = select(Run).where(Run.state.in_(("queued", "running")))
         return list(self._session.scalars(rows.order_by(Run.id)))
 
+    def last_to_activate(self, dataset_id: int) -> Run | None:
+        """The open run after which no other one will change what is active."""
+        rows = select(Run).where(
+            Run.dataset_id == dataset_id,
+            Run.state.in_(("queued", "running")),
+            Run.activate.is_(True),
+        )
+        return self._session.scalar(rows.order_by(Run.id.desc()).limit(1))
+
     def open_count(self) -> int:
         """How many runs wait or work."""
         rows = (

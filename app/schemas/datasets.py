@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 NAME_PATTERN = r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$"
 
@@ -14,7 +14,8 @@ Encoding = Literal["auto", "palette", "raw"]
 ChannelOrder = Literal["auto", "rgb", "bgr"]
 Lossy = Literal["refuse", "nearest"]
 ClassName = Annotated[str, Field(min_length=1, max_length=200)]
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+Pixel = Annotated[float, Field(allow_inf_nan=False)]
+Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000)]
 
 
@@ -59,7 +60,14 @@ class DatasetPatch(BaseModel):
     encoding: Encoding | None = None
     channel_order: ChannelOrder | None = None
     lossy_segmentation: Lossy | None = None
-    ignore_mask: IgnoreMask | None = None
+    ignore_mask: IgnoreMask | None = Field(default=None, description="null: none.")
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _only_a_mask_can_be_taken_away(cls, value: Any, field: ValidationInfo) -> Any:  # noqa: ANN401  # any JSON value
+        if value is None and field.field_name != "ignore_mask":
+            raise ValueError("expected a value, found null; leave the key out instead")
+        return value
 
 
 class DatasetCounts(BaseModel):

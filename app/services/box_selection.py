@@ -45,12 +45,13 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     classes = DatasetRepository(session).classes(dataset.id)
     config = config_of(active_version(session, dataset))
     limits = config.thresholds_for(list(classes))
+    both = config.profile == "carlasimu"
     thresholds = [
-        ClassThresholds(class_id, float(small), float(large))
+        ClassThresholds(class_id, small, large, max(small, large) if both else large)
         for class_id, small, large in zip(
             classes.values(),
-            limits.threshold_small_box,
-            limits.threshold_big_box,
+            limits.threshold_small_box.tolist(),
+            limits.threshold_big_box.tolist(),
             strict=True,
         )
     ]

@@ -15,10 +15,15 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, ProblemRepository, RunRepository
 from app.repositories.tallies import TallyRepository
-from app.services.configs import active_version, add_version, config_of
+from app.services.configs import active_version, add_version
 from app.services.context import ServiceContext
 from app.services.measuring import DatasetReading, plan_for
-from app.services.run_requests import RunRequest, measurement_of, request_run
+from app.services.run_requests import (
+    RunRequest,
+    coming_settings,
+    measurement_of,
+    request_run,
+)
 from app.services.statistics import count, summary
 from filter_core.config import FilterConfig
 
@@ -101,15 +106,14 @@ def change_dataset(
         DatasetRepository(session).change(
             dataset, {"description": changes["description"]}
         )
-    current = DatasetReading.of(dataset)
+    current, config = coming_settings(session, dataset)
     reading = replace(
         current, **{key: changes[key] for key in changes if key != "description"}
     )
     if reading == current:
         return None
-    active = config_of(active_version(session, dataset))
     return request_run(
-        context, session, dataset, RunRequest(active, author, True, reading)
+        context, session, dataset, RunRequest(config, author, True, reading)
     )
 
 

@@ -12,7 +12,7 @@ from app.db.tables import Frame
 from app.repositories.decisions import DecisionRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
-from app.repositories.tallies import TallyRepository
+from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.statistics import tallies_of
 from filter_core.annotation_types import GEOMETRIES
 
@@ -66,6 +66,20 @@ def carry_reviews(
             )
     if rows:
         ReviewRepository(session).add(rows)
+        TallyRepository(session).add(old.dataset_id, _counted_over(session, rows))
+
+
+def _counted_over(
+    session: Session, reviews: Sequence[Mapping[str, Any]]
+) -> dict[TallyKey, int]:
+    """From the tallies without an answer to those with it."""
+    current = DecisionRepository(session).rows(row["box_id"] for row in reviews)
+    changes: dict[TallyKey, int] = {}
+    for row in current.values():
+        for said, change in (("", -1), (row.review or "", 1)):
+            key = TallyKey(row.class_id, row.reason, row.toss_up, said)
+            changes[key] = changes.get(key, 0) + change
+    return changes
 
 
 def _geometry(raw: Mapping[str, Any]) -> dict[str, Any]:

@@ -103,6 +103,7 @@ def note_problem(
         ],
     }
     with context.database.write() as session:
+        FrameRepository(session).forget_problems(dataset_id, key)
         ProblemRepository(session).add(
             Problem(dataset_id=dataset_id, key=key, error=described)
         )

@@ -27,9 +27,13 @@ MAX_CACHED_BOXES: Final = 8_000_000
 
 @dataclass(frozen=True)
 class DatasetNumbers:
-    """Evidence of all current boxes of a dataset, in the order of their ids."""
+    """Evidence of all current boxes of a dataset, in the order of their ids.
+
+    Not `complete`: some frames are not measured yet, and will be in the same `state`.
+    """
 
     state: tuple[int, int]
+    complete: bool
     box_ids: IntArray
     frame_ids: IntArray
     class_ids: IntArray
@@ -59,7 +63,8 @@ class NumbersCache:
                 self._held.move_to_end(key)
                 return held
         loaded = load_numbers(session, dataset_id, measurement_id, state)
-        self._hold(key, loaded)
+        if loaded.complete:
+            self._hold(key, loaded)
         return loaded
 
     def _hold(self, key: tuple[int, int], loaded: DatasetNumbers) -> None:
@@ -83,6 +88,7 @@ def load_numbers(
     firsts = np.array([row.first_box_id for row in rows], np.int64)
     return DatasetNumbers(
         state=state,
+        complete=len(rows) == state[1],
         box_ids=_consecutive(firsts, counts),
         frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
         class_ids=record["class_id"].astype(np.int64),

@@ -199,7 +199,7 @@ def _recounted(
     measurement = dataset.active_measurement_id or 0
     rows = repository.of_frames(frame_ids, measurement)
     parts = [recount(rows[key], classes, config) for key in frame_ids]
-    return _joined(numbers.evidence, parts)
+    return _joined(numbers.evidence, parts) if parts else numbers.evidence
 
 
 def _joined(whole: Evidence, parts: Sequence[Evidence]) -> Evidence:

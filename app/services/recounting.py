@@ -27,8 +27,6 @@ def recount(
         unpack_tag_counts(row.tag_counts, row.box_count),
     )
     family = (row.segmentation or {}).get("palette")
-    if family is None:
-        return evidence
     masks = config.accept_masks(evidence.class_names, family)
     return with_accept_masks(evidence, masks[evidence.class_index])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -40,7 +40,7 @@ def request_run(
         raise TooManyRequests(f"{limit} runs wait or work already; try later")
     version = _version(session, dataset, wanted)
     config = config_of(version)
-    reading = wanted.reading or DatasetReading.of(dataset)
+    reading = wanted.reading or coming_settings(session, dataset)[0]
     plan = plan_for(reading, config)
     measurement = measurement_of(session, dataset.id, reading, plan)
     return runs.add(
@@ -56,6 +56,21 @@ def request_run(
             created_by=wanted.author,
         )
     )
+
+
+def coming_settings(
+    session: Session, dataset: Dataset
+) -> tuple[DatasetReading, FilterConfig]:
+    """What is active when all runs are done: what the next change is a change of."""
+    reading = DatasetReading.of(dataset)
+    run = RunRepository(session).last_to_activate(dataset.id)
+    if run is None:
+        return reading, config_of(active_version(session, dataset))
+    measurement = EvidenceRepository(session).measurement_with_id(
+        run.measurement_id or 0
+    )
+    config = config_of(ConfigRepository(session).with_id(run.config_id))
+    return replace(reading, **measurement.options["dataset"]), config
 
 
 def needs_pixels(session: Session, dataset: Dataset, plan: MeasurePlan) -> bool:

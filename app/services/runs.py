@@ -67,7 +67,6 @@ def carry_out(context: ServiceContext, run_id: int) -> None:
     if scope is None:
         return
     try:
-        measure_missing(context, scope)
         _finish(context, scope)
     except RunCancelled:
         log.info("run %d stops; it goes on when the service starts again", run_id)
@@ -90,8 +89,9 @@ def _begin(context: ServiceContext, run_id: int) -> RunScope | None:
 
 
 def _finish(context: ServiceContext, scope: RunScope) -> None:
-    """Decide, store and switch; repeated if frames came in that are not measured."""
+    """Measure, decide and switch; repeated for frames that came in meanwhile."""
     while True:
+        measure_missing(context, scope)
         # Loading a million numbers holds no lock; the transaction finds them cached.
         with context.database.read() as session:
             _numbers(context, session, scope)

@@ -1,0 +1,186 @@
+"""The services over a real database in a folder, without HTTP in between."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import func, select
+
+from app.db.tables import Dataset, Decision, Flip, Run
+from app.lifetime import running
+from app.repositories.datasets import DatasetRepository
+from app.repositories.runs import RunRepository
+from app.repositories.tallies import TallyKey, TallyRepository
+from app.services import datasets, frames, reviews
+from app.services.configs import active_version, config_of
+from app.services.context import ServiceContext
+from app.services.ingest import FrameUpload, StoredFrame, store_frame
+from app.services.measuring import DatasetReading
+from app.services.preview import PreviewLimits, preview
+from app.services.run_requests import RunRequest, request_run
+from app.services.runs import carry_out
+from app.settings import Settings
+from filter_core.config import FilterConfig
+
+_numbers = count(1)
+
+
+@contextmanager
+def running_services(folder: Path) -> Iterator[Services]:
+    """Everything that a server opens, but the port."""
+    with running(Settings(data=folder, workers=2)) as context:
+        yield Services(context)
+
+
+@dataclass(frozen=True)
+class Services:
+    """What a user does, one transaction each."""
+
+    context: ServiceContext
+    author: str = "ada"
+
+    def dataset(self, **reading: Any) -> Street:
+        """A new dataset with a name of its own."""
+        name = f"street-{next(_numbers)}"
+        wanted = datasets.NewDataset(
+            DatasetReading(name, **reading), "", None, FilterConfig(), self.author
+        )
+        with self.context.database.write() as session:
+            dataset = datasets.create_dataset(session, wanted)
+            return Street(self, name, dataset.id)
+
+
+@dataclass(frozen=True)
+class Street:
+    """One dataset of a service."""
+
+    services: Services
+    name: str
+    id: int
+    config: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def context(self) -> ServiceContext:
+        return self.services.context
+
+    def put(
+        self, key: str, annotation: Mapping[str, Any], **files: bytes
+    ) -> StoredFrame:
+        content = json.dumps(annotation).encode()
+        upload = FrameUpload(key, content, files, self.services.author, replace=True)
+        with self.context.database.write() as session:
+            return store_frame(self.context, session, self.name, upload)
+
+    def delete(self, key: str) -> None:
+        with self.context.database.write() as session:
+            frames.remove_frame(session, self.row(session), key)
+
+    def review(self, box_id: int, verdict: str) -> None:
+        with self.context.database.write() as session:
+            seen = session.scalar(
+                select(Decision.revision).where(Decision.box_id == box_id)
+            )
+            answer = reviews.Answer(verdict, "", self.services.author)
+            reviews.review_box(session, box_id, answer, seen or 0)
+
+    def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
+        answer = reviews.Answer(verdict, "", self.services.author)
+        with self.context.database.write() as session:
+            dataset = self.row(session)
+            return reviews.review_many(session, dataset, box_ids, answer)[0].id
+
+    def undo(self, batch_id: int) -> None:
+        with self.context.database.write() as session:
+            reviews.undo_batch(session, batch_id, self.services.author)
+
+    def request(
+        self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
+    ) -> int:
+        """A run that is queued, and that nobody carries out yet."""
+        wanted = RunRequest(
+            FilterConfig.from_mapping(config),
+            self.services.author,
+            activate,
+            DatasetReading(self.name, **reading) if reading else None,
+        )
+        with self.context.database.write() as session:
+            return request_run(self.context, session, self.row(session), wanted).id
+
+    def run(
+        self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
+    ) -> Run:
+        """A run from its request to its end."""
+        run_id = self.request(config, activate=activate, **reading)
+        carry_out(self.context, run_id)
+        with self.context.database.read() as session:
+            return RunRepository(session).with_id(run_id)
+
+    def change(self, **reading: Any) -> int:
+        """Another way to read segmentations; the run that will apply it."""
+        with self.context.database.write() as session:
+            run = datasets.change_dataset(
+                self.context, session, self.row(session), reading, self.services.author
+            )
+            assert run is not None
+            return run.id
+
+    def wait(self, run_id: int) -> Run:
+        """The run, once all jobs before this one are over."""
+        over = threading.Event()
+        self.context.engine.submit(over.set)
+        assert over.wait(60)
+        with self.context.database.read() as session:
+            return RunRepository(session).with_id(run_id)
+
+    def flips(self, run_id: int) -> list[Flip]:
+        with self.context.database.read() as session:
+            return list(session.scalars(select(Flip).where(Flip.run_id == run_id)))
+
+    def active_config(self) -> dict[str, Any]:
+        with self.context.database.read() as session:
+            return config_of(active_version(session, self.row(session))).as_dict()
+
+    def preview(self, config: Mapping[str, Any]) -> dict[str, Any]:
+        with self.context.database.read() as session:
+            return preview(
+                self.context,
+                session,
+                self.row(session),
+                FilterConfig.from_mapping(config),
+                PreviewLimits(flips=1000, bins=10),
+            )
+
+    def row(self, session) -> Dataset:
+        return DatasetRepository(session).named(self.name)
+
+    def box_ids(self) -> list[int]:
+        with self.context.database.read() as session:
+            rows = select(Decision.box_id).where(Decision.dataset_id == self.id)
+            return list(session.scalars(rows.order_by(Decision.box_id)))
+
+    def reasons(self) -> dict[int, int]:
+        """The current reason of each box."""
+        with self.context.database.read() as session:
+            rows = select(Decision.box_id, Decision.reason)
+            rows = rows.where(Decision.dataset_id == self.id)
+            return {row[0]: row[1] for row in session.execute(rows)}
+
+    def tallies(self) -> dict[TallyKey, int]:
+        with self.context.database.read() as session:
+            return TallyRepository(session).of_dataset(self.id)
+
+    def recounted(self) -> Counter[TallyKey]:
+        """The tallies by their definition: look at every decision."""
+        review = func.coalesce(Decision.review, "")
+        rows = select(Decision.class_id, Decision.reason, Decision.toss_up, review)
+        with self.context.database.read() as session:
+            found = session.execute(rows.where(Decision.dataset_id == self.id))
+            return Counter(TallyKey(*row) for row in found)

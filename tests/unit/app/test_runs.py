@@ -1,0 +1,196 @@
+"""Runs while other things happen: frames come in, settings change, pixels are gone."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from app.services.numbers import DatasetNumbers, NumbersCache
+from app.services.runs import carry_out, start_runs
+from filter_core.types import Reason
+from tests.api import frames as scene
+from tests.services import running_services
+
+KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
+BELOW = int(Reason.BELOW_THRESHOLD)
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+
+
+def put(street, key, shift=0):
+    files = {"image": scene.image(), "segmentation": scene.segmentation(shift)}
+    return street.put(key, scene.annotation(), **files)
+
+
+class InterruptedNumbers(NumbersCache):
+    """Numbers whose loading somebody's upload gets ahead of, once."""
+
+    def __init__(self, interruption: Callable[[], object], *, before: bool) -> None:
+        super().__init__()
+        self._waiting = [interruption]
+        self._before = before
+
+    def load(self, session, dataset_id, measurement_id) -> DatasetNumbers:
+        if self._before:
+            self._interrupt()
+        loaded = super().load(session, dataset_id, measurement_id)
+        self._interrupt()
+        return loaded
+
+    def _interrupt(self) -> None:
+        while self._waiting:
+            self._waiting.pop()()
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        pytest.param({"config": {"profile": "carlasimu"}}, id="measured from pixels"),
+        pytest.param({"config": CARS_ARE_SKY}, id="recounted from histograms"),
+        pytest.param({"config": {"threshold_small_box": 99}}, id="decided again"),
+    ],
+)
+def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
+    services, wanted, before
+):
+    """The run used to wait for ever for numbers that nobody measured."""
+    street = services.dataset()
+    put(street, "first")
+    run_id = street.request(wanted["config"])
+    numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
+
+    carry_out(replace(services.context, numbers=numbers), run_id)
+
+    assert len(street.reasons()) == 4
+    assert street.tallies() == street.recounted()
+    assert street.preview(wanted["config"])["flips"]["total"] == 0
+
+
+def test_a_decision_by_numbers_needs_no_file(tmp_path):
+    blobs = tmp_path / "blobs"
+    with running_services(tmp_path) as services:
+        street = services.dataset()
+        put(street, "a")
+        shutil.move(blobs, tmp_path / "elsewhere")
+
+        decided = street.run({"min_visible_pixels": 10**6})
+        recounted = street.run(CARS_ARE_SKY)
+        run_id = street.request({"profile": "carlasimu"})
+        with pytest.raises(FileNotFoundError):  # for the log of jobs
+            carry_out(services.context, run_id)
+        measured = street.wait(run_id)
+        shutil.move(tmp_path / "elsewhere", blobs)
+        again = street.run({"profile": "carlasimu"})
+        reasons = list(street.reasons().values())
+
+    assert [(run.kind, run.state) for run in (decided, recounted)] == [
+        ("decide", "done"),
+        ("decide", "done"),
+    ]
+    assert (decided.changed, recounted.changed) == (1, 1)
+    assert (measured.kind, measured.state) == ("measure", "failed")
+    assert measured.error == {"code": "internal", "detail": "the run failed"}
+    assert (again.state, reasons) == ("done", [KEPT, BELOW])
+
+
+def test_recounting_equals_measuring(services):
+    recounted, measured = services.dataset(), services.dataset()
+    put(recounted, "a")
+    recounted.run(CARS_ARE_SKY)
+    measured.run(CARS_ARE_SKY)
+    put(measured, "a")
+
+    found = [list(street.reasons().values()) for street in (recounted, measured)]
+
+    assert found == [[UNSEEN, KEPT], [UNSEEN, KEPT]]
+
+
+def test_a_class_that_becomes_known_is_unmeasured_where_there_are_no_pixels(services):
+    """Decided again it said unmapped_class for ever, a new upload no_segmentation."""
+    dragon = {"classes": {"dragon": {"accept": ["Car"]}}}
+    annotation = {"boxes": [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]}
+    street = services.dataset()
+    street.put("before", annotation, image=scene.image())
+
+    street.run(dragon)
+    street.put("after", annotation, image=scene.image())
+
+    assert list(street.reasons().values()) == [int(Reason.NO_SEGMENTATION)] * 2
+
+
+def test_settings_that_are_still_being_applied_are_not_lost(services):
+    """The second run used to bring back the settings that were before the first."""
+    street = services.dataset()
+    put(street, "a")
+    first = street.change(palette="carla-0.9.14")
+    second = street.change(lossy_segmentation="nearest")
+    third = street.request({"threshold_small_box": 99})
+    fourth = street.change(encoding="palette")
+
+    for run_id in (first, second, third, fourth):
+        carry_out(services.context, run_id)
+
+    with services.context.database.read() as session:
+        row = street.row(session)
+        now = (row.palette, row.lossy_segmentation, row.encoding)
+    assert now == ("carla-0.9.14", "nearest", "palette")
+    assert street.active_config()["threshold_small_box"] == 99
+
+
+def test_a_run_that_cannot_read_a_frame_names_it_and_changes_nothing(services):
+    street = services.dataset()
+    put(street, "good/1")
+    before = street.reasons()
+
+    run = street.run({}, palette="carla-0.9.0")
+
+    assert run.state == "failed"
+    assert run.error is not None
+    assert run.error["code"] == "segmentation_contradiction"
+    assert "'good/1'" in run.error["detail"]
+    assert "carla-0.9.0" in run.error["detail"]
+    assert street.reasons() == before
+
+
+def test_an_interrupted_run_ends_once(services):
+    street = services.dataset()
+    put(street, "a")
+    run_id = street.request({"threshold_small_box": 99, "min_visible_pixels": 10**6})
+    for _ in range(3):
+        start_runs(services.context)
+    carry_out(services.context, run_id)
+
+    street.wait(run_id)
+
+    assert [flip.run_id for flip in street.flips(run_id)] == [run_id]
+
+
+def test_a_run_of_an_empty_dataset_is_done(services):
+    street = services.dataset()
+
+    runs = [
+        street.run(config) for config in ({}, CARS_ARE_SKY, {"profile": "carlasimu"})
+    ]
+
+    assert [run.state for run in runs] == ["done"] * 3
+    assert street.tallies() == {}
+
+
+@pytest.mark.parametrize("config", [{}, CARS_ARE_SKY])
+def test_a_preview_of_an_empty_dataset_counts_nothing(services, config):
+    """Other accept sets used to fail: there was no evidence to join."""
+    counts = services.dataset().preview(config)["counts"]
+
+    assert counts == {"kept": 0, "rejected": 0, "unmeasured": 0}
+
+
+def test_a_frame_without_boxes_is_decided_again(services):
+    street = services.dataset()
+    street.put("empty", {"boxes": []}, image=scene.image())
+
+    assert street.preview(CARS_ARE_SKY)["flips"]["total"] == 0
+    assert street.run(CARS_ARE_SKY).state == "done"
+    assert street.run({"profile": "carlasimu"}).state == "done"
