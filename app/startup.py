@@ -119,11 +119,10 @@ class _Server(uvicorn.Server):
         self._ready = ready
         self._stopping = stopping
 
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start as uvicorn does, then say so."""
-        await super().startup(sockets)
-        if self.started and not self.should_exit:
-            self._ready()
+    async def main_loop(self) -> None:
+        """Say that it has started, and serve: a stop from here on is a clean one."""
+        self._ready()
+        await super().main_loop()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Say so, then stop: afterwards a SIGTERM may end the process at once."""
