@@ -110,22 +110,23 @@ def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, Any]:
 
 
 def decision_dicts(
-    frame: FrameFacts,
+    frame: FrameFacts | Sequence[FrameFacts],
     ids: Sequence[str],
     evidence: Evidence,
     decisions: Decisions,
     geometry: FrameGeometry | None = None,
-) -> list[dict[str, Any]]:
-    """The decisions of a whole frame, in the order of its boxes."""
+) -> list[dict[str, object]]:
+    """Decisions in the order of the boxes: of one frame, or each with its own frame."""
     columns = _columns(evidence, decisions)
     rows = (
         dict(zip(columns, row, strict=True))
         for row in zip(*columns.values(), strict=True)
     )
     solid = _geometry_rows(geometry, len(ids))
+    frames = [frame] * len(ids) if isinstance(frame, FrameFacts) else frame
     return [
-        decision_dict(frame, BoxFacts(box_id, **row, **more))
-        for box_id, row, more in zip(ids, rows, solid, strict=True)
+        decision_dict(facts, BoxFacts(box_id, **row, **more))
+        for facts, box_id, row, more in zip(frames, ids, rows, solid, strict=True)
     ]
 
 

@@ -313,11 +313,10 @@ class Tally(Base):
     boxes: Mapped[int] = mapped_column(Key)
 
 
-class Flip(Base):
-    """A box whose reason a run changed."""
+class Flips(Base):
+    """Boxes whose reason a run changed, thousands to a row; see `flip_record`."""
 
     __tablename__ = "flips"
-    __table_args__ = ({"sqlite_with_rowid": False},)
 
     run_id: Mapped[int] = mapped_column(
         Key,
@@ -325,9 +324,11 @@ class Flip(Base):
         primary_key=True,
         autoincrement=False,
     )
-    box_id: Mapped[int] = mapped_column(Key, primary_key=True, autoincrement=False)
-    reason_before: Mapped[int] = mapped_column(SmallInteger)
-    reason_after: Mapped[int] = mapped_column(SmallInteger)
+    first_box_id: Mapped[int] = mapped_column(
+        Key, primary_key=True, autoincrement=False
+    )
+    last_box_id: Mapped[int] = mapped_column(Key)
+    boxes: Mapped[bytes] = mapped_column(LargeBinary)
 
 
 class ReviewBatch(Base):

@@ -9,7 +9,8 @@ from sqlalchemy import bindparam, func, insert, select, update
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks, execute_many
-from app.db.tables import Decision, Flip
+from app.db.flip_record import BOXES_PER_ROW, pack_flips
+from app.db.tables import Decision, Flips
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
 from filter_core.types import Decisions, Evidence, FloatArray, IntArray
@@ -112,21 +113,22 @@ class DecisionRepository:
     def record_flips(
         self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
     ) -> None:
-        """Store for ever what a run changed."""
-        count = len(box_ids)
-        columns = {
-            "run": [run_id] * count,
-            "box": box_ids.tolist(),
-            "before": before.tolist(),
-            "after": after.tolist(),
-        }
-        statement = insert(Flip).values(
-            run_id=bindparam("run"),
-            box_id=bindparam("box"),
-            reason_before=bindparam("before"),
-            reason_after=bindparam("after"),
-        )
-        execute_many(self._session, statement, columns)
+        """Store for ever what a run changed; ids are in order."""
+        portions = [
+            slice(start, start + BOXES_PER_ROW)
+            for start in range(0, len(box_ids), BOXES_PER_ROW)
+        ]
+        rows = [
+            {
+                "run_id": run_id,
+                "first_box_id": int(box_ids[part][0]),
+                "last_box_id": int(box_ids[part][-1]),
+                "boxes": pack_flips(box_ids[part], before[part], after[part]),
+            }
+            for part in portions
+        ]
+        if rows:
+            self._session.execute(insert(Flips), rows)
 
     def refresh(self, box_ids: IntArray, before: Decisions, after: Decisions) -> None:
         """Make these the current decisions; `before` are the ones they replace.

@@ -18,6 +18,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session, undefer
 
 from app.db.base import utc_now
+from app.db.bulk import chunks
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
@@ -81,6 +82,19 @@ class FrameRepository:
             .options(undefer(Frame.annotation))
         )
         return {frame.id: frame for frame in self._session.scalars(rows)}
+
+    def heads(self, frame_ids: Iterable[int]) -> dict[int, Frame]:
+        """Frames without their annotations, by id."""
+        rows = select(Frame).where(Frame.id.in_(set(frame_ids)))
+        return {frame.id: frame for frame in self._session.scalars(rows)}
+
+    def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
+        """The senders' own ids of boxes."""
+        found: dict[int, str] = {}
+        for chunk in chunks(box_ids):
+            rows = select(Box.id, Box.source_id).where(Box.id.in_(chunk))
+            found |= {row[0]: row[1] for row in self._session.execute(rows)}
+        return found
 
     def page(self, wanted: FrameFilter, *, after: str, limit: int) -> list[Frame]:
         """The next current frames by key."""

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.db.tables import ConfigVersion, Export, Flip, Problem, Run
+from app.db.flip_record import find_flip
+from app.db.tables import ConfigVersion, Export, Flips, Problem, Run
 from app.errors import NotFound
 
 
@@ -113,10 +114,23 @@ class RunRepository:
         )
         return self._session.scalar(rows) or 0
 
-    def flips_of_box(self, box_id: int) -> list[Flip]:
-        """What runs changed in a box, oldest first."""
-        rows = select(Flip).where(Flip.box_id == box_id).order_by(Flip.run_id)
-        return list(self._session.scalars(rows))
+    def that_flipped(self, dataset_id: int, box_id: int) -> list[Run]:
+        """Runs that changed a box, oldest first."""
+        rows = (
+            select(Run, Flips.boxes)
+            .join(Flips, Flips.run_id == Run.id)
+            .where(
+                Run.dataset_id == dataset_id,
+                Flips.first_box_id <= box_id,
+                Flips.last_box_id >= box_id,
+            )
+            .order_by(Run.id)
+        )
+        return [
+            row[0]
+            for row in self._session.execute(rows)
+            if find_flip(row[1], box_id) is not None
+        ]
 
 
 class ExportRepository:

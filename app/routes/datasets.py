@@ -30,8 +30,9 @@ from app.schemas.pages import Cursor, Limit, Page, page_response
 from app.schemas.runs import RunOut
 from app.services import datasets
 from app.services.configs import active_version, config_of
+from app.services.counting import histogram
 from app.services.measuring import DatasetReading
-from app.services.preview import active_numbers, histogram
+from app.services.preview import active_numbers
 from app.services.runs import start_after
 
 router = ApiRouter(prefix="/api/v1", tag="datasets")
@@ -138,7 +139,8 @@ def get_histogram(
     found = DatasetRepository(session).named(dataset)
     config = config_of(active_version(session, found))
     numbers = active_numbers(services, session, found)
-    return histogram(numbers.evidence, config, bins).as_dict()
+    names, counts = numbers.evidence.class_names, numbers.match_counts(bins)
+    return histogram(names, counts, config)
 
 
 @router.get("/datasets/{dataset}/problems", response_model=Page[ProblemOut])

@@ -54,7 +54,7 @@ def create_export(
     services: AppServices,
     principal: CurrentPrincipal,
 ) -> Response:
-    """Write labels of the dataset as it is; from now on its classes keep their order."""
+    """Write the labels of the dataset; its classes keep their order from now on."""
     found = DatasetRepository(session).named(dataset)
     wanted = ExportRequest(body.format, body.options.model_dump(), principal.name)
     export = request_export(services, session, found, wanted)

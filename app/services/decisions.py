@@ -33,23 +33,6 @@ from filter_core.palettes import FAMILIES
 from filter_core.types import Evidence
 
 
-@dataclass(frozen=True)
-class DecidedFrame:
-    """Some boxes of one frame with the numbers that their decisions rest on."""
-
-    frame: Frame
-    row: EvidenceRow
-    positions: NDArray[np.int64]
-    evidence: Evidence
-    geometry: FrameGeometry
-
-    @property
-    def box_ids(self) -> list[int]:
-        """The server's ids of these boxes."""
-        ids: list[int] = (self.positions + self.frame.first_box_id).tolist()
-        return ids
-
-
 class DecisionReader:
     """Reads current decisions of one dataset; made for one request."""
 
@@ -63,7 +46,7 @@ class DecisionReader:
     def of_boxes(self, box_ids: Sequence[int]) -> list[dict[str, Any]]:
         """Decisions in the order of the ids; boxes that are gone are left out."""
         rows = DecisionRepository(self._session).rows(box_ids)
-        frames = FrameRepository(self._session).with_ids(
+        frames = FrameRepository(self._session).heads(
             row.frame_id for row in rows.values()
         )
         wanted: dict[int, list[int]] = {}
@@ -98,109 +81,100 @@ class DecisionReader:
         )
         return {key: report["palette"] for key, report in reports.items() if report}
 
-    def frames(
-        self, frames: Mapping[int, Frame], wanted: Mapping[int, Sequence[int]]
-    ) -> list[DecidedFrame]:
-        """The numbers of chosen boxes, by their positions in each frame."""
-        measurement = self._dataset.active_measurement_id or 0
-        evidence = EvidenceRepository(self._session).of_frames(wanted, measurement)
-        names, ids = list(self.classes), list(self.classes.values())
-        return [
-            _unpacked(frames[frame_id], evidence[frame_id], positions, names, ids)
-            for frame_id, positions in wanted.items()
-        ]
-
     def _describe(
         self,
         frames: Mapping[int, Frame],
         wanted: Mapping[int, Sequence[int]],
         rows: Mapping[int, CurrentRow],
     ) -> list[dict[str, Any]]:
-        reviews = ReviewRepository(self._session).latest(
-            box_id for box_id, row in rows.items() if row.revision
+        """All boxes together: one decision over a page costs as much as one per box."""
+        if not rows:
+            return []
+        measurement = self._dataset.active_measurement_id or 0
+        evidence = EvidenceRepository(self._session).of_frames(wanted, measurement)
+        chosen = [
+            ChosenBoxes(frames[key], evidence[key], sorted(wanted[key]))
+            for key in wanted
+        ]
+        ids = [box_id for each in chosen for box_id in each.box_ids]
+        numbers, geometry = self._joined(chosen)
+        facts = [self._facts(each) for each in chosen for _ in each.positions]
+        sources = FrameRepository(self._session).source_ids(ids)
+        decisions = decision_dicts(
+            facts,
+            [sources[box_id] for box_id in ids],
+            numbers,
+            decide(numbers, self.config),
+            geometry,
         )
-        described: list[dict[str, Any]] = []
-        for decided in self.frames(frames, wanted):
-            for decision, box_id in zip(
-                self.describe(decided), decided.box_ids, strict=True
-            ):
-                decision |= self._known_here(
-                    box_id, decided, rows[box_id], reviews.get(box_id)
-                )
-                described.append(decision)
-        return described
+        reviews = ReviewRepository(self._session).latest(
+            box_id for box_id in ids if rows[box_id].revision
+        )
+        masks = numbers.accept_mask.tolist()
+        for decision, box_id, mask, of in zip(
+            decisions, ids, masks, facts, strict=True
+        ):
+            decision |= self._known_here(rows[box_id], reviews.get(box_id))
+            decision["accepted_tags"] = _accepted_tags(of.family, mask)
+        return decisions
 
-    def describe(self, decided: DecidedFrame) -> list[dict[str, Any]]:
-        """Decisions of some boxes of a frame, as the filter alone would write them."""
-        report = decided.row.segmentation or {}
-        facts = FrameFacts(
-            key=decided.frame.key,
+    def _joined(self, chosen: Sequence[ChosenBoxes]) -> tuple[Evidence, FrameGeometry]:
+        record = np.concatenate([each.numbers() for each in chosen])
+        counts = np.concatenate([each.tag_counts() for each in chosen])
+        names, ids = list(self.classes), list(self.classes.values())
+        geometry = [box for each in chosen for box in each.geometry()]
+        return to_evidence(record, names, ids, counts), _solid(geometry)
+
+    def _facts(self, chosen: ChosenBoxes) -> FrameFacts:
+        report = chosen.row.segmentation or {}
+        return FrameFacts(
+            key=chosen.frame.key,
             config=self.config,
             family=report.get("palette"),
             lossy=bool(report.get("lossy")),
         )
-        sources = source_ids(decided.frame.annotation)
-        return decision_dicts(
-            facts,
-            [sources[position] for position in decided.positions],
-            decided.evidence,
-            decide(decided.evidence, self.config),
-            decided.geometry,
-        )
 
     def _known_here(
-        self,
-        box_id: int,
-        decided: DecidedFrame,
-        row: CurrentRow,
-        review: LatestReview | None,
+        self, row: CurrentRow, review: LatestReview | None
     ) -> dict[str, Any]:
-        report = decided.row.segmentation or {}
-        index = box_id - decided.frame.first_box_id
-        at = int(np.searchsorted(decided.positions, index))
-        mask = int(decided.evidence.accept_mask[at])
         return {
-            "box_id": box_id,
-            "frame_id": decided.frame.id,
+            "box_id": row.box_id,
+            "frame_id": row.frame_id,
             "run": self._dataset.active_run_id,
             "config": self._version.digest,
             "revision": row.revision,
             "review": _review(review),
             "effective_verdict": effective_verdict(row.reason, row.review),
-            "accepted_tags": _accepted_tags(report.get("palette"), mask),
         }
 
 
-def source_ids(annotation: Mapping[str, Any]) -> list[str]:
-    """The sender's own ids of a frame's boxes; a missing one is the index."""
-    return [
-        str(index if box.get("id") is None else box["id"])
-        for index, box in enumerate(annotation.get("boxes", ()))
-    ]
+@dataclass(frozen=True)
+class ChosenBoxes:
+    """Some boxes of one frame, by their positions, and where their numbers are."""
 
+    frame: Frame
+    row: EvidenceRow
+    positions: list[int]
 
-def _unpacked(
-    frame: Frame,
-    row: EvidenceRow,
-    positions: Iterable[int],
-    names: Sequence[str],
-    ids: Sequence[int],
-) -> DecidedFrame:
-    chosen = np.array(sorted(positions), np.int64)
-    evidence = to_evidence(
-        unpack_numbers([row.numbers]),
-        names,
-        ids,
-        unpack_tag_counts(row.tag_counts, row.box_count),
-    )
-    geometry = unpack_geometry(row.geometry, row.box_count)
-    return DecidedFrame(
-        frame=frame,
-        row=row,
-        positions=chosen,
-        evidence=evidence.take(chosen),
-        geometry=_solid([geometry[position] for position in chosen]),
-    )
+    @property
+    def box_ids(self) -> list[int]:
+        """The server's ids of these boxes."""
+        return [self.frame.first_box_id + position for position in self.positions]
+
+    def numbers(self) -> NDArray[np.void]:
+        """Their records."""
+        record: NDArray[np.void] = unpack_numbers([self.row.numbers])[self.positions]
+        return record
+
+    def tag_counts(self) -> NDArray[np.int32]:
+        """Their tag histograms."""
+        counts = unpack_tag_counts(self.row.tag_counts, self.row.box_count)
+        return np.asarray(counts[self.positions], np.int32)
+
+    def geometry(self) -> list[Geometry | None]:
+        """What they look like in three dimensions."""
+        boxes = unpack_geometry(self.row.geometry, self.row.box_count)
+        return [boxes[position] for position in self.positions]
 
 
 def _solid(boxes: Sequence[Geometry | None]) -> FrameGeometry:

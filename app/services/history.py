@@ -29,9 +29,7 @@ def history(session: Session, box_id: int) -> list[dict[str, Any]]:
     box = FrameRepository(session).box(box_id)
     frame = FrameRepository(session).with_id(box.frame_id)
     entries = [_first_decision(session, box, frame)]
-    runs = RunRepository(session)
-    for flip in runs.flips_of_box(box_id):
-        run = runs.with_id(flip.run_id)
+    for run in RunRepository(session).that_flipped(frame.dataset_id, box_id):
         at = run.finished_at or run.created_at
         entry = _decision(session, box, frame, (run.id, run.config_id), at)
         entries.append(entry | {"activated": run.activate})

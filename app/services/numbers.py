@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,10 @@ from app.db.evidence_record import to_evidence, unpack_numbers
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
-from filter_core.types import Evidence, IntArray
+from app.services.counting import match_counts
+from filter_core.config import FilterConfig
+from filter_core.decide import decide
+from filter_core.types import Decisions, Evidence, IntArray
 
 MAX_CACHED_BOXES: Final = 8_000_000
 """About 100 bytes each."""
@@ -38,9 +41,26 @@ class DatasetNumbers:
     frame_ids: IntArray
     class_ids: IntArray
     evidence: Evidence
+    _known: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.box_ids)
+
+    def decided(self, config: FilterConfig) -> Decisions:
+        """Decisions of the configuration asked for last, such as the active one."""
+        held: tuple[str, Decisions] | None = self._known.get("decided")
+        if held is None or held[0] != config.digest:
+            held = (config.digest, decide(self.evidence, config))
+            self._known["decided"] = held
+        return held[1]
+
+    def match_counts(self, bins: int) -> IntArray:
+        """Counts of matches per class; thresholds do not change them."""
+        held: tuple[int, IntArray] | None = self._known.get("match_counts")
+        if held is None or held[0] != bins:
+            held = (bins, match_counts(self.evidence, bins))
+            self._known["match_counts"] = held
+        return held[1]
 
 
 class NumbersCache:

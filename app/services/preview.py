@@ -14,32 +14,14 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
+from app.services.counting import VERDICT_CODE, histogram, match_counts, outcome
 from app.services.measuring import DatasetReading, plan_for
 from app.services.numbers import DatasetNumbers
 from app.services.recounting import recount
 from app.services.run_requests import active_measurement
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
-from filter_core.types import Decisions, Evidence, IntArray, Reason, Verdict
-
-MAX_PERCENT = 100.0
-
-
-@dataclass(frozen=True)
-class Histogram:
-    """match_percent per class."""
-
-    edges: list[float]
-    classes: dict[str, list[int]]
-    thresholds: dict[str, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {
-            "edges": self.edges,
-            "classes": self.classes,
-            "thresholds": self.thresholds,
-        }
+from filter_core.types import Decisions, Evidence, IntArray, Reason
 
 
 @dataclass(frozen=True)
@@ -67,14 +49,18 @@ def preview(
     if plan.digest != measurement.digest:
         evidence = _recounted(session, dataset, numbers, config)
     active = config_of(active_version(session, dataset))
-    before, after = decide(numbers.evidence, active), decide(evidence, config)
+    before, after = numbers.decided(active), decide(evidence, config)
+    same_matches = evidence is numbers.evidence
+    matches = (
+        numbers.match_counts(limits.bins)
+        if same_matches
+        else match_counts(evidence, limits.bins)
+    )
     return {
         "config": config.digest,
         "needs_pixels": False,
-        "counts": {verdict.value: after.count(verdict) for verdict in Verdict},
-        "by_reason": by_reason(after),
-        "by_class": by_class(evidence, after),
-        "histograms": histogram(evidence, config, limits.bins).as_dict(),
+        **outcome(evidence, after),
+        "histograms": histogram(evidence.class_names, matches, config),
         "flips": _flips(numbers, (before, after), evidence, limits.flips),
     }
 
@@ -85,47 +71,6 @@ def active_numbers(
     """The current numbers of a dataset."""
     measurement = active_measurement(session, dataset)
     return context.numbers.load(session, dataset.id, measurement.id)
-
-
-def histogram(evidence: Evidence, config: FilterConfig, bins: int) -> Histogram:
-    """match_percent of each class that occurs, in equal bins from 0 to 100."""
-    edges = np.linspace(0.0, MAX_PERCENT, bins + 1)
-    scaled = np.nan_to_num(evidence.match_percent, nan=0.0) * (bins / MAX_PERCENT)
-    bin_of = np.clip(scaled.astype(np.int64), 0, bins - 1)
-    packed = evidence.class_index.astype(np.int64) * bins + bin_of
-    counts = np.bincount(
-        packed[evidence.measured], minlength=len(evidence.class_names) * bins
-    ).reshape(-1, bins)
-    limits = config.thresholds_for(evidence.class_names).threshold_small_box
-    occurs = [int(index) for index in np.flatnonzero(counts.sum(axis=1))]
-    names = evidence.class_names
-    return Histogram(
-        edges=edges.tolist(),
-        classes={names[index]: counts[index].tolist() for index in occurs},
-        thresholds={names[index]: float(limits[index]) for index in occurs},
-    )
-
-
-def by_reason(decisions: Decisions) -> dict[str, int]:
-    """How many boxes each reason decided."""
-    counts = np.bincount(decisions.reason, minlength=max(Reason) + 1)
-    return {reason.label: int(counts[reason]) for reason in Reason if counts[reason]}
-
-
-def by_class(evidence: Evidence, decisions: Decisions) -> dict[str, dict[str, int]]:
-    """How many boxes of each class got each verdict."""
-    verdicts = list(Verdict)
-    code = np.zeros(max(Reason) + 1, np.int64)
-    for reason in Reason:
-        code[reason] = verdicts.index(reason.verdict)
-    packed = evidence.class_index.astype(np.int64) * 3 + code[decisions.reason]
-    counts = np.bincount(packed, minlength=len(evidence.class_names) * 3)
-    table = counts.reshape(-1, 3).tolist()
-    return {
-        name: {verdict.value: row[at] for at, verdict in enumerate(verdicts)}
-        for name, row in zip(evidence.class_names, table, strict=True)
-        if any(row)
-    }
 
 
 def _needs_pixels(config: FilterConfig) -> dict[str, Any]:
@@ -144,8 +89,7 @@ def _flips(
     limit: int,
 ) -> dict[str, Any]:
     before, after = decisions
-    flipped = _verdicts(before) != _verdicts(after)
-    rows = np.flatnonzero(flipped)
+    rows = np.flatnonzero(VERDICT_CODE[before.reason] != VERDICT_CODE[after.reason])
     kept_before = before.reason[rows] == Reason.VISIBLE
     kept_after = after.reason[rows] == Reason.VISIBLE
     closest = _closest(rows, after, limit)
@@ -180,14 +124,6 @@ def _flip(
         "before": {"verdict": before.verdict.value, "reason": before.label},
         "after": {"verdict": after.verdict.value, "reason": after.label},
     }
-
-
-def _verdicts(decisions: Decisions) -> IntArray:
-    code = np.zeros(max(Reason) + 1, np.int64)
-    for reason in Reason:
-        code[reason] = list(Verdict).index(reason.verdict)
-    verdicts: IntArray = code[decisions.reason]
-    return verdicts
 
 
 def _recounted(

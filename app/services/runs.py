@@ -114,9 +114,7 @@ def _store(context: ServiceContext, session: Session, scope: RunScope) -> None:
     before_numbers = context.numbers.load(
         session, dataset.id, dataset.active_measurement_id or 0
     )
-    before = decide(
-        before_numbers.evidence, config_of(active_version(session, dataset))
-    )
+    before = before_numbers.decided(config_of(active_version(session, dataset)))
     after = decide(after_numbers.evidence, scope.config)
     decisions = DecisionRepository(session)
     changed = _differs(before, after)

@@ -515,14 +515,13 @@ def upgrade() -> None:
     op.create_table(
         "flips",
         sa.Column("run_id", KEY, autoincrement=False, nullable=False),
-        sa.Column("box_id", KEY, autoincrement=False, nullable=False),
-        sa.Column("reason_before", sa.SmallInteger(), nullable=False),
-        sa.Column("reason_after", sa.SmallInteger(), nullable=False),
+        sa.Column("first_box_id", KEY, autoincrement=False, nullable=False),
+        sa.Column("last_box_id", KEY, nullable=False),
+        sa.Column("boxes", sa.LargeBinary(), nullable=False),
         sa.ForeignKeyConstraint(
             ["run_id"], ["runs.id"], name=op.f("fk_flips_run_id"), ondelete="CASCADE"
         ),
-        sa.PrimaryKeyConstraint("run_id", "box_id", name=op.f("pk_flips")),
-        sqlite_with_rowid=False,
+        sa.PrimaryKeyConstraint("run_id", "first_box_id", name=op.f("pk_flips")),
     )
     op.create_table(
         "reviews",

@@ -1,0 +1,78 @@
+"""Counting a million boxes at once: one pass per question over narrow columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.config import FilterConfig
+from filter_core.types import Decisions, Evidence, IntArray, Reason, Verdict
+
+_VERDICTS: Final = tuple(Verdict)
+_REASONS: Final = max(Reason) + 1
+_MAX_PERCENT: Final = 100.0
+
+VERDICT_CODE: Final[NDArray[np.uint8]] = np.zeros(_REASONS, np.uint8)
+"""The verdict of each reason, as its place among the verdicts."""
+for _reason in Reason:
+    VERDICT_CODE[_reason] = _VERDICTS.index(_reason.verdict)
+
+
+def outcome(evidence: Evidence, decisions: Decisions) -> dict[str, Any]:
+    """How many boxes got each verdict and reason, altogether and per class."""
+    classes = len(evidence.class_names)
+    packed = evidence.class_index * np.int32(_REASONS) + decisions.reason
+    table = np.bincount(packed, minlength=classes * _REASONS).reshape(-1, _REASONS)
+    per_reason = table.sum(axis=0)
+    verdicts = np.zeros((classes, len(_VERDICTS)), np.int64)
+    for reason in Reason:
+        verdicts[:, VERDICT_CODE[reason]] += table[:, reason]
+    return {
+        "counts": _by_verdict(verdicts.sum(axis=0)),
+        "by_reason": {
+            reason.label: int(per_reason[reason])
+            for reason in Reason
+            if per_reason[reason]
+        },
+        "by_class": {
+            name: _by_verdict(row)
+            for name, row in zip(evidence.class_names, verdicts, strict=True)
+            if row.any()
+        },
+    }
+
+
+def match_counts(evidence: Evidence, bins: int) -> IntArray:
+    """(classes, bins): measured boxes by match_percent, in equal bins from 0 to 100."""
+    match = evidence.match_percent[evidence.measured]
+    # What has no match (outside, degenerate) is no part of a histogram of matches.
+    known = match == match
+    scaled = match[known] * (bins / _MAX_PERCENT)
+    bin_of = np.minimum(scaled.astype(np.int32), bins - 1)
+    packed = evidence.class_index[evidence.measured][known] * np.int32(bins) + bin_of
+    counts = np.bincount(packed, minlength=len(evidence.class_names) * bins)
+    table: IntArray = counts.reshape(-1, bins)
+    return table
+
+
+def histogram(
+    names: Sequence[str], counts: IntArray, config: FilterConfig
+) -> dict[str, Any]:
+    """The counts of classes that occur, with the thresholds of a configuration."""
+    limits = config.thresholds_for(names).threshold_small_box
+    occurs = np.flatnonzero(counts.sum(axis=1)).tolist()
+    return {
+        "edges": np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),
+        "classes": {names[index]: counts[index].tolist() for index in occurs},
+        "thresholds": {names[index]: float(limits[index]) for index in occurs},
+    }
+
+
+def _by_verdict(counts: IntArray) -> dict[str, int]:
+    return {
+        verdict.value: int(count)
+        for verdict, count in zip(_VERDICTS, counts, strict=True)
+    }
