@@ -54,7 +54,8 @@ browser: $(CHROMIUM) ## The review page in a real Chromium
 	$(PYTEST) tests/browser $(ARGS)
 
 bench: $(DEVELOPMENT) ## Measure; the figures of docs/benchmarks.md
-	@for bench in benchmarks/bench_*.py; do echo "== $$bench"; $(BIN)/python "$$bench" || exit 1; done
+	@for bench in $(notdir $(basename $(wildcard benchmarks/bench_*.py))); do \
+		echo "== $$bench"; $(BIN)/python -m benchmarks.$$bench $(ARGS) || exit 1; done
 
 migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema
 	$(BIN)/python -m tools.migrate

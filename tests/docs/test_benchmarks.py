@@ -1,0 +1,18 @@
+"""docs/benchmarks.md knows every benchmark, and `make bench` runs each."""
+
+from __future__ import annotations
+
+import re
+
+from tests.docs.documents import CHECKOUT, read
+
+
+def test_every_benchmark_is_listed():
+    scripts = {path.name for path in (CHECKOUT / "benchmarks").glob("bench_*.py")}
+
+    assert set(re.findall(r"`(bench_\w+\.py)`", read("docs/benchmarks.md"))) == scripts
+
+
+def test_every_benchmark_says_what_it_asks():
+    for path in (CHECKOUT / "benchmarks").glob("bench_*.py"):
+        assert path.read_text("utf-8").startswith('"""'), path.name
