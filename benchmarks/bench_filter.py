@@ -220,19 +220,16 @@ class Counting:
     codes: PixelCodes
     bounds: np.ndarray
     accepted: np.ndarray
-    group: np.ndarray
 
     @classmethod
     def of(cls, codes: PixelCodes, boxes: FrameBoxes) -> Counting:
-        masks, group = np.unique(boxes.accept_mask, return_inverse=True)
-        tags = np.minimum(codes.tag_of_code, 30).astype(np.int64)
-        accepted = (masks[:, None] >> tags & 1).astype(np.bool_)
-        bounds = pixel_bounds(boxes.xyxy, (WIDTH, HEIGHT))
-        return cls(codes, bounds, accepted, group)
+        tags = codes.tag_of_code[codes.occurring()].astype(np.int64)
+        accepted = boxes.accept_mask[:, None] >> tags & 1 == 1
+        return cls(codes, pixel_bounds(boxes.xyxy, (WIDTH, HEIGHT)), accepted)
 
     def count(self, image: np.ndarray) -> np.ndarray:
-        codes = replace(self.codes, pixels=image)
-        return count_matches(Regions(codes, self.bounds), self.accepted, self.group)
+        regions = Regions(replace(self.codes, pixels=image), self.bounds)
+        return count_matches(regions, self.codes.occurring(), self.accepted)
 
 
 def milliseconds(action: Callable[[], object]) -> float:

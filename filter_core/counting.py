@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from filter_core.pixel_codes import PixelCodes
-from filter_core.pixel_values import PixelValues
+from filter_core.pixel_values import gather
 from filter_core.runs import run_ends, run_lengths
 from filter_core.types import BoolArray, IntArray, Mask
 
@@ -107,52 +107,52 @@ def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
 
 
 def count_matches(
-    regions: Regions, accepted: BoolArray, row_of_box: IntArray
+    regions: Regions, codes: Sequence[int], accepted: BoolArray
 ) -> IntArray:
-    """How many pixels of each rectangle have a code that its own row accepts.
+    """How many pixels of each rectangle have a code that it accepts.
 
     Parameters
     ----------
-    regions : Regions
-    accepted : (G, 256) bool
-        The codes that each of G groups of boxes accepts.
-    row_of_box : (N,) int64
+    regions : Regions, N of them
+    codes : sequence of K different codes
+    accepted : (N, K) bool
 
     Returns
     -------
     (N,) int64, px
     """
-    present = accepted & (regions.codes.counts > 0)
-    wanted = np.flatnonzero(present.any(axis=0)).tolist()
-    comparisons = present.sum(axis=1)[row_of_box]
-    cost = float(comparisons.sum()) * _NS_PER_COMPARISON
-    cost += float((comparisons * regions.areas).sum()) * _NS_PER_COMPARED_PIXEL
+    wanted = np.flatnonzero(accepted.any(axis=0)).tolist()
+    comparisons = accepted.sum(axis=1)
+    by_comparing = float(comparisons.sum()) * _NS_PER_COMPARISON
+    by_comparing += float((comparisons * regions.areas).sum()) * _NS_PER_COMPARED_PIXEL
     height, width = regions.codes.hw
     by_tables = height * width * (1.0 + len(wanted)) * _NS_PER_CODE_AND_PIXEL
-    if cost < by_tables:
-        codes_of_row = [np.flatnonzero(row).tolist() for row in present]
-        return count_by_comparing(regions, [codes_of_row[row] for row in row_of_box])
-    counts = count_codes_in(regions, wanted)
-    matched: IntArray = (counts * present[row_of_box][:, wanted]).sum(axis=1)
+    if by_comparing < by_tables:
+        return count_by_comparing(regions, codes, accepted)
+    counts = count_codes_in(regions, [codes[column] for column in wanted])
+    matched: IntArray = (counts * accepted[:, wanted]).sum(axis=1)
     return matched
 
 
 def count_by_comparing(
-    regions: Regions, codes_of_box: Sequence[Sequence[int]]
+    regions: Regions, codes: Sequence[int], accepted: BoolArray
 ) -> IntArray:
     """Matches by comparing a rectangle's pixels with each accepted value."""
     values = {
-        code: regions.codes.value_of(code) for codes in codes_of_box for code in codes
+        column: regions.codes.value_of(codes[column])
+        for column in np.flatnonzero(accepted.any(axis=0)).tolist()
     }
-    matched = []
-    for region, codes in zip(regions.rows(), codes_of_box, strict=True):
-        part, count = regions.codes.values_in(region), 0
-        for code in codes:
-            hit = part == values[code]
+    matched = [0] * len(regions)
+    wanted: list[list[int]] = [[] for _ in matched]
+    for row, column in np.argwhere(accepted).tolist():
+        wanted[row].append(values[column])
+    for row, region in enumerate(regions.rows()):
+        part = regions.codes.values_in(region) if wanted[row] else None
+        for value in wanted[row]:
+            hit = part == value
             if regions.keep is not None:
                 hit &= regions.keep[region]
-            count += np.count_nonzero(hit)
-        matched.append(count)
+            matched[row] += np.count_nonzero(hit)
     return np.array(matched, dtype=np.int64)
 
 
@@ -199,21 +199,12 @@ def _portions(areas: IntArray) -> Iterator[int]:
 
 def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:
     codes = regions.codes
-    if regions.keep is None:
-        parts = [codes.values_in(region).reshape(-1) for region in regions.rows()]
-        sizes = regions.areas
-    else:
-        keep = regions.keep
-        parts = [codes.values_in(region)[keep[region]] for region in regions.rows()]
-        sizes = np.array([len(part) for part in parts], dtype=np.int64)
-    flat: PixelValues = np.concatenate(parts)  # type: ignore[assignment]  # all of one dtype
-    if not len(flat):
-        return np.zeros((len(regions), width), dtype=np.int64)
+    values, sizes = gather(codes.pixels, regions.bounds, regions.keep)
     stops = np.cumsum(sizes)
-    ends = run_ends(flat, stops)
+    ends = run_ends(values, stops)
     box = np.searchsorted(stops, ends, side="right")
     counts = np.bincount(
-        box * width + column[codes.codes_of(flat[ends])],
+        box * width + column[codes.codes_of(values[ends])],
         # Weights are float64: exact for whole numbers of pixels.
         weights=run_lengths(ends),
         minlength=len(regions) * width,

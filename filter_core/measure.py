@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from filter_core.pixel_codes import Segmentation
 from filter_core.types import (
     N_TAGS,
     UNKNOWN_COLUMN,
-    UNKNOWN_TAG,
     BoolArray,
     BoxesXYXY,
     BoxState,
@@ -160,34 +159,32 @@ def measure(
     corrected, state = correct_xyxy(boxes.xyxy, wh, options.profile)
     live = state == BoxState.MEASURABLE
     areas = _areas(corrected)
-    geometry = Evidence(
+    bounds = _bounds(corrected, wh, options.profile)
+    counts = _Counts.of_geometry(bounds)
+    if segmentation is not None:
+        regions = Regions(
+            segmentation.codes, bounds, None if ignore is None else ~ignore
+        )
+        counts = _counts(segmentation, regions, boxes, options)
+    return Evidence(
         class_names=boxes.class_names,
         class_index=boxes.class_index,
         state=state,
         accept_mask=boxes.accept_mask,
-        measured=np.zeros(len(boxes), dtype=np.bool_),
-        box_pixels=np.zeros(len(boxes), dtype=np.int64),
-        matched_pixels=np.zeros(len(boxes), dtype=np.int64),
+        measured=np.full(len(boxes), segmentation is not None),
+        box_pixels=counts.box_pixels,
+        matched_pixels=counts.matched_pixels,
         image_pixels=np.full(len(boxes), wh[0] * wh[1], dtype=np.int64),
-        match_percent=np.full(len(boxes), np.nan),
+        match_percent=(
+            np.full(len(boxes), np.nan)
+            if segmentation is None
+            else _match_percent(counts, areas, options.profile)
+        ),
         area_percent=(areas / float(wh[0] * wh[1])) * 100,
         crowding=crowding_percent(corrected, np.where(live, boxes.accept_mask, 0)),
         distance=boxes.distance,
         xyxy=corrected,
-    )
-    bounds = _bounds(corrected, wh, options.profile)
-    if segmentation is None:
-        pixels = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
-        return replace(geometry, box_pixels=pixels)
-    if options.profile == "paper":
-        _refuse_ambiguity(segmentation, boxes)
-    regions = Regions(segmentation.codes, bounds, None if ignore is None else ~ignore)
-    accepted, row_of_box = _accepted_codes(segmentation, boxes, options)
-    counted = _counted(geometry, regions, (accepted, row_of_box), options)
-    return replace(
-        counted,
-        measured=np.ones(len(boxes), dtype=np.bool_),
-        match_percent=_match_percent(counted, areas, options.profile),
+        tag_counts=counts.tag_counts,
     )
 
 
@@ -220,9 +217,27 @@ def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
         return changed
     bits = accept_mask[:, None] >> np.arange(UNKNOWN_COLUMN) & 1
     matched = (evidence.tag_counts[:, :UNKNOWN_COLUMN] * bits).sum(axis=1)
-    changed = replace(changed, matched_pixels=matched.astype(np.int64))
-    percent = _match_percent(changed, _areas(evidence.xyxy), "paper")
-    return replace(changed, match_percent=np.where(evidence.measured, percent, np.nan))
+    counts = _Counts(evidence.box_pixels, matched.astype(np.int64), None)
+    percent = _match_percent(counts, _areas(evidence.xyxy), "paper")
+    return replace(
+        changed,
+        matched_pixels=counts.matched_pixels,
+        match_percent=np.where(evidence.measured, percent, np.nan),
+    )
+
+
+class _Counts(NamedTuple):
+    """Pixels of N boxes, and per tag if that was asked for."""
+
+    box_pixels: IntArray
+    matched_pixels: IntArray
+    tag_counts: NDArray[np.int32] | None
+
+    @classmethod
+    def of_geometry(cls, bounds: IntArray) -> _Counts:
+        """What is known without a segmentation."""
+        x0, y0, x1, y1 = bounds.T
+        return cls((x1 - x0) * (y1 - y0), np.zeros(len(bounds), np.int64), None)
 
 
 def _refuse_ambiguity(segmentation: Segmentation, boxes: FrameBoxes) -> None:
@@ -265,51 +280,53 @@ def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
     return np.nan_to_num(xyxy, nan=0.0).astype(np.int64)
 
 
-def _accepted_codes(
-    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
-) -> tuple[BoolArray, IntArray]:
-    """(G, 256) bool: codes that groups of boxes accept, and the group of each box."""
+def _counts(
+    segmentation: Segmentation,
+    regions: Regions,
+    boxes: FrameBoxes,
+    options: MeasureOptions,
+) -> _Counts:
+    if options.profile == "paper":
+        _refuse_ambiguity(segmentation, boxes)
+    codes = regions.codes.occurring()
     if options.profile == "carlasimu" and _has_exact_colors(segmentation):
-        # By colour: a class's one colour counts even where the family lacks it.
-        table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
-        for row, name in enumerate(boxes.class_names):
-            color = options.class_colors.get(name)
-            if color is not None:
-                code = CODE_OF.get(packed(color, segmentation.channel_order))
-                table[row, [] if code is None else code] = True
-        return table, boxes.class_index.astype(np.int64)
-    masks, row_of_box = np.unique(boxes.accept_mask, return_inverse=True)
-    tags = segmentation.codes.tag_of_code.astype(np.int64)
-    shift = np.minimum(tags, UNKNOWN_COLUMN)
-    table = ((masks[:, None] >> shift[None, :]) & 1).astype(np.bool_)
-    table[:, tags == UNKNOWN_TAG] = False
-    return table, row_of_box.reshape(-1)
+        accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
+    else:
+        accepted = _accepted_by_tag(regions.codes.tag_of_code[codes], boxes.accept_mask)
+    box_pixels = count_pixels(regions)
+    if not options.histogram:
+        return _Counts(box_pixels, count_matches(regions, codes, accepted), None)
+    counts = count_codes_in(regions, codes)
+    return _Counts(
+        box_pixels,
+        (counts * accepted).sum(axis=1),
+        _tag_counts(counts, regions.codes.tag_of_code[codes]),
+    )
 
 
 def _has_exact_colors(segmentation: Segmentation) -> bool:
     return segmentation.encoding == "palette" and not segmentation.lossy
 
 
-def _counted(
-    geometry: Evidence,
-    regions: Regions,
-    accepted: tuple[BoolArray, IntArray],
-    options: MeasureOptions,
-) -> Evidence:
-    """The evidence with its pixels counted, per tag if the options ask for it."""
-    table, row_of_box = accepted
-    box_pixels = count_pixels(regions)
-    if not options.histogram:
-        matched = count_matches(regions, table, row_of_box)
-        return replace(geometry, box_pixels=box_pixels, matched_pixels=matched)
-    codes = regions.codes.occurring()
-    counts = count_codes_in(regions, codes)
-    return replace(
-        geometry,
-        box_pixels=box_pixels,
-        matched_pixels=(counts * table[:, codes][row_of_box]).sum(axis=1),
-        tag_counts=_tag_counts(counts, regions.codes.tag_of_code[codes]),
-    )
+def _accepted_by_color(
+    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
+) -> BoolArray:
+    """(N, 256): the code of each class's one colour, even if the family lacks it."""
+    table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
+    for row, name in enumerate(boxes.class_names):
+        color = options.class_colors.get(name)
+        if color is not None:
+            code = CODE_OF.get(packed(color, segmentation.channel_order))
+            table[row, [] if code is None else code] = True
+    accepted: BoolArray = table[boxes.class_index]
+    return accepted
+
+
+def _accepted_by_tag(tags: NDArray[np.uint8], accept_mask: IntArray) -> BoolArray:
+    """(N, K): whether each box accepts each of K tags; nobody accepts Unknown."""
+    shift = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
+    known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
+    return (known[:, None] >> shift & 1).astype(np.bool_)
 
 
 def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
@@ -321,11 +338,8 @@ def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
     return tag_counts
 
 
-def _match_percent(
-    counted: Evidence, areas: FloatArray, profile: Profile
-) -> FloatArray:
-    matched = counted.matched_pixels
+def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> FloatArray:
     if profile == "paper":
-        return 100.0 * matched / np.maximum(counted.box_pixels, 1)
+        return 100.0 * counts.matched_pixels / np.maximum(counts.box_pixels, 1)
     # In the published code's order of operations: a threshold may be met exactly.
-    return (matched / np.where(areas > 0, areas, 1.0)) * 100
+    return (counts.matched_pixels / np.where(areas > 0, areas, 1.0)) * 100

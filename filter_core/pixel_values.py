@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final, TypeAlias
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from filter_core.color_codes import Codes
 from filter_core.runs import run_ends, run_lengths
-from filter_core.types import IntArray
+from filter_core.types import IntArray, Mask
 
 PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
 """Packed colours with 255 in the upper byte, so negative; or codes."""
@@ -40,11 +40,41 @@ def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
     """
     if pixels.ndim == 2:
         return pixels
-    if not pixels.size:
-        return np.empty(pixels.shape[:2], dtype=np.int32)
     if pixels.shape[2] == 3:
         pixels = _with_fourth_channel(pixels)
     return pixels.view(np.int32)[:, :, 0]
+
+
+def gather(
+    pixels: NDArray[np.uint8], bounds: IntArray, keep: Mask | None = None
+) -> tuple[PixelValues, IntArray]:
+    """The values of several rectangles, one after the other.
+
+    Parameters
+    ----------
+    pixels : as for `values_of`
+    bounds : (N, 4) int64
+        First column, first row, last column + 1, last row + 1; may be empty.
+    keep : (H, W) bool, optional
+        The pixels that are wanted; None: all.
+
+    Returns
+    -------
+    values : (P,)
+    sizes : (N,) int64
+        How many values each rectangle has.
+    """
+    regions = [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in bounds.tolist()]
+    if keep is None and pixels.ndim == 3 and pixels.shape[2] == 3:
+        return _gather_converted(pixels, regions)
+    parts = [values_of(pixels[region]) for region in regions]
+    if keep is None:
+        parts = [part.reshape(-1) for part in parts]
+    else:
+        parts = [part[keep[r]] for part, r in zip(parts, regions, strict=True)]
+    sizes = np.array([len(part) for part in parts], dtype=np.int64)
+    values: PixelValues = np.concatenate([*parts, np.empty(0, np.uint8)])
+    return values, sizes
 
 
 def codes_of(values: PixelValues, table: Codes) -> Codes:
@@ -102,13 +132,35 @@ def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
         yield strip
 
 
+def _gather_converted(
+    bgr: NDArray[np.uint8], regions: list[tuple[slice, slice]]
+) -> tuple[PixelValues, IntArray]:
+    """Each rectangle is converted straight into its place, without a copy between."""
+    parts = [bgr[region] for region in regions]
+    sizes = np.array([part.shape[0] * part.shape[1] for part in parts], dtype=np.int64)
+    values = np.empty(int(sizes.sum()), dtype=np.int32)
+    room = values.view(np.uint8)
+    start = 0
+    for part, size in zip(parts, sizes.tolist(), strict=True):
+        stop = start + 4 * size
+        _convert(part, room[start:stop].reshape(*part.shape[:2], 4))
+        start = stop
+    return values, sizes
+
+
 def _with_fourth_channel(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    bgra = np.empty((*bgr.shape[:2], 4), dtype=np.uint8)
+    _convert(bgr, bgra)
+    return bgra
+
+
+def _convert(bgr: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
     height, width = bgr.shape[:2]
     if height * width <= _CONVERTED_AT_ONCE:
-        return cast("NDArray[np.uint8]", cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA))
-    bgra = np.empty((height, width, 4), dtype=np.uint8)
+        if bgr.size:
+            cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA, dst=bgra)
+        return
     rows = max(1, _CONVERTED_AT_ONCE // width)
     for top in range(0, height, rows):
         part = slice(top, top + rows)
         cv2.cvtColor(bgr[part], cv2.COLOR_BGR2BGRA, dst=bgra[part])
-    return bgra

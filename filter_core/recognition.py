@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, NamedTuple, NoReturn
 
 from filter_core.color_codes import (
@@ -113,6 +114,20 @@ def recognize(occurring: Iterable[int], named: Named) -> Recognition:
     and of the newer family; `Recognition.rivals` and the notes say so.
     """
     codes = frozenset(occurring)
+    try:
+        return _recognized(codes, Named(named.family, named.order))
+    except SegmentationError:
+        # Again, to say who named what.
+        return _recognize(codes, named)
+
+
+@lru_cache(maxsize=256)
+def _recognized(codes: frozenset[int], named: Named) -> Recognition:
+    """The frames of a recording have few different sets of colours."""
+    return _recognize(codes, named)
+
+
+def _recognize(codes: frozenset[int], named: Named) -> Recognition:
     missing = {
         reading: reading.missing(codes)
         for reading in (Reading(f, o) for f in _NEWEST_FIRST for o in ORDERS)

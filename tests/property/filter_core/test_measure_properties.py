@@ -171,7 +171,9 @@ def test_all_strategies_count_the_same(form, picture, data):
     np.testing.assert_array_equal(by_pixels, count_by_tables(regions, codes))
     np.testing.assert_array_equal(by_pixels, count_codes_in(regions, codes))
     for column, code in enumerate(codes):
-        compared = count_by_comparing(regions, [[code]] * len(drawn))
+        compared = count_by_comparing(
+            regions, [code], np.ones((len(drawn), 1), np.bool_)
+        )
         np.testing.assert_array_equal(by_pixels[:, column], compared)
 
 
