@@ -174,19 +174,18 @@ def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
     height, width = regions.codes.hw
     plane = regions.codes.crop(0, 0, width, height)
     x0, y0, x1, y1 = regions.bounds.T
-    corners = [y * (width + 1) + x for x, y in ((x1, y1), (x0, y1), (x1, y0), (x0, y0))]
-    counts = np.empty((len(regions), len(wanted)), dtype=np.int64)
+    row = width + 1
+    corners = np.stack([y1 * row + x1, y1 * row + x0, y0 * row + x1, y0 * row + x0])
+    counts = np.empty((len(wanted), len(regions)), dtype=np.int64)
     for index, code in enumerate(wanted):
         hit = plane == code
         if regions.keep is not None:
             hit &= regions.keep
         # Exact: int32 holds the pixels of any image that may be opened.
         table = np.asarray(cv2.integral(hit.view(np.uint8)), np.int32).reshape(-1)
-        bottom_right, bottom_left, top_right, top_left = (
-            table.take(corner) for corner in corners
-        )
-        counts[:, index] = bottom_right - bottom_left - top_right + top_left
-    return counts
+        bottom_right, bottom_left, top_right, top_left = table.take(corners)
+        counts[index] = bottom_right - bottom_left - top_right + top_left
+    return counts.T
 
 
 def _portions(areas: IntArray) -> Iterator[int]:

@@ -14,9 +14,13 @@ from filter_core.types import BoxesXYXY, FloatArray, IntArray
 
 _ALL_PAIRS: Final = 1 << 16
 """Up to this many pairs, comparing them all at once is faster than being clever."""
-_LARGEST: Final = 32
+_LARGEST: Final = 96
 """Rivals that are tried on every box first: large ones contain most small boxes."""
-_GROUP: Final = 48
+_AT_ONCE: Final = 8
+"""How many of them, before boxes that are wholly covered drop out."""
+_WORTHWHILE: Final = 0.98
+"""If more boxes than this share stay open, the largest rivals are not worth trying."""
+_GROUP: Final = 32
 """Boxes near each other that share one selection of rivals."""
 _CHUNK: Final = 1 << 15
 """Pairs at a time, so that temporaries stay in the processor's cache."""
@@ -104,13 +108,16 @@ class _Search:
     def covered_areas(self, own: IntArray) -> FloatArray:
         """(M,) float64: the largest area that one rival covers of each box, px."""
         best = np.zeros(len(own))
-        largest = np.arange(min(_LARGEST, len(self.order)))
-        step = _CHUNK // _LARGEST
-        for start in range(0, len(own), step):
-            part = slice(start, start + step)
-            best[part] = self._cover(own[part], largest)
-        # Nothing covers more of a box than all of it.
-        open_ = np.flatnonzero(best < self.areas[own])
+        open_ = np.arange(len(own))
+        for start in range(0, min(_LARGEST, len(self.order)), _AT_ONCE):
+            rivals = np.arange(start, min(start + _AT_ONCE, len(self.order)))
+            best[open_] = np.maximum(best[open_], self._cover(own[open_], rivals))
+            # Nothing covers more of a box than all of it.
+            still_open = open_[best[open_] < self.areas[own[open_]]]
+            few_closed = len(still_open) > _WORTHWHILE * len(open_)
+            open_ = still_open
+            if few_closed:
+                break
         near = open_[_by_size_and_place(self.boxes[:, own[open_]])]
         for start in range(0, len(near), _GROUP):
             group = near[start : start + _GROUP]
@@ -131,10 +138,16 @@ class _Search:
 
         `rivals` are places in `self.order`, ascending; a box is no rival of itself.
         """
-        common = _common_areas(self.boxes[:, own], self.rivals[:, rivals])
-        column = np.searchsorted(rivals, self.place[own])
+        # The longer axis last: numpy is fast along it.
+        upright = len(own) > len(rivals)
+        boxes, others = self.boxes[:, own], self.rivals[:, rivals]
+        common = (
+            _common_areas(others, boxes).T if upright else _common_areas(boxes, others)
+        )
+        place = self.place[own]
+        column = np.searchsorted(rivals, place)
         column[column == len(rivals)] = 0
-        itself = rivals[column] == self.place[own]
+        itself = np.flatnonzero(rivals[column] == place)
         common[itself, column[itself]] = 0.0
         covered: FloatArray = common.max(axis=1)
         return covered
@@ -159,11 +172,14 @@ class _Search:
 
 
 def _by_size_and_place(boxes: FloatArray) -> IntArray:
-    """An order of (4, M) boxes in which neighbours are of like size and place."""
+    """An order of (4, M) boxes in which neighbours are of like size and place.
+
+    Like in size: within a factor of four.
+    """
     extent = boxes[2:] - boxes[:2]
     if not extent.size:
         return np.empty(0, dtype=np.int64)
-    size_class = np.floor(np.log2(extent)).astype(np.int64)
+    size_class = np.floor(np.log2(extent) / 2).astype(np.int64)
     center = (boxes[:2] + boxes[2:]) / 2
     low, high = center.min(axis=1), center.max(axis=1)
     cells = 255.0 / np.maximum(high - low, 1.0)
