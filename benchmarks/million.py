@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 from sqlalchemy import insert
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.evidence_record import pack_numbers
-from app.db.tables import Box, Decision, Frame, FrameEvidence
+from app.db.tables import Box, Dataset, Decision, Frame, FrameEvidence
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.tallies import TallyRepository
@@ -21,19 +22,17 @@ from app.services.measuring import DatasetReading
 from app.services.statistics import tallies_of
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
-from filter_core.types import Decisions, Evidence
+from filter_core.types import Evidence
 
 BOXES_PER_FRAME = 25
 FRAMES_PER_TRANSACTION = 400
 NAME = "million"
 
 
-def fill(context: ServiceContext, boxes: int, progress=lambda done: None) -> int:
+def fill(context: ServiceContext, boxes: int, progress: Callable[[int], None]) -> int:
     """Store the dataset; its id."""
     with context.database.write() as session:
-        wanted = NewDataset(
-            DatasetReading(NAME), "", None, FilterConfig(), "benchmark"
-        )
+        wanted = NewDataset(DatasetReading(NAME), "", None, FilterConfig(), "benchmark")
         dataset_id = create_dataset(session, wanted).id
     rng = np.random.default_rng(20240401)
     done = 0
@@ -51,14 +50,13 @@ def _portions(frames: int) -> Iterator[int]:
         frames -= FRAMES_PER_TRANSACTION
 
 
-def _store(session: Session, dataset_id: int, count: int, rng) -> None:
+def _store(session: Session, dataset_id: int, count: int, rng: Generator) -> None:
     dataset = DatasetRepository(session).with_id(dataset_id)
     classes = DatasetRepository(session).classes(dataset_id)
     frames = FrameRepository(session)
     first_frame = frames.take_ids("frames", count)
     first_box = frames.take_ids("boxes", count * BOXES_PER_FRAME)
     evidence = numbers(count * BOXES_PER_FRAME, tuple(classes), rng)
-    decisions = decide(evidence, FilterConfig())
     class_ids = list(classes.values())
     rows, packed = [], []
     for index in range(count):
@@ -78,10 +76,16 @@ def _store(session: Session, dataset_id: int, count: int, rng) -> None:
         )
     session.execute(insert(Frame), rows)
     session.execute(insert(FrameEvidence), packed)
-    _store_boxes(session, dataset_id, first_frame, first_box, evidence, decisions)
+    boxes, current = _box_rows(
+        dataset_id, (first_frame, first_box), class_ids, evidence
+    )
+    session.execute(insert(Box), boxes)
+    session.execute(insert(Decision), current)
+    alike = ((r["class_id"], r["reason"], r["toss_up"], None) for r in current)
+    TallyRepository(session).add(dataset_id, tallies_of(alike))
 
 
-def _frame(dataset, frame_id: int, first_box: int) -> dict:
+def _frame(dataset: Dataset, frame_id: int, first_box: int) -> dict[str, Any]:
     return {
         "id": frame_id,
         "dataset_id": dataset.id,
@@ -100,7 +104,7 @@ def _frame(dataset, frame_id: int, first_box: int) -> dict:
     }
 
 
-def numbers(count: int, names: tuple[str, ...], rng) -> Evidence:
+def numbers(count: int, names: tuple[str, ...], rng: Generator) -> Evidence:
     """Evidence like a town's: a peak of hidden boxes, a hill of visible ones."""
     box_pixels = rng.integers(60, 40_000, count)
     hidden = rng.random(count) < 0.45
@@ -123,16 +127,12 @@ def numbers(count: int, names: tuple[str, ...], rng) -> Evidence:
     )
 
 
-def _store_boxes(
-    session: Session,
-    dataset_id: int,
-    first_frame: int,
-    first_box: int,
-    evidence: Evidence,
-    decisions: Decisions,
-) -> None:
-    ids = list(DatasetRepository(session).classes(dataset_id).values())
-    class_of = [ids[index] for index in evidence.class_index.tolist()]
+def _box_rows(
+    dataset_id: int, first: tuple[int, int], class_ids: list[int], evidence: Evidence
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    first_frame, first_box = first
+    decisions = decide(evidence, FilterConfig())
+    class_of = [class_ids[index] for index in evidence.class_index.tolist()]
     boxes, rows = [], []
     for index in range(len(evidence)):
         frame_id = first_frame + index // BOXES_PER_FRAME
@@ -159,12 +159,4 @@ def _store_boxes(
                 "revision": 0,
             }
         )
-    session.execute(insert(Box), boxes)
-    session.execute(insert(Decision), rows)
-    alike = ((r["class_id"], r["reason"], r["toss_up"], None) for r in rows)
-    TallyRepository(session).add(dataset_id, tallies_of(alike))
-
-
-def folder(path: str | None) -> Path:
-    """Where the dataset is kept between runs of a benchmark."""
-    return Path(path or "benchmarks/.data")
+    return boxes, rows

@@ -30,6 +30,7 @@ from sqlalchemy.orm import Session
 from app.db.tables import Decision
 from app.errors import BadRequest
 from app.repositories.box_filter import (
+    ANSWERED,
     THRESHOLD_REASONS,
     BoxFilter,
     ClassThresholds,
@@ -166,14 +167,18 @@ class BoxPages:
 
     def _by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
         # One stream per reason: "reason in (...) order by id" would sort them all.
+        # Without reasons one per class: no index is by dataset and id alone. Those
+        # that people answered are few, and have an index of their own.
         wanted = self._wanted
         every = [*wanted.conditions(), *conditions]
-        reasons = [r for r in self._present.reasons if r in wanted.reasons]
-        if not wanted.reasons:
+        if wanted.reasons:
+            reasons = [r for r in self._present.reasons if r in wanted.reasons]
+            parts = [Decision.reason == reason for reason in reasons]
+        elif wanted.review in ANSWERED:
             return [Stream(Decision.box_id, every)]
-        return [
-            Stream(Decision.box_id, [*every, Decision.reason == r]) for r in reasons
-        ]
+        else:
+            parts = [Decision.class_id == class_id for class_id in self._class_ids()]
+        return [Stream(Decision.box_id, [*every, part]) for part in parts]
 
     def _by_match(self, sign: int) -> list[Stream]:
         every = self._wanted.conditions()
@@ -196,17 +201,18 @@ class BoxPages:
 
     def _doubt(self) -> Iterator[Sequence[Stream]]:
         """Toss-ups; near the threshold; kept and crowded; the rest; no threshold."""
+        if self._present.toss_ups:
+            yield self._around([Decision.toss_up.is_(True)])
+        else:
+            yield []
+        plain = Decision.toss_up.is_(False)
+        yield self._around([plain], within=NEAR_PERCENT)
+        # Built only now: most pages end before they get here.
         near = is_near(self._thresholds(), NEAR_PERCENT)
         crowded = and_(
             Decision.reason == int(Reason.VISIBLE),
             Decision.crowding >= CROWDED_PERCENT,
         )
-        plain = Decision.toss_up.is_(False)
-        if self._present.toss_ups:
-            yield self._around([Decision.toss_up.is_(True)])
-        else:
-            yield []
-        yield self._around([plain], within=NEAR_PERCENT)
         yield [self._crowding([plain, not_(near), crowded])]
         yield self._around([plain, not_(near), not_(crowded)])
         others = [

@@ -1,0 +1,130 @@
+"""What an upload costs the server, against decoding its segmentation.
+
+    python benchmarks/bench_upload.py [--frames 200] [--json]
+
+A real server on a port takes frames of a 1.3 MB image, a segmentation and 30 boxes, one
+after the other, durably. Its processor time comes from the operating system; that of
+decoding from this process, before and after, on the same machine in the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import httpx
+import numpy as np
+
+from benchmarks.bench_filter import HEIGHT, WIDTH, street
+from tests.servers import RunningServer, running_server
+
+IMAGE_BYTES = 1_300_000
+WARM_UP = 20
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("--without-image", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    scene = street()
+    files = {"segmentation": scene.png}
+    if not options.without_image:
+        files["image"] = photograph()
+    boxes = [
+        {"class": name, "xyxy": [round(value, 3) for value in xyxy]}
+        for name, xyxy in zip(scene.classes, scene.xyxy.tolist(), strict=True)
+    ]
+    before = decode_seconds(scene.png)
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "data"
+        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+            cpu, wall = upload(server, files, boxes, options.frames)
+    decode = (before + decode_seconds(scene.png)) / 2
+    figures = {
+        "boxes per frame": len(boxes),
+        "bytes per frame": sum(map(len, files.values())),
+        "decode of the segmentation [ms]": 1000 * decode,
+        "server CPU per upload [ms]": 1000 * cpu,
+        "server CPU / decode": cpu / decode,
+        "wall per upload, one client [ms]": 1000 * wall,
+    }
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:40} {value:12.2f}")
+    return 0
+
+
+def photograph() -> bytes:
+    """A PNG of about the size that a camera's image has."""
+    rng = np.random.default_rng(3)
+    rows = np.linspace(60, 190, HEIGHT)[:, None, None]
+    smooth = np.broadcast_to(rows, (HEIGHT, WIDTH, 3))
+    for spread in np.linspace(0.5, 6.0, 40):
+        noisy = smooth + rng.normal(0, spread, smooth.shape)
+        content = cv2.imencode(".png", noisy.clip(0, 255).astype(np.uint8))[1]
+        if content.nbytes >= IMAGE_BYTES:
+            break
+    return content.tobytes()
+
+
+def decode_seconds(png: bytes, repeats: int = 60) -> float:
+    """Processor time of one decode."""
+    data = np.frombuffer(png, np.uint8)
+    cv2.setNumThreads(1)
+    cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    begun = time.process_time()
+    for _ in range(repeats):
+        cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    return (time.process_time() - begun) / repeats
+
+
+def upload(
+    server: RunningServer, files: dict[str, bytes], boxes: list[dict], frames: int
+) -> tuple[float, float]:
+    """Seconds of the server's processor, and of waiting, per frame."""
+    client = httpx.Client(
+        base_url=f"{server.url}/api/v1", headers=server.headers, timeout=60
+    )
+    client.post("/datasets", json={"name": "bench"}).raise_for_status()
+    parts = {name: (f"{name}.png", content) for name, content in files.items()}
+    annotation = {"carla_version": "0.9.15", "boxes": boxes}
+    for number in range(WARM_UP):
+        put(client, f"warm/{number}", parts, annotation)
+    cpu, begun = cpu_seconds(server.process.pid), time.perf_counter()
+    for number in range(frames):
+        # Another image each time: the same one would be stored already.
+        changed = dict(parts)
+        if "image" in parts:
+            changed["image"] = ("i.png", files["image"] + number.to_bytes(4, "big"))
+        put(client, f"frame/{number:06d}", changed, annotation)
+    wall = time.perf_counter() - begun
+    return (cpu_seconds(server.process.pid) - cpu) / frames, wall / frames
+
+
+def put(client: httpx.Client, key: str, parts: dict, annotation: dict) -> None:
+    answer = client.put(
+        f"/datasets/bench/frames/{key}",
+        files=parts,
+        data={"annotation": json.dumps(annotation)},
+    )
+    assert answer.status_code == 201, answer.text
+
+
+def cpu_seconds(pid: int) -> float:
+    """User and system time of a process, as Linux counts them."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
