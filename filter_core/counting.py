@@ -185,7 +185,8 @@ def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
         table = np.asarray(cv2.integral(hit.view(np.uint8)), np.int32).reshape(-1)
         bottom_right, bottom_left, top_right, top_left = table.take(corners)
         counts[index] = bottom_right - bottom_left - top_right + top_left
-    return counts.T
+    transposed: IntArray = counts.T
+    return transposed
 
 
 def _portions(areas: IntArray) -> Iterator[int]:
