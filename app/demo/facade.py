@@ -119,11 +119,14 @@ class _Wall:
         self._up, self._across = wall.footprint
         self._of = {name: column[style] for name, column in _TABLE.items()}
         of = self._of
-        self._bay = np.floor(u / of["bay"]).astype(np.int32)
-        self._in_bay = u - (self._bay + np.float32(0.5)) * of["bay"]
+        # Whole numbers stay float32 here: int32 times float32 would be float64.
+        bay = np.floor(u / of["bay"])
+        self._bay = bay.astype(np.int32)
+        self._in_bay = u - (bay + np.float32(0.5)) * of["bay"]
         above = self._z - of["base"]
-        self._storey = np.floor(above / of["floor"]).astype(np.int32)
-        self._in_storey = above - self._storey * of["floor"]
+        storey = np.floor(above / of["floor"])
+        self._storey = storey.astype(np.int32)
+        self._in_storey = above - storey * of["floor"]
         self._shop = (self._storey < 0) & (of["base"] > 0)
         self._dice = hashed(self._bay, self._storey, seed)
 
@@ -175,7 +178,9 @@ class _Wall:
         grain = sample(grain_tile(7), u, z, 60.0) * 0.05 * near
         albedo = self._wall.albedo * (1 + stain + grain)[:, None]
         course = np.floor(z / 0.09).astype(np.int32)
-        brick = np.floor(u / 0.25 + 0.5 * (course & 1)).astype(np.int32)
+        brick = np.floor(u / 0.25 + 0.5 * (course & 1).astype(np.float32)).astype(
+            np.int32
+        )
         tone = (hashed(brick, course) - 0.5) * 0.42 * near
         joint = np.minimum(np.mod(z, 0.09), 0.09 - np.mod(z, 0.09)) < 0.008
         albedo *= (1 + of["bricks"] * (tone + 0.30 * joint * near))[:, None]

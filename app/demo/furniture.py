@@ -53,7 +53,7 @@ def _head(state: int) -> Mesh:
     shell = Paint((34, 38, 36), gloss=0.03)
     parts = [
         block((-0.16, -0.19, -0.55), (0.12, 0.19, 0.55), shell, tag),
-        block((0.10, -0.31, -0.70), (0.125, 0.31, 0.70), BLACK, tag),
+        block((0.10, -0.26, -0.63), (0.125, 0.26, 0.63), BLACK, tag),
     ]
     for lamp in (RED, AMBER, GREEN):
         z = 0.35 - 0.35 * lamp

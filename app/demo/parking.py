@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from app.demo.fleet import new_car, new_heavy, new_walker
@@ -54,6 +56,7 @@ def park_along_kerbs(builder: TownBuilder) -> None:
 def park_behind_houses(builder: TownBuilder) -> None:
     """Cars, vans and people behind the first row of houses, where nobody sees them."""
     rng, plan = builder.rng, builder.plan
+    heavy = itertools.cycle(("bus", "sprinter", "truck"))
     for start, end in builder.stretches():
         for side in (1, -1):
             y = side * (plan.frontage + BACK_ROW - 8)
@@ -61,12 +64,10 @@ def park_behind_houses(builder: TownBuilder) -> None:
                 at = (float(x + rng.uniform(-4, 4)), y, SIDEWALK_HEIGHT)
                 start_at = Transform(at, (0.0, float(rng.choice([0.0, 180.0])), 0.0))
                 dice = rng.random()
-                if dice < 0.70:
+                if dice < 0.62:
                     builder.put(new_car(rng, start_at))
                 elif dice < 0.85:
-                    builder.put(
-                        new_heavy(str(rng.choice(["sprinter", "truck"])), rng, start_at)
-                    )
+                    builder.put(new_heavy(next(heavy), rng, start_at))
                 else:
                     _stand(builder, at[0], y + 2.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.demo.mesh import Mesh, join
 from app.demo.paint import BLACK, Paint, Tag
-from app.demo.solids import ball, tube
+from app.demo.solids import ball, loft, tube
 
 Point = tuple[float, float, float]
 RGB = tuple[float, float, float]
@@ -44,15 +44,16 @@ class Dress:
     trousers: RGB
     skin: RGB
     hair: RGB
+    coat: bool = False
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Dress:
         """Any of the colours."""
-        pick = [
+        shirt, trousers, skin, hair = (
             colors[rng.integers(len(colors))]
             for colors in (SHIRTS, TROUSERS, SKINS, HAIRS)
-        ]
-        return cls(*pick)
+        )
+        return cls(shirt, trousers, skin, hair, coat=bool(rng.random() < 0.4))
 
     def on(self, figure: Mesh) -> Mesh:
         """A figure that wears it."""
@@ -81,22 +82,35 @@ class Pose:
 
 def walker(dress: Dress, phase: int, scale: float = 1.0) -> Mesh:
     """Someone walking along x; `phase` is one of `WALK_PHASES` moments of a step."""
-    figure = dress.on(_undyed_walker(phase % WALK_PHASES))
+    figure = dress.on(_undyed_walker(phase % WALK_PHASES, coat=dress.coat))
     return Mesh(figure.corners * scale, figure.normals, figure.surface, figure.tag)
 
 
-@lru_cache(maxsize=WALK_PHASES)
-def _undyed_walker(phase: int) -> Mesh:
-    return person(walking_pose(phase), Tag.PEDESTRIAN)
+@lru_cache(maxsize=2 * WALK_PHASES)
+def _undyed_walker(phase: int, *, coat: bool) -> Mesh:
+    figure = person(walking_pose(phase), Tag.PEDESTRIAN)
+    return join([figure, _coat(Tag.PEDESTRIAN)]) if coat else figure
+
+
+def _coat(tag: int) -> Mesh:
+    """What hangs over the hips, down to the knees."""
+    angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    hem = [(0.50, 0.200, 0.215), (0.80, 0.165, 0.190), (1.12, 0.120, 0.160)]
+    rings = [
+        np.column_stack([circle * (deep, wide), np.full(12, z)])
+        for z, deep, wide in hem
+    ]
+    return loft(np.array(rings), [[Paint.dye(_SHIRT)]], tag)
 
 
 def walking_pose(phase: int) -> Pose:
     """Legs and arms swing against each other."""
     swing = float(np.sin(2 * np.pi * phase / WALK_PHASES + 0.6))
-    reach = 0.30 * swing
+    reach = 0.21 * swing
     legs = []
     for side, forward in ((1, reach), (-1, -reach)):
-        lift = 0.10 * max(0.0, -forward) / 0.3
+        lift = 0.10 * max(0.0, -forward) / 0.21
         legs.append(
             (
                 (forward * 0.55 + 0.05, 0.10 * side, 0.50),
@@ -107,8 +121,8 @@ def walking_pose(phase: int) -> Pose:
     for side, forward in ((1, -reach), (-1, reach)):
         arms.append(
             (
-                (forward * 0.35 - 0.03, 0.245 * side, 1.16),
-                (forward * 0.8 + 0.06, 0.24 * side, 0.92),
+                (forward * 0.35 - 0.03, 0.235 * side, 1.16),
+                (forward * 0.8 + 0.06, 0.225 * side, 0.92),
             )
         )
     (right, right_foot), (left, left_foot) = legs
@@ -135,8 +149,8 @@ def _trunk(pose: Pose, tag: int) -> Mesh:
     return join(
         [
             ball(hips, (0.12, 0.155, 0.13), (Paint.dye(_TROUSERS), tag)),
-            ball(waist, (0.11, 0.14, 0.20), (Paint.dye(_SHIRT), tag)),
-            ball(chest, (0.125, 0.175, 0.21), (Paint.dye(_SHIRT), tag)),
+            ball(waist, (0.12, 0.155, 0.20), (Paint.dye(_SHIRT), tag)),
+            ball(chest, (0.135, 0.185, 0.21), (Paint.dye(_SHIRT), tag)),
             ball(
                 shoulders - np.array([0, 0, 0.03]),
                 (0.095, 0.20, 0.075),
@@ -165,9 +179,9 @@ def _leg(pose: Pose, side: int, tag: int) -> Mesh:
     knee, foot = np.array(pose.knees[side]), np.array(pose.feet[side])
     return join(
         [
-            tube(hip, knee, (0.092, 0.066), (Paint.dye(_TROUSERS), tag), 8),
-            tube(knee, foot, (0.066, 0.046), (Paint.dye(_TROUSERS), tag), 8),
-            ball(knee, 0.066, (Paint.dye(_TROUSERS), tag), 8),
+            tube(hip, knee, (0.100, 0.072), (Paint.dye(_TROUSERS), tag), 8),
+            tube(knee, foot, (0.072, 0.052), (Paint.dye(_TROUSERS), tag), 8),
+            ball(knee, 0.072, (Paint.dye(_TROUSERS), tag), 8),
             ball(
                 foot + np.array([0.06, 0, -0.035]),
                 (0.135, 0.05, 0.052),
@@ -184,9 +198,9 @@ def _arm(pose: Pose, side: int, tag: int) -> Mesh:
     elbow, hand = np.array(pose.elbows[side]), np.array(pose.hands[side])
     return join(
         [
-            tube(shoulder, elbow, (0.054, 0.042), (Paint.dye(_SHIRT), tag), 8),
-            tube(elbow, hand, (0.042, 0.032), (Paint.dye(_SHIRT), tag), 8),
-            ball(elbow, 0.048, (Paint.dye(_SHIRT), tag), 8),
+            tube(shoulder, elbow, (0.060, 0.048), (Paint.dye(_SHIRT), tag), 8),
+            tube(elbow, hand, (0.048, 0.036), (Paint.dye(_SHIRT), tag), 8),
+            ball(elbow, 0.049, (Paint.dye(_SHIRT), tag), 8),
             ball(hand, (0.045, 0.04, 0.055), (Paint.dye(_SKIN), tag), 8),
         ]
     )

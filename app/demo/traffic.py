@@ -52,6 +52,9 @@ def _with_the_camera(builder: TownBuilder) -> None:
         builder.put(new_car(rng, *convoy(float(rng.uniform(60, 66)), other)))
     for gap in (-9.0, -23.0, -40.0):
         builder.put(new_car(rng, *convoy(gap, own)))
+    edge = plan.lanes_edge - 0.3
+    for gap in (-16.0, float(rng.uniform(68, 84))):
+        builder.put(new_two_wheeler("bicycle", rng, *convoy(gap, edge)))
 
 
 def _oncoming(builder: TownBuilder) -> None:
@@ -73,7 +76,8 @@ def _oncoming(builder: TownBuilder) -> None:
             elif dice < 0.88:
                 builder.put(new_heavy(next(heavy), rng, start, route))
             else:
-                builder.put(new_two_wheeler("motorcycle", rng, start, route))
+                kind = "motorcycle" if dice < 0.95 else "bicycle"
+                builder.put(new_two_wheeler(kind, rng, start, route))
             ahead += float(rng.uniform(20, 58))
 
 

@@ -1,0 +1,67 @@
+"""A short drive through every town, rendered once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import pytest
+
+from app.demo.planes import decode_depth, decode_instances
+from app.demo.street import StreetFrame, StreetScene
+from filter_core.annotation import parse_annotation
+from filter_core.classes import accept_mask_of
+from filter_core.frame_geometry import frame_boxes_2d
+
+FRAMES = 12
+
+
+@dataclass(eq=False)
+class DecodedFrame:
+    """A frame with its files decoded."""
+
+    frame: StreetFrame
+
+    @cached_property
+    def image(self):
+        return _decoded(self.frame.image_png)
+
+    @cached_property
+    def segmentation(self):
+        return _decoded(self.frame.segmentation_png)
+
+    @cached_property
+    def instances(self):
+        """Tags and numbers."""
+        return decode_instances(_decoded(self.frame.instances_png))
+
+    @cached_property
+    def depth(self):
+        return decode_depth(_decoded(self.frame.depth_png))
+
+    @cached_property
+    def annotation(self):
+        return parse_annotation(self.frame.annotation)
+
+    @cached_property
+    def geometry(self):
+        return frame_boxes_2d(self.annotation, (1280, 720))
+
+    def own_pixels(self, line):
+        """Where the thing of a line of the truth shows a tag that its class accepts."""
+        tags, numbers = self.instances
+        accepted = accept_mask_of(line["class"], "carla-0.9.14")
+        return (numbers == line["instance"]) & ((accepted >> tags.astype(int)) & 1 == 1)
+
+
+def _decoded(png):
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    return np.asarray(image)[..., ::-1]
+
+
+@pytest.fixture(scope="session")
+def drive():
+    """The first frames of the demo, towns by turns."""
+    return [DecodedFrame(frame) for frame in StreetScene(0).frames(FRAMES)]
