@@ -43,7 +43,7 @@ class Place:
         """The JSON pointer (RFC 6901)."""
         if self._parent is None:
             return ""
-        key = str(self._key).replace("~", "~0").replace("/", "~1")
+        key = sayable(str(self._key)).replace("~", "~0").replace("/", "~1")
         return f"{self._parent.pointer}/{key}"
 
     @property
@@ -58,7 +58,8 @@ class Place:
         label, field = self._parent._label_and_field()
         if isinstance(self._key, int):
             return label, f"{field}[{self._key}]"
-        return label, f"{field}.{self._key}" if field else self._key
+        key = sayable(self._key)
+        return label, f"{field}.{key}" if field else key
 
 
 class BoxPlace(Place):
@@ -113,6 +114,11 @@ class Faults:
         """Raise `as_error` if there are any faults."""
         if self._errors:
             raise self.as_error()
+
+
+def sayable(text: str) -> str:
+    """A key of the input as an error can carry it: halves of characters escaped."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def shown(value: object) -> str:

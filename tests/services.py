@@ -14,7 +14,7 @@ from typing import Any
 
 from sqlalchemy import func, select
 
-from app.db.tables import Dataset, Decision, Flip, Run
+from app.db.tables import Dataset, Decision, Run
 from app.lifetime import running
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import RunRepository
@@ -22,6 +22,7 @@ from app.repositories.tallies import TallyKey, TallyRepository
 from app.services import datasets, frames, reviews
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
+from app.services.history import history
 from app.services.ingest import FrameUpload, StoredFrame, store_frame
 from app.services.measuring import DatasetReading
 from app.services.preview import PreviewLimits, preview
@@ -140,9 +141,9 @@ class Street:
         with self.context.database.read() as session:
             return RunRepository(session).with_id(run_id)
 
-    def flips(self, run_id: int) -> list[Flip]:
+    def history(self, box_id: int) -> list[dict[str, Any]]:
         with self.context.database.read() as session:
-            return list(session.scalars(select(Flip).where(Flip.run_id == run_id)))
+            return history(session, box_id)
 
     def active_config(self) -> dict[str, Any]:
         with self.context.database.read() as session:
@@ -170,7 +171,7 @@ class Street:
         """The current reason of each box."""
         with self.context.database.read() as session:
             rows = select(Decision.box_id, Decision.reason)
-            rows = rows.where(Decision.dataset_id == self.id)
+            rows = rows.where(Decision.dataset_id == self.id).order_by(Decision.box_id)
             return {row[0]: row[1] for row in session.execute(rows)}
 
     def tallies(self) -> dict[TallyKey, int]:

@@ -94,6 +94,9 @@ class BoxFilter:
         return found
 
 
+ANSWERED = frozenset({"decided", "keep", "reject", "unsure", "any"})
+"""States of review in which a person has said something."""
+
 REVIEW_STATES = ("undecided", "decided", "keep", "reject", "unsure", "none", "any")
 
 

@@ -65,6 +65,10 @@ async def _parse(
         return (await parser.parse()).multi_items()
     except (MultiPartException, KeyError) as error:
         text = getattr(error, "message", "it has no boundary")
+        if "maximum size" in text:
+            raise TooLarge(
+                f"a part is larger than {settings.max_part_bytes} bytes"
+            ) from error
         raise BadRequest(
             f"the multipart body cannot be read: {text}", code="bad_multipart"
         ) from error

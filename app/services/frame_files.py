@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from app.errors import Unprocessable
 from app.repositories.frames import FileRow
 from app.services.measuring import FrameFiles
 from app.settings import Settings
@@ -51,8 +50,7 @@ def check_files(
     Raises
     ------
     ImageError
-        A file is no image, is too large, or has another size than the RGB image.
-    Unprocessable
+        A file is no image, is too large, or has another size than the RGB image;
         ``unknown_size``: neither a picture nor the camera says how large the image is.
     """
     headers = {
@@ -97,7 +95,7 @@ def _image_wh(
             return headers[kind].width, headers[kind].height
     if annotation.camera_wh is not None:
         return annotation.camera_wh
-    raise Unprocessable(
+    raise ImageError(
         "the size of the image is not known: expected an image, a segmentation or a "
         "camera with width and height, found none of them",
         code="unknown_size",

@@ -22,7 +22,7 @@ from app.services.measuring import MeasurePlan, measure_files
 from app.services.run_requests import active_plan
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.annotation_types import FrameAnnotation
-from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
 from filter_core.frame_filter import MeasuredFrame
 
 _DIGEST_OF: Final = b"frame 1\n"
@@ -82,6 +82,7 @@ def store_frame(
         if same is not None:
             return StoredFrame(same, created=False)
         measured = _measure(plan, prepared)
+        _check_classes(context, dataset, prepared, measured)
     except FilterError as error:
         note_problem(context, dataset.id, upload.key, error)
         raise
@@ -145,6 +146,31 @@ def _known(session: Session, dataset: Dataset, prepared: _Prepared) -> int | Non
 
 def _measure(plan: MeasurePlan, prepared: _Prepared) -> MeasuredFrame:
     return measure_files(plan, prepared.annotation, prepared.files.measured())
+
+
+def _check_classes(
+    context: ServiceContext,
+    dataset: Dataset,
+    prepared: _Prepared,
+    measured: MeasuredFrame,
+) -> None:
+    """Frozen classes take no other one; said here, it is noted as a problem."""
+    if dataset.classes_frozen_at is None:
+        return
+    with context.database.read() as session:
+        known = DatasetRepository(session).classes(dataset.id)
+    names = measured.evidence.class_names
+    for box, index in zip(
+        prepared.annotation.boxes, measured.evidence.class_index.tolist(), strict=True
+    ):
+        if names[index] not in known:
+            raise AnnotationError(
+                f"frame {prepared.upload.key}, box {box.index} (id {box.id!r}): "
+                f"the classes of dataset {dataset.name!r} are frozen by an export; expected one of "
+                f"{', '.join(known)}, found {names[index]!r}",
+                pointer=f"/boxes/{box.index}",
+                code="unknown_class",
+            )
 
 
 def _insert(

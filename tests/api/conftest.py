@@ -11,6 +11,8 @@ import pytest
 
 from app.security import Role, hash_secret, new_token
 from tests.api.live import Live, live
+from tests.api.resources import Api
+from tests.servers import RunningServer
 
 LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
 LIMITS |= {"max_batch_bytes": 1_000_000}
@@ -64,3 +66,11 @@ def as_role(service: Live) -> Iterator[AsRole]:
             return opened.enter_context(service.client(Authorization=f"Bearer {token}"))
 
         yield client
+
+
+@pytest.fixture(scope="session")
+def api(server: RunningServer) -> Iterator[Api]:
+    """The server that all tests add to, as an admin; each makes its own datasets."""
+    opened = Api.at(server.url, server.headers)
+    with opened.http:
+        yield opened

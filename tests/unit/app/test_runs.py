@@ -15,7 +15,6 @@ from tests.api import frames as scene
 from tests.services import running_services
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
-BELOW = int(Reason.BELOW_THRESHOLD)
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 
@@ -93,7 +92,7 @@ def test_a_decision_by_numbers_needs_no_file(tmp_path):
     assert (decided.changed, recounted.changed) == (1, 1)
     assert (measured.kind, measured.state) == ("measure", "failed")
     assert measured.error == {"code": "internal", "detail": "the run failed"}
-    assert (again.state, reasons) == ("done", [KEPT, BELOW])
+    assert (again.state, reasons) == ("done", [KEPT, UNSEEN])
 
 
 def test_recounting_equals_measuring(services):
@@ -165,7 +164,9 @@ def test_an_interrupted_run_ends_once(services):
 
     street.wait(run_id)
 
-    assert [flip.run_id for flip in street.flips(run_id)] == [run_id]
+    kept = street.history(street.box_ids()[0])
+    assert [entry["reason"] for entry in kept] == ["no_visible_pixels", "visible"]
+    assert kept[0]["run"] == run_id
 
 
 def test_a_run_of_an_empty_dataset_is_done(services):

@@ -1,0 +1,250 @@
+"""Pages of boxes, one after the other, against sorting everything by the definition."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sqlalchemy import create_engine, delete, insert
+from sqlalchemy.orm import Session
+
+from app.db.base import Base
+from app.db.tables import Decision, Tally
+from app.repositories.box_filter import BoxFilter, ClassThresholds
+from app.repositories.box_pages import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
+from app.repositories.tallies import TallyKey, TallyRepository
+from filter_core.types import Reason, Verdict
+
+DATASET, OTHER = 1, 2
+PAPER = [ClassThresholds(1, 10.0, 50.0, 50.0), ClassThresholds(2, 2.5, 30.0, 30.0)]
+PUBLISHED = [ClassThresholds(1, 60.0, 50.0, 60.0), ClassThresholds(2, 2.5, 30.0, 30.0)]
+MATCHES = st.one_of(
+    st.sampled_from([0.0, 2.5, 5.0, 10.0, 12.0, 15.0, 30.0, 50.0, 55.0, 60.0, 100.0]),
+    st.floats(0, 100),
+)
+GEOMETRIC = [Reason.OUTSIDE_IMAGE, Reason.DEGENERATE, Reason.NO_SEGMENTATION]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A decision, as far as lists look at it."""
+
+    box_id: int
+    class_id: int
+    reason: Reason
+    match: float | None
+    crowding: float
+    large: bool
+    toss_up: bool
+    review: str | None
+
+    def threshold(self, thresholds: list[ClassThresholds]) -> float | None:
+        of_class = thresholds[self.class_id - 1]
+        if self.reason is Reason.BELOW_THRESHOLD:
+            return of_class.small
+        if self.reason is Reason.LARGE_BELOW_THRESHOLD:
+            return of_class.large
+        if self.reason is Reason.VISIBLE:
+            return of_class.kept_large if self.large else of_class.small
+        return None
+
+    def as_columns(self) -> dict[str, Any]:
+        return {
+            "box_id": self.box_id,
+            "dataset_id": DATASET,
+            "frame_id": 1,
+            "class_id": self.class_id,
+            "match_percent": self.match,
+            "crowding": self.crowding,
+            "distance": None,
+            "reason": int(self.reason),
+            "large": self.large,
+            "toss_up": self.toss_up,
+            "review": self.review,
+            "revision": 0,
+        }
+
+
+def decided(match: float, large: bool, limits: ClassThresholds, published: bool):
+    """The reason that the thresholds give, as the two profiles say."""
+    small = match <= limits.small if published else match < limits.small
+    big = match <= limits.large if published else match < limits.large
+    if large and big:
+        return Reason.LARGE_BELOW_THRESHOLD
+    if small and (published or not large):
+        return Reason.BELOW_THRESHOLD
+    return Reason.VISIBLE
+
+
+@st.composite
+def some_rows(draw, published: bool) -> list[Row]:
+    thresholds = PUBLISHED if published else PAPER
+    rows = []
+    for box_id in range(1, draw(st.integers(0, 40)) + 1):
+        class_id = draw(st.sampled_from([1, 2]))
+        answer = draw(st.sampled_from([None, None, "keep", "reject", "unsure"]))
+        crowding = draw(st.sampled_from([0.0, 49.9, 50.0, 80.0, 100.0]))
+        if draw(st.integers(0, 3)) == 0:
+            reason = draw(st.sampled_from([*GEOMETRIC, Reason.NO_VISIBLE_PIXELS]))
+            match = None if reason in GEOMETRIC else 0.0
+            large, toss_up = False, False
+        else:
+            match, large = draw(MATCHES), draw(st.booleans())
+            toss_up = draw(st.booleans())
+            reason = decided(match, large, thresholds[class_id - 1], published)
+        rows.append(
+            Row(box_id, class_id, reason, match, crowding, large, toss_up, answer)
+        )
+    return rows
+
+
+FILTERS = st.fixed_dictionaries(
+    {},
+    optional={
+        "reasons": st.sampled_from(
+            [
+                (int(Reason.VISIBLE),),
+                (int(Reason.BELOW_THRESHOLD), int(Reason.OUTSIDE_IMAGE)),
+                tuple(int(each) for each in Reason if each.verdict is Verdict.REJECTED),
+                (0,),
+            ]
+        ),
+        "class_ids": st.sampled_from([(1,), (2,), (1, 2), ()]),
+        "review": st.sampled_from(["undecided", "decided", "keep", "none", "any"]),
+        "effective": st.sampled_from(Verdict),
+        "toss_up": st.booleans(),
+        "match_min": st.just(10.0),
+        "match_max": st.just(55.0),
+        "margin_max": st.just(5.0),
+    },
+)
+
+REVIEWS = {
+    "undecided": (None, "unsure"),
+    "decided": ("keep", "reject"),
+    "keep": ("keep",),
+    "none": (None,),
+    "any": ("keep", "reject", "unsure"),
+}
+
+
+def effective(row: Row) -> Verdict:
+    answers = {"keep": Verdict.KEPT, "reject": Verdict.REJECTED}
+    return answers.get(row.review or "", row.reason.verdict)
+
+
+def margin(row: Row, thresholds: list[ClassThresholds]) -> float:
+    threshold = row.threshold(thresholds)
+    if threshold is None or row.match is None:
+        return inf
+    return abs(row.match - threshold)
+
+
+def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:
+    """Every filter by its definition."""
+    match = -1.0 if row.match is None else row.match
+    return (
+        (not wanted.get("reasons") or int(row.reason) in wanted["reasons"])
+        and (wanted.get("class_ids") is None or row.class_id in wanted["class_ids"])
+        and ("review" not in wanted or row.review in REVIEWS[wanted["review"]])
+        and ("effective" not in wanted or effective(row) is wanted["effective"])
+        and ("toss_up" not in wanted or row.toss_up is wanted["toss_up"])
+        and ("match_min" not in wanted or match >= wanted["match_min"])
+        and ("match_max" not in wanted or 0 <= match <= wanted["match_max"])
+        and ("margin_max" not in wanted or is_within(row, thresholds, 5.0))
+    )
+
+
+def is_within(row: Row, thresholds, percent: float) -> bool:
+    threshold = row.threshold(thresholds)
+    if threshold is None or row.match is None:
+        return False
+    return threshold - percent <= row.match <= threshold + percent
+
+
+def doubt(row: Row, thresholds: list[ClassThresholds]) -> tuple[float, float]:
+    """Toss-ups; near the threshold; kept in a crowd; the rest; without threshold."""
+    distance = margin(row, thresholds)
+    if row.toss_up:
+        return 0, distance
+    if is_within(row, thresholds, NEAR_PERCENT):
+        return 1, distance
+    if row.reason is Reason.VISIBLE and row.crowding >= CROWDED_PERCENT:
+        return 2, -row.crowding
+    return (4, 0) if distance == inf else (3, distance)
+
+
+def key(row: Row, order: str, thresholds: list[ClassThresholds]) -> Any:
+    """What boxes are sorted by; those of the same key may come in any order."""
+    match = (row.match is None, row.match or 0.0)
+    return {
+        "id": row.box_id,
+        "doubt": doubt(row, thresholds),
+        "match_percent": match,
+        "-match_percent": (match[0], -match[1]),
+        "crowding": -row.crowding,
+    }[order]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
+    path = tmp_path_factory.mktemp("pages") / "boxes.sqlite3"
+    engine = create_engine(f"sqlite:///{path}")
+    Base.metadata.create_all(engine)
+    with Session(engine) as session:
+        yield session
+    engine.dispose()
+
+
+def fill(session: Session, rows: list[Row]) -> None:
+    session.execute(delete(Decision))
+    session.execute(delete(Tally))
+    columns = [row.as_columns() for row in rows]
+    strangers = [
+        row | {"box_id": row["box_id"] + 1000, "dataset_id": OTHER} for row in columns
+    ]
+    if rows:
+        session.execute(insert(Decision), columns + strangers)
+    for row in rows:
+        alike = TallyKey(row.class_id, int(row.reason), row.toss_up, row.review or "")
+        TallyRepository(session).add(DATASET, {alike: 1})
+
+
+def page_by_page(session: Session, wanted: BoxFilter, order: str, limits) -> list[int]:
+    present = TallyRepository(session).present(DATASET)
+    found: list[int] = []
+    cursor: str | None = ""
+    sizes = iter(limits)
+    while cursor is not None:
+        pages = BoxPages(session, wanted, present)
+        limit = next(sizes, 7)
+        ids, cursor = pages.page(order, cursor, limit)
+        assert len(ids) == limit or cursor is None
+        found += ids
+    return found
+
+
+@pytest.mark.parametrize("published", [False, True], ids=["paper", "carlasimu"])
+@pytest.mark.parametrize("order", ORDERS)
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@given(data=st.data(), wanted=FILTERS, limits=st.lists(st.integers(1, 9), max_size=5))
+def test_pages_are_all_boxes_of_the_filter_in_order(
+    session, order, published, data, wanted, limits
+):
+    thresholds = PUBLISHED if published else PAPER
+    rows = data.draw(some_rows(published))
+    fill(session, rows)
+    query = BoxFilter(DATASET, thresholds=thresholds, **wanted)
+
+    found = page_by_page(session, query, order, limits)
+
+    expected = [row for row in rows if selected(row, wanted, thresholds)]
+    assert sorted(found) == [row.box_id for row in expected]
+    by_id = {row.box_id: row for row in rows}
+    keys = [key(by_id[box_id], order, thresholds) for box_id in found]
+    assert keys == sorted(keys)

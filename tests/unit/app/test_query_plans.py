@@ -1,0 +1,110 @@
+"""Every list of boxes is read off an index: no row is looked at or sorted in vain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from sqlalchemy import event, text
+from sqlalchemy.orm import Session
+
+from app.repositories.box_pages import BoxPages
+from app.repositories.tallies import TallyRepository
+from app.services.box_selection import Selection, to_filter
+from tests.api import frames as scene
+
+BOXES = [
+    {"class": name, "xyxy": xyxy}
+    for name in ("car", "truck", "walker")
+    for xyxy in (scene.ON_THE_CAR, scene.IN_THE_SKY, [0, 0, 64, 48], [90, 0, 99, 9])
+]
+
+
+@pytest.fixture(scope="module")
+def street(services):
+    street = services.dataset()
+    for number in range(40):
+        annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
+        street.put(f"{number:03}", annotation, segmentation=scene.segmentation())
+    street.review(street.box_ids()[0], "keep")
+    return street
+
+
+@pytest.fixture
+def session(street) -> Iterator[Session]:
+    with street.context.database.read() as session:
+        yield session
+
+
+def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str]:
+    """What SQLite does for a page, statement by statement."""
+    statements: list[tuple[str, Any]] = []
+    chosen = to_filter(session, street.row(session), wanted)
+    present = TallyRepository(session).present(street.id)
+    engine = session.get_bind()
+
+    def note(_connection, _cursor, statement, parameters, *_rest):
+        statements.append((statement, parameters))
+
+    event.listen(engine, "before_cursor_execute", note)
+    try:
+        ids, _ = BoxPages(session, chosen, present).page(order, "", 10)
+    finally:
+        event.remove(engine, "before_cursor_execute", note)
+    assert ids
+    connection = session.connection()
+    return [
+        row[3]
+        for statement, parameters in statements
+        for row in connection.exec_driver_sql(
+            f"EXPLAIN QUERY PLAN {statement}", parameters
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "order", "index"),
+    [
+        pytest.param(Selection(), "id", "by_class", id="all by id"),
+        pytest.param(
+            Selection(review="undecided"), "id", "by_class", id="not reviewed yet"
+        ),
+        pytest.param(Selection(verdict="rejected"), "id", "by_reason", id="verdict"),
+        pytest.param(Selection(reason="visible"), "id", "by_reason", id="reason"),
+        pytest.param(Selection(class_name="truck"), "id", "by_class", id="class"),
+        pytest.param(Selection(review="keep"), "id", "reviewed", id="review"),
+        pytest.param(Selection(), "doubt", "by_match", id="doubt"),
+        pytest.param(
+            Selection(class_name="car"), "match_percent", "by_match", id="match"
+        ),
+        pytest.param(Selection(), "-match_percent", "by_match", id="match, falling"),
+        pytest.param(Selection(), "crowding", "by_crowding", id="crowding"),
+        pytest.param(
+            Selection(verdict="rejected"), "doubt", "by_match", id="verdict by doubt"
+        ),
+    ],
+)
+def test_a_page_is_read_off_an_index(street, session, wanted, order, index):
+    plan = plan_of(session, street, wanted, order)
+
+    reads = [step for step in plan if "decisions" in step]
+    assert reads
+    assert all(
+        step.startswith("SEARCH") or "USING INTEGER PRIMARY KEY" in step
+        for step in reads
+    ), plan
+    assert any(index in step for step in reads), plan
+    assert not [step for step in plan if "TEMP B-TREE" in step], plan
+
+
+def test_a_page_of_frames_is_read_off_an_index(session):
+    rows = session.execute(
+        text(
+            "EXPLAIN QUERY PLAN SELECT id FROM frames WHERE dataset_id = 1 "
+            "AND superseded_at IS NULL AND key > 'a' ORDER BY key LIMIT 10"
+        )
+    )
+
+    (step,) = [row[3] for row in rows]
+    assert "uq_frames_current_key" in step
