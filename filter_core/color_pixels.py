@@ -49,7 +49,7 @@ def read_exact_colors(
 
     Parameters
     ----------
-    pixels : (H, W, 3) uint8: B, G, R; or (H, W, 4): the fourth is 255
+    pixels : (H, W, 3) uint8: red, green, blue
     counts : what `count_colors` says of it
     named : Named
 
@@ -83,7 +83,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
 
     Parameters
     ----------
-    pixels : (H, W, 3) uint8: B, G, R; or (H, W, 4): the fourth is 255
+    pixels : (H, W, 3) uint8: red, green, blue
     named : Named
 
     Raises

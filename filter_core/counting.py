@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from filter_core.pixel_codes import PixelCodes
-from filter_core.pixel_values import gather
+from filter_core.pixel_values import PixelValues, gather
 from filter_core.runs import run_ends, run_lengths
 from filter_core.types import BoolArray, IntArray, Mask
 
@@ -57,11 +57,6 @@ class Regions:
         x0, y0, x1, y1 = self.bounds.T
         areas: IntArray = (x1 - x0) * (y1 - y0)
         return areas
-
-    def rows(self) -> Iterator[tuple[slice, slice]]:
-        """Each rectangle as an index into an image."""
-        for x0, y0, x1, y1 in self.bounds.tolist():
-            yield slice(y0, y1), slice(x0, x1)
 
 
 def count_pixels(regions: Regions) -> IntArray:
@@ -142,17 +137,13 @@ def count_by_comparing(
         column: regions.codes.value_of(codes[column])
         for column in np.flatnonzero(accepted.any(axis=0)).tolist()
     }
-    matched = [0] * len(regions)
-    wanted: list[list[int]] = [[] for _ in matched]
+    wanted: list[list[int]] = [[] for _ in range(len(regions))]
     for row, column in np.argwhere(accepted).tolist():
         wanted[row].append(values[column])
-    for row, region in enumerate(regions.rows()):
-        part = regions.codes.values_in(region) if wanted[row] else None
-        for value in wanted[row]:
-            hit = part == value
-            if regions.keep is not None:
-                hit &= regions.keep[region]
-            matched[row] += np.count_nonzero(hit)
+    matched = [
+        sum(np.count_nonzero(part == value) for value in wanted[row])
+        for row, part in enumerate(_parts(regions))
+    ]
     return np.array(matched, dtype=np.int64)
 
 
@@ -161,11 +152,9 @@ def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
     counts = np.zeros((len(regions), len(wanted)), dtype=np.int64)
     column = np.full(256, len(wanted), dtype=np.int64)
     column[list(wanted)] = np.arange(len(wanted))
-    start = 0
-    for stop in _portions(regions.areas):
-        portion = replace(regions, bounds=regions.bounds[start:stop])
-        counts[start:stop] = _count_portion(portion, column, len(wanted) + 1)[:, :-1]
-        start = stop
+    for portion in _portions(regions.areas):
+        some = replace(regions, bounds=regions.bounds[portion])
+        counts[portion] = _count_portion(some, column, len(wanted) + 1)[:, :-1]
     return counts
 
 
@@ -189,12 +178,27 @@ def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
     return transposed
 
 
-def _portions(areas: IntArray) -> Iterator[int]:
-    """Where each portion ends: at about `_CHUNK_PIXELS`, at least one box each."""
-    portion = np.cumsum(areas) // _CHUNK_PIXELS
-    yield from (np.flatnonzero(np.diff(portion)) + 1).tolist()
-    if len(areas):
-        yield len(areas)
+def _portions(areas: IntArray) -> Iterator[slice]:
+    """Boxes of about `_CHUNK_PIXELS` together, at least one at a time."""
+    total = np.cumsum(areas)
+    starts = [0]
+    if len(areas) and total[-1] > _CHUNK_PIXELS:
+        starts += (np.flatnonzero(np.diff(total // _CHUNK_PIXELS)) + 1).tolist()
+    for start, stop in zip(starts, [*starts[1:], len(areas)], strict=True):
+        if start < stop:
+            yield slice(start, stop)
+
+
+def _parts(regions: Regions) -> Iterator[PixelValues]:
+    """The values of each rectangle that count, flat."""
+    for portion in _portions(regions.areas):
+        values, sizes = gather(
+            regions.codes.pixels, regions.bounds[portion], regions.keep
+        )
+        start = 0
+        for size in sizes.tolist():
+            yield values[start : start + size]
+            start += size
 
 
 def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:

@@ -26,9 +26,8 @@ class PixelCodes:
 
     Attributes
     ----------
-    pixels : (H, W) uint8, or (H, W, 3) or (H, W, 4) uint8
-        The codes themselves; or B, G, R with or without a fourth channel that is 255,
-        whose codes are `exact_codes`.
+    pixels : (H, W) uint8, or (H, W, 3) uint8
+        The codes themselves; or red, green, blue, whose codes are `exact_codes`.
     tag_of_code : (256,) uint8
         The tag that a code means; 255 is Unknown.
     counts : (256,) int64, px
@@ -44,10 +43,6 @@ class PixelCodes:
         """Height and width, px."""
         return self.pixels.shape[0], self.pixels.shape[1]
 
-    def values_in(self, region: tuple[slice, slice]) -> PixelValues:
-        """The comparable numbers of a rectangle; not to be written to."""
-        return values_of(self.pixels[region])
-
     def codes_of(self, values: PixelValues) -> Codes:
         """The codes of some values."""
         return codes_of(values, exact_codes())
@@ -62,7 +57,7 @@ class PixelCodes:
 
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
-        return self.codes_of(self.values_in((slice(y0, y1), slice(x0, x1))))
+        return self.codes_of(values_of(self.pixels[y0:y1, x0:x1]))
 
     def occurring(self) -> list[int]:
         """The codes that occur, in ascending order."""
@@ -122,7 +117,7 @@ class Segmentation:
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
-        """As decoded: (H, W) tags, or (H, W, 3 or 4) B, G, R and perhaps 255."""
+        """As decoded: (H, W) tags, or (H, W, 3) red, green, blue."""
         return self.codes.pixels
 
     @cached_property

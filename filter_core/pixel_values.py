@@ -30,19 +30,18 @@ def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
 
     Parameters
     ----------
-    pixels : (H, W) uint8, or (H, W, 3) or (H, W, 4) uint8
-        Codes; B, G, R; or B, G, R and 255.
+    pixels : (H, W) uint8: codes; or (H, W, 3) uint8: red, green, blue
 
     Returns
     -------
     (H, W) uint8 or int32
-        A view, except of B, G, R, which are converted.
+        Codes are not copied, colours are converted.
     """
     if pixels.ndim == 2:
         return pixels
-    if pixels.shape[2] == 3:
-        pixels = _with_fourth_channel(pixels)
-    return pixels.view(np.int32)[:, :, 0]
+    bgra = np.empty((*pixels.shape[:2], 4), dtype=np.uint8)
+    _convert(pixels, bgra)
+    return bgra.view(np.int32)[:, :, 0]
 
 
 def gather(
@@ -65,7 +64,7 @@ def gather(
         How many values each rectangle has.
     """
     regions = [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in bounds.tolist()]
-    if keep is None and pixels.ndim == 3 and pixels.shape[2] == 3:
+    if keep is None and pixels.ndim == 3:
         return _gather_converted(pixels, regions)
     parts = [values_of(pixels[region]) for region in regions]
     if keep is None:
@@ -133,34 +132,28 @@ def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
 
 
 def _gather_converted(
-    bgr: NDArray[np.uint8], regions: list[tuple[slice, slice]]
+    rgb: NDArray[np.uint8], regions: list[tuple[slice, slice]]
 ) -> tuple[PixelValues, IntArray]:
     """Each rectangle is converted straight into its place, without a copy between."""
-    parts = [bgr[region] for region in regions]
-    sizes = np.array([part.shape[0] * part.shape[1] for part in parts], dtype=np.int64)
-    values = np.empty(int(sizes.sum()), dtype=np.int32)
-    room = values.view(np.uint8)
+    parts = [rgb[region] for region in regions]
+    sizes = [part.shape[0] * part.shape[1] for part in parts]
+    room = np.empty((sum(sizes), 4), dtype=np.uint8)
     start = 0
-    for part, size in zip(parts, sizes.tolist(), strict=True):
-        stop = start + 4 * size
-        _convert(part, room[start:stop].reshape(*part.shape[:2], 4))
-        start = stop
-    return values, sizes
+    for part, size in zip(parts, sizes, strict=True):
+        height, width, _ = part.shape
+        _convert(part, room[start : start + size].reshape(height, width, 4))
+        start += size
+    return room.view(np.int32).reshape(-1), np.array(sizes, dtype=np.int64)
 
 
-def _with_fourth_channel(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    bgra = np.empty((*bgr.shape[:2], 4), dtype=np.uint8)
-    _convert(bgr, bgra)
-    return bgra
-
-
-def _convert(bgr: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
-    height, width = bgr.shape[:2]
-    if height * width <= _CONVERTED_AT_ONCE:
-        if bgr.size:
-            cv2.cvtColor(bgr, cv2.COLOR_BGR2BGRA, dst=bgra)
-        return
-    rows = max(1, _CONVERTED_AT_ONCE // width)
-    for top in range(0, height, rows):
-        part = slice(top, top + rows)
-        cv2.cvtColor(bgr[part], cv2.COLOR_BGR2BGRA, dst=bgra[part])
+def _convert(rgb: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
+    """Write B, G, R and 255: in memory, a packed colour."""
+    height, width, _ = bgra.shape
+    pixels = height * width
+    if 0 < pixels <= _CONVERTED_AT_ONCE:
+        cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA, dst=bgra)
+    elif pixels:
+        rows = max(1, _CONVERTED_AT_ONCE // width)
+        for top in range(0, height, rows):
+            part = slice(top, top + rows)
+            cv2.cvtColor(rgb[part], cv2.COLOR_RGB2BGRA, dst=bgra[part])

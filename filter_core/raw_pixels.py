@@ -20,16 +20,16 @@ _PROVING_FAMILY: Final = "carla-0.9.14"
 """The only family of CARLA's with tags from 23 on."""
 _LAST_TAG: Final = max(len(palette.tags) for palette in FAMILIES.values()) - 1
 _MAX_SENSELESS_PERCENT: Final = 1.0
-_BLUE, _GREEN, _RED = 0, 1, 2
+_RED, _GREEN, _BLUE = 0, 1, 2
 
 
-def looks_raw(bgr: NDArray[np.uint8]) -> bool:
+def looks_raw(rgb: NDArray[np.uint8]) -> bool:
     """Whether all that an image has are small numbers in red alone, or blue alone."""
-    red, green, blue = (_maximum(bgr, channel) for channel in (_RED, _GREEN, _BLUE))
+    red, green, blue = (_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE))
     return green == 0 and (red == 0) != (blue == 0) and red + blue <= _LAST_TAG
 
 
-def read_raw_channel(bgr: NDArray[np.uint8], named: Named) -> Segmentation:
+def read_raw_channel(rgb: NDArray[np.uint8], named: Named) -> Segmentation:
     """Raw tags in the red channel, or in blue if it alone has any.
 
     Raises
@@ -38,8 +38,8 @@ def read_raw_channel(bgr: NDArray[np.uint8], named: Named) -> Segmentation:
         ``segmentation_contradiction``: the channel of the order that was named is
         empty and the other is not; and what `read_raw_tags` raises.
     """
-    only_blue = _maximum(bgr, _RED) == 0 and _maximum(bgr, _BLUE) > 0
-    only_red = _maximum(bgr, _BLUE) == 0 and _maximum(bgr, _RED) > 0
+    only_blue = _maximum(rgb, _RED) == 0 and _maximum(rgb, _BLUE) > 0
+    only_red = _maximum(rgb, _BLUE) == 0 and _maximum(rgb, _RED) > 0
     order: ChannelOrder = named.order or ("bgr" if only_blue else "rgb")
     if (order == "rgb" and only_blue) or (order == "bgr" and only_red):
         raise SegmentationError(
@@ -47,7 +47,7 @@ def read_raw_channel(bgr: NDArray[np.uint8], named: Named) -> Segmentation:
             f"tags are in the {'blue' if only_blue else 'red'} channel alone",
             code="segmentation_contradiction",
         )
-    channel = cv2.extractChannel(bgr, _RED if order == "rgb" else _BLUE)
+    channel = cv2.extractChannel(rgb, _RED if order == "rgb" else _BLUE)
     return read_raw_tags(channel.astype(np.uint8, copy=False), named, order)
 
 
@@ -99,8 +99,8 @@ def raw_segmentation(
     )
 
 
-def _maximum(bgr: NDArray[np.uint8], channel: int) -> int:
-    return int(cv2.minMaxLoc(cv2.extractChannel(bgr, channel))[1])
+def _maximum(rgb: NDArray[np.uint8], channel: int) -> int:
+    return int(cv2.minMaxLoc(cv2.extractChannel(rgb, channel))[1])
 
 
 def _refuse_senseless(counts: IntArray) -> None:

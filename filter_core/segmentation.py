@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, cast
+from typing import Final, Literal, cast
 
 import cv2
 import numpy as np
@@ -50,6 +50,8 @@ __all__ = [
     "segmentation_from_tags",
 ]
 
+# Alpha says nothing about a tag, and a rotation in EXIF is not the camera's.
+_AS_RGB: Final = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _FIELDS = ("palette", "encoding", "channel_order", "lossy")
 
 
@@ -154,7 +156,7 @@ def read_segmentation(
     pixels = _decode(content, header)
     if header.color_model in ("grey", "grey_alpha"):
         return _noted(read_raw_tags(_first_channel(pixels), named), notes)
-    return _noted(_read_channels(_three_or_four(pixels), header, options, named), notes)
+    return _noted(_read_channels(pixels, header, options, named), notes)
 
 
 def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
@@ -182,22 +184,22 @@ def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
 
 
 def _read_channels(
-    bgr: NDArray[np.uint8],
+    rgb: NDArray[np.uint8],
     header: ImageHeader,
     options: SegmentationOptions,
     named: Named,
 ) -> Segmentation:
     if options.encoding == "raw":
-        return read_raw_channel(bgr, named)
+        return read_raw_channel(rgb, named)
     if header.media_type == "image/jpeg":
-        return read_nearest_colors(bgr, named)
-    counts = count_colors(bgr)
+        return read_nearest_colors(rgb, named)
+    counts = count_colors(rgb)
     no_family = float(counts[NO_FAMILY])
-    if no_family and options.encoding == "auto" and looks_raw(bgr):
-        return read_raw_channel(bgr, named)
+    if no_family and options.encoding == "auto" and looks_raw(rgb):
+        return read_raw_channel(rgb, named)
     if no_family and options.lossy == "nearest":
-        return read_nearest_colors(bgr, named)
-    return read_exact_colors(bgr, counts, named)
+        return read_nearest_colors(rgb, named)
+    return read_exact_colors(rgb, counts, named)
 
 
 def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
@@ -261,9 +263,13 @@ def _contradict(text: str) -> None:
 
 
 def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:
+    """(H, W) or (H, W, 2 or 4) if it is grey, else (H, W, 3) red, green, blue."""
+    grey = header.color_model in ("grey", "grey_alpha")
     try:
-        # IMREAD_UNCHANGED also leaves a rotation in EXIF alone.
-        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        pixels = cv2.imdecode(
+            np.frombuffer(content, np.uint8),
+            cv2.IMREAD_UNCHANGED if grey else _AS_RGB,
+        )
     except cv2.error:
         pixels = None
     if pixels is None or pixels.shape[:2] != (header.height, header.width):
@@ -272,15 +278,6 @@ def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:
             "cannot be decoded: it is damaged"
         )
     return cast("NDArray[np.uint8]", pixels)
-
-
-def _three_or_four(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """B, G, R; or B, G, R and 255: alpha says nothing about a tag."""
-    if pixels.ndim == 2:
-        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)
-    if pixels.shape[2] == 4:
-        pixels[:, :, 3] = 255
-    return pixels
 
 
 def _first_channel(pixels: NDArray[np.uint8]) -> TagImage:
