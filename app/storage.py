@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -25,22 +25,19 @@ class FolderStorage:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
-    def put(self, blobs: Iterable[bytes]) -> list[str]:
-        """Store blobs; when this returns they survive a power cut.
+    def put(self, blobs: Mapping[str, bytes]) -> None:
+        """Store blobs by their digests; when this returns they survive a power cut.
 
         Each file is written beside its place, flushed, and renamed; each folder is
-        flushed once. A blob that is there already costs nothing but its digest.
+        flushed once. A blob that is there already costs nothing.
         """
-        digests, folders = [], set()
-        for data in blobs:
-            digest = sha256_of(data)
-            digests.append(digest)
+        folders = set()
+        for digest, data in blobs.items():
             path = self.path(digest)
             if not path.exists():
                 folders.add(self._write(path, data))
         for folder in folders:
             _flush_folder(folder)
-        return digests
 
     def path(self, digest: str) -> Path:
         """Where a blob lies; the name comes from its digest alone."""

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, cast
 
+from sqlalchemy import Table, insert
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
+
+from app.db.base import Base
 
 MAX_PARAMETERS: Final = 10_000
 
@@ -42,3 +46,22 @@ def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
     source = iter(ids)
     while portion := list(islice(source, MAX_PARAMETERS)):
         yield portion
+
+
+def insert_rows(
+    session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Insert rows as they are, past the ORM."""
+    if rows:
+        session.connection().execute(insert(_table(model)), list(rows))
+
+
+def upsert(session: Session, model: type[Base]) -> Any:  # noqa: ANN401  # of either dialect
+    """An insert that can say ``on_conflict_do_...``, for the database at hand."""
+    if session.connection().dialect.name == "postgresql":
+        return postgresql.insert(_table(model))
+    return sqlite.insert(_table(model))
+
+
+def _table(model: type[Base]) -> Table:
+    return cast("Table", model.__table__)

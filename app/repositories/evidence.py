@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, func, insert, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.bulk import chunks
+from app.db.bulk import chunks, insert_rows
 from app.db.tables import Frame, FrameEvidence, Measurement
 from app.errors import NotFound
 
@@ -71,8 +71,7 @@ class EvidenceRepository:
 
     def add(self, rows: list[dict[str, Any]]) -> None:
         """Insert evidence of frames."""
-        if rows:
-            self._session.execute(insert(FrameEvidence), rows)
+        insert_rows(self._session, FrameEvidence, rows)
 
     def remove_measurement(self, measurement_id: int) -> None:
         """Forget evidence that never became current."""

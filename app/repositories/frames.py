@@ -11,14 +11,13 @@ from sqlalchemy import (
     delete,
     exists,
     func,
-    insert,
     select,
     update,
 )
 from sqlalchemy.orm import Session, undefer
 
 from app.db.base import utc_now
-from app.db.bulk import chunks
+from app.db.bulk import chunks, insert_rows, upsert
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
@@ -210,7 +209,7 @@ class FrameRepository:
 
     def take_ids(self, name: str, count: int) -> int:
         """Reserve `count` ids of ``frames`` or ``boxes``; the first of them."""
-        after: int | None = self._session.scalar(
+        after: int | None = self._session.connection().scalar(
             update(IdBlock)
             .where(IdBlock.name == name)
             .values(next_id=IdBlock.next_id + count)
@@ -223,29 +222,35 @@ class FrameRepository:
     def add(self, frame: Mapping[str, Any], files: Sequence[FileRow]) -> None:
         """Insert a frame and its files."""
         if files:
-            known = set(
-                self._session.scalars(
-                    select(Blob.sha256).where(
-                        Blob.sha256.in_([file.sha256 for file in files])
-                    )
-                )
+            blobs = upsert(self._session, Blob).on_conflict_do_nothing()
+            distinct = {file.sha256: file for file in files}
+            self._session.connection().execute(
+                blobs, [_blob(file) for file in distinct.values()]
             )
-            new = {file.sha256: file for file in files if file.sha256 not in known}
-            if new:
-                self._session.execute(insert(Blob), [_blob(f) for f in new.values()])
-        self._session.execute(insert(Frame), [dict(frame)])
-        if files:
-            rows = [
+        insert_rows(self._session, Frame, [frame])
+        insert_rows(
+            self._session,
+            FrameFile,
+            [
                 {"frame_id": frame["id"], "kind": file.kind, "sha256": file.sha256}
                 for file in files
-            ]
-            self._session.execute(insert(FrameFile), rows)
+            ],
+        )
 
     def add_boxes(self, new: NewBoxes) -> None:
         """Insert boxes and their current decisions."""
-        if new.boxes:
-            self._session.execute(insert(Box), new.boxes)
-            self._session.execute(insert(Decision), new.decisions)
+        insert_rows(self._session, Box, new.boxes)
+        insert_rows(self._session, Decision, new.decisions)
+
+    def content(self, dataset_id: int, key: str) -> tuple[int, str] | None:
+        """Id and content digest of the newest revision under a key."""
+        rows = select(Frame.id, Frame.content_digest).where(
+            Frame.dataset_id == dataset_id,
+            Frame.key == key,
+            Frame.superseded_at.is_(None),
+        )
+        found = self._session.connection().execute(rows).first()
+        return None if found is None else (found[0], found[1])
 
     def supersede(self, frame: Frame) -> None:
         """A newer revision is coming: this one has no current decisions any more."""

@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from sqlalchemy import delete, insert, select, update
+from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
+from app.db.bulk import upsert
 from app.db.tables import Decision, Tally
 from app.repositories.box_pages import Present
 
@@ -40,23 +41,20 @@ class TallyRepository:
 
     def add(self, dataset_id: int, changes: Mapping[TallyKey, int]) -> None:
         """Count these boxes in (or out, where negative)."""
-        for key, change in changes.items():
-            if not change:
-                continue
-            changed = self._session.execute(
-                update(Tally)
-                .where(
-                    Tally.dataset_id == dataset_id,
-                    Tally.class_id == key.class_id,
-                    Tally.reason == key.reason,
-                    Tally.toss_up.is_(key.toss_up),
-                    Tally.review == key.review,
-                )
-                .values(boxes=Tally.boxes + change)
-                .returning(Tally.boxes)
-            ).first()
-            if changed is None:
-                self._insert(dataset_id, {key: change})
+        rows = [
+            {"dataset_id": dataset_id, **key._asdict(), "boxes": change}
+            for key, change in changes.items()
+            if change
+        ]
+        if not rows:
+            return
+        statement = upsert(self._session, Tally)
+        key = ["dataset_id", *TallyKey._fields]
+        statement = statement.on_conflict_do_update(
+            index_elements=key,
+            set_={"boxes": Tally.boxes + statement.excluded.boxes},
+        )
+        self._session.connection().execute(statement, rows)
 
     def replace(self, dataset_id: int, counts: Mapping[TallyKey, int]) -> None:
         """Set all tallies of a dataset."""

@@ -57,15 +57,9 @@ def put_frame(
 ) -> Response:
     """Store a frame: measured, decided and durable before this is answered."""
     stored = store_frame(services, session, dataset, upload)
-    frame = frames.describe_frame(session, stored.frame_id)
-    decisions = frame.pop("boxes")
-    body = {
-        "frame": frame,
-        "segmentation": frame["segmentation"],
-        "decisions": decisions,
-    }
+    answer = stored.answer or frames.describe_stored(session, stored.frame_id)
     return JSONResponse(
-        body,
+        answer,
         status_code=201 if stored.created else 200,
         headers={"Location": f"/api/v1/frames/{stored.frame_id}"},
     )

@@ -68,13 +68,13 @@ class FrameDetails(FrameSummary):
     superseded: bool
     segmentation: SegmentationOut | None
     files: dict[str, FileOut]
-    previous_id: int | None
-    next_id: int | None
 
 
 class FrameOut(FrameDetails):
-    """A frame with its boxes and their decisions."""
+    """A frame between its neighbours, with its boxes and their decisions."""
 
+    previous_id: int | None
+    next_id: int | None
     boxes: list[DecisionOut]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from app.db.engine import Database
 from app.engine import LocalEngine
+from app.services.active import PlanCache
 from app.services.numbers import NumbersCache
 from app.settings import Settings
 from app.storage import FolderStorage
@@ -22,6 +23,7 @@ class ServiceContext:
     engine: LocalEngine
     default_config: FilterConfig = field(default_factory=FilterConfig)
     numbers: NumbersCache = field(default_factory=NumbersCache)
+    plans: PlanCache = field(default_factory=PlanCache)
 
     def close(self) -> None:
         """Stop the work; the database is closed by who opened it."""

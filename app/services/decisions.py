@@ -115,7 +115,7 @@ class DecisionReader:
             decisions, ids, masks, facts, strict=True
         ):
             decision |= self._known_here(rows[box_id], reviews.get(box_id))
-            decision["accepted_tags"] = _accepted_tags(of.family, mask)
+            decision["accepted_tags"] = accepted_tags(of.family, mask)
         return decisions
 
     def _joined(self, chosen: Sequence[ChosenBoxes]) -> tuple[Evidence, FrameGeometry]:
@@ -205,7 +205,8 @@ def _review(review: LatestReview | None) -> dict[str, Any] | None:
 
 
 @lru_cache(maxsize=1024)
-def _accepted_tags(family: str | None, mask: int) -> list[dict[str, Any]]:
+def accepted_tags(family: str | None, mask: int) -> list[dict[str, Any]]:
+    """The tags of an accept mask as they are answered."""
     if family is None:
         return []
     return [

@@ -33,6 +33,10 @@ class CheckedFiles:
     rows: tuple[FileRow, ...]
     image_wh: tuple[int, int]
 
+    def blobs(self) -> dict[str, bytes]:
+        """The files by their digests."""
+        return {row.sha256: self.contents[row.kind] for row in self.rows}
+
     def measured(self) -> FrameFiles:
         """What the measurement reads."""
         return FrameFiles(

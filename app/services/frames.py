@@ -15,6 +15,7 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository
 from app.repositories.tallies import TallyKey
 from app.services.decisions import DecisionReader
+from app.services.frame_answer import describe_files
 from app.services.frame_replacement import retire
 from app.services.statistics import count, summary
 
@@ -65,10 +66,23 @@ def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
         "weather": annotation.get("weather"),
         "superseded": frame.superseded_at is not None,
         "segmentation": reports.get(frame.id),
-        "files": _files(frame.id, frames.files([frame.id])[frame.id]),
+        "files": describe_files(frame.id, frames.files([frame.id])[frame.id]),
         "previous_id": previous_id,
         "next_id": next_id,
         "boxes": DecisionReader(session, dataset).of_frame(frame),
+    }
+
+
+def describe_stored(session: Session, frame_id: int) -> dict[str, Any]:
+    """A frame as the answer to its upload."""
+    frame = describe_frame(session, frame_id)
+    for name in ("previous_id", "next_id"):
+        del frame[name]
+    decisions = frame.pop("boxes")
+    return {
+        "frame": frame,
+        "segmentation": frame["segmentation"],
+        "decisions": decisions,
     }
 
 
@@ -98,18 +112,6 @@ def remove_frame(session: Session, dataset: Dataset, key: str) -> None:
         raise NotFound("frame", key)
     retire(session, current)
     frames.remove(dataset.id, key)
-
-
-def _files(frame_id: int, files: dict[str, FileRow]) -> dict[str, Any]:
-    return {
-        kind: {
-            "url": f"/api/v1/frames/{frame_id}/{kind}",
-            "sha256": file.sha256,
-            "media_type": file.media_type,
-            "size_bytes": file.size_bytes,
-        }
-        for kind, file in files.items()
-    }
 
 
 def _keyed(rows: Sequence[Any]) -> dict[TallyKey, int]:

@@ -6,20 +6,21 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
-from app.db.tables import Dataset, Problem
+from app.db.tables import Problem
 from app.errors import FrameConflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ProblemRepository
+from app.services.active import ActiveDataset
 from app.services.context import ServiceContext
+from app.services.frame_answer import describe_new
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent, write_frame
-from app.services.measuring import MeasurePlan, measure_files
-from app.services.run_requests import active_plan
+from app.services.measuring import measure_files
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
@@ -42,10 +43,14 @@ class FrameUpload:
 
 @dataclass(frozen=True)
 class StoredFrame:
-    """Where an upload ended: `created` is False for what was there already."""
+    """Where an upload ended: `created` is False for what was there already.
+
+    `answer` describes a frame that is new, without asking the database for it.
+    """
 
     frame_id: int
     created: bool
+    answer: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -74,20 +79,21 @@ def store_frame(
         Another frame has this key, and `replace` was not asked for.
     """
     with context.database.read() as reading:
-        dataset = DatasetRepository(reading).named(name)
-        plan = active_plan(reading, dataset)
+        active = context.plans.active(reading, name)
+        known = FrameRepository(reading).content(active.row.dataset_id, upload.key)
     try:
         prepared = _prepare(context, upload)
-        same = _same_frame(context, dataset, prepared)
+        same = _same(known, prepared, name)
         if same is not None:
             return StoredFrame(same, created=False)
-        measured = _measure(plan, prepared)
-        _check_classes(context, dataset, prepared, measured)
+        measured = _measure(active, prepared)
+        if active.row.classes_are_frozen:
+            _check_classes(context, active, prepared, measured)
     except FilterError as error:
-        note_problem(context, dataset.id, upload.key, error)
+        note_problem(context, active.row.dataset_id, upload.key, error)
         raise
-    context.storage.put(upload.files.values())
-    return _insert(session, (prepared, plan, measured), name)
+    context.storage.put(prepared.files.blobs())
+    return _insert(context, session, active, (prepared, measured))
 
 
 def note_problem(
@@ -122,43 +128,36 @@ def _prepare(context: ServiceContext, upload: FrameUpload) -> _Prepared:
     return _Prepared(upload, annotation, files, _content_digest(annotation, files))
 
 
-def _same_frame(
-    context: ServiceContext, dataset: Dataset, prepared: _Prepared
+def _same(
+    known: tuple[int, str] | None, prepared: _Prepared, dataset: str
 ) -> int | None:
-    with context.database.read() as session:
-        return _known(session, dataset, prepared)
-
-
-def _known(session: Session, dataset: Dataset, prepared: _Prepared) -> int | None:
     """The frame, if it is stored already; FrameConflict if another one has its key."""
-    current = FrameRepository(session).current(dataset.id, prepared.upload.key)
-    if current is None:
+    if known is None:
         return None
-    if current.content_digest == prepared.digest:
-        return current.id
+    frame_id, digest = known
+    if digest == prepared.digest:
+        return frame_id
     if prepared.upload.replace:
         return None
     raise FrameConflict(
-        f"dataset {dataset.name!r} has another frame {prepared.upload.key!r}; "
+        f"dataset {dataset!r} has another frame {prepared.upload.key!r}; "
         "send ?replace=true to store this one as its next revision"
     )
 
 
-def _measure(plan: MeasurePlan, prepared: _Prepared) -> MeasuredFrame:
-    return measure_files(plan, prepared.annotation, prepared.files.measured())
+def _measure(active: ActiveDataset, prepared: _Prepared) -> MeasuredFrame:
+    return measure_files(active.plan, prepared.annotation, prepared.files.measured())
 
 
 def _check_classes(
     context: ServiceContext,
-    dataset: Dataset,
+    active: ActiveDataset,
     prepared: _Prepared,
     measured: MeasuredFrame,
 ) -> None:
     """Frozen classes take no other one; said here, it is noted as a problem."""
-    if dataset.classes_frozen_at is None:
-        return
     with context.database.read() as session:
-        known = DatasetRepository(session).classes(dataset.id)
+        known = DatasetRepository(session).classes(active.row.dataset_id)
     names = measured.evidence.class_names
     for box, index in zip(
         prepared.annotation.boxes, measured.evidence.class_index.tolist(), strict=True
@@ -166,27 +165,28 @@ def _check_classes(
         if names[index] not in known:
             raise AnnotationError(
                 f"frame {prepared.upload.key}, box {box.index} (id {box.id!r}): "
-                f"the classes of dataset {dataset.name!r} are frozen by an export; expected one of "
-                f"{', '.join(known)}, found {names[index]!r}",
+                f"the classes of dataset {active.name!r} are frozen by an export; "
+                f"expected one of {', '.join(known)}, found {names[index]!r}",
                 pointer=f"/boxes/{box.index}",
                 code="unknown_class",
             )
 
 
 def _insert(
+    context: ServiceContext,
     session: Session,
-    work: tuple[_Prepared, MeasurePlan, MeasuredFrame],
-    name: str,
+    measured_for: ActiveDataset,
+    work: tuple[_Prepared, MeasuredFrame],
 ) -> StoredFrame:
-    prepared, plan, measured = work
-    dataset = DatasetRepository(session).named(name)
-    same = _known(session, dataset, prepared)
+    prepared, measured = work
+    active = context.plans.active(session, measured_for.name)
+    known = FrameRepository(session).content(active.row.dataset_id, prepared.upload.key)
+    same = _same(known, prepared, active.name)
     if same is not None:
         return StoredFrame(same, created=False)
-    newest = active_plan(session, dataset)
-    if newest.digest != plan.digest:
+    if active.row.measurement_digest != measured_for.row.measurement_digest:
         # A run was activated in between: rare, so it may cost a second measurement.
-        measured = _measure(newest, prepared)
+        measured = _measure(active, prepared)
     content = FrameContent(
         key=prepared.upload.key,
         digest=prepared.digest,
@@ -195,8 +195,9 @@ def _insert(
         files=prepared.files,
         measured=measured,
     )
-    frame_id = write_frame(session, dataset, content, newest.config)
-    return StoredFrame(frame_id, created=True)
+    written = write_frame(session, active, content, replaces=known is not None)
+    answer = None if known else describe_new(active, content, written)
+    return StoredFrame(written.frame_id, created=True, answer=answer)
 
 
 def _content_digest(annotation: FrameAnnotation, files: CheckedFiles) -> str:

@@ -1,0 +1,56 @@
+"""How frames of a dataset are measured and decided now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.repositories.active import ActiveRow, active_row
+from app.repositories.evidence import EvidenceRepository
+from app.repositories.runs import ConfigRepository
+from app.services.configs import config_of
+from app.services.measuring import MeasurePlan, plan_of
+from filter_core.config import FilterConfig
+
+MAX_PLANS: Final = 256
+
+
+@dataclass(frozen=True)
+class ActiveDataset:
+    """A dataset as an upload meets it."""
+
+    name: str
+    row: ActiveRow
+    plan: MeasurePlan
+
+    @property
+    def config(self) -> FilterConfig:
+        """The active configuration."""
+        return self.plan.config
+
+
+class PlanCache:
+    """Plans by the digests that name them: parsed once, though every upload asks."""
+
+    def __init__(self) -> None:
+        self._held: dict[tuple[str, str], MeasurePlan] = {}
+
+    def active(self, session: Session, name: str) -> ActiveDataset:
+        """The dataset as this session sees it; NotFound."""
+        row = active_row(session, name)
+        digests = (row.config_digest, row.measurement_digest)
+        plan = self._held.get(digests)
+        if plan is None:
+            plan = _load(session, row)
+            if len(self._held) >= MAX_PLANS:
+                self._held.clear()
+            self._held[digests] = plan
+        return ActiveDataset(name, row, plan)
+
+
+def _load(session: Session, row: ActiveRow) -> MeasurePlan:
+    config = config_of(ConfigRepository(session).with_id(row.config_id))
+    measurement = EvidenceRepository(session).measurement_with_id(row.measurement_id)
+    return plan_of(measurement, config)

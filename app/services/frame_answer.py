@@ -1,0 +1,108 @@
+"""A frame that was just stored, described without asking the database for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.repositories.frames import FileRow
+from app.services.active import ActiveDataset
+from app.services.decisions import accepted_tags
+from app.services.frame_rows import FrameContent, WrittenFrame
+from app.services.reviews import effective_verdict
+from app.services.statistics import count, summary, tallies_of
+from filter_core.decision_record import decision_dicts
+
+
+def describe_new(
+    active: ActiveDataset, content: FrameContent, written: WrittenFrame
+) -> dict[str, Any]:
+    """The frame, what was recognised, and its decisions; nobody has reviewed it yet."""
+    report = content.measured.segmentation
+    return {
+        "frame": _frame(active, content, written),
+        "segmentation": report,
+        "decisions": _decisions(active, content, written),
+    }
+
+
+def _frame(
+    active: ActiveDataset, content: FrameContent, written: WrittenFrame
+) -> dict[str, Any]:
+    files = {row.kind: row for row in content.files.rows}
+    report, raw = content.measured.segmentation, content.annotation.raw
+    decided = zip(
+        content.measured.evidence.class_index.tolist(),
+        written.decisions.reason.tolist(),
+        written.decisions.toss_up.tolist(),
+        strict=True,
+    )
+    alike = tallies_of((index, reason, toss, None) for index, reason, toss in decided)
+    width, height = content.files.image_wh
+    return {
+        "id": written.frame_id,
+        "key": content.key,
+        "revision": written.revision,
+        "width": width,
+        "height": height,
+        "map": content.annotation.map,
+        "has_image": "image" in files,
+        "has_segmentation": "segmentation" in files,
+        "lossy": bool((report or {}).get("lossy")),
+        "created_at": written.created_at.isoformat(),
+        "counts": summary(count(alike)),
+        "dataset": active.name,
+        "camera": raw.get("camera"),
+        "carla_version": content.annotation.carla_version,
+        "captured_at": content.annotation.captured_at,
+        "weather": raw.get("weather"),
+        "superseded": False,
+        "segmentation": report,
+        "files": describe_files(written.frame_id, files),
+    }
+
+
+def _decisions(
+    active: ActiveDataset, content: FrameContent, written: WrittenFrame
+) -> list[dict[str, Any]]:
+    measured = content.measured
+    facts = measured.facts(active.config)
+    described = decision_dicts(
+        facts,
+        measured.ids,
+        measured.evidence,
+        written.decisions,
+        measured.geometry,
+    )
+    rows = zip(
+        described,
+        written.decisions.reason.tolist(),
+        measured.evidence.accept_mask.tolist(),
+        strict=True,
+    )
+    for position, (decision, reason, mask) in enumerate(rows):
+        decision |= {
+            "frame": content.key,
+            "box_id": written.first_box_id + position,
+            "frame_id": written.frame_id,
+            "run": active.row.run_id,
+            "config": active.row.config_digest,
+            "revision": 0,
+            "review": None,
+            "effective_verdict": effective_verdict(reason, None),
+            "accepted_tags": accepted_tags(facts.family, mask),
+        }
+    return described
+
+
+def describe_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, Any]:
+    """Files of a frame by kind, and where to get them."""
+    return {
+        kind: {
+            "url": f"/api/v1/frames/{frame_id}/{kind}",
+            "sha256": file.sha256,
+            "media_type": file.media_type,
+            "size_bytes": file.size_bytes,
+        }
+        for kind, file in files.items()
+    }
