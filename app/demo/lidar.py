@@ -14,8 +14,8 @@ from filter_core.camera import Camera
 from filter_core.types import IntArray
 
 RANGE_M: Final = 120.0
-_CHANNELS: Final = 48
-_TURNS: Final = 900
+_CHANNELS: Final = 40
+_TURNS: Final = 640
 _LOWEST, _HIGHEST = -24.0, 8.0
 """Degrees below and above the horizon, as seen by the sensor."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -18,6 +19,7 @@ SCENERY: Final = "scenery"
 """The class of what CARLA hands out no box for."""
 
 HOUSE_TYPE: Final = "static.building"
+_SWAY_S: Final = 23.0
 
 
 @dataclass(frozen=True)
@@ -29,17 +31,20 @@ class Route:
     speed : metres per second, along the heading
     length : metres until the start comes again; 0 stands still
     ahead : metres already gone at time 0
+    sway : metres that it falls back and catches up, again and again
     """
 
     speed: float = 0.0
     length: float = 0.0
     ahead: float = 0.0
+    sway: float = 0.0
 
     def gone(self, time_s: float) -> float:
         """Metres from the start of the route."""
         if not self.length:
             return 0.0
-        return (self.ahead + self.speed * time_s) % self.length
+        swayed = self.sway * math.sin(2 * math.pi * time_s / _SWAY_S)
+        return (self.ahead + self.speed * time_s) % self.length + swayed
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,7 @@ class TownBuilder:
         return list(zip(starts, ends, strict=True))
 
 
-def convoy(gap: float, y: float) -> tuple[Transform, Route]:
-    """Start and route of what keeps its distance ahead of the camera."""
+def convoy(gap: float, y: float, sway: float = 0.0) -> tuple[Transform, Route]:
+    """Start and route of what keeps its distance ahead of the camera, give or take."""
     start = Transform((DRIVE_START + gap, y, 0.0))
-    return start, Route(DRIVE_SPEED, DRIVE_LENGTH)
+    return start, Route(DRIVE_SPEED, DRIVE_LENGTH, sway=sway)

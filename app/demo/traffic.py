@@ -6,14 +6,26 @@ import itertools
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from app.demo.fleet import HEAVY, new_car, new_heavy, new_two_wheeler, new_walker
 from app.demo.furniture import AMBER, GREEN, RED, traffic_light
 from app.demo.ground import SIDEWALK_HEIGHT
-from app.demo.things import Route, Thing
-from app.demo.town import TOWN_END, TOWN_START, TownBuilder, convoy
+from app.demo.things import SCENERY, Route, Thing
+from app.demo.town import (
+    DRIVE_LENGTH,
+    DRIVE_SPEED,
+    STEP_S,
+    TOWN_END,
+    TOWN_START,
+    TownBuilder,
+    convoy,
+)
 from filter_core.pose import Transform
 
 _WALK_SPEED: Final = 1.35
+_Place = tuple[Transform, Route]
+_CLEAR_M: Final = 7.0
 _LIGHT_S: Final = 4.0
 _CYCLE: Final = (GREEN, GREEN, AMBER, RED, RED, RED)
 
@@ -32,29 +44,24 @@ def _with_the_camera(builder: TownBuilder) -> None:
     """Vehicles that keep their distance, so that every frame has something near."""
     rng, plan = builder.rng, builder.plan
     own, other = plan.lane_middle(0), plan.lane_middle(plan.lanes - 1)
-    aside = float(rng.choice([-0.9, 0.7]))
-    for gap in (19.0, 34.0, 58.0, 92.0):
-        builder.put(new_car(rng, *convoy(gap + float(rng.uniform(-2, 3)), own)))
-    builder.put(
-        new_two_wheeler(
-            "motorcycle", rng, *convoy(float(rng.uniform(8.0, 11.5)), own + aside)
-        )
-    )
-    builder.put(
-        new_two_wheeler(
-            "bicycle", rng, *convoy(float(rng.uniform(12.5, 15)), plan.lanes_edge - 0.3)
-        )
-    )
-    if plan.lanes > 1:
-        builder.put(new_heavy("bus", rng, *convoy(float(rng.uniform(24, 29)), other)))
-        builder.put(new_car(rng, *convoy(float(rng.uniform(38, 42)), other)))
-        builder.put(new_car(rng, *convoy(-0.4, other)))
-        builder.put(new_car(rng, *convoy(float(rng.uniform(60, 66)), other)))
+    aside, edge = float(rng.choice([-0.9, 0.7])), plan.lanes_edge - 0.3
+
+    def ahead(low: float, high: float, y: float, sway: float = 0.0) -> _Place:
+        return convoy(float(rng.uniform(low, high)), y, sway)
+
+    for gap in (21.0, 36.0, 59.0, 93.0):
+        builder.put(new_car(rng, *ahead(gap - 2, gap + 2, own, 1.5)))
     for gap in (-9.0, -23.0, -40.0):
         builder.put(new_car(rng, *convoy(gap, own)))
-    edge = plan.lanes_edge - 0.3
-    for gap in (-16.0, float(rng.uniform(68, 84))):
-        builder.put(new_two_wheeler("bicycle", rng, *convoy(gap, edge)))
+    builder.put(new_two_wheeler("motorcycle", rng, *ahead(9, 12, own + aside, 3.8)))
+    for low, high in ((12, 15), (-17, -16), (68, 84)):
+        builder.put(new_two_wheeler("bicycle", rng, *ahead(low, high, edge, -3.0)))
+    if plan.lanes > 1:
+        builder.put(new_heavy("bus", rng, *ahead(23, 28, other, -5.0)))
+        builder.put(new_car(rng, *ahead(40, 43, other)))
+        # Beside the camera: half behind it, and outside its view.
+        builder.put(new_car(rng, *convoy(-0.4, other)))
+        builder.put(new_car(rng, *ahead(60, 66, other, 3.0)))
 
 
 def _oncoming(builder: TownBuilder) -> None:
@@ -110,8 +117,25 @@ def _on_crossings(builder: TownBuilder) -> None:
                 y = plan.half_width + 1.0
                 at = (x + float(rng.uniform(-0.9, 0.9)), -y if down else y, 0.0)
                 place = Transform(at, (0.0, 90.0 if down else -90.0, 0.0))
-                route = Route(_WALK_SPEED, 2 * y, float(rng.uniform(0, 2 * y)))
+                route = _clear_route(builder, place, 2 * y)
                 builder.put(new_walker(rng, place, route))
+
+
+def _clear_route(builder: TownBuilder, start: Transform, length: float) -> Route:
+    """Across a street without walking into the camera, if there is such a moment."""
+    steps = range(int(DRIVE_LENGTH / (DRIVE_SPEED * STEP_S)))
+    eyes = np.array([builder.town.camera(step).location for step in steps])
+    routes = [
+        Route(_WALK_SPEED, length, float(ahead))
+        for ahead in builder.rng.uniform(0, length, 24)
+    ]
+
+    def clearance(route: Route) -> float:
+        probe = Thing(0, SCENERY, "", "", (), start, route)
+        places = np.array([probe.pose(step * STEP_S).location for step in steps])
+        return float(np.linalg.norm((places - eyes)[:, :2], axis=1).min())
+
+    return max(routes, key=lambda route: min(clearance(route), _CLEAR_M))
 
 
 def _lights(builder: TownBuilder) -> None:
