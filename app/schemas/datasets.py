@@ -13,7 +13,8 @@ Palette = Literal["auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-
 Encoding = Literal["auto", "palette", "raw"]
 ChannelOrder = Literal["auto", "rgb", "bgr"]
 Lossy = Literal["refuse", "nearest"]
-ClassName = Annotated[str, Field(min_length=1, max_length=200)]
+ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Description = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
 Pixel = Annotated[float, Field(allow_inf_nan=False)]
 Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000)]
@@ -39,7 +40,7 @@ class DatasetIn(BaseModel):
             description="Lower-case letters, digits, dots, dashes, underscores.",
         ),
     ]
-    description: Annotated[str, Field(max_length=2000)] = ""
+    description: Description = ""
     classes: Annotated[list[ClassName], Field(max_length=1000)] | None = Field(
         default=None, description="Ordered; unset: the eight classes of CARLA."
     )
@@ -55,7 +56,7 @@ class DatasetPatch(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    description: Annotated[str, Field(max_length=2000)] | None = None
+    description: Description | None = None
     palette: Palette | None = None
     encoding: Encoding | None = None
     channel_order: ChannelOrder | None = None

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 Answer = Literal["keep", "reject", "unsure", "clear"]
-Comment = Annotated[str, Field(max_length=2000)]
+Comment = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Id = Annotated[int, Field(ge=1, le=2**63 - 1)]
