@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator
-from typing import Annotated, Final
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from typing import Annotated, Final, TypeVar
 
 from anyio import CapacityLimiter, fail_after
 from fastapi import Depends, Path, Query, Request
@@ -25,6 +25,8 @@ from app.services import access
 from app.services.context import ServiceContext
 from app.services.idempotency import claim_on_begin
 from app.settings import Settings
+
+Result = TypeVar("Result")
 
 MAX_ID: Final = 2**63 - 1
 MAX_WRITERS: Final = 16
@@ -162,10 +164,22 @@ COOKIE = Depends(
     )
 )
 
-AppSettings = Annotated[Settings, Depends(settings_of)]
-AppServices = Annotated[ServiceContext, Depends(services_of)]
-AppDatabase = Annotated[Database, Depends(database_of)]
-CurrentPrincipal = Annotated[Principal, Depends(current_principal)]
+
+def _inline(
+    read: Callable[[Request], Result],
+) -> Callable[[Request], Awaitable[Result]]:
+    """A dependency that only looks something up: not worth a thread of its own."""
+
+    async def look_up(request: Request) -> Result:
+        return read(request)
+
+    return look_up
+
+
+AppSettings = Annotated[Settings, Depends(_inline(settings_of))]
+AppServices = Annotated[ServiceContext, Depends(_inline(services_of))]
+AppDatabase = Annotated[Database, Depends(_inline(database_of))]
+CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 # scope="function": it ends, and commits, before the answer is sent. 201 means stored.
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]

@@ -18,6 +18,7 @@ from fastapi import FastAPI
 from app.http_protocol import ProblemProtocol
 from app.logs import configure_logging, error_log
 from app.main import create_app
+from app.memory import keep_freed_memory
 from app.services.access import write_secret
 from app.settings import Settings, bracketed
 
@@ -48,6 +49,7 @@ def serve(
         The port is taken, or the data folder cannot be used.
     """
     configure_logging(settings.log_level)
+    keep_freed_memory()
     with _listen(settings) as listener:
         url = _url(settings, listener.getsockname()[1])
         note = ServerNote(url, settings.token_file)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from itertools import islice
 from typing import Any, Final, cast
 
-from sqlalchemy import Table, insert
+from sqlalchemy import Insert, Table, insert
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
@@ -53,7 +54,7 @@ def insert_rows(
 ) -> None:
     """Insert rows as they are, past the ORM."""
     if rows:
-        session.connection().execute(insert(_table(model)), list(rows))
+        session.connection().execute(_insert(model), list(rows))
 
 
 def upsert(session: Session, model: type[Base]) -> Any:  # noqa: ANN401  # of either dialect
@@ -61,6 +62,11 @@ def upsert(session: Session, model: type[Base]) -> Any:  # noqa: ANN401  # of ei
     if session.connection().dialect.name == "postgresql":
         return postgresql.insert(_table(model))
     return sqlite.insert(_table(model))
+
+
+@lru_cache
+def _insert(model: type[Base]) -> Insert:
+    return insert(_table(model))
 
 
 def _table(model: type[Base]) -> Table:

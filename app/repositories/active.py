@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from app.db.tables import ConfigVersion, Dataset, Measurement
@@ -23,23 +23,26 @@ class ActiveRow(NamedTuple):
     classes_are_frozen: bool
 
 
+# Built once: putting a statement together costs more than running it.
+_ACTIVE: Final = (
+    select(
+        Dataset.id,
+        Dataset.active_config_id,
+        Dataset.active_run_id,
+        Dataset.active_measurement_id,
+        ConfigVersion.digest,
+        Measurement.digest,
+        Dataset.classes_frozen_at.is_not(None),
+    )
+    .join(ConfigVersion, ConfigVersion.id == Dataset.active_config_id)
+    .join(Measurement, Measurement.id == Dataset.active_measurement_id)
+    .where(Dataset.name == bindparam("name"))
+)
+
+
 def active_row(session: Session, name: str) -> ActiveRow:
     """By the dataset's name; NotFound."""
-    rows = (
-        select(
-            Dataset.id,
-            Dataset.active_config_id,
-            Dataset.active_run_id,
-            Dataset.active_measurement_id,
-            ConfigVersion.digest,
-            Measurement.digest,
-            Dataset.classes_frozen_at.is_not(None),
-        )
-        .join(ConfigVersion, ConfigVersion.id == Dataset.active_config_id)
-        .join(Measurement, Measurement.id == Dataset.active_measurement_id)
-        .where(Dataset.name == name)
-    )
-    found = session.connection().execute(rows).first()
+    found = session.connection().execute(_ACTIVE, {"name": name}).first()
     if found is None:
         raise NotFound("dataset", name)
     return ActiveRow._make(found)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import bindparam, delete, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.tables import Dataset, DatasetClass
 from app.errors import Conflict, NotFound, Unprocessable
+
+_CLASSES: Final = (
+    select(DatasetClass.name, DatasetClass.id)
+    .where(DatasetClass.dataset_id == bindparam("dataset"))
+    .order_by(DatasetClass.position)
+)
 
 
 class DatasetRepository:
@@ -58,12 +64,8 @@ class DatasetRepository:
 
     def classes(self, dataset_id: int) -> dict[str, int]:
         """Class names in their frozen order, with their ids."""
-        rows = (
-            select(DatasetClass.name, DatasetClass.id)
-            .where(DatasetClass.dataset_id == dataset_id)
-            .order_by(DatasetClass.position)
-        )
-        return {row.name: row.id for row in self._session.execute(rows)}
+        rows = self._session.connection().execute(_CLASSES, {"dataset": dataset_id})
+        return {row.name: row.id for row in rows}
 
     def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
         """Ids of these classes; unknown ones are appended unless classes are frozen."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import (
     ColumnElement,
+    bindparam,
     delete,
     exists,
     func,
@@ -21,6 +22,22 @@ from app.db.bulk import chunks, insert_rows, upsert
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
+
+# Built once: every upload runs them, and building costs more than running.
+_TAKE_IDS: Final = (
+    update(IdBlock)
+    .where(IdBlock.name == bindparam("of"))
+    .values(next_id=IdBlock.next_id + bindparam("count"))
+    .returning(IdBlock.next_id)
+)
+_CONTENT: Final = select(Frame.id, Frame.content_digest).where(
+    Frame.dataset_id == bindparam("dataset"),
+    Frame.key == bindparam("frame"),
+    Frame.superseded_at.is_(None),
+)
+_FORGET_PROBLEMS: Final = delete(Problem).where(
+    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
+)
 
 
 class FileRow(NamedTuple):
@@ -210,10 +227,7 @@ class FrameRepository:
     def take_ids(self, name: str, count: int) -> int:
         """Reserve `count` ids of ``frames`` or ``boxes``; the first of them."""
         after: int | None = self._session.connection().scalar(
-            update(IdBlock)
-            .where(IdBlock.name == name)
-            .values(next_id=IdBlock.next_id + count)
-            .returning(IdBlock.next_id)
+            _TAKE_IDS, {"of": name, "count": count}
         )
         if after is None:
             raise RuntimeError(f"the table id_blocks lacks {name!r}")
@@ -244,12 +258,8 @@ class FrameRepository:
 
     def content(self, dataset_id: int, key: str) -> tuple[int, str] | None:
         """Id and content digest of the newest revision under a key."""
-        rows = select(Frame.id, Frame.content_digest).where(
-            Frame.dataset_id == dataset_id,
-            Frame.key == key,
-            Frame.superseded_at.is_(None),
-        )
-        found = self._session.connection().execute(rows).first()
+        named = {"dataset": dataset_id, "frame": key}
+        found = self._session.connection().execute(_CONTENT, named).first()
         return None if found is None else (found[0], found[1])
 
     def supersede(self, frame: Frame) -> None:
@@ -267,9 +277,8 @@ class FrameRepository:
 
     def forget_problems(self, dataset_id: int, key: str) -> None:
         """The frame came in after all."""
-        self._session.execute(
-            delete(Problem).where(Problem.dataset_id == dataset_id, Problem.key == key)
-        )
+        named = {"dataset": dataset_id, "frame": key}
+        self._session.connection().execute(_FORGET_PROBLEMS, named)
 
     def sources(self, frame_id: int) -> dict[str, Box]:
         """Boxes of a frame by the sender's own ids."""
