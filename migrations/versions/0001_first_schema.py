@@ -181,7 +181,7 @@ def upgrade() -> None:
         sa.Column("box_count", sa.Integer(), nullable=False),
         sa.Column("width", sa.Integer(), nullable=True),
         sa.Column("height", sa.Integer(), nullable=True),
-        sa.Column("carla_version", sa.String(length=32), nullable=True),
+        sa.Column("carla_version", sa.String(length=200), nullable=True),
         sa.Column("map", sa.String(length=200), nullable=True),
         sa.Column("captured_at", sa.String(length=64), nullable=True),
         sa.Column("annotation", sa.Text(), nullable=False),

@@ -1,0 +1,34 @@
+"""The tables. Insert-only but for `decisions` and `tallies`, which are derived."""
+
+from app.db.tables.datasets import (
+    ConfigVersion,
+    Dataset,
+    DatasetClass,
+    Measurement,
+    Run,
+)
+from app.db.tables.decisions import Decision, Flips, Tally
+from app.db.tables.frames import Blob, Box, Frame, FrameEvidence, FrameFile, IdBlock
+from app.db.tables.records import Export, Problem
+from app.db.tables.reviews import Review, ReviewBatch
+
+__all__ = [
+    "Blob",
+    "Box",
+    "ConfigVersion",
+    "Dataset",
+    "DatasetClass",
+    "Decision",
+    "Export",
+    "Flips",
+    "Frame",
+    "FrameEvidence",
+    "FrameFile",
+    "IdBlock",
+    "Measurement",
+    "Problem",
+    "Review",
+    "ReviewBatch",
+    "Run",
+    "Tally",
+]

@@ -1,0 +1,128 @@
+"""Datasets, how their frames are measured and decided, and their runs."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import (
+    CheckConstraint,
+    ForeignKey,
+    Index,
+    String,
+    Text,
+    UniqueConstraint,
+)
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+
+
+class Dataset(Base):
+    """Frames that belong together, and how their segmentations are to be read."""
+
+    __tablename__ = "datasets"
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    name: Mapped[str] = mapped_column(String(100), unique=True)
+    description: Mapped[str] = mapped_column(Text, default="")
+    palette: Mapped[str] = mapped_column(String(32), default="auto")
+    encoding: Mapped[str] = mapped_column(String(16), default="auto")
+    channel_order: Mapped[str] = mapped_column(String(8), default="auto")
+    lossy_segmentation: Mapped[str] = mapped_column(String(16), default="refuse")
+    ignore_mask: Mapped[Any | None] = mapped_column(JsonText)
+    active_config_id: Mapped[int | None] = mapped_column(Key)
+    active_run_id: Mapped[int | None] = mapped_column(Key)
+    active_measurement_id: Mapped[int | None] = mapped_column(Key)
+    classes_frozen_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class DatasetClass(Base):
+    """A class of a dataset; `position` is its index in every export."""
+
+    __tablename__ = "dataset_classes"
+    __table_args__ = (
+        UniqueConstraint("dataset_id", "name"),
+        UniqueConstraint("dataset_id", "position"),
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    position: Mapped[int]
+    name: Mapped[str] = mapped_column(String(200))
+
+
+class ConfigVersion(Base):
+    """One immutable filter configuration of a dataset, named by its digest."""
+
+    __tablename__ = "config_versions"
+    __table_args__ = (UniqueConstraint("dataset_id", "digest"),)
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    digest: Mapped[str] = mapped_column(String(64), index=True)
+    body: Mapped[Any] = mapped_column(JsonText)
+    unused_keys: Mapped[Any] = mapped_column(JsonText)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class Measurement(Base):
+    """What pixels were measured with; evidence of one measurement is comparable."""
+
+    __tablename__ = "measurements"
+    __table_args__ = (UniqueConstraint("dataset_id", "digest"),)
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    digest: Mapped[str] = mapped_column(String(64))
+    pixel_digest: Mapped[str] = mapped_column(String(64))
+    options: Mapped[Any] = mapped_column(JsonText)
+    filter_core_version: Mapped[str] = mapped_column(String(32))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class Run(Base):
+    """One config version applied to a dataset."""
+
+    __tablename__ = "runs"
+    __table_args__ = (
+        CheckConstraint("kind in ('decide', 'measure')", name="kind"),
+        CheckConstraint(
+            "state in ('queued', 'running', 'done', 'failed', 'cancelled')",
+            name="state",
+        ),
+        Index(None, "dataset_id", "id"),
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    config_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("config_versions.id", ondelete="CASCADE")
+    )
+    measurement_id: Mapped[int | None] = mapped_column(
+        Key, ForeignKey("measurements.id", ondelete="CASCADE")
+    )
+    previous_run_id: Mapped[int | None] = mapped_column(Key)
+    kind: Mapped[str] = mapped_column(String(16))
+    state: Mapped[str] = mapped_column(String(16), default="queued")
+    activate: Mapped[bool] = mapped_column(default=False)
+    total: Mapped[int] = mapped_column(Key, default=0)
+    done: Mapped[int] = mapped_column(Key, default=0)
+    changed: Mapped[int] = mapped_column(Key, default=0)
+    counts: Mapped[Any] = mapped_column(JsonText, default=dict)
+    error: Mapped[Any | None] = mapped_column(JsonText)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+    started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)

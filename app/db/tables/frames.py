@@ -1,0 +1,134 @@
+"""Frames, their files and boxes, and the numbers measured for them. Insert-only."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import (
+    ForeignKey,
+    Index,
+    LargeBinary,
+    String,
+    UniqueConstraint,
+    text,
+)
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+
+
+class Blob(Base):
+    """A file in the store, named by its content."""
+
+    __tablename__ = "blobs"
+
+    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
+    size_bytes: Mapped[int] = mapped_column(Key)
+    media_type: Mapped[str] = mapped_column(String(64))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class Frame(Base):
+    """One revision of a frame; its boxes have the ids from `first_box_id` on."""
+
+    __tablename__ = "frames"
+    __table_args__ = (
+        UniqueConstraint("dataset_id", "key", "revision"),
+        Index(
+            "uq_frames_current_key",
+            "dataset_id",
+            "key",
+            unique=True,
+            sqlite_where=text("superseded_at IS NULL"),
+            postgresql_where=text("superseded_at IS NULL"),
+        ),
+        Index(None, "dataset_id", "id"),
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    key: Mapped[str] = mapped_column(String(512))
+    revision: Mapped[int] = mapped_column(default=1)
+    superseded_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    content_digest: Mapped[str] = mapped_column(String(64))
+    config_id: Mapped[int] = mapped_column(Key)
+    run_id: Mapped[int] = mapped_column(Key)
+    first_box_id: Mapped[int] = mapped_column(Key)
+    box_count: Mapped[int]
+    width: Mapped[int | None]
+    height: Mapped[int | None]
+    carla_version: Mapped[str | None] = mapped_column(String(200))
+    map: Mapped[str | None] = mapped_column(String(200))
+    captured_at: Mapped[str | None] = mapped_column(String(64))
+    annotation: Mapped[Any] = mapped_column(JsonText, deferred=True)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class FrameFile(Base):
+    """Which blob is a frame's image, segmentation, depth and so on."""
+
+    __tablename__ = "frame_files"
+
+    frame_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("frames.id", ondelete="CASCADE"), primary_key=True
+    )
+    kind: Mapped[str] = mapped_column(String(16), primary_key=True)
+    sha256: Mapped[str] = mapped_column(
+        String(64), ForeignKey("blobs.sha256"), index=True
+    )
+
+
+class Box(Base):
+    """One annotated box of one frame revision."""
+
+    __tablename__ = "boxes"
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True, autoincrement=False)
+    frame_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("frames.id", ondelete="CASCADE"), index=True
+    )
+    class_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("dataset_classes.id", ondelete="CASCADE")
+    )
+    source_id: Mapped[str] = mapped_column(String(200))
+
+
+class FrameEvidence(Base):
+    """The numbers of one frame's boxes as packed columns; see `evidence_record`."""
+
+    __tablename__ = "evidence"
+    __table_args__ = (
+        UniqueConstraint("frame_id", "measurement_id"),
+        Index(
+            "ix_evidence_lossy",
+            "measurement_id",
+            sqlite_where=text("lossy IS 1"),
+            postgresql_where=text("lossy IS true"),
+        ),
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    frame_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("frames.id", ondelete="CASCADE")
+    )
+    measurement_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("measurements.id", ondelete="CASCADE"), index=True
+    )
+    numbers: Mapped[bytes] = mapped_column(LargeBinary)
+    tag_counts: Mapped[bytes] = mapped_column(LargeBinary)
+    geometry: Mapped[bytes] = mapped_column(LargeBinary)
+    segmentation: Mapped[Any | None] = mapped_column(JsonText)
+    lossy: Mapped[bool]
+
+
+class IdBlock(Base):
+    """The next free id of frames and boxes, handed out in blocks, never twice."""
+
+    __tablename__ = "id_blocks"
+
+    name: Mapped[str] = mapped_column(String(16), primary_key=True)
+    next_id: Mapped[int] = mapped_column(Key)

@@ -1,0 +1,55 @@
+"""Answers of people. Insert-only."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import (
+    CheckConstraint,
+    ForeignKey,
+    String,
+    Text,
+    UniqueConstraint,
+)
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, Key, UtcDateTime, utc_now
+
+
+class ReviewBatch(Base):
+    """Many answers given in one act."""
+
+    __tablename__ = "review_batches"
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    verdict: Mapped[str] = mapped_column(String(8))
+    undoes_id: Mapped[int | None] = mapped_column(Key)
+    reviewer: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class Review(Base):
+    """A person's answer on one box; never changed, only followed by another."""
+
+    __tablename__ = "reviews"
+    __table_args__ = (
+        UniqueConstraint("box_id", "revision"),
+        CheckConstraint(
+            "verdict in ('keep', 'reject', 'unsure', 'clear')", name="verdict"
+        ),
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    box_id: Mapped[int] = mapped_column(Key, ForeignKey("boxes.id", ondelete="CASCADE"))
+    revision: Mapped[int]
+    verdict: Mapped[str] = mapped_column(String(8))
+    comment: Mapped[str] = mapped_column(Text, default="")
+    reviewer: Mapped[str] = mapped_column(String(100))
+    carried_from: Mapped[int | None] = mapped_column(Key)
+    batch_id: Mapped[int | None] = mapped_column(
+        Key, ForeignKey("review_batches.id", ondelete="CASCADE"), index=True
+    )
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
