@@ -35,9 +35,9 @@ _numbers = count(1)
 
 
 @contextmanager
-def running_services(folder: Path) -> Iterator[Services]:
+def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
     """Everything that a server opens, but the port."""
-    with running(Settings(data=folder, workers=2)) as context:
+    with running(Settings(data=folder, workers=2, **chosen)) as context:
         yield Services(context)
 
 

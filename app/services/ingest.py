@@ -26,6 +26,8 @@ from filter_core.annotation_types import FrameAnnotation
 from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
 from filter_core.frame_filter import MeasuredFrame
 
+MAX_TEXT: Final = 200
+"""Characters of an id, a class or a map: what their columns hold."""
 _DIGEST_OF: Final = b"frame 1\n"
 """Begins every content digest, should its definition ever change."""
 
@@ -121,7 +123,7 @@ def _prepare(context: ServiceContext, upload: FrameUpload) -> _Prepared:
     settings = context.settings
     annotation = parse_annotation(
         upload.annotation,
-        limits=AnnotationLimits(max_boxes=settings.max_boxes_per_frame),
+        limits=AnnotationLimits(settings.max_boxes_per_frame, max_text=MAX_TEXT),
         frame=upload.key,
     )
     files = check_files(upload.files, annotation, settings)

@@ -1,0 +1,28 @@
+"""An empty database of each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Engine
+
+from app.db.engine import make_engine, sqlite_url
+from tests.databases import empty_postgres
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
+    """An empty database."""
+    if request.param == "sqlite":
+        yield from _engine(sqlite_url(tmp_path / "empty.sqlite3"))
+        return
+    with empty_postgres() as url:
+        yield from _engine(url)
+
+
+def _engine(url: str) -> Iterator[Engine]:
+    engine = make_engine(url)
+    yield engine
+    engine.dispose()

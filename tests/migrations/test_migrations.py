@@ -1,0 +1,94 @@
+"""The schema goes up, down and up again, on SQLite and on PostgreSQL."""
+
+from __future__ import annotations
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import inspect, select, text
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db import access_tables, tables
+from app.db.base import Base
+from app.db.migrate import current_revision, head_revision, migrate
+from app.resources import migrations_dir
+
+SCRIPTS = migrations_dir()
+TOKENS = access_tables.Token.__tablename__
+
+
+def add_dataset(session: Session, name: str) -> tables.Dataset:
+    dataset = tables.Dataset(name=name, created_by="ada")
+    session.add(dataset)
+    session.flush()
+    session.add(tables.DatasetClass(dataset_id=dataset.id, position=0, name="car"))
+    session.flush()
+    return dataset
+
+
+def test_up_down_and_up_again(engine):
+    migrate(engine, SCRIPTS)
+    first = sorted(inspect(engine).get_table_names())
+    migrate(engine, SCRIPTS, "base")
+    emptied = inspect(engine).get_table_names()
+    migrate(engine, SCRIPTS)
+
+    assert emptied == ["alembic_version"]
+    assert sorted(inspect(engine).get_table_names()) == first
+    assert TOKENS in first
+    assert current_revision(engine) == head_revision(SCRIPTS)
+
+
+def test_the_models_are_what_the_migrations_make(engine):
+    migrate(engine, SCRIPTS)
+
+    with engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        differences = compare_metadata(context, Base.metadata)
+
+    assert differences == []
+
+
+def test_migrating_again_keeps_the_data(engine):
+    migrate(engine, SCRIPTS)
+    with Session(engine) as session, session.begin():
+        add_dataset(session, "kept")
+
+    migrate(engine, SCRIPTS)
+
+    with Session(engine) as session:
+        assert session.scalars(select(tables.Dataset.name)).all() == ["kept"]
+        assert session.scalars(select(tables.DatasetClass.name)).all() == ["car"]
+
+
+def test_a_row_without_its_parent_is_refused_and_children_go_along(engine):
+    migrate(engine, SCRIPTS)
+    with Session(engine) as session, session.begin():
+        orphans = add_dataset(session, "parent").id + 1
+
+    with Session(engine) as session:
+        session.add(tables.DatasetClass(dataset_id=orphans, position=0, name="car"))
+        with pytest.raises(IntegrityError):
+            session.flush()
+    with Session(engine) as session, session.begin():
+        session.execute(text("DELETE FROM datasets"))
+    with Session(engine) as session:
+        assert session.scalars(select(tables.DatasetClass.id)).all() == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ck_runs_state",
+        "ck_decisions_reason",
+        "ck_decisions_review",
+        "ck_reviews_verdict",
+    ],
+)
+def test_constraints_have_names_that_say_what_is_wrong(engine, name):
+    migrate(engine, SCRIPTS)
+
+    checks = inspect(engine).get_check_constraints(name.split("_")[1])
+
+    assert name in {check["name"] for check in checks}

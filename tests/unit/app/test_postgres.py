@@ -1,0 +1,110 @@
+"""The services on PostgreSQL do what they do on SQLite."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.repositories.box_pages import ORDERS, BoxPages
+from app.repositories.tallies import TallyRepository
+from app.services.box_selection import Selection, to_filter
+from app.services.ingest import MAX_TEXT
+from filter_core.types import Reason
+from tests.api import frames as scene
+from tests.databases import empty_postgres
+from tests.services import Services, Street, running_services
+
+KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
+
+
+@pytest.fixture(scope="module")
+def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
+    folder = tmp_path_factory.mktemp("postgres")
+    with (
+        empty_postgres() as url,
+        running_services(folder, database_url=url) as running,
+    ):
+        yield running
+
+
+def put(street: Street, key: str, **more):
+    files = {"image": scene.image(), "segmentation": scene.segmentation()}
+    return street.put(key, {**scene.annotation(), **more}, **files)
+
+
+def test_frames_answers_and_runs(services):
+    street = services.dataset()
+    put(street, "a")
+    real, ghost = street.box_ids()
+    street.review(ghost, "keep")
+    batch = street.bulk([real, ghost], "reject")
+    street.undo(batch)
+    run = street.run({"threshold_small_box": 99, "min_visible_pixels": 10**6})
+    put(street, "a", map="Town01")
+
+    assert (run.state, run.changed) == ("done", 1)
+    assert list(street.reasons().values()) == [UNSEEN, UNSEEN]
+    assert street.tallies() == street.recounted()
+    assert sum(key.review == "keep" for key in street.tallies()) == 1
+    recounted = street.run({"classes": {"car": {"accept": ["Sky"]}}})
+    measured = street.run({"profile": "carlasimu"})
+    assert (recounted.kind, measured.kind) == ("decide", "measure")
+    assert list(street.reasons().values()) == [KEPT, UNSEEN]
+    assert [entry["kind"] for entry in street.history(ghost)] == ["review"] * 3 + [
+        "decision"
+    ]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_pages_in_every_order(services, order):
+    street = services.dataset()
+    for number in range(4):
+        put(street, str(number), number=number)
+    with services.context.database.read() as session:
+        wanted = to_filter(session, street.row(session), Selection())
+        pages = BoxPages(session, wanted, TallyRepository(session).present(street.id))
+        found, cursor = pages.page(order, "", 5)
+        rest, end = pages.page(order, cursor or "", 5)
+
+    assert sorted(found + rest) == street.box_ids()
+    assert end is None
+
+
+def test_texts_as_long_as_they_are_allowed_to_be(services):
+    """PostgreSQL holds a column to its length, SQLite does not."""
+    street = services.dataset()
+    long = "x" * MAX_TEXT
+    boxes = [{"id": long, "class": long, "xyxy": scene.ON_THE_CAR}]
+
+    put(street, "k" * 512, boxes=boxes, map=long, carla_version=long)
+
+    assert len(street.box_ids()) == 1
+
+
+def test_many_at_once_are_counted_once_each(services):
+    street = services.dataset()
+    put(street, "first")
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda n: put(street, f"{n % 6}", number=n // 6), range(24)))
+
+    assert len(street.box_ids()) == 2 * 7
+    assert street.tallies() == street.recounted()
+
+
+def test_runs_and_frames_at_once_leave_nothing_undecided(services):
+    street = services.dataset()
+    put(street, "first")
+    configs = [{"min_visible_pixels": 10**6}, {}] * 4
+
+    with ThreadPoolExecutor(5) as pool:
+        frames = [pool.submit(put, street, f"{n}") for n in range(24)]
+        runs = [street.run(config) for config in configs]
+        for frame in frames:
+            frame.result()
+
+    assert [run.state for run in runs] == ["done"] * 8
+    assert street.tallies() == street.recounted()
+    assert list(street.reasons().values()) == [KEPT, UNSEEN] * 25
