@@ -3,12 +3,16 @@
 
 import { REMOTE, createStore } from "./store.js";
 
+/** @typedef {import("./types.js").Decision} Decision */
 /** @typedef {import("./types.js").Frame} Frame */
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {{frame: Frame, store: Store}} Open */
 
 /** A frame fetched ahead is only used while it is fresh: others may be answering. */
 const FRESH_MS = 20_000;
+
+/** In the sender's order, but what cannot be looked at comes last. @param {readonly Decision[]} boxes */
+const visibleFirst = (boxes) => [...boxes.filter((box) => box.xyxy), ...boxes.filter((box) => !box.xyxy)];
 
 /** @param {import("./api.js").Api} api */
 export function createFrames(api) {
@@ -26,7 +30,7 @@ export function createFrames(api) {
 
     /** @param {Frame} frame @returns {Open} */
     open(frame) {
-      open = { frame, store: createStore(frame.boxes) };
+      open = { frame, store: createStore(visibleFirst(frame.boxes)) };
       return open;
     },
 

@@ -99,6 +99,9 @@ function hiddenText(box) {
   return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercent(most.percent)}` : "";
 }
 
+/** A number and its sign stay on one line. @param {string} text */
+export const unbroken = (text) => text.replaceAll(" %", "\u00a0%");
+
 /** What the smallest label says: "car 4.1 %". @param {Decision} box */
 export function shortText(box) {
   return isMeasured(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;

@@ -11,7 +11,14 @@ from typing import Any
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    Page,
+    StorageState,
+    expect,
+    sync_playwright,
+)
 
 from tests.browser import scenes
 from tests.browser.stage import after_drawing
@@ -146,23 +153,37 @@ class Visitor:
 Visit = Callable[..., Visitor]
 
 
+@pytest.fixture(scope="session")
+def signed_in(browser: Browser, server: RunningServer) -> StorageState:
+    """What signing in leaves in a browser; the sign-in itself has its own tests."""
+    context = browser.new_context()
+    context.request.post(
+        f"{server.url}/api/v1/session",
+        data={"token": server.token},
+        headers={"Origin": server.url},
+    )
+    state = context.storage_state()
+    context.close()
+    return state
+
+
 @pytest.fixture
-def visit(browser: Browser, server: RunningServer) -> Iterator[Visit]:
+def visit(
+    browser: Browser, server: RunningServer, signed_in: StorageState
+) -> Iterator[Visit]:
     """Opens a window: `visit(color_scheme="dark")`. No script may fail in it."""
     contexts: list[BrowserContext] = []
     faults: list[str] = []
 
     def arrive(*, sign_in: bool = True, **options: Any) -> Visitor:
         options = {"viewport": WIDE, "reduced_motion": "reduce", **options}
-        context = browser.new_context(**options)
+        state = signed_in if sign_in else None
+        context = browser.new_context(storage_state=state, **options)
         context.set_default_timeout(15_000)
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda message: note(message.type, message.text))
-        if sign_in:
-            page.goto(server.login_link)
-            expect(page.locator("[data-view=datasets]")).to_be_visible()
         return Visitor(page, server.url)
 
     def note(kind: str, text: str) -> None:

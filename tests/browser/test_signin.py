@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import Visit, Visitor
+from tests.browser.conftest import Visit
 
 pytestmark = pytest.mark.browser
 
@@ -67,8 +67,9 @@ def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
 
-def test_sign_out_ends_the_session(ada: Visitor):
-    page = ada.open("#/datasets")
+def test_sign_out_ends_the_session(visit, server):
+    page = visit(sign_in=False).page  # a session of its own: the others share one
+    page.goto(server.login_link)
     page.get_by_role("button", name="Settings").click()
 
     page.get_by_role("button", name="Sign out").click()

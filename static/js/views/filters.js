@@ -1,7 +1,7 @@
 // @ts-check
 // The filters above a list of frames. They only write the address.
 
-import { html, useEffect, useRef } from "../html.js";
+import { html, useEffect, useState } from "../html.js";
 import { FILTER_KEYS, REVIEW_CHOICES } from "../boxfilter.js";
 import { REASONS } from "../wording.js";
 import { Icon } from "./icons.js";
@@ -34,16 +34,20 @@ export function FrameFilters({ classes, query, onChange }) {
   </div>`;
 }
 
-/** @param {{value: string, onChange: (value: string) => void}} props */
+/** What is being typed stays, whatever else is drawn meanwhile; the address follows after a pause. @param {{value: string, onChange: (value: string) => void}} props */
 function KeyPrefix({ value, onChange }) {
-  const timer = useRef(0);
-  useEffect(() => () => clearTimeout(timer.current), []);
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
+  useEffect(() => {
+    if (typed === null) return;
+    const timer = setTimeout(() => {
+      onChange(typed.trim());
+      setTyped(null);
+    }, TYPING_PAUSE_MS);
+    return () => clearTimeout(timer);
+  }, [typed]);
   /** @param {{currentTarget: HTMLInputElement}} event */
-  const onInput = ({ currentTarget }) => {
-    clearTimeout(timer.current);
-    timer.current = setTimeout(() => onChange(currentTarget.value.trim()), TYPING_PAUSE_MS);
-  };
+  const onInput = ({ currentTarget }) => setTyped(currentTarget.value);
   return html`<label class="search"><span class="sr-only">Key starts with</span>
-    <input type="search" value=${value} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} />
+    <input type="search" value=${typed ?? value} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} />
   </label>`;
 }

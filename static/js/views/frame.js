@@ -40,7 +40,12 @@ function FrameReview({ app, frame, query }) {
   const [tab, setTab] = useState("box");
   const { store } = useMemo(() => openWithWaiting(app, frame), [app, frame]);
   const actions = useMemo(() => {
-    const openComment = () => (setTab("box"), setTimeout(() => comment.current?.focus()));
+    const openComment = () => {
+      // At once, or the next keys would still be shortcuts; later again if the panel was hidden.
+      comment.current?.focus();
+      setTab("box");
+      setTimeout(() => comment.current?.focus());
+    };
     return createFrameActions(app, frame, store, { stage: () => stage.current, openComment });
   }, [app, frame, store]);
   useActions(app, actions.byName);

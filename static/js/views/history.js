@@ -3,7 +3,7 @@
 
 import { html } from "../html.js";
 import { seenRevision } from "../reviews.js";
-import { ANSWER_TEXT, agoText, percentText, reasonText } from "../wording.js";
+import { ANSWER_TEXT, agoText, percentText, reasonText, unbroken } from "../wording.js";
 import { useLoaded } from "./hooks.js";
 import { Icon } from "./icons.js";
 
@@ -37,7 +37,7 @@ function DecisionLine({ item }) {
   const { verdict, reason = "", match_percent: match, threshold, run } = item;
   const numbers = match === null || match === undefined ? "" : ` · ${percentText(match)}${threshold === null || threshold === undefined ? "" : ` of ${percentText(threshold)}`}`;
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
-    <div><p>Run ${run}: <b>${verdict}</b>, ${reasonText(reason)}${numbers} <${When} at=${item.at} /></p></div>`;
+    <div><p>Run ${run}: <b>${verdict}</b>, ${reasonText(reason)}${unbroken(numbers)} <${When} at=${item.at} /></p></div>`;
 }
 
 /** @param {{at: string}} props */

@@ -5,7 +5,7 @@ import { html } from "../html.js";
 import { boundKeys } from "../keymap.js";
 import { answerOf } from "../reviews.js";
 import { swatchOf } from "../palette.js";
-import { acceptedText, countText, labelText, percentText } from "../wording.js";
+import { acceptedText, countText, labelText, percentText, unbroken } from "../wording.js";
 import { AnswerSign } from "./boxlist.js";
 import { Comment } from "./comment.js";
 import { History } from "./history.js";
@@ -39,7 +39,7 @@ function BoxDetails({ app, box, isWaiting, actions, commentRef }) {
     </header>
     <${Conflict} app=${app} box=${box} />
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p class="inspector__sentence">${box.explanation || labelText(box)}</p>
+    <p class="inspector__sentence">${unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${(/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text)} fieldRef=${commentRef} />
