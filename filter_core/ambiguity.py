@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from filter_core.classes import accept_mask_of
 from filter_core.color_codes import tags_of_codes
 from filter_core.errors import SegmentationError
@@ -53,7 +51,7 @@ def _accepted(segmentation: Segmentation, family: str, mask: int) -> frozenset[i
     """The codes that occur and that a mask of the family accepts."""
     tags = tags_of_codes(family, segmentation.channel_order)
     return frozenset(
-        int(code)
-        for code in np.flatnonzero(segmentation.codes.counts)
+        code
+        for code in segmentation.codes.occurring
         if tags[code] < UNKNOWN_COLUMN and mask >> int(tags[code]) & 1
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,7 @@ from filter_core.color_codes import (
 )
 from filter_core.errors import SegmentationError
 from filter_core.palettes import FAMILIES, RGB
-from filter_core.pixel_codes import PixelCodes, Segmentation, tags_below
+from filter_core.pixel_codes import PixelCodes, Segmentation
 from filter_core.pixel_values import codes_of, count_codes, values_of
 from filter_core.recognition import (
     Named,
@@ -37,20 +38,15 @@ _LOSSY_FLOOR_PERCENT: Final = 0.1
 """A lossy colour must cover this much to count: blends at edges imitate others."""
 
 
-def count_colors(pixels: NDArray[np.uint8]) -> IntArray:
-    """(256,) int64: how often each known colour's code occurs; 0 is no family's."""
-    return count_codes(pixels, exact_codes())
-
-
 def read_exact_colors(
-    pixels: NDArray[np.uint8], counts: IntArray, named: Named
+    pixels: NDArray[np.uint8], occurring: Sequence[int], named: Named
 ) -> Segmentation:
     """A segmentation whose colours are exactly those of a palette.
 
     Parameters
     ----------
     pixels : (H, W, 3) uint8: red, green, blue
-    counts : what `count_colors` says of it
+    occurring : codes of the colours that occur, as `exact_codes` has them
     named : Named
 
     Raises
@@ -59,23 +55,21 @@ def read_exact_colors(
         ``foreign_colors``: more than 1 % of the pixels have colours of no family; and
         what `recognize` raises.
     """
-    _refuse_no_family(pixels, counts, [NO_FAMILY])
-    found = recognize(_occurring(counts), named)
-    foreign, senseless = _split_missing(found)
-    no_family = [NO_FAMILY, *senseless]
-    _refuse_no_family(pixels, counts, no_family)
-    foreign_pixels = int(counts[foreign].sum())
+    if NO_FAMILY in occurring:
+        _refuse_no_family(pixels, count_codes(pixels, exact_codes()), [NO_FAMILY])
+    found = recognize(set(occurring) - {NO_FAMILY}, named)
     tags = tags_of_codes(found.family, found.order)
-    return Segmentation(
-        codes=PixelCodes(pixels, tags, counts),
+    segmentation = Segmentation(
+        codes=PixelCodes(pixels, tags, tuple(occurring)),
         family=found.family,
         encoding="palette",
         channel_order=found.order,
-        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
-        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
-        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
+        notes=found.notes,
         rivals=found.rivals,
     )
+    if NO_FAMILY in occurring or found.missing:
+        return _with_unknown(segmentation, found)
+    return segmentation
 
 
 def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation:
@@ -93,7 +87,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
     """
     near = count_codes(pixels, recognizable_codes())
     floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
-    occurring = _occurring(np.where(near >= floor, near, 0))
+    occurring = set(np.flatnonzero(near >= floor).tolist()) - {NO_FAMILY}
     if not occurring:
         raise SegmentationError(
             "no colour of the image is near one of a known family; "
@@ -107,7 +101,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
     unknown = int(counts[UNKNOWN_TAG])
     share = 100.0 * unknown / float(counts.sum())
     return Segmentation(
-        codes=PixelCodes(tags, tags_below(UNKNOWN_TAG), counts),
+        codes=PixelCodes.of_tags(tags, UNKNOWN_TAG, counts),
         family=found.family,
         encoding="palette",
         channel_order=found.order,
@@ -122,8 +116,19 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
     )
 
 
-def _occurring(counts: IntArray) -> list[int]:
-    return [int(code) for code in np.flatnonzero(counts) if code != NO_FAMILY]
+def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentation:
+    """The same, with what is Unknown counted: only then does each pixel matter."""
+    counts = count_codes(segmentation.pixels, exact_codes())
+    foreign, senseless = _split_missing(found)
+    no_family = [NO_FAMILY, *senseless]
+    _refuse_no_family(segmentation.pixels, counts, no_family)
+    foreign_pixels = int(counts[foreign].sum())
+    return replace(
+        segmentation,
+        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
+        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
+        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
+    )
 
 
 def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:

@@ -58,7 +58,9 @@ def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
     else:
         covered = _covered_among_many(boxes, masks)
     extent = boxes[:, 2:] - boxes[:, :2]
-    percent[live] = 100.0 * covered / (extent[:, 0] * extent[:, 1])
+    area = extent[:, 0] * extent[:, 1]
+    # The area of a sliver can be too small for a float: nothing covers it.
+    percent[live] = 100.0 * covered / np.where(area > 0, area, 1.0)
     return percent
 
 

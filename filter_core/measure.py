@@ -288,7 +288,7 @@ def _counts(
 ) -> _Counts:
     if options.profile == "paper":
         _refuse_ambiguity(segmentation, boxes)
-    codes = regions.codes.occurring()
+    codes = list(regions.codes.occurring)
     if options.profile == "carlasimu" and _has_exact_colors(segmentation):
         accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
     else:

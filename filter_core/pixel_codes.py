@@ -30,13 +30,20 @@ class PixelCodes:
         The codes themselves; or red, green, blue, whose codes are `exact_codes`.
     tag_of_code : (256,) uint8
         The tag that a code means; 255 is Unknown.
-    counts : (256,) int64, px
-        How often each code occurs in the image.
+    occurring : tuple of int
+        The codes that occur in the image, in ascending order.
     """
 
     pixels: NDArray[np.uint8]
     tag_of_code: NDArray[np.uint8]
-    counts: IntArray
+    occurring: tuple[int, ...]
+
+    @classmethod
+    def of_tags(cls, tags: TagImage, known: int, counts: IntArray) -> PixelCodes:
+        """Tags that are their own codes; those from `known` on are Unknown."""
+        tag_of_code = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
+        tag_of_code[:known] = np.arange(known)
+        return cls(tags, tag_of_code, tuple(np.flatnonzero(counts).tolist()))
 
     @property
     def hw(self) -> tuple[int, int]:
@@ -58,10 +65,6 @@ class PixelCodes:
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
         return self.codes_of(values_of(self.pixels[y0:y1, x0:x1]))
-
-    def occurring(self) -> list[int]:
-        """The codes that occur, in ascending order."""
-        return [int(code) for code in np.flatnonzero(self.counts)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +135,3 @@ class Segmentation:
         codes = self.codes.crop(x0, y0, x1, y1)
         tags: TagImage = self.codes.tag_of_code[codes]
         return tags
-
-
-def tags_below(count: int) -> NDArray[np.uint8]:
-    """(256,) uint8: each tag below `count` means itself, others are Unknown."""
-    tags = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
-    tags[:count] = np.arange(count)
-    return tags

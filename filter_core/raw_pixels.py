@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from filter_core.color_codes import ChannelOrder, exact_codes
 from filter_core.errors import SegmentationError
 from filter_core.palettes import FAMILIES, PAPER_TABLE, palette_of
-from filter_core.pixel_codes import PixelCodes, Segmentation, tags_below
+from filter_core.pixel_codes import PixelCodes, Segmentation
 from filter_core.pixel_values import count_codes
 from filter_core.recognition import Named
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
@@ -90,7 +90,7 @@ def raw_segmentation(
             "counted as Unknown"
         )
     return Segmentation(
-        codes=PixelCodes(tags, tags_below(known), counts),
+        codes=PixelCodes.of_tags(tags, known, counts),
         family=family,
         encoding="raw",
         channel_order=order,

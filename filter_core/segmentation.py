@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from filter_core.color_codes import NO_FAMILY, ChannelOrder, exact_codes
 from filter_core.color_pixels import (
-    count_colors,
     read_exact_colors,
     read_nearest_colors,
 )
@@ -31,7 +30,7 @@ from filter_core.palettes import (
     palette_of,
 )
 from filter_core.pixel_codes import PixelCodes, Segmentation
-from filter_core.pixel_values import count_codes
+from filter_core.pixel_values import count_codes, occurring_codes
 from filter_core.raw_pixels import (
     looks_raw,
     raw_segmentation,
@@ -193,13 +192,13 @@ def _read_channels(
         return read_raw_channel(rgb, named)
     if header.media_type == "image/jpeg":
         return read_nearest_colors(rgb, named)
-    counts = count_colors(rgb)
-    no_family = float(counts[NO_FAMILY])
+    occurring = occurring_codes(rgb, exact_codes())
+    no_family = NO_FAMILY in occurring
     if no_family and options.encoding == "auto" and looks_raw(rgb):
         return read_raw_channel(rgb, named)
     if no_family and options.lossy == "nearest":
         return read_nearest_colors(rgb, named)
-    return read_exact_colors(rgb, counts, named)
+    return read_exact_colors(rgb, occurring, named)
 
 
 def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:

@@ -164,7 +164,7 @@ def test_all_strategies_count_the_same(form, picture, data):
     bounds = np.array([(x0, y0, x1, y1) for (x0, x1), (y0, y1) in drawn], np.int64)
     keep = data.draw(st.none() | npst.arrays(np.bool_, picture.shape))
     regions = Regions(segmentation.codes, bounds.reshape(-1, 4), keep)
-    codes = segmentation.codes.occurring()
+    codes = segmentation.codes.occurring
 
     by_pixels = count_by_pixels(regions, codes)
 
