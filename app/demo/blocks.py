@@ -189,7 +189,7 @@ def _tree(builder: TownBuilder, x: float, y: float) -> None:
     near, far = builder.prototype(kind)
     start = Transform((x, y, SIDEWALK_HEIGHT), (0.0, yaw, 0.0))
     builder.put(
-        Thing(0, SCENERY, "static.vegetation", "", (near,), start, far_shape=far)
+        Thing(0, SCENERY, "static.vegetation", "", (near,), start, far_shapes=(far,))
     )
 
 

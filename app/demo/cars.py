@@ -16,13 +16,13 @@ from app.demo.paint import (
     GLASS,
     PLATE,
     RED_LAMP,
-    RUBBER,
-    STEEL,
     WHITE_LAMP,
     Paint,
     Tag,
 )
-from app.demo.solids import ball, block, loft, sheet, tube
+from app.demo.skins import mirrored_columns, section
+from app.demo.solids import ball, block, loft, tube
+from app.demo.wheels import Wheels
 from filter_core.types import FloatArray
 
 
@@ -90,69 +90,29 @@ def car(shape: CarShape, rgb: tuple[float, float, float]) -> Mesh:
     return _undyed(shape).dyed({1: rgb})
 
 
+def far_car(shape: CarShape, rgb: tuple[float, float, float]) -> Mesh:
+    """The same car without what is too small to be seen from afar."""
+    return _undyed(shape, fine=False).dyed({1: rgb})
+
+
 @lru_cache(maxsize=32)
-def _undyed(shape: CarShape) -> Mesh:
+def _undyed(shape: CarShape, *, fine: bool = True) -> Mesh:
     body = Paint.dye(1, gloss=0.055)
-    return join(
-        [
-            _lower_body(shape, body),
-            _cabin(shape, body),
+    axle = shape.length * 0.29
+    running = Wheels(axle, -axle, shape.width / 2, shape.wheel, Tag.CAR)
+    parts = [
+        _lower_body(shape, body),
+        _cabin(shape, body),
+        _lamps(shape).both_sides(),
+        running.mesh(fine=fine),
+    ]
+    if fine:
+        parts += [
             _pillars(shape, body).both_sides(),
             _trim(shape, body).both_sides(),
             _ends(shape),
-            wheels(shape.length * 0.29, shape.width / 2, shape.wheel, Tag.CAR),
         ]
-    )
-
-
-def wheels(
-    axle: float, half_width: float, radius: float, tag: int, rear: float | None = None
-) -> Mesh:
-    """Four wheels in dark arches, at x = axle and x = -rear (or -axle)."""
-    back = -axle if rear is None else -rear
-    sides = [_wheel(x, half_width, radius, tag) for x in (axle, back)]
-    return join(sides).both_sides()
-
-
-def _wheel(x: float, half_width: float, radius: float, tag: int) -> Mesh:
-    y, z = half_width, radius
-    arch = tube(
-        (x, y - 0.25, z), (x, y + 0.004, z), radius * 1.15, (BLACK, tag), sides=20
-    )
-    tyre = tube((x, y - 0.22, z), (x, y + 0.012, z), radius, (RUBBER, tag), sides=20)
-    rim = tube((x, y, z), (x, y + 0.016, z), radius * 0.68, (STEEL, tag), sides=14)
-    hub = tube((x, y, z), (x, y + 0.024, z), radius * 0.16, (CHROME, tag), sides=8)
-    gaps = [_spoke_gap((x, y + 0.020, z), radius, turn, tag) for turn in range(5)]
-    return join([arch, tyre, rim, hub, *gaps])
-
-
-def _spoke_gap(
-    centre: tuple[float, float, float], radius: float, turn: int, tag: int
-) -> Mesh:
-    middle = 2 * np.pi * turn / 5 + 0.3
-    angles = middle + np.array([-0.38, -0.24, 0.24, 0.38])
-    reach = radius * np.array([0.60, 0.22, 0.22, 0.60])
-    corners = np.stack(
-        [np.cos(angles) * reach, np.zeros(4), np.sin(angles) * reach], axis=1
-    )
-    return sheet(corners + np.array(centre), (0, 1, 0), BLACK, tag)
-
-
-def ring(half: FloatArray) -> FloatArray:
-    """A closed ring (K, 2) of y, z from its right half, which ends on the middle."""
-    left = half[-2:0:-1] * np.array([-1.0, 1.0])
-    return np.concatenate([half, left])
-
-
-def mirrored_columns(paints: list[Paint]) -> list[Paint]:
-    """Paints of a ring's strips, from those of its right half."""
-    return [*paints, *reversed(paints)]
-
-
-def section(x: float, half: FloatArray) -> FloatArray:
-    """The ring of `half` at one place along a vehicle."""
-    closed = ring(half)
-    return np.column_stack([np.full(len(closed), x), closed])
+    return join(parts)
 
 
 def _lower_body(shape: CarShape, body: Paint) -> Mesh:
@@ -249,9 +209,24 @@ def _pillars(shape: CarShape, body: Paint) -> Mesh:
     return join(tube(a, b, radius, (paint, Tag.CAR), 6) for a, b, radius, paint in bars)
 
 
+def _lamps(shape: CarShape) -> Mesh:
+    wide, half = shape.width / 2, shape.length / 2
+    head = ball(
+        (half - 0.17, wide * 0.72, shape.nose * 0.86),
+        (0.15, 0.21, 0.075),
+        (WHITE_LAMP, Tag.CAR),
+    )
+    tail = ball(
+        (-half + 0.09, wide * 0.78, shape.tail * 0.82),
+        (0.12, 0.17, 0.085),
+        (RED_LAMP, Tag.CAR),
+    )
+    return join([head, tail])
+
+
 def _trim(shape: CarShape, body: Paint) -> Mesh:
     base, _, _, rear = _cabin_stations(shape)
-    wide, belt, half = shape.width / 2, shape.belt, shape.length / 2
+    wide, belt = shape.width / 2, shape.belt
     middle, y = (base + rear) / 2 - 0.12, wide * 0.992
     mirror = ball(
         (base - 0.22, wide + 0.07, belt + 0.06), (0.08, 0.10, 0.075), (body, Tag.CAR), 8
@@ -269,23 +244,13 @@ def _trim(shape: CarShape, body: Paint) -> Mesh:
         )
         for x in (middle + 0.08, middle - 0.72)
     ]
-    head = ball(
-        (half - 0.17, wide * 0.72, shape.nose * 0.86),
-        (0.15, 0.21, 0.075),
-        (WHITE_LAMP, Tag.CAR),
-    )
-    tail = ball(
-        (-half + 0.09, wide * 0.78, shape.tail * 0.82),
-        (0.12, 0.17, 0.085),
-        (RED_LAMP, Tag.CAR),
-    )
     sill = block(
         (-0.24 * shape.length, y - 0.08, 0.20),
         (0.24 * shape.length, y + 0.002, 0.27),
         DARK_STEEL,
         Tag.CAR,
     )
-    return join([mirror, *seams, *handles, head, tail, sill])
+    return join([mirror, *seams, *handles, sill])
 
 
 def _ends(shape: CarShape) -> Mesh:

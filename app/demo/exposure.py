@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.demo.ground import RoadPlan, ground_footprint
 from app.demo.normals import sample_normals
-from app.demo.paint import SURFACE_COLUMNS, Tag
+from app.demo.paint import SURFACE_COLUMNS
 from app.demo.rasteriser import Canvas, draw
 from app.demo.shading import Pixels
 from app.demo.snapshot import Snapshot
@@ -146,19 +146,14 @@ def surfaces(
 def planes_of(
     snapshot: Snapshot, samples: Samples, tags: TagImage, normals: Float32
 ) -> Planes:
-    """Arrange the pixels' centres as images; `tags` and `normals` leave out the sky."""
-    solid = np.flatnonzero(samples.winner != SKY)
-    all_tags = np.full(len(samples.winner), Tag.SKY, dtype=np.uint8)
-    all_tags[solid] = tags
-    all_normals = np.zeros((len(samples.winner), 3), dtype=np.float32)
-    all_normals[solid] = normals
+    """Arrange the pixels' centres as images."""
     owner = np.full(len(samples.winner), -1, dtype=np.int32)
     on_thing = samples.winner >= 0
     owner[on_thing] = snapshot.owner[samples.winner[on_thing]]
     shape = (snapshot.camera.height, snapshot.camera.width)
     return Planes(
         samples.depth.reshape(shape),
-        all_tags.reshape(shape),
+        tags.reshape(shape),
         owner.reshape(shape),
-        all_normals.reshape(*shape, 3),
+        normals.reshape(*shape, 3),
     )

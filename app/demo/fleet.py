@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from app.demo.cars import SHAPES, car
+from app.demo.cars import SHAPES, car, far_car
 from app.demo.heavy_vehicles import bus, truck, van
 from app.demo.mesh import Mesh
 from app.demo.people import WALK_PHASES, Dress, walker
@@ -64,8 +64,9 @@ def new_car(
 ) -> Thing:
     """Any car in any colour."""
     type_id = list(SHAPES)[rng.integers(len(SHAPES))]
-    mesh = car(SHAPES[type_id], CAR_COLORS[rng.integers(len(CAR_COLORS))])
-    return Thing(0, "car", type_id, "car", (mesh,), start, route)
+    shape, color = SHAPES[type_id], CAR_COLORS[rng.integers(len(CAR_COLORS))]
+    near, far = car(shape, color), far_car(shape, color)
+    return Thing(0, "car", type_id, "car", (near,), start, route, far_shapes=(far,))
 
 
 def new_heavy(
@@ -113,16 +114,20 @@ def new_walker(
     dress = Dress.random(rng)
     scale = float(rng.uniform(0.93, 1.06)) if rng.random() > 0.1 else 0.72
     phases = range(WALK_PHASES) if route.length else (1,)
-    shapes = tuple(walker(dress, phase, scale) for phase in phases)
+    near, far = (
+        tuple(walker(dress, phase, scale, fine=fine) for phase in phases)
+        for fine in (True, False)
+    )
     number = int(rng.integers(1, 49))
     return Thing(
         0,
         "walker",
         f"walker.pedestrian.{number:04d}",
         "",
-        shapes,
+        near,
         start,
         route,
+        far_shapes=far,
         shape_s=0.27,
         shape_offset=int(rng.integers(WALK_PHASES)),
     )

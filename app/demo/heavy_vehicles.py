@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from app.demo.cars import mirrored_columns, section, wheels
 from app.demo.mesh import Mesh, join
 from app.demo.paint import (
     AMBER_LAMP,
@@ -22,7 +21,9 @@ from app.demo.paint import (
     Paint,
     Tag,
 )
+from app.demo.skins import mirrored_columns, section
 from app.demo.solids import ball, block, loft, tube
+from app.demo.wheels import Wheels
 from filter_core.types import FloatArray
 
 RGB = tuple[float, float, float]
@@ -55,7 +56,7 @@ def van(rgb: RGB, *, stripe: RGB | None = None) -> Mesh:
     shell = Shell(2.95, -2.95, 1.0, 0.32, 2.55, 1.35, 0.95)
     parts = [
         _bonneted(shell, body, tag),
-        wheels(1.85, 0.99, 0.36, tag),
+        Wheels(1.85, -1.85, 0.99, 0.36, tag).mesh(),
         _lamps(shell, tag),
     ]
     band = Paint(stripe or (40, 42, 46), gloss=0.05)
@@ -98,7 +99,7 @@ def bus(rgb: RGB) -> Mesh:
         (-4.9, 1.245, 0.34), (4.9, 1.26, 0.58), Paint((60, 62, 66)), tag
     ).both_sides()
     units = block((-2.6, -0.8, 3.04), (-0.6, 0.8, 3.24), Paint((210, 210, 206)), tag)
-    wheel = wheels(3.0, 1.25, 0.47, tag, rear=2.7)
+    wheel = Wheels(3.0, -2.7, 1.25, 0.47, tag).mesh()
     parts = [
         skin,
         *posts,
@@ -131,7 +132,7 @@ def truck(rgb: RGB, cargo: RGB) -> Mesh:
         tube(
             (0.9, 0.75, 0.78), (0.0, 0.75, 0.78), 0.28, (CHROME, tag), 10
         ).both_sides(),
-        wheels(2.85, 1.2, 0.5, tag, rear=2.2),
+        Wheels(2.85, -2.2, 1.2, 0.5, tag).mesh(),
     ]
     return join([*parts, _lamps(cab, tag), *_mirrors(cab, tag)])
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from app.demo.mesh import cross
 from app.demo.snapshot import Snapshot, homogeneous_corners
-from app.demo.textures import Float32
+from app.demo.textures import Float32, f32
 from filter_core.types import BoolArray, IntArray
 
 
@@ -16,7 +16,7 @@ def sample_normals(
 ) -> Float32:
     """(N, 3) float32: normals of the triangles at places (N, 2) on the screen."""
     normals = snapshot.mesh.normals
-    flat: Float32 = normals[:, 0].astype(np.float32)[triangle]
+    flat = f32(normals[triangle, 0])
     bent = _bent(snapshot, triangle)
     chosen = np.flatnonzero(bent[triangle])
     flat[chosen] = _smooth(snapshot, triangle[chosen], uv[chosen], flat[chosen])

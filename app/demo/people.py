@@ -7,10 +7,12 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from app.demo.mesh import Mesh, join
 from app.demo.paint import BLACK, Paint, Tag
 from app.demo.solids import ball, loft, tube
+from filter_core.types import FloatArray
 
 Point = tuple[float, float, float]
 RGB = tuple[float, float, float]
@@ -80,15 +82,15 @@ class Pose:
     hands: tuple[Point, Point]
 
 
-def walker(dress: Dress, phase: int, scale: float = 1.0) -> Mesh:
+def walker(dress: Dress, phase: int, scale: float = 1.0, *, fine: bool = True) -> Mesh:
     """Someone walking along x; `phase` is one of `WALK_PHASES` moments of a step."""
-    figure = dress.on(_undyed_walker(phase % WALK_PHASES, coat=dress.coat))
+    figure = dress.on(_undyed_walker(phase % WALK_PHASES, coat=dress.coat, fine=fine))
     return Mesh(figure.corners * scale, figure.normals, figure.surface, figure.tag)
 
 
-@lru_cache(maxsize=2 * WALK_PHASES)
-def _undyed_walker(phase: int, *, coat: bool) -> Mesh:
-    figure = person(walking_pose(phase), Tag.PEDESTRIAN)
+@lru_cache(maxsize=4 * WALK_PHASES)
+def _undyed_walker(phase: int, *, coat: bool, fine: bool) -> Mesh:
+    figure = Figure(walking_pose(phase), Tag.PEDESTRIAN, 8 if fine else 4).mesh()
     return join([figure, _coat(Tag.PEDESTRIAN)]) if coat else figure
 
 
@@ -134,73 +136,79 @@ def walking_pose(phase: int) -> Pose:
     )  # fmt: skip
 
 
-def person(pose: Pose, tag: int) -> Mesh:
-    """A figure of limbs, trunk and head in a given pose, to be dressed."""
-    parts = [_trunk(pose, tag), _head(pose, tag)]
-    for side in (0, 1):
-        parts += [_leg(pose, side, tag), _arm(pose, side, tag)]
-    return join(parts)
+@dataclass(frozen=True)
+class Figure:
+    """A person of limbs, trunk and head in a pose, to be dressed.
 
+    Attributes
+    ----------
+    pose : Pose
+    tag : of all of it
+    sides : of its round parts; fewer from afar
+    """
 
-def _trunk(pose: Pose, tag: int) -> Mesh:
-    hips, shoulders = np.array(pose.hips), np.array(pose.shoulders)
-    waist = hips + 0.35 * (shoulders - hips)
-    chest = hips + 0.72 * (shoulders - hips)
-    return join(
-        [
-            ball(hips, (0.12, 0.155, 0.13), (Paint.dye(_TROUSERS), tag)),
-            ball(waist, (0.12, 0.155, 0.20), (Paint.dye(_SHIRT), tag)),
-            ball(chest, (0.135, 0.185, 0.21), (Paint.dye(_SHIRT), tag)),
-            ball(
-                shoulders - np.array([0, 0, 0.03]),
-                (0.095, 0.20, 0.075),
-                (Paint.dye(_SHIRT), tag),
-            ),
-        ]
-    )
+    pose: Pose
+    tag: int
+    sides: int = 8
 
+    def mesh(self) -> Mesh:
+        """All of it."""
+        limbs = [limb(side) for side in (0, 1) for limb in (self._leg, self._arm)]
+        return join([self._trunk(), self._head(), *limbs])
 
-def _head(pose: Pose, tag: int) -> Mesh:
-    head = np.array(pose.head)
-    neck = tube(np.array(pose.shoulders), head, 0.055, (Paint.dye(_SKIN), tag), 8)
-    face = ball(head, (0.095, 0.08, 0.12), (Paint.dye(_SKIN), tag), 12)
-    hair = ball(
-        head + np.array([-0.022, 0, 0.03]),
-        (0.092, 0.088, 0.105),
-        (Paint.dye(_HAIR), tag),
-        12,
-    )
-    return join([neck, face, hair])
+    def _ball(
+        self, centre: FloatArray, radii: ArrayLike, dye: int, extra: int = 0
+    ) -> Mesh:
+        paint = Paint.dye(dye) if dye else BLACK
+        return ball(centre, radii, (paint, self.tag), self.sides + extra)
 
+    def _limb(
+        self, joints: tuple[FloatArray, ...], radii: tuple[float, ...], dye: int
+    ) -> Mesh:
+        look = (Paint.dye(dye), self.tag)
+        (first, middle, last), (thick, bend, thin) = joints, radii
+        return join(
+            [
+                tube(first, middle, (thick, bend), look, self.sides),
+                tube(middle, last, (bend, thin), look, self.sides),
+                ball(middle, bend, look, self.sides),
+            ]
+        )
 
-def _leg(pose: Pose, side: int, tag: int) -> Mesh:
-    sign = 1 - 2 * side
-    hip = np.array(pose.hips) + np.array([0, 0.09 * sign, -0.03])
-    knee, foot = np.array(pose.knees[side]), np.array(pose.feet[side])
-    return join(
-        [
-            tube(hip, knee, (0.100, 0.072), (Paint.dye(_TROUSERS), tag), 8),
-            tube(knee, foot, (0.072, 0.052), (Paint.dye(_TROUSERS), tag), 8),
-            ball(knee, 0.072, (Paint.dye(_TROUSERS), tag), 8),
-            ball(
-                foot + np.array([0.06, 0, -0.035]),
-                (0.135, 0.05, 0.052),
-                (BLACK, tag),
-                8,
-            ),
-        ]
-    )
+    def _trunk(self) -> Mesh:
+        hips, shoulders = np.array(self.pose.hips), np.array(self.pose.shoulders)
+        spine = shoulders - hips
+        yoke = shoulders - np.array([0, 0, 0.03])
+        return join(
+            [
+                self._ball(hips, (0.12, 0.155, 0.13), _TROUSERS, 2),
+                self._ball(hips + 0.35 * spine, (0.12, 0.155, 0.20), _SHIRT, 2),
+                self._ball(hips + 0.72 * spine, (0.135, 0.185, 0.21), _SHIRT, 2),
+                self._ball(yoke, (0.095, 0.20, 0.075), _SHIRT, 2),
+            ]
+        )
 
+    def _head(self) -> Mesh:
+        head, shoulders = np.array(self.pose.head), np.array(self.pose.shoulders)
+        crown = head + np.array([-0.022, 0, 0.03])
+        return join(
+            [
+                tube(shoulders, head, 0.055, (Paint.dye(_SKIN), self.tag), self.sides),
+                self._ball(head, (0.095, 0.08, 0.12), _SKIN, 4),
+                self._ball(crown, (0.092, 0.088, 0.105), _HAIR, 4),
+            ]
+        )
 
-def _arm(pose: Pose, side: int, tag: int) -> Mesh:
-    sign = 1 - 2 * side
-    shoulder = np.array(pose.shoulders) + np.array([0, 0.185 * sign, -0.035])
-    elbow, hand = np.array(pose.elbows[side]), np.array(pose.hands[side])
-    return join(
-        [
-            tube(shoulder, elbow, (0.060, 0.048), (Paint.dye(_SHIRT), tag), 8),
-            tube(elbow, hand, (0.048, 0.036), (Paint.dye(_SHIRT), tag), 8),
-            ball(elbow, 0.049, (Paint.dye(_SHIRT), tag), 8),
-            ball(hand, (0.045, 0.04, 0.055), (Paint.dye(_SKIN), tag), 8),
-        ]
-    )
+    def _leg(self, side: int) -> Mesh:
+        hip = np.array(self.pose.hips) + np.array([0, 0.09 * (1 - 2 * side), -0.03])
+        knee, foot = np.array(self.pose.knees[side]), np.array(self.pose.feet[side])
+        toes = foot + np.array([0.06, 0, -0.035])
+        leg = self._limb((hip, knee, foot), (0.100, 0.072, 0.052), _TROUSERS)
+        return join([leg, self._ball(toes, (0.135, 0.05, 0.052), 0)])
+
+    def _arm(self, side: int) -> Mesh:
+        sign = 1 - 2 * side
+        shoulder = np.array(self.pose.shoulders) + np.array([0, 0.185 * sign, -0.035])
+        elbow, hand = np.array(self.pose.elbows[side]), np.array(self.pose.hands[side])
+        arm = self._limb((shoulder, elbow, hand), (0.060, 0.048, 0.036), _SHIRT)
+        return join([arm, self._ball(hand, (0.045, 0.04, 0.055), _SKIN)])

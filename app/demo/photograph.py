@@ -2,22 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.demo.exposure import SKY, Planes, Samples, pixel_corners, surfaces
+from app.demo.exposure import (
+    SKY,
+    Planes,
+    Samples,
+    pixel_corners,
+    planes_of,
+    surfaces,
+)
 from app.demo.ground import RoadPlan
-from app.demo.shading import Lighting, Pixels, ambient_occlusion, develop, shade
+from app.demo.paint import Tag
+from app.demo.shading import Lighting, ambient_occlusion, develop, shade
 from app.demo.sky import sky_with_clouds
 from app.demo.snapshot import Snapshot
 from app.demo.textures import TILE, Float32, grain_tile
-from filter_core.types import IntArray
+from filter_core.types import IntArray, TagImage
 
 _NOISE: Final = 1.1
 """Standard deviation of the sensor's noise, in levels of 255."""
+_SAMPLES_AT_ONCE: Final = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What a snapshot shows at N samples, and its light.
+
+    Attributes
+    ----------
+    light : (N, 3) linear
+    tags : (N,) uint8
+    normals : (N, 3), zero for the sky
+    """
+
+    light: Float32
+    tags: TagImage
+    normals: Float32
 
 
 class Photographer:
@@ -27,32 +53,40 @@ class Photographer:
         self._snapshot, self._plan, self._light = snapshot, plan, light
 
     def photograph(
-        self, samples: Samples, pixels: Pixels, planes: Planes, noise_seed: int
-    ) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB, from the pixels' centres and what they show."""
-        height, width = planes.depth.shape
-        focal = float(self._snapshot.camera.intrinsic[0, 0])
-        open_sky = ambient_occlusion(planes.depth, focal).reshape(-1)
-        image = self._colors(samples, open_sky, pixels)
+        self, samples: Samples, noise_seed: int
+    ) -> tuple[NDArray[np.uint8], Planes]:
+        """(H, W, 3) RGB and the planes, from the pixels' centres."""
+        camera = self._snapshot.camera
+        height, width = camera.height, camera.width
+        depth = samples.depth.reshape(height, width)
+        open_sky = ambient_occlusion(depth, float(camera.intrinsic[0, 0])).reshape(-1)
+        shot = self._shoot(samples, open_sky)
+        self._smooth_edges(shot.light, samples, open_sky)
         exposure = self._light.hour.exposure
-        self._smooth_edges(image, samples, open_sky)
-        linear = image.reshape(height, width, 3)
-        return _with_noise(develop(_bloomed(linear, exposure), exposure), noise_seed)
+        linear = _bloomed(shot.light.reshape(height, width, 3), exposure)
+        image = _with_noise(develop(linear, exposure), noise_seed)
+        return image, planes_of(self._snapshot, samples, shot.tags, shot.normals)
 
-    def _colors(
-        self, samples: Samples, open_sky: Float32, pixels: Pixels | None = None
-    ) -> Float32:
-        """(N, 3) linear light of samples; `open_sky` (N,) is their share of it."""
-        light = np.empty((len(samples.winner), 3), dtype=np.float32)
+    def _shoot(self, samples: Samples, open_sky: Float32) -> Shot:
+        """All samples; `open_sky` (N,) is their share of the sky's light."""
+        count = len(samples.winner)
+        shot = Shot(
+            np.empty((count, 3), dtype=np.float32),
+            np.full(count, Tag.SKY, dtype=np.uint8),
+            np.zeros((count, 3), dtype=np.float32),
+        )
         sky = np.flatnonzero(samples.winner == SKY)
         towards = samples.rays[sky]
         towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        light[sky] = sky_with_clouds(self._light.hour, towards)
+        shot.light[sky] = sky_with_clouds(self._light.hour, towards)
         solid = np.flatnonzero(samples.winner != SKY)
-        if pixels is None:
-            pixels, _ = surfaces(self._snapshot, samples.part(solid), self._plan)
-        light[solid] = shade(pixels, open_sky[solid], self._light)
-        return light
+        # In pieces that fit into the processor's cache.
+        for begin in range(0, len(solid), _SAMPLES_AT_ONCE):
+            piece = solid[begin : begin + _SAMPLES_AT_ONCE]
+            pixels, tags = surfaces(self._snapshot, samples.part(piece), self._plan)
+            shot.tags[piece], shot.normals[piece] = tags, pixels.normal
+            shot.light[piece] = shade(pixels, open_sky[piece], self._light)
+        return shot
 
     def _smooth_edges(
         self, image: Float32, samples: Samples, open_sky: Float32
@@ -63,9 +97,8 @@ class Photographer:
         edge = _edges(samples.winner, corners.winner, (camera.height, camera.width))
         row, column = np.divmod(edge, camera.width)
         first = row * (camera.width + 1) + column
-        four = np.stack(
-            [first, first + 1, first + camera.width + 1, first + camera.width + 2]
-        )
+        below = first + camera.width + 1
+        four = np.stack([first, first + 1, below, below + 1])
         used = np.zeros(len(corners.winner), dtype=bool)
         used[four] = True
         chosen = np.flatnonzero(used)
@@ -73,10 +106,11 @@ class Photographer:
         place[chosen] = np.arange(len(chosen))
         nearest_pixel = np.zeros(len(used), dtype=np.int64)
         nearest_pixel[four] = edge
-        colors = self._colors(corners.part(chosen), open_sky[nearest_pixel[chosen]])
-        image[edge] *= 0.5
+        shot = self._shoot(corners.part(chosen), open_sky[nearest_pixel[chosen]])
+        mixed = image[edge] * np.float32(0.5)
         for corner in four:
-            image[edge] += colors[place[corner]] * np.float32(0.125)
+            mixed += shot.light[place[corner]] * np.float32(0.125)
+        image[edge] = mixed
 
 
 def _edges(

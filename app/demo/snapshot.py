@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from app.demo.mesh import Mesh, join, turned
 from app.demo.paint import Kind
 from app.demo.rasteriser import Canvas, draw
-from app.demo.things import Thing
 from app.demo.town import Town
 from app.demo.view import NEAR, to_homogeneous, to_screen
 from filter_core.camera import Camera
@@ -68,12 +67,11 @@ class Stage:
         distance = np.linalg.norm(centres - camera.position, axis=1)
 
         def collected(chosen: IntArray) -> Snapshot:
-            parts = [
-                _shape(self.town.things[one], time_s, float(distance[one])).placed(
-                    matrices[one]
-                )
-                for one in chosen
-            ]
+            parts = []
+            for one in chosen:
+                far = bool(distance[one] > _FAR_M)
+                shape = self.town.things[one].shape(time_s, far=far)
+                parts.append(shape.placed(matrices[one]))
             owner = np.repeat(chosen, [len(part) for part in parts])
             return _projected(join(parts), owner.astype(np.int32), camera)
 
@@ -83,12 +81,6 @@ class Stage:
         others = np.flatnonzero(in_view & ~self._hides)
         hidden = _hidden(canvas, centres[others], self._reach[others], camera)
         return _together(houses, collected(others[~hidden]))
-
-
-def corners_of(things: list[Thing], time_s: float = 0.0) -> FloatArray:
-    """(T, 3, 3): all triangles of some things, in the world."""
-    parts = [thing.shape(time_s).placed(thing.pose(time_s).matrix) for thing in things]
-    return join(parts).corners
 
 
 def _projected(mesh: Mesh, owner: NDArray[np.int32], camera: Camera) -> Snapshot:
@@ -105,12 +97,6 @@ def _together(one: Snapshot, two: Snapshot) -> Snapshot:
         np.concatenate([one.screen, two.screen]),
         np.concatenate([one.source, two.source + len(one.mesh)]),
     )
-
-
-def _shape(thing: Thing, time_s: float, distance: float) -> Mesh:
-    if thing.far_shape is not None and distance > _FAR_M:
-        return thing.far_shape
-    return thing.shape(time_s)
 
 
 def _in_view(centres: FloatArray, reach: FloatArray, camera: Camera) -> BoolArray:

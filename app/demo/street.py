@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.demo.annotation import FIRST_ACTOR, FOV, HEIGHT, WIDTH, annotate, placed_boxes
-from app.demo.exposure import SKY, Planes, pixel_centres, planes_of, surfaces
+from app.demo.exposure import Planes, pixel_centres
 from app.demo.lidar import npy, scan
 from app.demo.photograph import Photographer
 from app.demo.planes import encode_depth, encode_instances, paint_tags, png, raw_tags
 from app.demo.shading import Lighting
-from app.demo.snapshot import Stage, corners_of
+from app.demo.snapshot import Stage
 from app.demo.styles import STYLES, build_town
 from app.demo.sunlight import ShadowMap
+from app.demo.things import Thing
 from app.demo.town import SIDE_END, STEP_S, TOWN_END, TOWN_START, Town
 from app.demo.truth import truth_of
 from filter_core.camera import Camera
@@ -108,12 +109,30 @@ class _Set:
 
     @cached_property
     def _still_shadows(self) -> ShadowMap:
+        """The shadows of what never moves and may reach the main street."""
         reach = SIDE_END / 2
         area = _box_corners((TOWN_START, -reach, 0.0), (TOWN_END, reach, 10.0))
-        still = [thing for thing in self._town.things if not thing.route.length]
-        return ShadowMap.of(
-            corners_of(still), self._town.style.hour.sun, area, _SHADOW_TEXELS
+        near = self._town.style.plan.frontage + 6.0
+        still = [
+            thing
+            for thing in self._town.things
+            if not thing.route.length
+            and (thing.hides or abs(thing.start.location[1]) < near)
+        ]
+        return self._shadows(still, area, _SHADOW_TEXELS)
+
+    def _shadows(
+        self,
+        things: list[Thing],
+        area: FloatArray,
+        texels: tuple[int, int],
+        time_s: float = 0.0,
+    ) -> ShadowMap:
+        corners = (
+            thing.shape(time_s).placed(thing.pose(time_s).matrix).corners
+            for thing in things
         )
+        return ShadowMap.of(corners, self._town.style.hour.sun, area, texels)
 
     def render(self, step: int, *, raw: bool) -> StreetFrame:
         with self._lock:
@@ -123,14 +142,10 @@ class _Set:
         pose = self._town.camera(step)
         camera = Camera.from_fov(WIDTH, HEIGHT, FOV, pose)
         snapshot = stage.snapshot(camera, time_s)
-        samples = pixel_centres(snapshot)
-        solid = samples.part(np.flatnonzero(samples.winner != SKY))
-        pixels, tags = surfaces(snapshot, solid, style.plan)
-        planes = planes_of(snapshot, samples, tags, pixels.normal)
         light = Lighting(style.hour, (still, self._moving_shadows(camera, time_s)))
         seed = (self._seed * 31 + self._number) * 100_003 + step
         photographer = Photographer(snapshot, style.plan, light)
-        image = photographer.photograph(samples, pixels, planes, seed)
+        image, planes = photographer.photograph(pixel_centres(snapshot), seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
         flat = step % _FLAT_EVERY == _FLAT_EVERY - 1
@@ -164,15 +179,14 @@ class _Set:
             (x + ahead - _MOVING_REACH, y - _MOVING_REACH * 0.6, 0.0),
             (x + ahead + _MOVING_REACH, y + _MOVING_REACH * 0.6, 3.0),
         )
-        moving = [thing for thing in self._town.things if thing.route.length]
+        middle = x + ahead
         near = [
             thing
-            for thing in moving
-            if abs(thing.pose(time_s).location[0] - x - ahead) < _MOVING_REACH + 10
+            for thing in self._town.things
+            if thing.route.length
+            and abs(thing.pose(time_s).location[0] - middle) < _MOVING_REACH + 10
         ]
-        return ShadowMap.of(
-            corners_of(near, time_s), self._town.style.hour.sun, area, _MOVING_TEXELS
-        )
+        return self._shadows(near, area, _MOVING_TEXELS, time_s)
 
 
 def _box_corners(low: tuple[float, ...], high: tuple[float, ...]) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,6 +15,7 @@ from app.demo.textures import Float32
 from filter_core.types import FloatArray
 
 _LOWEST: Final = -1e6
+_MESHES_AT_ONCE: Final = 32
 _BIAS: Final = 0.06
 """Metres that a surface may lie under the map without being in its own shadow."""
 _TAPS: Final = ((-0.7, -0.3), (0.3, -0.7), (0.7, 0.3), (-0.3, 0.7))
@@ -33,23 +36,26 @@ class ShadowMap:
     @classmethod
     def of(
         cls,
-        corners: FloatArray,
+        meshes: Iterable[FloatArray],
         sun: tuple[float, float, float],
         area: FloatArray,
         texels: tuple[int, int],
     ) -> ShadowMap:
-        """Map triangles (T, 3, 3) as the sun sees them.
+        """Map triangles as the sun sees them.
 
+        `meshes` are arrays (T, 3, 3) of corners, taken a few at a time to save memory;
         `area` are points that the map has to cover; `texels` its width and height.
         """
         axes = sun_axes(sun)
         flat = area @ axes[:2].T
         origin, end = flat.min(axis=0), flat.max(axis=0)
         texel = (end - origin) / np.array(texels)
-        screen = turned(corners, axes)
-        screen[..., :2] = (screen[..., :2] - origin) / texel
         canvas = Canvas.blank(*texels, nearness=_LOWEST)
-        draw(canvas, screen, np.arange(len(corners)))
+        remaining = iter(meshes)
+        while batch := list(itertools.islice(remaining, _MESHES_AT_ONCE)):
+            screen = turned(np.concatenate(batch), axes)
+            screen[..., :2] = (screen[..., :2] - origin) / texel
+            draw(canvas, screen, np.arange(len(screen)))
         return cls(axes, origin, texel, canvas.nearness)
 
     def shine(self, points: Float32) -> Float32:

@@ -59,7 +59,7 @@ class Thing:
     shapes : what it looks like, one after the other
     start : where it is, or where its route begins
     shape_s : seconds that one shape lasts
-    far_shape : a coarser shape for afar
+    far_shapes : coarser ones for afar, as many as shapes, or none
     """
 
     instance: int
@@ -71,7 +71,7 @@ class Thing:
     route: Route = Route()
     shape_s: float = 0.0
     shape_offset: int = 0
-    far_shape: Mesh | None = None
+    far_shapes: tuple[Mesh, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -116,9 +116,10 @@ class Thing:
         place = (x + gone * float(np.cos(yaw)), y + gone * float(np.sin(yaw)), z)
         return replace(self.start, location=place)
 
-    def shape(self, time_s: float) -> Mesh:
+    def shape(self, time_s: float, *, far: bool = False) -> Mesh:
         """What it looks like at a time."""
-        if len(self.shapes) == 1:
-            return self.shapes[0]
+        shapes = self.far_shapes if far and self.far_shapes else self.shapes
+        if len(shapes) == 1:
+            return shapes[0]
         step = int(time_s / self.shape_s) + self.shape_offset
-        return self.shapes[step % len(self.shapes)]
+        return shapes[step % len(shapes)]

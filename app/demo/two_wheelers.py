@@ -19,7 +19,7 @@ from app.demo.paint import (
     Paint,
     Tag,
 )
-from app.demo.people import Dress, Pose, person
+from app.demo.people import Dress, Figure, Pose
 from app.demo.solids import ball, block, tube, wheel_ring
 
 RGB = tuple[float, float, float]
@@ -59,7 +59,9 @@ def bicycle(rgb: RGB, dress: Dress) -> Mesh:
         ball((-0.23, 0, 0.93), (0.13, 0.07, 0.035), (BLACK, tag), 8),
         tube((0.02, 0.11, 0.38), (-0.06, -0.11, 0.18), 0.014, (DARK_STEEL, tag), 6),
     ]
-    return join([*parts, dress.on(person(_CYCLIST, Tag.RIDER)), _helmet(_CYCLIST, rgb)])
+    return join(
+        [*parts, dress.on(Figure(_CYCLIST, Tag.RIDER).mesh()), _helmet(_CYCLIST, rgb)]
+    )
 
 
 def motorcycle(rgb: RGB, dress: Dress) -> Mesh:
@@ -85,7 +87,7 @@ def motorcycle(rgb: RGB, dress: Dress) -> Mesh:
     parts += [
         fork.both_sides(),
         swing.both_sides(),
-        rider.on(person(_BIKER, Tag.RIDER)),
+        rider.on(Figure(_BIKER, Tag.RIDER).mesh()),
     ]
     return join([*parts, _helmet(_BIKER, rgb, full=True)])
 
