@@ -14,11 +14,14 @@ from app.repositories.locks import migrating_alone
 from app.resources import migrations_dir
 from app.services import access
 from app.services.context import ServiceContext
-from app.services.idempotency import forget_old_answers
 from app.services.exports import start_exports
+from app.services.idempotency import forget_old_answers
 from app.services.runs import start_runs
 from app.settings import Settings
 from app.storage import FolderStorage
+from filter_core.config import FilterConfig
+from filter_core.config_file import load_config
+from filter_core.errors import FilterError
 
 _PRIVATE: Final = 0o700
 
@@ -27,6 +30,7 @@ _PRIVATE: Final = 0o700
 def running(settings: Settings) -> Iterator[ServiceContext]:
     """Bring the data folder up to date, open everything, and close it at the end."""
     settings.data.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+    default_config = _default_config(settings)
     database = Database(settings.sqlalchemy_url)
     try:
         with migrating_alone(database.engine):
@@ -39,6 +43,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             database=database,
             storage=FolderStorage(settings.data / "blobs"),
             engine=LocalEngine(settings.workers),
+            default_config=default_config,
         )
         start_runs(services)
         start_exports(services)
@@ -48,3 +53,19 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             services.close()
     finally:
         database.close()
+
+
+class UnusableConfig(Exception):
+    """The configuration named in the settings cannot be read or is wrong."""
+
+
+def _default_config(settings: Settings) -> FilterConfig:
+    if settings.config is None:
+        return FilterConfig()
+    try:
+        return load_config(settings.config.read_bytes()).config
+    except OSError as error:
+        reason = error.strerror or "it cannot be read"
+        raise UnusableConfig(f"{settings.config}: {reason}") from error
+    except FilterError as error:
+        raise UnusableConfig(f"{settings.config}: {error}") from error

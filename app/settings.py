@@ -30,6 +30,10 @@ class Settings(BaseSettings):
         default=Path("unghost-data"),
         description="Folder of the database, the stored files and the first token.",
     )
+    config: Path | None = Field(
+        default=None,
+        description="A filter.yaml: the first configuration of every new dataset.",
+    )
     host: str = Field(
         default="127.0.0.1",
         description="Address to listen on; 0.0.0.0 listens on every interface.",

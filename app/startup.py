@@ -16,6 +16,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from app.http_protocol import ProblemProtocol
+from app.lifetime import UnusableConfig
 from app.logs import configure_logging, error_log
 from app.main import create_app
 from app.memory import keep_freed_memory
@@ -133,6 +134,8 @@ class _Server(uvicorn.Server):
 
 
 def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
+    if isinstance(reason, UnusableConfig):
+        return CannotServe(f"the configuration cannot be used: {reason}")
     if not isinstance(reason, OSError):
         error_log.error("could not start", exc_info=reason)
     text = getattr(reason, "strerror", None) or type(reason).__name__

@@ -25,6 +25,15 @@ DataFolder: TypeAlias = Annotated[
         file_okay=False,
     ),
 ]
+ConfigFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="FILE",
+        help="A filter.yaml: the first configuration of every new dataset.",
+        dir_okay=False,
+    ),
+]
 Host: TypeAlias = Annotated[
     str | None,
     typer.Option(help="Address to listen on; else UNGHOST_HOST, else 127.0.0.1."),
@@ -44,6 +53,7 @@ class ServeOptions(OutputOptions):
     """Options of `unghost serve`."""
 
     data: DataFolder = None
+    config: ConfigFile = None
     host: Host = None
     port: Port = None
     open: Annotated[
@@ -61,7 +71,12 @@ def serve(options: ServeOptions) -> None:
     from app import startup
 
     screen = options.screen
-    settings = settings_of(data=options.data, host=options.host, port=options.port)
+    settings = settings_of(
+        data=options.data,
+        config=options.config,
+        host=options.host,
+        port=options.port,
+    )
 
     def ready(link: str) -> None:
         text = f"Unghost is ready. Log in with\n\n    {link}\n"

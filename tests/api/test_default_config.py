@@ -1,0 +1,48 @@
+"""`--config` and UNGHOST_CONFIG: the first configuration of every new dataset."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+
+from tests.servers import running_server
+
+
+def test_a_new_dataset_begins_with_the_configuration_of_the_service(tmp_path: Path):
+    file = tmp_path / "filter.yaml"
+    file.write_text(
+        "threshold_small_box: 25\nclasses:\n  walker: {min_visible_pixels: 9}\n"
+    )
+
+    with running_server(tmp_path / "data", {"UNGHOST_CONFIG": str(file)}) as server:
+        base = f"{server.url}/api/v1"
+        with httpx.Client(base_url=base, headers=server.headers) as api:
+            api.post("/datasets", json={"name": "town"}).raise_for_status()
+            config = api.get("/datasets/town/config").json()["config"]
+
+    assert config["threshold_small_box"] == 25
+    assert config["classes"] == {"bus": {"size_big_box": 90}}
+
+
+def test_a_wrong_configuration_is_named_in_one_line(tmp_path: Path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("threshold_smal_box: 25\n")
+    command = ["serve", "--data", "data", "--port", "0", "--config", str(file)]
+
+    ended = subprocess.run(
+        [sys.executable, "-m", "unghost.cli", *command],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines() == [
+        f"unghost: the configuration cannot be used: {file}: unknown key "
+        "'threshold_smal_box'; the nearest valid key is 'threshold_small_box'"
+    ]
