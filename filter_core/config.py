@@ -307,10 +307,14 @@ def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
 
 
 def _checked_class_name(name: object) -> str:
-    if not isinstance(name, str) or not 0 < len(name) <= _MAX_CLASS_NAME:
+    if (
+        not isinstance(name, str)
+        or not 0 < len(name) <= _MAX_CLASS_NAME
+        or not name.isprintable()
+    ):
         raise ConfigError(
-            f"classes: expected a class name of 1 to {_MAX_CLASS_NAME} characters, "
-            f"found {str(name)[:60]!r}",
+            f"classes: expected a class name of 1 to {_MAX_CLASS_NAME} printable "
+            f"characters, found {str(name)[:60]!r}",
             pointer="/classes",
         )
     return name

@@ -12,12 +12,14 @@ import pytest
 from app.security import Role, hash_secret, new_token
 from tests.api.live import Live, live
 from tests.api.resources import Api
+from tests.conftest import StartServer
 from tests.servers import RunningServer
 
 LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
 LIMITS |= {"max_batch_bytes": 1_000_000}
 Serve = Callable[..., Live]
 AsRole = Callable[[Role], httpx.Client]
+StartApi = Callable[..., tuple[RunningServer, Api]]
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +76,17 @@ def api(server: RunningServer) -> Iterator[Api]:
     opened = Api.at(server.url, server.headers)
     with opened.http:
         yield opened
+
+
+@pytest.fixture
+def start_api(start_server: StartServer) -> Iterator[StartApi]:
+    """`start_server`, and a client of it that is an admin."""
+    with ExitStack() as opened:
+
+        def start(**settings: str) -> tuple[RunningServer, Api]:
+            server = start_server(**settings)
+            api = Api.at(server.url, server.headers)
+            opened.enter_context(api.http)
+            return server, api
+
+        yield start

@@ -353,29 +353,25 @@ def test_a_refused_frame_is_one_problem_however_often_it_comes(api):
     ]
 
 
-def test_limits_are_those_of_the_settings(start_server):
-    from tests.api.resources import Api
-
+def test_limits_are_those_of_the_settings(start_api):
     limits = {"UNGHOST_MAX_BOXES_PER_FRAME": "2", "UNGHOST_MAX_PART_BYTES": "2000"}
     limits |= {"UNGHOST_MAX_IMAGE_SIDE_PX": "64", "UNGHOST_MAX_PARTS": "3"}
-    server = start_server(**limits)
-    api = Api.at(server.url, server.headers)
+    _, api = start_api(**limits)
+    dataset = api.dataset()
+    path = f"/api/v1/datasets/{dataset}/frames/a"
     wide = encoded(".png", np.zeros((1, 65, 3), np.uint8))
     long = json.dumps(annotation(note="x" * 3000))
     many = {"annotation": b"{}", **dict.fromkeys(("image", "lidar", "depth"), b"x")}
 
-    with api.http:
-        dataset = api.dataset()
-        path = f"/api/v1/datasets/{dataset}/frames/a"
-        boxes = api.put(dataset, "a", annotation(BOX, {**BOX, "id": "b"}, {}))
-        side = api.put(dataset, "a", annotation(), image=wide)
-        file = api.put(dataset, "a", long.encode())
-        field = api.http.put(path, data={"annotation": long}, files={"image": b"x"})
-        parts = api.http.put(path, files=many)
+    boxes = api.put(dataset, "a", annotation(BOX, {**BOX, "id": "b"}, {}))
+    side = api.put(dataset, "a", annotation(), image=wide)
+    file = api.put(dataset, "a", long.encode())
+    field = api.http.put(path, data={"annotation": long}, files={"image": b"x"})
+    parts = api.http.put(path, files=many)
 
-        assert (boxes.status_code, side.status_code) == (422, 422)
-        assert "2" in boxes.json()["detail"]
-        assert side.json()["code"] == "image_too_large"
-        assert (file.status_code, field.status_code) == (413, 413)
-        assert (parts.status_code, parts.json()["code"]) == (400, "bad_multipart")
-        nothing_is_stored(api, dataset)
+    assert (boxes.status_code, side.status_code) == (422, 422)
+    assert "2" in boxes.json()["detail"]
+    assert side.json()["code"] == "image_too_large"
+    assert (file.status_code, field.status_code) == (413, 413)
+    assert (parts.status_code, parts.json()["code"]) == (400, "bad_multipart")
+    nothing_is_stored(api, dataset)
