@@ -13,9 +13,7 @@ from tests.servers import running_server
 
 def test_a_new_dataset_begins_with_the_configuration_of_the_service(tmp_path: Path):
     file = tmp_path / "filter.yaml"
-    file.write_text(
-        "threshold_small_box: 25\nclasses:\n  walker: {min_visible_pixels: 9}\n"
-    )
+    file.write_text("threshold_small_box: 25\nclasses: {bus: {size_big_box: 90}}\n")
 
     with running_server(tmp_path / "data", {"UNGHOST_CONFIG": str(file)}) as server:
         base = f"{server.url}/api/v1"
