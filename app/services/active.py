@@ -32,21 +32,24 @@ class ActiveDataset:
 
 
 class PlanCache:
-    """Plans by the digests that name them: parsed once, though every upload asks."""
+    """Plans by what names them: parsed once, though every upload asks.
+
+    The dataset is part of that: a plan says who asked for what, for its errors.
+    """
 
     def __init__(self) -> None:
-        self._held: dict[tuple[str, str], MeasurePlan] = {}
+        self._held: dict[tuple[str, str, str], MeasurePlan] = {}
 
     def active(self, session: Session, name: str) -> ActiveDataset:
         """The dataset as this session sees it; NotFound."""
         row = active_row(session, name)
-        digests = (row.config_digest, row.measurement_digest)
-        plan = self._held.get(digests)
+        key = (name, row.config_digest, row.measurement_digest)
+        plan = self._held.get(key)
         if plan is None:
             plan = _load(session, row)
             if len(self._held) >= MAX_PLANS:
                 self._held.clear()
-            self._held[digests] = plan
+            self._held[key] = plan
         return ActiveDataset(name, row, plan)
 
 

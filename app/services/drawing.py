@@ -17,10 +17,10 @@ COLORS: Final[Mapping[str, tuple[int, int, int]]] = {
 }
 _DASHES: Final[Mapping[str, tuple[int, int]]] = {
     "kept": (1, 0),
-    "rejected": (8, 5),
-    "unmeasured": (2, 4),
+    "rejected": (9, 8),
+    "unmeasured": (1, 7),
 }
-"""Pixels drawn and left out in turn."""
+"""Pixels drawn and left out in turn; round ends take up to two on either side."""
 _HALO: Final = (20, 20, 20)
 
 

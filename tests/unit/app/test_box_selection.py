@@ -1,0 +1,75 @@
+"""From what a person filters by to what the database looks for."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.errors import BadRequest
+from app.services.box_selection import Selection, to_filter
+from filter_core.types import Reason
+
+
+@pytest.fixture(scope="module")
+def street(services):
+    return services.dataset()
+
+
+def filtered(street, **wanted):
+    with street.context.database.read() as session:
+        return to_filter(session, street.row(session), Selection(**wanted))
+
+
+def test_nothing_selects_everything(street):
+    assert filtered(street).reasons == ()
+    assert not Selection().selects()
+    assert Selection(toss_up=False).selects()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "reasons"),
+    [
+        ({"verdict": "kept"}, (Reason.VISIBLE,)),
+        ({"verdict": "unmeasured"}, (Reason.NO_SEGMENTATION,)),
+        ({"reason": "visible,degenerate"}, (Reason.DEGENERATE, Reason.VISIBLE)),
+        ({"verdict": "kept", "reason": "degenerate"}, (0,)),
+    ],
+)
+def test_verdicts_and_reasons_are_one_set_of_reasons(street, wanted, reasons):
+    assert filtered(street, **wanted).reasons == tuple(map(int, reasons))
+
+
+def test_a_verdict_and_a_reason_that_exclude_each_other_select_nothing(street):
+    assert filtered(street, verdict="kept", reason="degenerate").reasons == (0,)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "code"),
+    [({"reason": "magic"}, "unknown_reason"), ({"review": "maybe"}, "unknown_review")],
+)
+def test_unknown_words_are_named(street, wanted, code):
+    with pytest.raises(BadRequest) as refused:
+        filtered(street, **wanted)
+
+    assert refused.value.kind == code
+    assert next(iter(wanted.values())) in refused.value.detail
+
+
+def test_thresholds_are_those_of_the_active_config(services):
+    street = services.dataset()
+    street.run(
+        {
+            "profile": "carlasimu",
+            "threshold_small_box": 60,
+            "classes": {"truck": {"threshold_small_box": 2}},
+        }
+    )
+
+    found = filtered(street).thresholds
+
+    limits = [(each.small, each.large, each.kept_large) for each in found[:2]]
+    assert limits == [(60.0, 50.0, 60.0), (2.0, 50.0, 50.0)]
+
+
+def test_a_class_that_is_not_there_selects_no_class(street):
+    assert filtered(street, class_name="dragon").class_ids == ()
+    assert len(filtered(street, class_name="car,truck,dragon").class_ids or ()) == 2

@@ -1,0 +1,60 @@
+"""Boxes are told apart by their line as well as by their colour."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.services.drawing import COLORS, draw_boxes
+
+
+def drawn(verdict, xyxy=(10.0, 10.0, 90.0, 50.0), edges=None, *, solid=False):
+    canvas = np.full((60, 100, 3), 200, np.uint8)
+    decision = {"effective_verdict": verdict, "xyxy": xyxy, "edges": edges}
+    draw_boxes(canvas, [decision], edges=solid)
+    return canvas
+
+
+def gaps(canvas):
+    """How often the upper edge is interrupted."""
+    row = canvas[10, 14:86].astype(int)
+    lit = np.abs(row - 20).max(axis=1) > 60
+    return int((lit[:-1] & ~lit[1:]).sum())
+
+
+def test_kept_is_solid_rejected_dashed_unmeasured_dotted():
+    found = {verdict: gaps(drawn(verdict)) for verdict in COLORS}
+
+    assert found["kept"] == 0
+    assert 0 < found["rejected"] < found["unmeasured"]
+
+
+@pytest.mark.parametrize("verdict", COLORS)
+def test_each_verdict_has_its_colour(verdict):
+    canvas = drawn(verdict).astype(int)
+
+    distance = np.abs(canvas - np.array(COLORS[verdict])).sum(axis=2)
+
+    assert distance.min() <= 6
+
+
+def test_a_box_without_a_rectangle_is_not_drawn():
+    assert (drawn("rejected", None) == 200).all()
+
+
+def test_edges_of_a_solid_are_drawn_where_there_are_some():
+    line = [[20.0, 30.0, 80.0, 30.0]]
+
+    asked = drawn("kept", edges=line, solid=True)
+    not_asked = drawn("kept", edges=line)
+    none = drawn("kept", edges=None, solid=True)
+
+    assert (asked[10, 50] == 200).all()
+    assert (asked[30, 50] != 200).any()
+    np.testing.assert_array_equal(not_asked, none)
+
+
+def test_a_box_reaching_out_of_the_picture_does_no_harm():
+    canvas = drawn("rejected", (-500.0, -500.0, 700.0, 700.0))
+
+    assert canvas.shape == (60, 100, 3)
