@@ -34,6 +34,7 @@ WALLS: Final[dict[int, tuple[RGB, ...]]] = {
     HOUSE: ((232, 222, 202), (214, 196, 164), (222, 216, 210), (198, 172, 140)),
 }
 _ROOF_TILES: Final = Paint((134, 72, 52))
+_SOFFIT: Final = Paint((206, 198, 184))
 _SLATE: Final = Paint((74, 78, 86), gloss=0.02)
 _AWNINGS: Final = ((150, 40, 40), (40, 78, 62), (44, 62, 104), (196, 150, 70))
 
@@ -270,9 +271,7 @@ def _gable(plot: Plot, top: float, wall: Paint) -> Mesh:
         ]
         parts.append(sheet(corners, (0, sign * 0.6, 0.8), _ROOF_TILES, Tag.BUILDING))
         under = [(x, at, z - 0.12) for x, at, z in corners]
-        parts.append(
-            sheet(under, (0, -sign * 0.6, -0.8), _ROOF_TILES.tinted(0.6), Tag.BUILDING)
-        )
+        parts.append(sheet(under, (0, -sign * 0.6, -0.8), _SOFFIT, Tag.BUILDING))
     for x, sign in ((plot.x0, -1.0), (plot.x1, 1.0)):
         gable = [
             (x, plot.y0, top),

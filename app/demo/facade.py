@@ -146,7 +146,7 @@ class _Wall:
         glass = coverage(du, self._across) * coverage(dv, self._up) * fits
         trim_color = np.clip(self._wall.albedo * 1.22 + 0.03, 0, 0.86)
         albedo = mixed(albedo, trim_color, frame * fits * (1 - of["glass"]))
-        shade = self._sill_shadow(du, dv) * fits
+        shade = np.where(fits, self._sill_shadow(du, dv), np.float32(1))
         bars = self._bars(du, dv)
         pane, glow = self._behind_glass(dv)
         albedo = mixed(albedo, pane, glass * (1 - bars))
