@@ -14,6 +14,45 @@ from tests.api.resources import BASE
 CAR = {"id": "real", "class": "car", "xyxy": scene.ON_THE_CAR}
 GHOST = {"id": "ghost", "class": "car", "xyxy": scene.IN_THE_SKY}
 
+RECOGNISED = {
+    "palette": "carla-0.9.14",
+    "encoding": "palette",
+    "channel_order": "rgb",
+    "lossy": False,
+    "unknown_percent": 0.0,
+    "notes": [],
+}
+KEPT = {
+    "id": "real",
+    "frame": "town/a b",
+    "class": "car",
+    "verdict": "kept",
+    "reason": "visible",
+    "explanation": "kept: 100 % of its pixels are Car, 10 % are needed",
+    "evidence": "semantic",
+    "match_percent": 100.0,
+    "threshold": 10.0,
+    "margin": 90.0,
+    "toss_up": False,
+    "large": False,
+    "matched_pixels": 320,
+    "box_pixels": 320,
+    "area_percent": pytest.approx(100 * 320 / (64 * 48)),
+    "crowding": 0.0,
+    "explained_by": None,
+    "hidden_by": [],
+    "lossy": False,
+    "distance": 12.5,
+    "xyxy": scene.ON_THE_CAR,
+    "amodal_xyxy": None,
+    "visible_xyxy": None,
+    "tight_xyxy": None,
+    "edges": None,
+    "revision": 0,
+    "review": None,
+    "effective_verdict": "kept",
+}
+
 
 def annotation(*boxes, **more):
     return {**scene.annotation(), "boxes": list(boxes), **more}
@@ -30,48 +69,16 @@ def test_a_stored_frame_is_answered_whole(api):
     described = api.json(f"/datasets/{dataset}")
     assert answer.status_code == 201
     assert answer.headers["location"] == f"{BASE}/frames/{frame['id']}"
-    assert body["segmentation"] == {
-        "palette": "carla-0.9.14",
-        "encoding": "palette",
-        "channel_order": "rgb",
-        "lossy": False,
-        "unknown_percent": 0.0,
-        "notes": [],
-    }
-    assert {key: real[key] for key in real if key != "accepted_tags"} == {
-        "id": "real",
+    assert body["segmentation"] == RECOGNISED
+    known_here = {
         "box_id": real["box_id"],
-        "frame": "town/a b",
         "frame_id": frame["id"],
-        "class": "car",
-        "verdict": "kept",
-        "reason": "visible",
-        "explanation": "kept: 100 % of its pixels are Car, 10 % are needed",
-        "evidence": "semantic",
-        "match_percent": 100.0,
-        "threshold": 10.0,
-        "margin": 90.0,
-        "toss_up": False,
-        "large": False,
-        "matched_pixels": 320,
-        "box_pixels": 320,
-        "area_percent": pytest.approx(100 * 320 / (64 * 48)),
-        "crowding": 0.0,
-        "explained_by": None,
-        "hidden_by": [],
-        "lossy": False,
-        "distance": 12.5,
-        "xyxy": scene.ON_THE_CAR,
-        "amodal_xyxy": None,
-        "visible_xyxy": None,
-        "tight_xyxy": None,
-        "edges": None,
         "config": described["config"],
         "run": described["active_run"],
-        "revision": 0,
-        "review": None,
-        "effective_verdict": "kept",
     }
+    assert {key: real[key] for key in real if key != "accepted_tags"} == (
+        KEPT | known_here
+    )
     assert [tag["name"] for tag in real["accepted_tags"]] == ["Car"]
     assert (ghost["verdict"], ghost["reason"]) == ("rejected", "no_visible_pixels")
     whole = api.json(f"/frames/{frame['id']}")

@@ -1,0 +1,86 @@
+"""Uploads that are no frame: other parts, other bodies, keys that are paths."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("parts", "code"),
+    [
+        pytest.param(
+            [("annotation", "{}"), ("imagee", "x")], "unknown_part", id="typo"
+        ),
+        pytest.param(
+            [("annotation", "{}"), ("annotation", "{}")], "repeated_part", id="twice"
+        ),
+        pytest.param([("image", "x")], "missing_annotation", id="no annotation"),
+    ],
+)
+def test_parts_are_those_of_a_frame(api, parts, code):
+    files = [(name, (name, content)) for name, content in parts]
+    path = f"/api/v1/datasets/{api.dataset()}/frames/a"
+
+    answer = api.http.put(path, files=files)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+
+
+@pytest.mark.parametrize(
+    ("headers", "content", "status", "code"),
+    [
+        ({"Content-Type": "application/json"}, b"{}", 415, "unsupported_media_type"),
+        ({}, b"x", 415, "unsupported_media_type"),
+        ({"Content-Type": "multipart/form-data"}, b"x", 400, "bad_multipart"),
+        (
+            {"Content-Type": "multipart/form-data; boundary=b"},
+            b"--b\r\nbad\r\n\r\n",
+            400,
+            "bad_multipart",
+        ),
+        (
+            {"Content-Type": "multipart/form-data; boundary=" + "b" * 300},
+            b"",
+            400,
+            "bad_multipart",
+        ),
+    ],
+)
+def test_another_body_is_no_frame(api, headers, content, status, code):
+    path = f"/api/v1/datasets/{api.dataset()}/frames/a"
+
+    answer = api.http.put(path, headers=headers, content=content)
+
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param("", id="empty"),
+        pytest.param("a//b", id="an empty part"),
+        pytest.param("a/", id="a slash at the end"),
+        pytest.param("%2e%2e/a", id="a way out"),
+        pytest.param("a/%2E%2E/b", id="a way round"),
+        pytest.param("a/%2e", id="a dot"),
+        pytest.param("a%5Cb", id="a backslash"),
+        pytest.param("a%00b", id="NUL"),
+        pytest.param("a%09b", id="a tabulator"),
+        pytest.param("%E2%80%AEa", id="text that runs backwards"),
+        pytest.param("x" * 513, id="513 characters"),
+    ],
+)
+def test_a_key_names_a_frame_and_never_a_path(api, key):
+    dataset = api.dataset()
+
+    answer = api.put(dataset, key)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_key")
+    assert api.json(f"/datasets/{dataset}/frames")["items"] == []
+
+
+def test_a_key_of_512_characters_is_taken(api):
+    dataset, key = api.dataset(), "ü/" * 255 + "xy"
+
+    assert api.stored(dataset, key)["frame"]["key"] == key
+    assert api.json(f"/datasets/{dataset}/frames/{key}")["key"] == key
