@@ -167,9 +167,10 @@ def test_history_shows_the_filter_and_every_answer(scene, ada):
 
 
 def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
-    page = ada.open(scene.link("ghost"))
+    page = ada.page
     problem = {"title": "Forbidden", "detail": "viewers cannot review", "status": 403}
     page.route("**/reviews", lambda route: route.fulfill(status=403, json=problem))
+    ada.open(scene.link("ghost"))
 
     ada.press("a")
 
@@ -180,7 +181,7 @@ def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
 
 
 def test_busy_server_is_shown_and_asked_again(scene, ada):
-    page = ada.open(scene.link("ghost"))
+    page = ada.page
     seen: list[str] = []
 
     def refuse_once(route: Route) -> None:
@@ -191,6 +192,7 @@ def test_busy_server_is_shown_and_asked_again(scene, ada):
             route.continue_()
 
     page.route("**/reviews", refuse_once)
+    ada.open(scene.link("ghost"))
     ada.press("a")
 
     expect(page.locator(".answerline__state")).to_have_text("saved")

@@ -42,8 +42,9 @@ def test_answers_given_offline_are_sent_when_the_network_is_back(
 
 
 def test_waiting_answers_survive_a_reload(scene, ada):
-    page = ada.open(scene.link("ghost"))
+    page = ada.page
     page.route("**/reviews", lambda route: route.abort())
+    ada.open(scene.link("ghost"))
     ada.press("a")
     expect(saving(page)).to_contain_text("1 answer offline, kept here")
 
@@ -59,7 +60,7 @@ def test_waiting_answers_survive_a_reload(scene, ada):
 
 
 def test_answer_whose_confirmation_was_lost_is_stored_once(scene, ada):
-    page = ada.open(scene.link("ghost"))
+    page = ada.page
     arrived: list[int] = []
 
     def lose_the_answer(route):
@@ -70,6 +71,7 @@ def test_answer_whose_confirmation_was_lost_is_stored_once(scene, ada):
             route.continue_()
 
     page.route("**/reviews", lose_the_answer)
+    ada.open(scene.link("ghost"))
     ada.press("a")
     expect(saving(page)).to_contain_text("offline")
     page.get_by_role("button", name="Retry").click()
@@ -142,9 +144,10 @@ def test_one_may_leave_it_after_a_conflict(scene, ada):
 
 def test_conflict_on_another_frame_leads_there(scene, ada):
     scene.push("run/000002")
-    page = ada.open(scene.link("ghost"))
-    answer_at_the_server(scene, "ghost", "reject")
+    page = ada.page
     page.route("**/reviews", lambda route: route.abort())
+    ada.open(scene.link("ghost"))
+    answer_at_the_server(scene, "ghost", "reject")
     ada.press("a", "PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
     page.unroute("**/reviews")
@@ -158,8 +161,9 @@ def test_conflict_on_another_frame_leads_there(scene, ada):
 
 def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
     first = visit()
-    page = first.open(scene.link("ghost"))
+    page = first.page
     page.route("**/reviews", lambda route: route.abort())
+    first.open(scene.link("ghost"))
     first.press("a")
     expect(saving(page)).to_contain_text("offline")
     context = page.context

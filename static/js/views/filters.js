@@ -44,7 +44,7 @@ function KeyPrefix({ value, onChange }) {
       setTyped(null);
     }, TYPING_PAUSE_MS);
     return () => clearTimeout(timer);
-  }, [typed]);
+  }, [typed, onChange]);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => setTyped(currentTarget.value);
   return html`<label class="search"><span class="sr-only">Key starts with</span>
