@@ -16,6 +16,7 @@ class Token(Base):
     __tablename__ = "tokens"
     __table_args__ = (
         CheckConstraint("role in ('viewer', 'reviewer', 'admin')", name="role"),
+        {"sqlite_autoincrement": True},
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)

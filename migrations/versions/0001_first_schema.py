@@ -56,6 +56,7 @@ def upgrade() -> None:
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_datasets")),
         sa.UniqueConstraint("name", name=op.f("uq_datasets_name")),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "id_blocks",
@@ -90,6 +91,7 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_tokens")),
         sa.UniqueConstraint("hash", name=op.f("uq_tokens_hash")),
         sa.UniqueConstraint("name", name=op.f("uq_tokens_name")),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "config_versions",
@@ -110,6 +112,7 @@ def upgrade() -> None:
         sa.UniqueConstraint(
             "dataset_id", "digest", name=op.f("uq_config_versions_dataset_id_digest")
         ),
+        sqlite_autoincrement=True,
     )
     op.create_index(
         op.f("ix_config_versions_digest"), "config_versions", ["digest"], unique=False
@@ -135,6 +138,7 @@ def upgrade() -> None:
             "position",
             name=op.f("uq_dataset_classes_dataset_id_position"),
         ),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "exports",
@@ -163,6 +167,7 @@ def upgrade() -> None:
             ondelete="CASCADE",
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_exports")),
+        sqlite_autoincrement=True,
     )
     op.create_index(
         op.f("ix_exports_dataset_id_id"), "exports", ["dataset_id", "id"], unique=False
@@ -248,6 +253,7 @@ def upgrade() -> None:
         sa.UniqueConstraint(
             "dataset_id", "digest", name=op.f("uq_measurements_dataset_id_digest")
         ),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "problems",
@@ -263,6 +269,7 @@ def upgrade() -> None:
             ondelete="CASCADE",
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_problems")),
+        sqlite_autoincrement=True,
     )
     op.create_index(
         op.f("ix_problems_dataset_id_id"),
@@ -285,6 +292,7 @@ def upgrade() -> None:
             ondelete="CASCADE",
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_review_batches")),
+        sqlite_autoincrement=True,
     )
     op.create_table(
         "tallies",
@@ -431,6 +439,7 @@ def upgrade() -> None:
             ondelete="CASCADE",
         ),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_runs")),
+        sqlite_autoincrement=True,
     )
     op.create_index(
         op.f("ix_runs_dataset_id_id"), "runs", ["dataset_id", "id"], unique=False
@@ -551,6 +560,7 @@ def upgrade() -> None:
         sa.UniqueConstraint(
             "box_id", "revision", name=op.f("uq_reviews_box_id_revision")
         ),
+        sqlite_autoincrement=True,
     )
     op.create_index(op.f("ix_reviews_batch_id"), "reviews", ["batch_id"], unique=False)
     op.execute(

@@ -22,6 +22,7 @@ class Dataset(Base):
     """Frames that belong together, and how their segmentations are to be read."""
 
     __tablename__ = "datasets"
+    __table_args__ = ({"sqlite_autoincrement": True},)
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     name: Mapped[str] = mapped_column(String(100), unique=True)
@@ -46,6 +47,7 @@ class DatasetClass(Base):
     __table_args__ = (
         UniqueConstraint("dataset_id", "name"),
         UniqueConstraint("dataset_id", "position"),
+        {"sqlite_autoincrement": True},
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
@@ -60,7 +62,10 @@ class ConfigVersion(Base):
     """One immutable filter configuration of a dataset, named by its digest."""
 
     __tablename__ = "config_versions"
-    __table_args__ = (UniqueConstraint("dataset_id", "digest"),)
+    __table_args__ = (
+        UniqueConstraint("dataset_id", "digest"),
+        {"sqlite_autoincrement": True},
+    )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     dataset_id: Mapped[int] = mapped_column(
@@ -77,7 +82,10 @@ class Measurement(Base):
     """What pixels were measured with; evidence of one measurement is comparable."""
 
     __tablename__ = "measurements"
-    __table_args__ = (UniqueConstraint("dataset_id", "digest"),)
+    __table_args__ = (
+        UniqueConstraint("dataset_id", "digest"),
+        {"sqlite_autoincrement": True},
+    )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     dataset_id: Mapped[int] = mapped_column(
@@ -101,6 +109,7 @@ class Run(Base):
             name="state",
         ),
         Index(None, "dataset_id", "id"),
+        {"sqlite_autoincrement": True},
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)

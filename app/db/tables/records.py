@@ -20,7 +20,10 @@ class Problem(Base):
     """A frame that was refused, with the error its sender got."""
 
     __tablename__ = "problems"
-    __table_args__ = (Index(None, "dataset_id", "id"),)
+    __table_args__ = (
+        Index(None, "dataset_id", "id"),
+        {"sqlite_autoincrement": True},
+    )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     dataset_id: Mapped[int] = mapped_column(
@@ -40,6 +43,7 @@ class Export(Base):
             "state in ('queued', 'running', 'done', 'failed')", name="state"
         ),
         Index(None, "dataset_id", "id"),
+        {"sqlite_autoincrement": True},
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)

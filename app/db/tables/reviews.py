@@ -20,6 +20,7 @@ class ReviewBatch(Base):
     """Many answers given in one act."""
 
     __tablename__ = "review_batches"
+    __table_args__ = ({"sqlite_autoincrement": True},)
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     dataset_id: Mapped[int] = mapped_column(
@@ -40,6 +41,7 @@ class Review(Base):
         CheckConstraint(
             "verdict in ('keep', 'reject', 'unsure', 'clear')", name="verdict"
         ),
+        {"sqlite_autoincrement": True},
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from filter_core.explain import Judgement, explain, hidden_by, percent
+from filter_core.explain import HiddenBy, Judgement, explain, hidden_by, percent
 from filter_core.types import N_TAGS, Reason
 
-VEGETATION = {"tag": 9, "name": "Vegetation", "percent": 71.2}
+VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
 
 
 @pytest.mark.parametrize(
