@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from filter_core.pixel_codes import PixelCodes
-from filter_core.pixel_values import PixelValues, gather
+from filter_core.pixel_values import gather, values_of
 from filter_core.runs import run_ends, run_lengths
 from filter_core.types import BoolArray, IntArray, Mask
 
@@ -138,10 +138,15 @@ def count_by_comparing(
     wanted: list[list[int]] = [[] for _ in range(len(regions))]
     for row, column in np.argwhere(accepted).tolist():
         wanted[row].append(values[column])
-    matched = [
-        sum(np.count_nonzero(part == value) for value in wanted[row])
-        for row, part in enumerate(_parts(regions))
-    ]
+    matched = []
+    for (x0, y0, x1, y1), some in zip(regions.bounds.tolist(), wanted, strict=True):
+        part, count = values_of(regions.codes.pixels[y0:y1, x0:x1]), 0
+        for value in some:
+            hit = part == value
+            if regions.keep is not None:
+                hit &= regions.keep[y0:y1, x0:x1]
+            count += np.count_nonzero(hit)
+        matched.append(count)
     return np.array(matched, dtype=np.int64)
 
 
@@ -185,18 +190,6 @@ def _portions(areas: IntArray) -> Iterator[slice]:
     for start, stop in zip(starts, [*starts[1:], len(areas)], strict=True):
         if start < stop:
             yield slice(start, stop)
-
-
-def _parts(regions: Regions) -> Iterator[PixelValues]:
-    """The values of each rectangle that count, flat."""
-    for portion in _portions(regions.areas):
-        values, sizes = gather(
-            regions.codes.pixels, regions.bounds[portion], regions.keep
-        )
-        start = 0
-        for size in sizes.tolist():
-            yield values[start : start + size]
-            start += size
 
 
 def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:

@@ -254,23 +254,25 @@ def _refuse_ambiguity(segmentation: Segmentation, boxes: FrameBoxes) -> None:
 def _require_sizes(
     segmentation: Segmentation | None, boxes: FrameBoxes, ignore: Mask | None
 ) -> None:
-    width, height = boxes.image_wh
-    found = {
-        "segmentation": segmentation.wh if segmentation else None,
-        "ignore mask": None if ignore is None else (ignore.shape[1], ignore.shape[0]),
-    }
-    for what, wh in found.items():
-        if wh is not None and wh != (width, height):
-            raise ImageSizeMismatch(
-                f"the {what} is {wh[0]} x {wh[1]} pixels, "
-                f"the image is {width} x {height}"
-            )
+    if segmentation is not None:
+        _require_size("segmentation", segmentation.wh, boxes.image_wh)
+    if ignore is not None:
+        _require_size("ignore mask", ignore.shape[::-1], boxes.image_wh)
+
+
+def _require_size(what: str, wh: tuple[int, ...], image_wh: tuple[int, int]) -> None:
+    if wh != tuple(image_wh):
+        raise ImageSizeMismatch(
+            f"the {what} is {wh[0]} x {wh[1]} pixels, "
+            f"the image is {image_wh[0]} x {image_wh[1]}"
+        )
 
 
 def _areas(xyxy: BoxesXYXY) -> FloatArray:
     """(N,) px: as the published code multiplies; 0 where there is no box."""
-    areas = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
-    return np.nan_to_num(areas, nan=0.0)
+    areas: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
+    areas[np.isnan(areas)] = 0.0
+    return areas
 
 
 def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:

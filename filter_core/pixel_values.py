@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.color_codes import Codes
-from filter_core.runs import run_ends, run_lengths
+from filter_core.runs import positions, run_ends, run_lengths
 from filter_core.types import IntArray, Mask
 
 PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
@@ -41,7 +41,10 @@ def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
     """
     if pixels.ndim == 2:
         return pixels
-    bgra = np.empty((*pixels.shape[:2], 4), dtype=np.uint8)
+    height, width, _ = pixels.shape
+    if 0 < height * width <= _CONVERTED_AT_ONCE:
+        return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGRA).view(np.int32)[:, :, 0]
+    bgra = np.empty((height, width, 4), dtype=np.uint8)
     _convert(pixels, bgra)
     return bgra.view(np.int32)[:, :, 0]
 
@@ -139,15 +142,19 @@ def occurring_codes(rgb: NDArray[np.uint8], table: Codes) -> list[int]:
     """
     height, width, _ = rgb.shape
     if width % _BLOCK_PIXELS:
-        counts = count_codes(rgb, table)
-        return [int(code) for code in np.flatnonzero(counts)]
+        return _codes_counted(count_codes(rgb, table))
     blocks = rgb.reshape(-1).view(np.uint64).reshape(height, width // _BLOCK_PIXELS, 3)
     changed = blocks[1:] != blocks[:-1]
     new = changed[:, :, 0] | changed[:, :, 1]
     new |= changed[:, :, 2]
-    below = blocks[1:].reshape(-1, 3).take(np.flatnonzero(new), axis=0)
+    below = blocks[1:].reshape(-1, 3).take(positions(new), axis=0)
     looked_at = np.concatenate([blocks[0], below]).view(np.uint8)
-    counts = count_codes(looked_at.reshape(-1, _BLOCK_PIXELS, 3), table)
+    values = values_of(looked_at.reshape(1, -1, 3)).reshape(-1)
+    last = np.append(np.flatnonzero(values[1:] != values[:-1]), len(values) - 1)
+    return _codes_counted(np.bincount(codes_of(values[last], table)))
+
+
+def _codes_counted(counts: IntArray) -> list[int]:
     return [int(code) for code in np.flatnonzero(counts)]
 
 

@@ -26,13 +26,13 @@ def run_ends(flat: NDArray[Any], stops: IntArray | None = None) -> IntArray:
     size = len(flat)
     if not size:
         return np.empty(0, dtype=np.int64)
-    # A multiple of eight, so that it can be looked through eight elements at a time.
+    # A multiple of eight, as `positions` likes it.
     last = np.zeros(-(-size // 8) * 8, dtype=np.bool_)
     np.not_equal(flat[1:], flat[:-1], out=last[: size - 1])
     last[size - 1] = True
     if stops is not None:
         last[stops[stops > 0] - 1] = True
-    return _positions(last)
+    return positions(last)
 
 
 def run_lengths(ends: IntArray) -> IntArray:
@@ -43,10 +43,13 @@ def run_lengths(ends: IntArray) -> IntArray:
     return lengths
 
 
-def _positions(mask: BoolArray) -> IntArray:
-    """``flatnonzero`` of a sparse mask, in half the time."""
-    words = mask.view(np.uint64)
+def positions(mask: BoolArray) -> IntArray:
+    """``flatnonzero`` of a sparse mask, in half the time: eight elements at once."""
+    flat = mask.reshape(-1)
+    if len(flat) % 8:
+        flat = np.append(flat, np.zeros(8 - len(flat) % 8, dtype=np.bool_))
+    words = flat.view(np.uint64)
     hit = np.flatnonzero(words != 0)
     inside = np.flatnonzero(words[hit].view(np.bool_))
-    positions: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
-    return positions
+    found: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
+    return found
