@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from typing import Annotated, Final, TypeVar
 
-from anyio import CapacityLimiter, fail_after
+from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
 from fastapi import Depends, Path, Query, Request
 from fastapi.security import APIKeyCookie, HTTPBearer
 from sqlalchemy.orm import Session
@@ -124,27 +124,52 @@ async def writers_turn(request: Request) -> AsyncIterator[None]:
     """
     places: CapacityLimiter = request.app.state.writers
     try:
-        with fail_after(WRITE_WAIT_S):
-            await places.acquire_on_behalf_of(request)
-    except TimeoutError as exc:
-        raise DatabaseBusy("too many writes are waiting; try again") from exc
+        places.acquire_on_behalf_of_nowait(request)
+    except WouldBlock:
+        await _wait_for(places, request)
     try:
         yield
     finally:
         places.release_on_behalf_of(request)
 
 
+async def _wait_for(places: CapacityLimiter, request: Request) -> None:
+    try:
+        with fail_after(WRITE_WAIT_S):
+            await places.acquire_on_behalf_of(request)
+    except TimeoutError as exc:
+        raise DatabaseBusy("too many writes are waiting; try again") from exc
+
+
 WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
 
 
-def write_session(request: Request, _turn: WritersTurn) -> Iterator[Session]:
-    """One transaction per request: commit on return, leave no trace on raise."""
-    with database_of(request).write() as session:
-        repeatable = getattr(request.state, "repeatable", None)
-        if repeatable is not None:
-            claim_on_begin(session, repeatable)
-        request.state.write_session = session
+async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[Session]:
+    """One transaction per request: commit on return, leave no trace on raise.
+
+    It begins with the route's first statement. A route that has its answer ready may
+    commit in its own thread; what is left to do here then needs none.
+    """
+    transaction = database_of(request).write()
+    session = transaction.__enter__()
+    repeatable = getattr(request.state, "repeatable", None)
+    if repeatable is not None:
+        claim_on_begin(session, repeatable)
+    request.state.write_session = session
+    try:
         yield session
+    except BaseException as exc:
+        await _in_own_thread(transaction.__exit__, type(exc), exc, exc.__traceback__)
+        raise
+    if session.in_transaction():
+        await _in_own_thread(transaction.__exit__, None, None, None)
+    else:
+        transaction.__exit__(None, None, None)
+
+
+async def _in_own_thread(call: Callable[..., object], *args: object) -> None:
+    # Not one of the shared ones: they may all be waiting for this transaction to end.
+    await to_thread.run_sync(call, *args, limiter=CapacityLimiter(1))
 
 
 ADMIN = Depends(admin)

@@ -5,22 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Final
 
 from fastapi import Depends, Request
-from starlette.datastructures import UploadFile
-from starlette.formparsers import MultiPartException, MultiPartParser
 
 from app.deps import settings_of
-from app.errors import BadRequest, TooLarge, Unprocessable, UnsupportedMedia
+from app.errors import Unprocessable, UnsupportedMedia
+from app.routes.multipart import PartLimits, read_parts
 from app.services.frame_files import KINDS
-from app.settings import Settings
 
 ANNOTATION: Final = "annotation"
 _MEDIA_TYPE: Final = "multipart/form-data"
-
-
-class _InMemoryParser(MultiPartParser):
-    """Files of a usual size never touch a temporary file on their way in."""
-
-    spool_max_size = 16 * 1024 * 1024
 
 
 async def frame_parts(request: Request) -> dict[str, bytes]:
@@ -31,17 +23,20 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
             f"the body must be {_MEDIA_TYPE}, it says {media_type or 'nothing'!r}"
         )
     settings = settings_of(request)
-    form = await _parse(request, settings)
+    limits = PartLimits(settings.max_parts, settings.max_part_bytes)
     parts: dict[str, bytes] = {}
-    for name, value in form:
-        if name not in (ANNOTATION, *KINDS):
+    for part in await read_parts(media_type, request.stream(), limits):
+        if part.name not in (ANNOTATION, *KINDS):
             raise Unprocessable(
-                f"unknown part {name!r}; expected {ANNOTATION}, {', '.join(KINDS)}",
+                f"unknown part {part.name!r}; "
+                f"expected {ANNOTATION}, {', '.join(KINDS)}",
                 code="unknown_part",
             )
-        if name in parts:
-            raise Unprocessable(f"part {name!r} was sent twice", code="repeated_part")
-        parts[name] = await _content(name, value, settings)
+        if part.name in parts:
+            raise Unprocessable(
+                f"part {part.name!r} was sent twice", code="repeated_part"
+            )
+        parts[part.name] = part.content
     if ANNOTATION not in parts:
         raise Unprocessable(
             f"expected a part {ANNOTATION!r} with the frame's JSON, found "
@@ -49,39 +44,6 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
             code="missing_annotation",
         )
     return parts
-
-
-async def _parse(
-    request: Request, settings: Settings
-) -> list[tuple[str, UploadFile | str]]:
-    parser = _InMemoryParser(
-        request.headers,
-        request.stream(),
-        max_files=settings.max_parts,
-        max_fields=settings.max_parts,
-        max_part_size=settings.max_part_bytes,
-    )
-    try:
-        return (await parser.parse()).multi_items()
-    except (MultiPartException, KeyError) as error:
-        text = getattr(error, "message", "it has no boundary")
-        if "maximum size" in text:
-            raise TooLarge(
-                f"a part is larger than {settings.max_part_bytes} bytes"
-            ) from error
-        raise BadRequest(
-            f"the multipart body cannot be read: {text}", code="bad_multipart"
-        ) from error
-
-
-async def _content(name: str, value: UploadFile | str, settings: Settings) -> bytes:
-    content = value.encode() if isinstance(value, str) else await value.read()
-    if len(content) > settings.max_part_bytes:
-        raise TooLarge(
-            f"part {name!r} has {len(content)} bytes, "
-            f"expected at most {settings.max_part_bytes}"
-        )
-    return content
 
 
 FrameParts = Annotated[dict[str, bytes], Depends(frame_parts)]

@@ -27,7 +27,7 @@ router = ApiRouter(prefix="/api/v1", tag="frames")
 FrameKey = Annotated[str, Path(max_length=2000)]
 
 
-def frame_upload(
+async def frame_upload(
     key: FrameKey,
     parts: FrameParts,
     principal: CurrentPrincipal,
@@ -35,7 +35,7 @@ def frame_upload(
         bool, Query(description="Store other content as the next revision.")
     ] = False,
 ) -> FrameUpload:
-    """A frame as it was sent."""
+    """A frame as it was sent. Asynchronous: not worth a thread of its own."""
     files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
     return FrameUpload(
         checked_key(key), parts[ANNOTATION], files, principal.name, replace
@@ -58,11 +58,13 @@ def put_frame(
     """Store a frame: measured, decided and durable before this is answered."""
     stored = store_frame(services, session, dataset, upload)
     answer = stored.answer or frames.describe_stored(session, stored.frame_id)
-    return JSONResponse(
+    response = JSONResponse(
         answer,
         status_code=201 if stored.created else 200,
         headers={"Location": f"/api/v1/frames/{stored.frame_id}"},
     )
+    session.commit()  # here, where a thread is at hand; an upload should need one only
+    return response
 
 
 @router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])

@@ -1,0 +1,118 @@
+"""Any form comes through whole, however its bytes arrive; a broken one never does."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from itertools import pairwise
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from app.errors import AppError, BadRequest, TooLarge
+from app.routes.multipart import Part, PartLimits, read_parts
+
+BOUNDARY = b"b0undary"
+MEDIA_TYPE = 'multipart/form-data; boundary="b0undary"'
+ROOMY = PartLimits(max_parts=100, max_part_bytes=10**6)
+
+# Contents full of what a boundary is made of.
+contents = st.lists(
+    st.sampled_from([b"\r", b"\n", b"-", b"--", BOUNDARY, b"\r\n--b0un", b"\0", b"x"])
+).map(b"".join)
+names = st.text(st.characters(exclude_characters='"\\\r\n*', codec="utf-8"))
+parts_of_a_form = st.lists(st.builds(Part, names, contents), max_size=5)
+
+
+def form(parts, *, is_file=True):
+    filename = b'; filename="a.png"' if is_file else b""
+    pieces = [
+        b"--%b\r\nContent-Disposition: form-data%b; name=%b\r\n"
+        b"Content-Type: image/png\r\n\r\n%b\r\n"
+        % (BOUNDARY, filename, b'"%b"' % part.name.encode(), part.content)
+        for part in parts
+    ]
+    return b"".join([*pieces, b"--", BOUNDARY, b"--\r\n"])
+
+
+def read(body, limits=ROOMY, *, cuts=(), media_type=MEDIA_TYPE):
+    """The parts of a body that comes in pieces."""
+
+    async def stream():
+        edges = sorted({0, *cuts, len(body)})
+        for start, end in pairwise(edges):
+            yield body[start:end]
+
+    return asyncio.run(read_parts(media_type, stream(), limits))
+
+
+def refusal(*args, **options):
+    with pytest.raises(AppError) as refused:
+        read(*args, **options)
+    return refused.value
+
+
+@given(parts_of_a_form, st.booleans(), st.lists(st.integers(0, 300)))
+def test_a_form_comes_through_however_it_is_cut(parts, is_file, cuts):
+    assume(not any(b"\r\n--" + BOUNDARY in b"\r\n" + one.content for one in parts))
+    body = form(parts, is_file=is_file)
+
+    found = read(body, cuts=[cut for cut in cuts if cut < len(body)])
+
+    assert found == parts
+
+
+@given(parts_of_a_form, st.data())
+def test_a_form_cut_short_is_refused(parts, data):
+    body = form(parts).removesuffix(b"--\r\n")
+    end = data.draw(st.integers(0, len(body)))
+
+    assert refusal(body[:end]).kind == "bad_multipart"
+
+
+@given(st.binary())
+def test_what_is_no_form_is_refused_or_empty(body):
+    with suppress(BadRequest):
+        assert read(body) == []
+
+
+@pytest.mark.parametrize(
+    "media_type",
+    ["multipart/form-data", "multipart/form-data; boundary=", "multipart/form-data; b"],
+)
+def test_a_form_has_a_boundary(media_type):
+    assert refusal(form([]), media_type=media_type).kind == "bad_multipart"
+
+
+def test_every_part_has_a_name():
+    body = b"--%b\r\nContent-Type: text/plain\r\n\r\nx\r\n--%b--\r\n"
+
+    assert "name" in str(refusal(body % (BOUNDARY, BOUNDARY)))
+
+
+def test_one_part_more_than_allowed_is_refused():
+    parts = [Part(str(number), b"") for number in range(3)]
+
+    assert read(form(parts), PartLimits(3, 10)) == parts
+    assert refusal(form(parts), PartLimits(2, 10)).kind == "bad_multipart"
+
+
+def test_a_part_that_grows_too_large_is_not_read_to_its_end():
+    body, taken = form([Part("image", b"x" * 10_000)]), 0
+
+    async def stream():
+        nonlocal taken
+        for start in range(0, len(body), 100):
+            taken += 100
+            yield body[start : start + 100]
+
+    with pytest.raises(TooLarge, match=r"'image'.*1000 bytes"):
+        asyncio.run(read_parts(MEDIA_TYPE, stream(), PartLimits(3, 1000)))
+    assert taken < 1500
+
+
+def test_what_stands_before_and_after_a_form_is_nothing():
+    body = form([Part("image", b"x")])
+
+    assert read(b"\r\n" + body + b"epilogue") == [Part("image", b"x")]
