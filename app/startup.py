@@ -19,7 +19,7 @@ from app.http_protocol import ProblemProtocol
 from app.lifetime import UnusableConfig
 from app.logs import configure_logging, error_log
 from app.main import create_app
-from app.memory import keep_freed_memory
+from app.memory import keep_freed_memory, settle
 from app.services.access import write_secret
 from app.settings import Settings, bracketed
 
@@ -56,6 +56,7 @@ def serve(
         note = ServerNote(url, settings.token_file)
 
         def ready() -> None:
+            settle()
             note.write()
             link = f"{url}/#token={settings.token_file.read_text('utf-8').strip()}"
             (on_ready or _print_link)(link)

@@ -22,6 +22,7 @@ from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Dataset, Run
 from app.engine import LocalEngine
+from app.memory import settle
 from app.repositories.datasets import DatasetRepository
 from app.resources import migrations_dir
 from app.services.box_selection import Selection, to_filter
@@ -49,6 +50,7 @@ def main() -> int:
     context = opened(options.data)
     try:
         prepare(context, options.boxes)
+        settle()
         figures = {**runs(context), **previews(context), **lists(context)}
     finally:
         context.close()

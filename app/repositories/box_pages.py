@@ -83,17 +83,21 @@ class Stream:
             if self.sign > 0
             else self.column <= value + _EPSILON
         )
-        score = self.score()
-        if number < at.stream:
-            return [bound, score > at.score]
-        if number > at.stream:
-            return [bound, score >= at.score]
-        later = (
-            Decision.box_id > at.box_id
-            if self.sign > 0
-            else Decision.box_id < at.box_id
-        )
+        score, last = self.score(), self._last_id(number, at)
+        later = Decision.box_id > last if self.sign > 0 else Decision.box_id < last
         return [bound, or_(score > at.score, and_(score == at.score, later))]
+
+    def _last_id(self, number: int, at: Position) -> int:
+        """The box after which rows of the same score are still to come.
+
+        Streams before the one where the page ended gave all of theirs, those after it
+        none. Said by a value, the statement is the same for every page, and compiled
+        once.
+        """
+        if number == at.stream:
+            return at.box_id
+        has_all_to_come = number > at.stream
+        return -1 if has_all_to_come == (self.sign > 0) else _MAX_ID
 
     def rows(self, number: int, at: Position, limit: int) -> Select[Any]:
         """The next rows of this stream alone."""
