@@ -128,7 +128,7 @@ def _draw_vegetation(image: np.ndarray, rng: np.random.Generator) -> None:
         foot = center[0] + 3, HORIZON + 60
         cv2.rectangle(image, (center[0] - 3, center[1]), foot, color("Vegetation"), -1)
     density = cv2.GaussianBlur(crowns, (0, 0), 14)
-    image[density * 0.75 + texture * 1.0 > 0.85] = color("Vegetation")
+    image[density * 0.75 + texture * 0.93 > 0.82] = color("Vegetation")
 
 
 def _draw_poles(image: np.ndarray, rng: np.random.Generator) -> None:

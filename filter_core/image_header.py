@@ -15,6 +15,9 @@ MAX_SIDE: Final = 16_384
 ColorModel: TypeAlias = Literal["grey", "grey_alpha", "rgb", "rgba", "indexed", "cmyk"]
 
 _PNG_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_PNG_END: Final = b"IEND\xaeB`\x82"
+_PNG_TAIL: Final = 4096
+"""How much may follow the end: some cameras and editors append notes of their own."""
 _PNG_MODELS: Final[dict[int, tuple[ColorModel, int]]] = {
     0: ("grey", 1),
     2: ("rgb", 3),
@@ -125,17 +128,20 @@ def _png_header(content: bytes) -> ImageHeader:
         raise ImageError(
             f"PNG: unknown colour type {color_type} with bit depth {bit_depth}"
         )
+    # What matters stands before the pixels; an animation has to announce itself there.
     kinds = {kind for kind, _ in chunks}
     if b"acTL" in kinds:
         raise ImageError("expected one picture, found an animated PNG")
     if b"IDAT" not in kinds:
         raise ImageError("PNG: found no pixels")
+    if _PNG_END not in content[-_PNG_TAIL:]:
+        raise _ends_too_early(content)
     model, channels = _PNG_MODELS[color_type]
     return ImageHeader("image/png", width, height, bit_depth, channels, model)
 
 
 def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Each chunk's kind and body up to IEND; only the header's body is copied."""
+    """Each chunk's kind and first bytes, up to the first with pixels or the end."""
     position = len(_PNG_SIGNATURE)
     while position + 12 <= len(content):
         length, kind = struct.unpack_from(">I4s", content, position)
@@ -143,10 +149,14 @@ def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
         position += 12 + length
         if position > len(content):
             break
-        yield kind, body if kind == b"IHDR" else b""
-        if kind == b"IEND":
+        yield kind, body
+        if kind in (b"IDAT", b"IEND"):
             return
-    raise ImageError(f"PNG: the file ends too early, after {len(content)} bytes")
+    raise _ends_too_early(content)
+
+
+def _ends_too_early(content: bytes) -> ImageError:
+    return ImageError(f"PNG: the file ends too early, after {len(content)} bytes")
 
 
 def _jpeg_header(content: bytes) -> ImageHeader:
