@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
+import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 _PREFIX_LENGTH: Final = 2
 """Characters of the digest that name the sub-folder: 256 of them."""
+_NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
 def sha256_of(data: bytes) -> str:
@@ -23,7 +24,7 @@ class FolderStorage:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
+        self._make_folders()
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
         """Store blobs by their digests; when this returns they survive a power cut.
@@ -58,7 +59,6 @@ class FolderStorage:
             os.fsync(stream.fileno())
         name = digest.hexdigest()
         path = self.path(name)
-        self._make_folder(path.parent)
         file.replace(path)
         _flush_folder(path.parent)
         return name
@@ -70,23 +70,30 @@ class FolderStorage:
         return folder
 
     def _write(self, path: Path, data: bytes) -> Path:
-        self._make_folder(path.parent)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
+        draft = path.with_name(f".new-{secrets.token_hex(8)}")
         try:
-            with os.fdopen(handle, "wb") as file:
+            descriptor = os.open(draft, _NEW_FILE, 0o600)
+        except FileNotFoundError:  # somebody emptied the folder while we run
+            self._make_folders()
+            descriptor = os.open(draft, _NEW_FILE, 0o600)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
                 file.write(data)
                 file.flush()
-                os.fsync(file.fileno())
-            Path(name).replace(path)
+                os.fsync(descriptor)
+            draft.replace(path)
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            draft.unlink(missing_ok=True)
             raise
         return path.parent
 
-    def _make_folder(self, folder: Path) -> None:
-        if not folder.exists():
-            folder.mkdir(exist_ok=True)
-            _flush_folder(self._folder)
+    def _make_folders(self) -> None:
+        # All of them now: later, a blob could find a folder that another writer has
+        # made and not yet flushed, and would have to wait for two.
+        for number in range(16**_PREFIX_LENGTH):
+            name = f"{number:0{_PREFIX_LENGTH}x}"
+            (self._folder / name).mkdir(parents=True, exist_ok=True)
+        _flush_folder(self._folder)
 
 
 def _flush_folder(folder: Path) -> None:

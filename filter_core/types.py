@@ -66,16 +66,12 @@ class Reason(IntEnum):
     @property
     def label(self) -> str:
         """The reason's name on the wire, such as ``below_threshold``."""
-        return self.name.lower()
+        return _LABELS[self]
 
     @property
     def verdict(self) -> Verdict:
         """Each reason belongs to one verdict."""
-        if self is Reason.VISIBLE:
-            return Verdict.KEPT
-        if self is Reason.NO_SEGMENTATION:
-            return Verdict.UNMEASURED
-        return Verdict.REJECTED
+        return _VERDICTS[self]
 
     @classmethod
     def from_label(cls, label: str) -> Reason:
@@ -85,6 +81,14 @@ class Reason(IntEnum):
         except KeyError:
             known = ", ".join(reason.label for reason in cls)
             raise ValueError(f"unknown reason {label!r}; known: {known}") from None
+
+
+# By number: both are asked several times for every box that is shown.
+_LABELS: Final = {int(reason): reason.name.lower() for reason in Reason}
+_VERDICTS: Final = {int(reason): Verdict.REJECTED for reason in Reason} | {
+    int(Reason.VISIBLE): Verdict.KEPT,
+    int(Reason.NO_SEGMENTATION): Verdict.UNMEASURED,
+}
 
 
 @dataclass(frozen=True)

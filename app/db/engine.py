@@ -51,8 +51,13 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:  # noqa: ANN401  
 def _begin_sqlite(connection: Connection) -> None:
     # A transaction that starts by reading and writes later can fail at once with
     # "database is locked", whatever the time-out: writers take their place first.
-    immediate = connection.get_execution_options().get("writes", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if immediate else "BEGIN")
+    if connection.get_execution_options().get("writes", False):
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+        return
+    # Every request reads, and this cannot fail: not worth SQLAlchemy's way round.
+    driver = connection.connection.cursor()
+    driver.execute("BEGIN")
+    driver.close()
 
 
 def _begin_postgres(connection: Connection) -> None:

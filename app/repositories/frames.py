@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 from sqlalchemy import (
@@ -18,7 +19,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session, undefer
 
 from app.db.base import utc_now
-from app.db.bulk import chunks, insert_rows, upsert
+from app.db.bulk import chunks, insert_plain, insert_rows, upsert_in
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
@@ -236,13 +237,14 @@ class FrameRepository:
     def add(self, frame: Mapping[str, Any], files: Sequence[FileRow]) -> None:
         """Insert a frame and its files."""
         if files:
-            blobs = upsert(self._session, Blob).on_conflict_do_nothing()
+            connection = self._session.connection()
             distinct = {file.sha256: file for file in files}
-            self._session.connection().execute(
-                blobs, [_blob(file) for file in distinct.values()]
+            connection.execute(
+                _new_blobs(connection.dialect.name),
+                [_blob(file) for file in distinct.values()],
             )
         insert_rows(self._session, Frame, [frame])
-        insert_rows(
+        insert_plain(
             self._session,
             FrameFile,
             [
@@ -253,8 +255,8 @@ class FrameRepository:
 
     def add_boxes(self, new: NewBoxes) -> None:
         """Insert boxes and their current decisions."""
-        insert_rows(self._session, Box, new.boxes)
-        insert_rows(self._session, Decision, new.decisions)
+        insert_plain(self._session, Box, new.boxes)
+        insert_plain(self._session, Decision, new.decisions)
 
     def content(self, dataset_id: int, key: str) -> tuple[int, str] | None:
         """Id and content digest of the newest revision under a key."""
@@ -291,6 +293,11 @@ class FrameRepository:
         if found is None:
             raise NotFound("box", box_id)
         return found
+
+
+@lru_cache
+def _new_blobs(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
+    return upsert_in(dialect, Blob).on_conflict_do_nothing()
 
 
 def _blob(file: FileRow) -> dict[str, Any]:

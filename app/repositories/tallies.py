@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
-from app.db.bulk import upsert
+from app.db.bulk import upsert_in
 from app.db.tables import Decision, Tally
 from app.repositories.box_pages import Present
 
@@ -48,13 +49,8 @@ class TallyRepository:
         ]
         if not rows:
             return
-        statement = upsert(self._session, Tally)
-        key = ["dataset_id", *TallyKey._fields]
-        statement = statement.on_conflict_do_update(
-            index_elements=key,
-            set_={"boxes": Tally.boxes + statement.excluded.boxes},
-        )
-        self._session.connection().execute(statement, rows)
+        connection = self._session.connection()
+        connection.execute(_count_in(connection.dialect.name), rows)
 
     def replace(self, dataset_id: int, counts: Mapping[TallyKey, int]) -> None:
         """Set all tallies of a dataset."""
@@ -91,6 +87,16 @@ class TallyRepository:
         ]
         if rows:
             self._session.execute(insert(Tally), rows)
+
+
+@lru_cache
+def _count_in(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
+    # Built once: every upload runs it, and building costs five times as much.
+    statement = upsert_in(dialect, Tally)
+    return statement.on_conflict_do_update(
+        index_elements=["dataset_id", *TallyKey._fields],
+        set_={"boxes": Tally.boxes + statement.excluded.boxes},
+    )
 
 
 def tally(keys: Iterable[TallyKey]) -> Counter[TallyKey]:
