@@ -290,7 +290,8 @@ def _agreed_size(
         if wh != size:
             raise ImageSizeMismatch(
                 f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
-                f"found {wh[0]} x {wh[1]} px"
+                f"found {wh[0]} x {wh[1]} px",
+                pointer=name.replace("the ", "/"),
             )
     return size
 

@@ -11,7 +11,7 @@ from app.services.measuring import FrameFiles
 from app.settings import Settings
 from app.storage import sha256_of
 from filter_core.annotation_types import FrameAnnotation
-from filter_core.errors import ImageError, ImageTooLarge
+from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
 from filter_core.image_header import ImageHeader, read_image_header, require_size
 
 PICTURES: Final = ("image", "segmentation", "depth", "instances", "ignore_mask")
@@ -69,7 +69,7 @@ def check_files(
     wh = _image_wh(headers, annotation)
     for kind in _SAME_SIZE:
         if kind in headers:
-            require_size(headers[kind], wh, what=f"the {kind}", than="the image")
+            _require_size(kind, headers[kind], wh)
     rows = tuple(
         FileRow(kind, sha256_of(content), len(content), types[kind])
         for kind, content in sorted(contents.items())
@@ -89,6 +89,13 @@ def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
             pointer=f"/{kind}",
         )
     return header
+
+
+def _require_size(kind: str, header: ImageHeader, wh: tuple[int, int]) -> None:
+    try:
+        require_size(header, wh, what=f"the {kind}", than="the image")
+    except ImageSizeMismatch as error:
+        raise ImageSizeMismatch(error.detail, pointer=f"/{kind}") from error
 
 
 def _image_wh(

@@ -21,9 +21,10 @@ from app.services.frame_answer import describe_new
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent, write_frame
 from app.services.measuring import measure_files
+from app.services.refusals import described, naming
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.annotation_types import FrameAnnotation
-from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
+from filter_core.errors import AnnotationError, FilterError
 from filter_core.frame_filter import MeasuredFrame
 
 MAX_TEXT: Final = 200
@@ -102,19 +103,10 @@ def note_problem(
     context: ServiceContext, dataset_id: int, key: str, error: FilterError
 ) -> None:
     """Remember a refusal, so that nobody has to search for a missing frame."""
-    faults = error.errors if isinstance(error, AnnotationErrors) else ()
-    described = {
-        "code": error.kind,
-        "detail": error.detail,
-        "errors": [
-            {"pointer": fault.pointer, "code": fault.kind, "detail": fault.detail}
-            for fault in faults
-        ],
-    }
     with context.database.write() as session:
         FrameRepository(session).forget_problems(dataset_id, key)
         ProblemRepository(session).add(
-            Problem(dataset_id=dataset_id, key=key, error=described)
+            Problem(dataset_id=dataset_id, key=key, error=described(error))
         )
 
 
@@ -126,7 +118,8 @@ def _prepare(context: ServiceContext, upload: FrameUpload) -> _Prepared:
         limits=AnnotationLimits(settings.max_boxes_per_frame, max_text=MAX_TEXT),
         frame=upload.key,
     )
-    files = check_files(upload.files, annotation, settings)
+    with naming(upload.key):
+        files = check_files(upload.files, annotation, settings)
     return _Prepared(upload, annotation, files, _content_digest(annotation, files))
 
 
@@ -148,7 +141,10 @@ def _same(
 
 
 def _measure(active: ActiveDataset, prepared: _Prepared) -> MeasuredFrame:
-    return measure_files(active.plan, prepared.annotation, prepared.files.measured())
+    with naming(prepared.upload.key, "/segmentation"):
+        return measure_files(
+            active.plan, prepared.annotation, prepared.files.measured()
+        )
 
 
 def _check_classes(

@@ -22,9 +22,9 @@ from app.services.measuring import (
     plan_of,
 )
 from app.services.recounting import recount, recounted_row
+from app.services.refusals import naming
 from filter_core.annotation import parse_annotation
 from filter_core.config import FilterConfig
-from filter_core.errors import FilterError
 
 CHUNK: Final = 200
 """Frames per transaction: a few seconds of pixel work."""
@@ -142,14 +142,8 @@ def _remeasured(
     annotation = parse_annotation(frame.annotation, frame=frame.key)
     size = (frame.width or 0, frame.height or 0)
     pixels = FrameFiles(read("segmentation"), size, read("ignore_mask"))
-    try:
+    with naming(frame.key, "/segmentation"):
         measured = measure_files(source.plan, annotation, pixels)
-    except FilterError as error:
-        raise type(error)(
-            f"frame {frame.key!r}: {error.detail}",
-            pointer=error.pointer,
-            code=error.kind,
-        ) from error
     ids = [source.classes[name] for name in measured.evidence.class_names]
     return {
         "frame_id": frame.id,

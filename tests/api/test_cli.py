@@ -92,7 +92,8 @@ def test_push_with_a_bad_frame_is_partly_done_and_lists_it(unghost, name, tmp_pa
 
     assert answer.code == PARTLY
     assert "3 stored" in answer.out
-    assert "refused: run/000002" in answer.err
+    assert 'refused: run/000002: box 0 (id "x"), xyxy[2]: expected' in answer.err
+    assert answer.err.count('"wide"') == 1
     assert "Traceback" not in answer.err
 
 

@@ -97,8 +97,10 @@ def _problem(outcome: NotSent) -> dict[str, Any]:
 def _line(problem: NotSent) -> str:
     error = problem.error
     faults = error.errors if isinstance(error, ApiError) else ()
-    more = "".join(f"\n    {fault}" for fault in faults)
-    return f"refused: {problem.key}: {error}{more}"
+    # A single fault is what the error itself says.
+    more = "".join(f"\n    {fault}" for fault in faults if len(faults) > 1)
+    said = str(error).removeprefix(f"frame {problem.key}").lstrip(":, ")
+    return f"refused: {problem.key}: {said}{more}"
 
 
 def _shortened(lines: list[str]) -> list[str]:
