@@ -113,23 +113,23 @@ def correct_xyxy(
     _refuse_non_finite(boxes)
     limit = np.array([*wh, *wh], dtype=np.float64)
 
-    corrected: BoxesXYXY = np.clip(boxes, 0.0, limit)
+    corrected: BoxesXYXY = np.minimum(np.maximum(boxes, 0.0), limit)
     extent = corrected[:, 2:] - corrected[:, :2]
     area = extent[:, 0] * extent[:, 1]
     published = profile == "carlasimu"
     outside = _is_outside(boxes, wh, published=published)
-    degenerate = (extent <= 0).any(axis=1)
+    degenerate = (extent[:, 0] <= 0) | (extent[:, 1] <= 0)
     covers = np.zeros(len(boxes), dtype=np.bool_)
     if published:
         # Two slivers can multiply to exactly 0.0, which the code tests for.
         degenerate |= area == 0
         covers = area >= wh[0] * wh[1]
 
-    state = np.select(
-        [outside, degenerate, covers],
-        [BoxState.OUTSIDE_IMAGE, BoxState.DEGENERATE, BoxState.COVERS_IMAGE],
-        default=BoxState.MEASURABLE,
-    ).astype(np.uint8)
+    # Written from the last rule to the first: several times cheaper than np.select.
+    state = np.full(len(boxes), BoxState.MEASURABLE, np.uint8)
+    state[covers] = BoxState.COVERS_IMAGE
+    state[degenerate] = BoxState.DEGENERATE
+    state[outside] = BoxState.OUTSIDE_IMAGE
     corrected[outside | degenerate] = np.nan
     return corrected, state
 
@@ -152,11 +152,13 @@ def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
     boxes = _as_boxes(xyxy)
     # A NaN cast to an integer is undefined, so those rows are replaced before.
     known = ~np.isnan(boxes).any(axis=1, keepdims=True)
-    solid = np.where(known, boxes, 0.0)
+    solid = boxes if known.all() else np.where(known, boxes, 0.0)
     size = np.array(wh, dtype=np.float64)
-    first = np.clip(np.floor(solid[:, :2]), 0, size - 1)
-    stop = np.clip(np.ceil(solid[:, 2:]), first + 1, size)
-    bounds: IntArray = np.hstack([first, stop]).astype(np.int64) * known
+    bounds = np.empty(boxes.shape, dtype=np.int64)
+    first = np.minimum(np.maximum(np.floor(solid[:, :2]), 0), size - 1)
+    bounds[:, :2] = first
+    bounds[:, 2:] = np.minimum(np.maximum(np.ceil(solid[:, 2:]), first + 1), size)
+    bounds *= known
     return bounds
 
 
