@@ -68,7 +68,7 @@ def create_dataset(
         encoding=body.encoding,
         channel_order=body.channel_order,
         lossy_segmentation=body.lossy_segmentation,
-        ignore_mask=mask.model_dump() if mask else None,
+        ignore_mask=mask.stored() if mask else None,
     )
     wanted = datasets.NewDataset(
         reading, body.description, body.classes, services.default_config, principal.name
@@ -100,6 +100,8 @@ def change_dataset(
     """Change a dataset; how segmentations are read changes by a run (202)."""
     found = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
+    if body.ignore_mask is not None:
+        changes["ignore_mask"] = body.ignore_mask.stored()
     run = datasets.change_dataset(services, session, found, changes, principal.name)
     if run is None:
         return datasets.describe_dataset(session, found)

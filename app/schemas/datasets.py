@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from filter_core.image_header import read_image_header
 
 NAME_PATTERN = r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$"
 
@@ -21,11 +31,34 @@ Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000)]
 
 
 class IgnoreMask(BaseModel):
-    """Pixels that never count, such as the ego's own bonnet, as polygons in pixels."""
+    """Where pixels never count, for instance on the ego's bonnet: one of two forms."""
 
     model_config = ConfigDict(extra="forbid")
 
-    polygons: Annotated[list[Polygon], Field(min_length=1, max_length=100)]
+    polygons: Annotated[list[Polygon], Field(min_length=1, max_length=100)] | None = (
+        Field(default=None, description="Corners in pixels.")
+    )
+    png: Annotated[str, Field(max_length=2_000_000)] | None = Field(
+        default=None,
+        description="A PNG of the frames' size, in Base64; not black is ignored.",
+    )
+
+    @field_validator("png")
+    @classmethod
+    def _is_a_picture(cls, value: str | None) -> str | None:
+        if value is not None:
+            read_image_header(b64decode(value, validate=True))
+        return value
+
+    @model_validator(mode="after")
+    def _has_one_form(self) -> IgnoreMask:
+        if (self.polygons is None) == (self.png is None):
+            raise ValueError("expected either polygons or png")
+        return self
+
+    def stored(self) -> dict[str, Any]:
+        """The form that was given."""
+        return self.model_dump(exclude_none=True)
 
 
 class DatasetIn(BaseModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from base64 import b64decode
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Final, cast
@@ -17,6 +18,7 @@ from app.db.evidence_record import (
     pack_tag_counts,
 )
 from app.db.tables import Dataset, Measurement
+from app.services.refusals import naming
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.config import FilterConfig
 from filter_core.decision_record import FrameGeometry
@@ -160,13 +162,14 @@ def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
 
 
 def _ignore(plan: MeasurePlan, files: FrameFiles) -> Mask | None:
-    masks = []
+    sources: list[Any] = [] if files.ignore_mask is None else [files.ignore_mask]
     if plan.ignored is not None:
-        masks.append(read_ignore_mask(plan.ignored["polygons"], files.image_wh))
-    if files.ignore_mask is not None:
-        masks.append(read_ignore_mask(files.ignore_mask, files.image_wh))
-    if not masks:
+        picture = plan.ignored.get("png")
+        sources.append(b64decode(picture) if picture else plan.ignored["polygons"])
+    if not sources:
         return None
+    with naming(pointer="/ignore_mask"):
+        masks = [read_ignore_mask(source, files.image_wh) for source in sources]
     joined: Mask = np.logical_or.reduce(masks)
     return joined
 

@@ -10,7 +10,7 @@ from filter_core.errors import AnnotationErrors, FilterError
 
 
 @contextmanager
-def naming(key: str, pointer: str = "") -> Iterator[None]:
+def naming(key: str = "", pointer: str = "") -> Iterator[None]:
     """Say which frame, and which part of it, a fault raised within belongs to."""
     try:
         yield
@@ -18,9 +18,10 @@ def naming(key: str, pointer: str = "") -> Iterator[None]:
         raise  # each of them names the frame and its own place
     except FilterError as error:
         text = error.detail
-        frame = "" if text.startswith(f"frame {key}") else f"frame {key}: "
+        if key and not text.startswith(f"frame {key}"):
+            text = f"frame {key}: {text}"
         raise type(error)(
-            f"{frame}{text}", pointer=error.pointer or pointer, code=error.kind
+            text, pointer=error.pointer or pointer, code=error.kind
         ) from error
 
 

@@ -217,7 +217,7 @@ def test_the_settings_say_how_the_current_numbers_were_read(api):
         "segmentation_contradiction",
         "auto",
     )
-    assert "'town/7'" in failed["error"]["detail"]
+    assert failed["error"]["detail"].startswith("frame town/7: ")
     assert (done["state"], done["kind"], done["changed"]) == ("done", "measure", 0)
     assert api.json(f"/datasets/{name}")["palette"] == "carla-0.9.14"
 
