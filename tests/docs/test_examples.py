@@ -1,0 +1,27 @@
+"""Annotations that the documentation shows are annotations that are taken."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from filter_core import parse_annotation
+
+DOCS = Path(__file__).parents[2] / "docs"
+BLOCK = re.compile(r"```json\n(.*?)```", re.DOTALL)
+SHOWN = [
+    pytest.param(block, id=f"{path.name} {number}")
+    for path in sorted(DOCS.glob("*.md"))
+    for number, block in enumerate(BLOCK.findall(path.read_text("utf-8")))
+    if '"boxes"' in block
+]
+
+
+@pytest.mark.parametrize("block", SHOWN)
+def test_an_annotation_that_is_shown_can_be_sent(block):
+    shown = json.loads(block)
+
+    assert len(parse_annotation(shown).boxes) == len(shown["boxes"])
