@@ -34,6 +34,7 @@ from app.services.counting import histogram
 from app.services.measuring import DatasetReading
 from app.services.preview import active_numbers
 from app.services.runs import start_after
+from app.services.timestamps import rfc3339
 
 router = ApiRouter(prefix="/api/v1", tag="datasets")
 
@@ -161,7 +162,7 @@ def list_problems(
             "id": row.id,
             "key": row.key,
             "error": row.error,
-            "created_at": row.created_at.isoformat(),
+            "created_at": rfc3339(row.created_at),
         }
         for row in rows[:limit]
     ]

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import ConfigVersion, Dataset
 from app.repositories.runs import ConfigRepository
+from app.services.timestamps import rfc3339
 from filter_core.config import FilterConfig
 
 
@@ -55,7 +56,7 @@ def describe_version(dataset: Dataset, version: ConfigVersion) -> dict[str, Any]
         "config": version.body,
         "unused_keys": version.unused_keys,
         "created_by": version.created_by,
-        "created_at": version.created_at.isoformat(),
+        "created_at": rfc3339(version.created_at),
         "active": version.id == dataset.active_config_id,
     }
 

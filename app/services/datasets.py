@@ -25,6 +25,7 @@ from app.services.run_requests import (
     request_run,
 )
 from app.services.statistics import count, summary
+from app.services.timestamps import rfc3339
 from filter_core.config import FilterConfig
 
 CARLA_CLASSES: Final = (
@@ -136,7 +137,7 @@ def describe_dataset(session: Session, dataset: Dataset) -> dict[str, Any]:
         "channel_order": dataset.channel_order,
         "lossy_segmentation": dataset.lossy_segmentation,
         "has_ignore_mask": dataset.ignore_mask is not None,
-        "created_at": dataset.created_at.isoformat(),
+        "created_at": rfc3339(dataset.created_at),
         "config": active_version(session, dataset).digest,
         "active_run": dataset.active_run_id,
         "thumbnail_frame_id": frames.first_with_image(dataset.id),

@@ -28,6 +28,7 @@ from app.services.configs import active_version
 from app.services.context import ServiceContext
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames
+from app.services.timestamps import rfc3339
 from filter_core.errors import FilterError
 from filter_core.formats.decisions_writer import write_decisions
 from filter_core.formats.export_frame import ExportHead
@@ -119,7 +120,7 @@ def describe_export(export: Export, dataset: str) -> dict[str, Any]:
         "sha256": export.sha256,
         "counts": export.counts,
         "error": export.error,
-        "created_at": export.created_at.isoformat(),
+        "created_at": rfc3339(export.created_at),
         "download": f"/api/v1/exports/{export.id}/download" if done else None,
     }
 

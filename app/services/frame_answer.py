@@ -11,6 +11,7 @@ from app.services.decisions import accepted_tags
 from app.services.frame_rows import FrameContent, WrittenFrame
 from app.services.reviews import effective_verdict
 from app.services.statistics import count, summary, tallies_of
+from app.services.timestamps import rfc3339
 from filter_core.decision_record import decision_dicts
 
 
@@ -49,7 +50,7 @@ def _frame(
         "has_image": "image" in files,
         "has_segmentation": "segmentation" in files,
         "lossy": bool((report or {}).get("lossy")),
-        "created_at": written.created_at.isoformat(),
+        "created_at": rfc3339(written.created_at),
         "counts": summary(count(alike)),
         "dataset": active.name,
         "camera": raw.get("camera"),

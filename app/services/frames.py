@@ -18,6 +18,7 @@ from app.services.decisions import DecisionReader
 from app.services.frame_answer import describe_files
 from app.services.frame_replacement import retire
 from app.services.statistics import count, summary
+from app.services.timestamps import rfc3339
 
 
 def frame_summaries(
@@ -40,7 +41,7 @@ def frame_summaries(
             "has_image": "image" in files[frame.id],
             "has_segmentation": "segmentation" in files[frame.id],
             "lossy": bool((reports.get(frame.id) or {}).get("lossy")),
-            "created_at": frame.created_at.isoformat(),
+            "created_at": rfc3339(frame.created_at),
             "counts": summary(count(_keyed(tallies[frame.id]))),
         }
         for frame in frames

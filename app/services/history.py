@@ -20,6 +20,7 @@ from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
+from app.services.timestamps import rfc3339
 from filter_core.decide import decide
 from filter_core.types import Reason
 
@@ -70,7 +71,7 @@ def _decision(
 def _entry(at: datetime, run_id: int, digest: str) -> dict[str, Any]:
     return {
         "kind": "decision",
-        "at": at.isoformat(),
+        "at": rfc3339(at),
         "run": run_id,
         "config": digest,
         "verdict": None,
@@ -83,7 +84,7 @@ def _entry(at: datetime, run_id: int, digest: str) -> dict[str, Any]:
 def _answer(review: Review) -> dict[str, Any]:
     return {
         "kind": "review",
-        "at": review.created_at.isoformat(),
+        "at": rfc3339(review.created_at),
         "revision": review.revision,
         "reviewer": review.reviewer,
         "verdict": review.verdict,

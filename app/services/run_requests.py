@@ -16,6 +16,7 @@ from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import active_version, add_version, config_of
 from app.services.context import ServiceContext
 from app.services.measuring import DatasetReading, MeasurePlan, plan_for, plan_of
+from app.services.timestamps import rfc3339
 from app.version import FILTER_CORE_VERSION
 from filter_core.config import FilterConfig
 
@@ -142,11 +143,11 @@ def describe_run(run: Run, dataset: str, digest: str) -> dict[str, Any]:
         "counts": run.counts or {},
         "error": run.error,
         "created_by": run.created_by,
-        "created_at": run.created_at.isoformat(),
+        "created_at": rfc3339(run.created_at),
         "started_at": _time(run.started_at),
         "finished_at": _time(run.finished_at),
     }
 
 
 def _time(at: datetime | None) -> str | None:
-    return None if at is None else at.isoformat()
+    return None if at is None else rfc3339(at)
