@@ -8,8 +8,7 @@ AppError                     anything that the service says no to
 |-- Forbidden                valid credentials, but not for this
 |-- NotFound                 no such thing
 |-- Conflict                 the state, or other content, is in the way
-|   |-- FrameConflict        another frame is stored under this key
-|   `-- RunAlreadyFinished   a run that ended cannot be cancelled
+|   `-- FrameConflict        another frame is stored under this key
 |-- StaleRevision            someone changed the thing since it was looked at
 |   `-- StaleReview          ... the thing is a box under review
 |-- TooLarge                 larger than a limit of the settings
@@ -113,12 +112,6 @@ class FrameConflict(Conflict):
     """Another frame is stored under this key."""
 
     code = "frame_conflict"
-
-
-class RunAlreadyFinished(Conflict):
-    """A run that ended cannot be cancelled."""
-
-    code = "run_already_finished"
 
 
 class StaleRevision(AppError):

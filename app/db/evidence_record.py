@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.types import N_TAGS, BoxesXYXY, Evidence
+from filter_core.types import N_TAGS, Evidence
 
 NUMBERS: Final = np.dtype(
     [
@@ -137,8 +137,3 @@ def unpack_geometry(packed: bytes, boxes: int) -> list[Geometry | None]:
 
 def _given(rectangle: tuple[float, ...]) -> tuple[float, ...] | None:
     return None if rectangle[0] != rectangle[0] else rectangle
-
-
-def rectangles(boxes: BoxesXYXY) -> list[tuple[float, ...] | None]:
-    """Rows as tuples; None for rows of NaN."""
-    return [_given(tuple(row)) for row in boxes.tolist()]

@@ -92,15 +92,6 @@ class Mesh:
         """The mesh and its mirror image."""
         return join([self, self.mirrored()])
 
-    def subset(self, chosen: NDArray[np.int64] | NDArray[np.bool_]) -> Mesh:
-        """Some of the triangles."""
-        return Mesh(
-            self.corners[chosen],
-            self.normals[chosen],
-            self.surface[chosen],
-            self.tag[chosen],
-        )
-
 
 def cross(one: FloatArray, two: FloatArray) -> FloatArray:
     """Vector products along the last axis; numpy's own takes four times as long."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -72,12 +72,6 @@ class EvidenceRepository:
     def add(self, rows: list[dict[str, Any]]) -> None:
         """Insert evidence of frames."""
         insert_rows(self._session, FrameEvidence, rows)
-
-    def remove_measurement(self, measurement_id: int) -> None:
-        """Forget evidence that never became current."""
-        self._session.execute(
-            delete(FrameEvidence).where(FrameEvidence.measurement_id == measurement_id)
-        )
 
     def of_frames(
         self, frame_ids: Iterable[int], measurement_id: int

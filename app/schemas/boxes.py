@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -97,14 +97,3 @@ class BoxOut(DecisionOut):
     """A box with the boxes around it."""
 
     neighbours: list[int] = Field(description="Boxes of the frame that overlap it.")
-
-
-class HistoryItemOut(BaseModel):
-    """One thing that happened to a box: a decision or an answer."""
-
-    model_config = ConfigDict(extra="allow")
-
-    kind: Literal["decision", "review"]
-    at: str
-    verdict: str
-    details: dict[str, Any] | None = None

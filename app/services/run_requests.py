@@ -15,7 +15,7 @@ from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import active_version, add_version, config_of
 from app.services.context import ServiceContext
-from app.services.measuring import DatasetReading, MeasurePlan, plan_for, plan_of
+from app.services.measuring import DatasetReading, MeasurePlan, plan_for
 from app.services.timestamps import rfc3339
 from app.version import FILTER_CORE_VERSION
 from filter_core.config import FilterConfig
@@ -86,12 +86,6 @@ def active_measurement(session: Session, dataset: Dataset) -> Measurement:
     return EvidenceRepository(session).measurement_with_id(
         dataset.active_measurement_id
     )
-
-
-def active_plan(session: Session, dataset: Dataset) -> MeasurePlan:
-    """How frames that come in now are measured."""
-    config = config_of(active_version(session, dataset))
-    return plan_of(active_measurement(session, dataset), config)
 
 
 def measurement_of(
