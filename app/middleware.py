@@ -17,7 +17,7 @@ from typing import Final
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import MisdirectedHost, TooLarge
+from app.errors import BadRequest, MisdirectedHost, TooLarge
 from app.http_errors import problem_of
 from app.logs import access_log, current_request_id, error_log
 from app.metrics import RequestMetrics
@@ -165,14 +165,23 @@ class KnownHosts:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] == "http" and ANY_HOST not in self._hosts:
+        if scope["type"] == "http":
             names = Headers(scope=scope).getlist("host")
-            if len(names) != 1 or host_name(names[0]) not in self._hosts:
+            if len(names) != 1 and scope["http_version"] == "1.1":
+                raise BadRequest(
+                    f"expected one Host, found {len(names)}", code="malformed_http"
+                )
+            if not self._is_known(names):
                 raise MisdirectedHost(
                     "this service is not known under that host name; "
                     "UNGHOST_ALLOWED_HOSTS adds names"
                 )
         await self._app(scope, receive, send)
+
+    def _is_known(self, names: list[str]) -> bool:
+        if ANY_HOST in self._hosts:
+            return True
+        return bool(names) and all(host_name(name) in self._hosts for name in names)
 
 
 @dataclass

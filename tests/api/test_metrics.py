@@ -26,7 +26,7 @@ def test_answers_are_counted_by_route_and_status(serve):
 def test_what_has_no_route_is_counted_together(serve):
     with serve().admin() as client:
         client.get('/nowhere"}')
-        client.request("BREW", "/nowhere")
+        client.request("PROPFIND", "/nowhere")
         text = client.get("/metrics").text
 
     assert 'unghost_requests_total{method="GET",route="other",status="404"} 1' in text
