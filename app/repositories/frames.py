@@ -60,6 +60,16 @@ class FrameFilter:
 
 
 @dataclass(frozen=True)
+class FramePage:
+    """Which page of a list of frames: by key or by arrival, from where on."""
+
+    by_key: bool
+    backwards: bool
+    after: str | int | None
+    limit: int
+
+
+@dataclass(frozen=True)
 class NewBoxes:
     """Boxes and current decisions of a new frame, as rows."""
 
@@ -113,18 +123,17 @@ class FrameRepository:
             found |= {row[0]: row[1] for row in self._session.execute(rows)}
         return found
 
-    def page(self, wanted: FrameFilter, *, after: str, limit: int) -> list[Frame]:
-        """The next current frames by key."""
+    def page(self, wanted: FrameFilter, page: FramePage) -> list[Frame]:
+        """The next current frames, one more than asked for if there are more."""
+        column, ascending = Frame.key if page.by_key else Frame.id, not page.backwards
         rows = (
             select(Frame)
-            .where(
-                Frame.dataset_id == wanted.dataset_id,
-                Frame.superseded_at.is_(None),
-                Frame.key > after,
-            )
-            .order_by(Frame.key)
-            .limit(limit)
+            .where(Frame.dataset_id == wanted.dataset_id, Frame.superseded_at.is_(None))
+            .order_by(column if ascending else column.desc())
+            .limit(page.limit + 1)
         )
+        if page.after is not None:
+            rows = rows.where(column > page.after if ascending else column < page.after)
         if wanted.key_prefix:
             rows = rows.where(
                 Frame.key >= wanted.key_prefix,

@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse
 
 from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
 from app.repositories.datasets import DatasetRepository
-from app.repositories.frames import FrameFilter, FrameRepository
+from app.repositories.frames import FrameFilter
 from app.routes.datasets import DatasetName
 from app.routes.frame_upload import ANNOTATION, FrameParts, described_body
 from app.routes.selections import selection_of
@@ -74,18 +74,16 @@ def list_frames(
     session: ReadSession,
     query: Annotated[FrameListQuery, Query()],
 ) -> Response:
-    """Frames by key; with filters on boxes, those that have such a box."""
+    """Frames by key or arrival; with filters on boxes, those that have such a box."""
     found = DatasetRepository(session).named(dataset)
     selection = selection_of(query)
     boxes = to_filter(session, found, selection) if selection.selects() else None
-    rows = FrameRepository(session).page(
+    rows, cursor = frames.page_of_frames(
+        session,
         FrameFilter(found.id, query.key, boxes),
-        after=query.cursor or "",
-        limit=query.limit + 1,
+        frames.PageRequest(query.sort, query.cursor, query.limit),
     )
-    items = frames.frame_summaries(session, found, rows[: query.limit])
-    more = len(rows) > query.limit
-    return page_response(request, items, items[-1]["key"] if more else None)
+    return page_response(request, frames.frame_summaries(session, found, rows), cursor)
 
 
 @router.get("/datasets/{dataset}/frames/{key:path}", response_model=FrameOut)

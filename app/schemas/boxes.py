@@ -11,6 +11,9 @@ from app.schemas.reviews import BoxSelection
 Sort = Literal["id", "doubt", "match_percent", "-match_percent", "crowding"]
 
 
+FrameSort = Literal["key", "-key", "id", "-id"]
+
+
 class BoxListQuery(BoxSelection):
     """The query of a list of boxes."""
 
@@ -24,6 +27,7 @@ class FrameListQuery(BoxSelection):
     """The query of a list of frames: those that have such a box."""
 
     key: str = Field(default="", max_length=512, description="Prefix of keys.")
+    sort: FrameSort = "key"
     limit: int = Field(default=100, ge=1, le=1000, description="Most items of a page.")
     cursor: str | None = Field(default=None, max_length=2000)
 

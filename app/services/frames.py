@@ -3,22 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
 from app.db.tables import Dataset, Frame
-from app.errors import NotFound
+from app.errors import BadRequest, NotFound
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
-from app.repositories.frames import FileRow, FrameRepository
+from app.repositories.frames import (
+    FileRow,
+    FrameFilter,
+    FramePage,
+    FrameRepository,
+)
 from app.repositories.tallies import TallyKey
 from app.services.decisions import DecisionReader
 from app.services.frame_answer import describe_files
 from app.services.frame_replacement import retire
 from app.services.statistics import count, summary
 from app.services.timestamps import rfc3339
+
+_MAX_ID: Final = 2**63 - 1
+_ID_DIGITS: Final = 19
+
+
+@dataclass(frozen=True)
+class PageRequest:
+    """Which page of a list, and in which order: ``key`` or ``id``, ``-`` backwards."""
+
+    sort: str
+    cursor: str | None
+    limit: int
+
+
+def page_of_frames(
+    session: Session, wanted: FrameFilter, page: PageRequest
+) -> tuple[list[Frame], str | None]:
+    """Frames of one page, and the cursor of the next."""
+    by_key = page.sort.endswith("key")
+    after: str | int | None = page.cursor
+    if page.cursor is not None and not by_key:
+        if not page.cursor.isascii() or not page.cursor.isdecimal():
+            raise BadRequest(f"cursor {page.cursor[:80]!r} is not one of ours")
+        after = min(int(page.cursor[:_ID_DIGITS]), _MAX_ID)
+    chosen = FramePage(by_key, page.sort.startswith("-"), after, page.limit)
+    rows = FrameRepository(session).page(wanted, chosen)
+    if len(rows) <= page.limit:
+        return rows, None
+    last = rows[page.limit - 1]
+    return rows[: page.limit], last.key if by_key else str(last.id)
 
 
 def frame_summaries(

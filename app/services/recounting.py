@@ -11,8 +11,8 @@ from app.db.evidence_record import (
     unpack_tag_counts,
 )
 from app.repositories.evidence import EvidenceRow
+from filter_core.accept_sets import with_accept_sets
 from filter_core.config import FilterConfig
-from filter_core.measure import with_accept_masks
 from filter_core.types import Evidence
 
 
@@ -27,8 +27,7 @@ def recount(
         unpack_tag_counts(row.tag_counts, row.box_count),
     )
     family = (row.segmentation or {}).get("palette")
-    masks = config.accept_masks(evidence.class_names, family)
-    return with_accept_masks(evidence, masks[evidence.class_index])
+    return with_accept_sets(evidence, config, family)
 
 
 def recounted_row(

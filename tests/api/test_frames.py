@@ -250,6 +250,23 @@ def test_frames_are_paged_by_key_along_the_links(api, town):
     assert seen == [["town0/0", "town0/1"], ["town0/2", "town1/3"], ["town1/4"]]
 
 
+@pytest.mark.parametrize("sort", ["key", "-key", "id", "-id"])
+def test_frames_are_paged_in_either_order_and_direction(api, town, sort):
+    items = api.json(f"/datasets/{town}/frames")["items"]
+    by = sort.removeprefix("-")
+    expected = sorted((item[by] for item in items), reverse=sort.startswith("-"))
+
+    seen, path = [], f"{BASE}/datasets/{town}/frames?limit=2&sort={sort}"
+    while path:
+        answer = api.http.get(path)
+        seen += [item[by] for item in answer.json()["items"]]
+        path = answer.links.get("next", {}).get("url")
+
+    assert seen == expected
+    refused = api.http.get(f"{BASE}/datasets/{town}/frames?sort=id&cursor=x")
+    assert refused.status_code == 400
+
+
 @pytest.mark.parametrize(
     ("filters", "expected"),
     [
