@@ -1,5 +1,5 @@
 // @ts-check
-// Composition root: the only file that looks up DOM ids and puts the page together.
+// Puts the page together. Nothing else reaches into the document by an id.
 
 import { api } from "./api.js";
 import { createApp } from "./app.js";

@@ -26,13 +26,16 @@ export function createStore(decisions) {
     /** One array per state: the same until something changes. */
     all: () => (all ??= Object.freeze([...byId.values()])),
 
-    /** @param {Decision} after @param {Origin} origin */
+    /** Replaces a box by its next state. @param {Decision} after @param {Origin} origin */
     apply(after, origin) {
-      const before = byId.get(after.box_id);
-      if (!before) throw new RangeError(`box ${after.box_id} is not on this frame`);
-      byId = new Map(byId).set(after.box_id, Object.freeze(after));
+      const key = after.box_id;
+      const before = byId.get(key);
+      if (before === undefined) throw new RangeError(`no box ${key} in this frame`);
+      byId = new Map([...byId, [key, Object.freeze(after)]]);
       all = null;
-      for (const notify of [...observers]) notify({ origin, before, after });
+      const change = { origin, before, after };
+      // A copy: who listens may stop listening while being told.
+      [...observers].forEach((tell) => tell(change));
     },
 
     /** @param {(change: Change) => void} notify @returns {() => void} stop observing */
