@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from sqlalchemy import Row, Select, bindparam, delete, or_, select
+from sqlalchemy import bindparam, delete, or_, select
 from sqlalchemy.orm import Session
 
 from app.db.access_tables import LoginSession, Token
@@ -49,12 +49,12 @@ class Tokens:
 
     def valid_by_hash(self, digest: str, now: datetime) -> TokenRow | None:
         """The token with this hash, unless it is revoked or has expired."""
-        row = self._first(_BY_HASH, {"digest": digest, "now": now})
+        row = self._session.execute(_BY_HASH, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
     def valid_by_session(self, digest: str, now: datetime) -> TokenRow | None:
         """The token that opened this session, if both are still valid."""
-        row = self._first(_BY_SESSION, {"digest": digest, "now": now})
+        row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
     def replace(self, name: str, role: str, digest: str) -> None:
@@ -124,7 +124,3 @@ class Tokens:
         self._session.execute(
             delete(LoginSession).where(LoginSession.expires_at <= now)
         )
-
-    def _first(self, statement: Select[Any], values: dict[str, Any]) -> Row[Any] | None:
-        # Past the ORM: every request asks, and there is no object to make.
-        return self._session.connection().execute(statement, values).first()
