@@ -108,7 +108,7 @@ def load_numbers(
     firsts = np.array([row.first_box_id for row in rows], np.int64)
     return DatasetNumbers(
         state=state,
-        complete=len(rows) == state[1],
+        complete=int(counts.sum()) == state[1],
         box_ids=_consecutive(firsts, counts),
         frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
         class_ids=record["class_id"].astype(np.int64),
