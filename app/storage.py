@@ -30,14 +30,14 @@ class FolderStorage:
         """Store blobs by their digests; when this returns they survive a power cut.
 
         Each file is written beside its place, flushed, and renamed; each folder is
-        flushed once. A blob that is there already costs nothing.
+        flushed once. A blob that is there already is not written again; its folder is
+        flushed all the same, as whoever wrote it may not have come to that yet.
         """
-        folders = set()
         for digest, data in blobs.items():
             path = self.path(digest)
             if not path.exists():
-                folders.add(self._write(path, data))
-        for folder in folders:
+                self._write(path, data)
+        for folder in {self.path(digest).parent for digest in blobs}:
             _flush_folder(folder)
 
     def path(self, digest: str) -> Path:
@@ -69,7 +69,7 @@ class FolderStorage:
         folder.mkdir(exist_ok=True)
         return folder
 
-    def _write(self, path: Path, data: bytes) -> Path:
+    def _write(self, path: Path, data: bytes) -> None:
         draft = path.with_name(f".new-{secrets.token_hex(8)}")
         try:
             descriptor = os.open(draft, _NEW_FILE, 0o600)
@@ -85,7 +85,6 @@ class FolderStorage:
         except BaseException:
             draft.unlink(missing_ok=True)
             raise
-        return path.parent
 
     def _make_folders(self) -> None:
         # All of them now: later, a blob could find a folder that another writer has

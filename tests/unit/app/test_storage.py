@@ -58,14 +58,18 @@ def test_all_folders_reach_the_disk_before_the_first_file(tmp_path, calls):
     assert calls[0] == ("fsync", "folder")
 
 
-def test_a_blob_that_is_there_costs_nothing(tmp_path, calls):
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
+def test_a_blob_that_is_there_is_not_written_but_its_name_reaches_the_disk(
+    tmp_path, calls
+):
+    """Whoever wrote it may not have come to flush the folder yet."""
     storage = FolderStorage(tmp_path / "blobs")
     storage.put({DIGEST: CONTENT})
     calls.clear()
 
     storage.put({DIGEST: CONTENT})
 
-    assert calls == []
+    assert calls == [("fsync", "folder")]
 
 
 def test_a_write_that_fails_leaves_no_trace(tmp_path, monkeypatch):
