@@ -143,6 +143,24 @@ def test_comment_is_stored_with_the_answer(scene, ada):
     expect(page.locator(".answerline")).to_contain_text("keep")
 
 
+LATE_TIMERS = """() => {
+  const start = window.setTimeout.bind(window);
+  window.setTimeout = (run, ms) => start(run, (ms ?? 0) + 400);
+}"""
+EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
+
+
+def test_keys_are_shortcuts_again_as_soon_as_a_comment_is_finished(scene, ada):
+    """A focus that was set again later took them, if the machine was busy."""
+    page = ada.open(scene.link("ghost"))
+    page.evaluate(LATE_TIMERS)
+
+    ada.press("e", "Escape")
+    page.evaluate(EARLIER_TIMERS_ARE_DONE)
+
+    expect(page.get_by_label("Comment")).not_to_be_focused()
+
+
 def test_comment_on_an_undecided_box_flags_it_as_unsure(scene, ada):
     page = ada.open(scene.link("hidden"))
     ada.press("e")

@@ -41,10 +41,12 @@ function FrameReview({ app, frame, query }) {
   const { store } = useMemo(() => openWithWaiting(app, frame), [app, frame]);
   const actions = useMemo(() => {
     const openComment = () => {
-      // At once, or the next keys would still be shortcuts; later again if the panel was hidden.
+      // At once, or the next keys would still be shortcuts. Again only if the panel was hidden:
+      // a focus that comes late would take the keys of somebody who has finished typing.
       comment.current?.focus();
+      const isReached = document.activeElement === comment.current;
       setTab("box");
-      setTimeout(() => comment.current?.focus());
+      if (!isReached) setTimeout(() => comment.current?.focus());
     };
     return createFrameActions(app, frame, store, { stage: () => stage.current, openComment });
   }, [app, frame, store]);
