@@ -26,10 +26,11 @@ __all__ = [
     "Sensor",
     "frame_boxes_2d",
     "parse_annotation",
+    "without_key",
 ]
 
 _DEFAULT_LIMITS: Final = AnnotationLimits()
-_KNOWN_KEYS: Final = frozenset(
+KNOWN_FRAME_KEYS: Final = frozenset(
     {
         "boxes",
         "camera",
@@ -81,6 +82,29 @@ def parse_annotation(
     return annotation
 
 
+def without_key(raw: bytes, name: str) -> tuple[str, Mapping[str, object] | bytes]:
+    """The frame's key that stands in its annotation, and the annotation without it.
+
+    Without a ``key`` it is `name`; so it is where the annotation cannot be read, which
+    `parse_annotation` then says better.
+
+    Raises
+    ------
+    AnnotationErrors
+        ``bad_key``: the key is no text. ``not_json``: it is not JSON.
+    """
+    faults = Faults(name)
+    document = decode_json(raw, faults)
+    if len(faults) or not isinstance(document, Mapping) or "key" not in document:
+        return name, raw
+    rest = dict(document)
+    key = rest.pop("key")
+    if not isinstance(key, str):
+        faults.add(Place() / "key", "bad_key", "a text", shown(key))
+        raise faults.as_error()
+    return key, rest
+
+
 def _read_frame(
     raw: Mapping[str, object], faults: Faults, limits: AnnotationLimits
 ) -> FrameAnnotation:
@@ -105,6 +129,6 @@ def _read_frame(
         map=town,
         weather=read_kept_object(raw.get("weather"), at / "weather", faults),
         sensors=read_sensors(raw.get("sensors"), faults),
-        extra=read_extra(raw, _KNOWN_KEYS, at, faults),
+        extra=read_extra(raw, KNOWN_FRAME_KEYS, at, faults),
         raw=raw,
     )

@@ -37,7 +37,7 @@ from filter_core.pose import (
     read_vector,
 )
 
-_KNOWN_KEYS: Final = frozenset(
+KNOWN_BOX_KEYS: Final = frozenset(
     {"id", "class", "type_id", "base_type", "distance", "instance_id", "extra"}
     | set(GEOMETRIES)
 )
@@ -97,7 +97,7 @@ def _read_box(
         values=values,
         distance=_read_distance(raw, at, faults),
         instance_id=_read_instance(raw, at, faults),
-        extra=read_extra(raw, _KNOWN_KEYS, at, faults),
+        extra=read_extra(raw, KNOWN_BOX_KEYS, at, faults),
         raw=raw,
     )
     return box if len(faults) == before else None

@@ -142,6 +142,7 @@ def accept_mask_of(
     return _default_mask(canonical_class(class_name), family, profile)
 
 
+@lru_cache(maxsize=1024)
 def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
     """The names of the tags in an accept set, in the order of their numbers."""
     tags = FAMILIES[family].tags

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -205,9 +205,7 @@ class FilterConfig:
 
     def limit_of(self, class_name: str, key: str) -> Number | None:
         """One number as it applies to a class: its own, or the one for all."""
-        own: Number | Inherit | None = getattr(self.of_class(class_name), key)
-        applies: Number | None = getattr(self, key) if own is INHERIT else own
-        return applies
+        return _limit_of(self, class_name, key)
 
     def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
         """The numbers that apply to each class, in the order given."""
@@ -300,6 +298,14 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
     return MappingProxyType(
         {name: classes[name] for name in sorted(classes) if classes[name].as_dict()}
     )
+
+
+# Looked up several times for each of a million boxes; a handful of answers.
+@lru_cache(maxsize=4096)
+def _limit_of(config: FilterConfig, class_name: str, key: str) -> Number | None:
+    own: Number | Inherit | None = getattr(config.of_class(class_name), key)
+    applies: Number | None = getattr(config, key) if own is INHERIT else own
+    return applies
 
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from filter_core.errors import ConfigError, NotAvailable
+from filter_core.errors import ConfigError
 
 Number = float | int
 
@@ -63,7 +63,6 @@ CHOICES: Final = {
     "channel_order": ("auto", "rgb", "bgr"),
     "lossy_segmentation": ("refuse", "nearest"),
 }
-_CHANNELS_THERE: Final = ("semantic",)
 
 
 def checked_number(key: str, value: object, *, at: str = "") -> Number | None:
@@ -104,12 +103,6 @@ def checked_choice(key: str, value: object) -> str:
         expected = f"one of {', '.join(words)}"
         hint = f"; did you mean {nearest(value, words)!r}?"
         raise _refused(key, value, expected, hint=hint if value is not None else "")
-    if key == "evidence" and value not in _CHANNELS_THERE:
-        raise NotAvailable(
-            f"evidence: {value!r} is a known channel that this version does not "
-            f"measure yet; available: {', '.join(_CHANNELS_THERE)}",
-            pointer="/evidence",
-        )
     return value
 
 

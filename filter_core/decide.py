@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.config import FilterConfig, Thresholds
+from filter_core.decide_channels import apply_channels
 from filter_core.types import (
     BoolArray,
     BoxState,
@@ -115,6 +116,7 @@ def decide(evidence: Evidence, config: FilterConfig) -> Decisions:
     for start in range(0, count, _BLOCK):
         part = slice(start, start + _BLOCK)
         _Block(evidence, limits, part, published).write(decisions)
+    apply_channels(evidence, config, decisions)
     return decisions
 
 

@@ -3,33 +3,70 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from filter_core.channel_types import NOT_MEASURED
 from filter_core.classes import accepted_names
 from filter_core.config import FilterConfig
+from filter_core.decide_channels import DECIDED_BY_CHANNELS, SEMANTIC, channels_used
 from filter_core.explain import HiddenBy, Judgement, explain, hidden_by
+from filter_core.explain_channels import ChannelJudgement
 from filter_core.types import BoxesXYXY, Decisions, Evidence, FloatArray, Reason
+from filter_core.visibility import occlusion_level, truncation
 
 
 @dataclass(frozen=True)
 class FrameFacts:
     """What the decisions of one frame have in common.
 
-    `family` is the segmentation's tag family, None if there was none.
+    `family` is the segmentation's tag family, None if there was none. `names` are the
+    boxes that others can be explained by, such as ``(217, car)`` by their position in
+    the frame: id and class.
     """
 
     key: str
     config: FilterConfig
     family: str | None = None
     lossy: bool = False
+    names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class BoxFacts:
+class ChannelFacts:
+    """Plain numbers of one box beside the segmentation's; None: there is none.
+
+    `used` is the channel that decided; see `ChannelNumbers` for the others.
+    """
+
+    used: str = SEMANTIC
+    owned_pixels: int | None = None
+    explained_by: int | None = None
+    depth_pixels: int | None = None
+    nearer_percent: float | None = None
+    depth_gap: float | None = None
+    center_gap: float | None = None
+    instance_pixels: int | None = None
+    lidar_points: int | None = None
+    tight_xyxy: Sequence[float] | None = None
+
+    @property
+    def visible_pixels(self) -> int | None:
+        """Pixels that are known to be the box's own."""
+        if self.instance_pixels is not None:
+            return self.instance_pixels
+        return self.depth_pixels
+
+
+_NO_CHANNEL: Final = ChannelFacts()
+
+
+class BoxFacts(NamedTuple):
     """Plain numbers of one decision, as measured or as stored.
 
     Percent, pixels and metres; NaN and None both mean "there is none". `tag_counts` are
@@ -55,9 +92,8 @@ class BoxFacts:
     xyxy: Sequence[float] | None = None
     amodal_xyxy: Sequence[float] | None = None
     visible_xyxy: Sequence[float] | None = None
-    tight_xyxy: Sequence[float] | None = None
     edges: Sequence[Sequence[float]] | None = None
-    explained_by: str | None = None
+    channel: ChannelFacts = _NO_CHANNEL
 
 
 @dataclass(frozen=True)
@@ -79,6 +115,7 @@ def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, Any]:
     if box.tag_counts is not None and frame.family is not None:
         hiding = hidden_by(box.tag_counts, box.accept_mask, frame.family)
     judgement = _judgement(frame, box, names, hiding)
+    explained_by = frame.names.get(_position(box.channel.explained_by))
     return {
         "id": box.id,
         "frame": frame.key,
@@ -86,7 +123,7 @@ def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, Any]:
         "verdict": box.reason.verdict.value,
         "reason": box.reason.label,
         "explanation": explain(judgement),
-        "evidence": frame.config.evidence if box.measured else None,
+        "evidence": _channel_used(box),
         "match_percent": judgement.match_percent,
         "threshold": judgement.threshold,
         "margin": _number(box.margin),
@@ -96,14 +133,17 @@ def decision_dict(frame: FrameFacts, box: BoxFacts) -> dict[str, Any]:
         "box_pixels": box.box_pixels,
         "area_percent": judgement.area_percent,
         "crowding": _number(box.crowding),
-        "explained_by": box.explained_by,
+        "explained_by": explained_by[0] if explained_by else None,
         "hidden_by": hiding,
         "lossy": frame.lossy,
         "distance": judgement.distance,
         "xyxy": _rectangle(box.xyxy),
         "amodal_xyxy": _rectangle(box.amodal_xyxy),
         "visible_xyxy": _rectangle(box.visible_xyxy),
-        "tight_xyxy": _rectangle(box.tight_xyxy),
+        "tight_xyxy": _rectangle(box.channel.tight_xyxy),
+        "visible_pixels": box.channel.visible_pixels,
+        "occluded": occlusion_level(box.channel.nearer_percent),
+        "truncated": truncation(box.amodal_xyxy, box.visible_xyxy),
         "edges": None if box.edges is None else [list(line) for line in box.edges],
         "config": frame.config.digest,
     }
@@ -116,17 +156,23 @@ def decision_dicts(
     decisions: Decisions,
     geometry: FrameGeometry | None = None,
 ) -> list[dict[str, object]]:
-    """Decisions in the order of the boxes: of one frame, or each with its own frame."""
-    columns = _columns(evidence, decisions)
-    rows = (
-        dict(zip(columns, row, strict=True))
-        for row in zip(*columns.values(), strict=True)
-    )
-    solid = _geometry_rows(geometry, len(ids))
+    """Decisions in the order of the boxes: of one frame, or each with its own frame.
+
+    All frames have the same configuration.
+    """
+    if not len(ids):
+        return []
     frames = [frame] * len(ids) if isinstance(frame, FrameFacts) else frame
+    columns = {
+        "id": ids,
+        **_columns(evidence, decisions),
+        **_geometry_columns(geometry),
+        "channel": _channel_facts(evidence, frames[0].config),
+    }
+    rows = zip(*columns.values(), strict=True)
     return [
-        decision_dict(facts, BoxFacts(box_id, **row, **more))
-        for facts, box_id, row, more in zip(frames, ids, rows, solid, strict=True)
+        decision_dict(facts, BoxFacts(**dict(zip(columns, row, strict=True))))
+        for facts, row in zip(frames, rows, strict=True)
     ]
 
 
@@ -156,22 +202,55 @@ def _columns(evidence: Evidence, decisions: Decisions) -> dict[str, list[Any]]:
     return columns
 
 
-def _geometry_rows(geometry: FrameGeometry | None, count: int) -> list[dict[str, Any]]:
-    if geometry is None:
-        return [{} for _ in range(count)]
+def _channel_facts(evidence: Evidence, config: FilterConfig) -> list[ChannelFacts]:
+    numbers = evidence.channels
+    if numbers is None:
+        return [_NO_CHANNEL] * len(evidence)
+    names = [spec.name for spec in fields(numbers)]
+    columns = [_plain(getattr(numbers, name)) for name in names]
     return [
-        {
-            "amodal_xyxy": amodal,
-            "visible_xyxy": visible,
-            "edges": None if edges is None else np.asarray(edges).tolist(),
-        }
-        for amodal, visible, edges in zip(
-            geometry.amodal_xyxy.tolist(),
-            geometry.visible_xyxy.tolist(),
-            geometry.edges,
-            strict=True,
-        )
+        ChannelFacts(used, **dict(zip(names, row, strict=True)))
+        for used, *row in zip(channels_used(evidence, config), *columns, strict=True)
     ]
+
+
+def _plain(column: NDArray[Any]) -> list[Any]:
+    """None where nothing was measured."""
+    if column.ndim == 2:
+        return [None if math.isnan(row[0]) else row for row in column.tolist()]
+    if column.dtype.kind == "f":
+        return [_number(value) for value in column.tolist()]
+    return [None if value == NOT_MEASURED else value for value in column.tolist()]
+
+
+def _geometry_columns(geometry: FrameGeometry | None) -> dict[str, list[Any]]:
+    if geometry is None:
+        return {}
+    return {
+        "amodal_xyxy": geometry.amodal_xyxy.tolist(),
+        "visible_xyxy": geometry.visible_xyxy.tolist(),
+        "edges": [
+            None if edges is None else np.asarray(edges).tolist()
+            for edges in geometry.edges
+        ],
+    }
+
+
+class _Limits(NamedTuple):
+    """What sentences say of a class's limits, beside its thresholds."""
+
+    min_visible_pixels: int
+    min_distance: float | None
+    max_distance: float | None
+
+
+@lru_cache(maxsize=1024)
+def _limits(config: FilterConfig, class_name: str) -> _Limits:
+    return _Limits(
+        int(config.limit_of(class_name, "min_visible_pixels") or 0),
+        config.limit_of(class_name, "min_distance"),
+        config.limit_of(class_name, "max_distance"),
+    )
 
 
 def _judgement(
@@ -181,6 +260,7 @@ def _judgement(
     hiding: Sequence[HiddenBy],
 ) -> Judgement:
     config, name = frame.config, box.class_name
+    limits = _limits(config, name)
     # A box without a rectangle in the image has no pixels to have a share of.
     match = _number(box.match_percent) if box.box_pixels else None
     return Judgement(
@@ -192,14 +272,59 @@ def _judgement(
         area_percent=_number(box.area_percent),
         large=box.large,
         matched_pixels=box.matched_pixels if box.measured else None,
-        min_visible_pixels=int(config.limit_of(name, "min_visible_pixels") or 0),
+        min_visible_pixels=limits.min_visible_pixels,
         distance=_number(box.distance),
-        min_distance=config.limit_of(name, "min_distance"),
-        max_distance=config.limit_of(name, "max_distance"),
+        min_distance=limits.min_distance,
+        max_distance=limits.max_distance,
         accepted=accepted,
         hidden_by=hiding,
         published=config.profile == "carlasimu",
+        channel=_channel_judgement(frame, box, accepted),
     )
+
+
+def _channel_judgement(
+    frame: FrameFacts, box: BoxFacts, accepted: tuple[str, ...]
+) -> ChannelJudgement | None:
+    """None where the segmentation decided, or a rule that looks at no pixel."""
+    facts, config = box.channel, frame.config
+    if facts.used == SEMANTIC or box.reason not in DECIDED_BY_CHANNELS:
+        return None
+    nearer = frame.names.get(_position(facts.explained_by))
+    by_order, by_lidar = facts.used == "ordered", facts.used == "lidar"
+    needed = config.limit_of(box.class_name, "min_visible_pixels") or 0
+    if by_order:
+        needed = config.ordered_min_pixels
+    elif by_lidar:
+        needed = config.lidar_min_points
+    return ChannelJudgement(
+        channel=facts.used,
+        kept=box.reason is Reason.VISIBLE,
+        count=_COUNTS[facts.used](facts),
+        needed=int(needed),
+        gap=facts.center_gap if facts.used == "depth_center" else facts.depth_gap,
+        explained_by=None if nearer is None else f"{nearer[1]} {nearer[0]}",
+        accepted=accepted,
+    )
+
+
+_COUNTS: Final[Mapping[str, Callable[[ChannelFacts], int | None]]] = {
+    "ordered": lambda facts: facts.owned_pixels,
+    "depth": lambda facts: facts.depth_pixels,
+    "depth_center": lambda _: None,
+    "instance": lambda facts: facts.instance_pixels,
+    "lidar": lambda facts: facts.lidar_points,
+}
+
+
+def _channel_used(box: BoxFacts) -> str | None:
+    if box.channel.used != SEMANTIC:
+        return box.channel.used
+    return SEMANTIC if box.measured else None
+
+
+def _position(explained_by: int | None) -> int:
+    return NOT_MEASURED if explained_by is None else explained_by
 
 
 def _number(value: float | None) -> float | None:

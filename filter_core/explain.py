@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final, TypedDict
+from functools import lru_cache
+from typing import Final, NamedTuple, TypedDict
 
+from filter_core.explain_channels import ChannelJudgement, any_of, explain_channel
 from filter_core.palettes import FAMILIES
 from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, Reason
 
@@ -24,13 +25,13 @@ class HiddenBy(TypedDict):
     percent: float
 
 
-@dataclass(frozen=True)
-class Judgement:
+class Judgement(NamedTuple):
     """What a sentence about one box is made of.
 
     `accepted` are the names of the tags that count; distances are metres, None where
     unknown or without limit; `published` is profile ``carlasimu``, which needs more
-    than the threshold where profile ``paper`` needs at least that.
+    than the threshold where profile ``paper`` needs at least that; `channel` is given
+    where another channel than the segmentation decided.
     """
 
     reason: Reason
@@ -47,6 +48,7 @@ class Judgement:
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
     published: bool = False
+    channel: ChannelJudgement | None = None
 
 
 def hidden_by(
@@ -67,19 +69,29 @@ def hidden_by(
         (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) is left out.
     """
     total = sum(tag_counts)
-    palette = FAMILIES[family]
-    found: list[tuple[int, int, str]] = []
-    for column, count in enumerate(tag_counts):
-        if count == 0 or accept_mask >> column & 1:
-            continue
-        tag = UNKNOWN_TAG if column == UNKNOWN_COLUMN else column
-        name = palette.name_of(tag)
-        if name not in _HIDES_NOTHING:
-            found.append((-count, tag, name))
+    hides = _hides(family)
+    found = [
+        (-count, *hides[column])
+        for column, count in enumerate(tag_counts)
+        if count and column in hides and not accept_mask >> column & 1
+    ]
     return [
         {"tag": tag, "name": name, "percent": 100.0 * -negative / total}
         for negative, tag, name in sorted(found)[:_MOST_SHOWN]
     ]
+
+
+@lru_cache
+def _hides(family: str) -> Mapping[int, tuple[int, str]]:
+    """Tag and name of each column of a histogram, where the tag can hide a box."""
+    palette = FAMILIES[family]
+    tags = [*range(UNKNOWN_COLUMN), UNKNOWN_TAG]
+    named = ((tag, palette.name_of(tag)) for tag in tags)
+    return {
+        column: (tag, name)
+        for column, (tag, name) in enumerate(named)
+        if name not in _HIDES_NOTHING
+    }
 
 
 def explain(judgement: Judgement) -> str:
@@ -88,7 +100,10 @@ def explain(judgement: Judgement) -> str:
     Numbers are rounded only as far as the sentence stays true: 9.96 % is never shown
     as the 10 % that are needed.
     """
-    sentence = _SENTENCES[judgement.reason](judgement)
+    if judgement.channel is not None:
+        sentence = explain_channel(judgement.channel)
+    else:
+        sentence = _SENTENCES[judgement.reason](judgement)
     return f"{judgement.reason.verdict.value}: {sentence}"
 
 
@@ -157,7 +172,7 @@ def _unmeasured(_: Judgement) -> str:
 
 
 def _no_visible_pixels(box: Judgement) -> str:
-    names = _any_of(box.accepted)
+    names = any_of(box.accepted)
     found, needed = box.matched_pixels or 0, box.min_visible_pixels
     if found == 0:
         return f"none of its pixels are {names}{_hiding(box)}"
@@ -170,14 +185,14 @@ def _no_visible_pixels(box: Judgement) -> str:
 def _share(box: Judgement) -> str:
     match, threshold = box.match_percent, box.threshold
     if match is None or threshold is None:
-        return f"some of its pixels are {_any_of(box.accepted)}"
+        return f"some of its pixels are {any_of(box.accepted)}"
     large = ""
     if box.large and box.area_percent is not None:
         large = f"it covers {percent(box.area_percent)} of the image and "
     more = "more than " if box.published else ""
     return (
         f"{large}{percent(match, threshold)} of its pixels are "
-        f"{_any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
+        f"{any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
     )
 
 
@@ -190,12 +205,6 @@ def _hiding(box: Judgement) -> str:
         return ""
     first = box.hidden_by[0]
     return f"; {first['name']} covers {percent(first['percent'])}"
-
-
-def _any_of(names: Sequence[str]) -> str:
-    if len(names) < 2:
-        return names[0] if names else "of its class"
-    return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 _SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,13 @@ from filter_core.classes import class_of
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
 from filter_core.decision_record import FrameFacts, FrameGeometry, decision_dicts
-from filter_core.errors import ImageSizeMismatch, SegmentationError
+from filter_core.errors import SegmentationError
+from filter_core.frame_channels import (
+    FrameParts,
+    SensorFiles,
+    measure_frame_channels,
+)
+from filter_core.frame_size import agreed_size
 from filter_core.measure import FrameBoxes, MeasureOptions, measure
 from filter_core.palettes import family_of_version
 from filter_core.segmentation import (
@@ -49,6 +55,8 @@ class FrameOptions:
     limits : AnnotationLimits
     histogram : bool
         Count every tag in each box, which `hidden_by` and other accept sets need.
+    sensors : SensorFiles
+        Depth, instances and LiDAR, for the channels that read them.
     """
 
     key: str = ""
@@ -57,6 +65,7 @@ class FrameOptions:
     ignore: Mask | None = None
     limits: AnnotationLimits = field(default_factory=AnnotationLimits)
     histogram: bool = True
+    sensors: SensorFiles = field(default_factory=SensorFiles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +102,17 @@ class MeasuredFrame:
             config=config,
             family=report.get("palette"),
             lossy=bool(report.get("lossy")),
+            names=self._names(),
         )
+
+    def _names(self) -> dict[int, tuple[str, str]]:
+        """What boxes can be explained by: only channels explain boxes by others."""
+        if self.evidence.channels is None:
+            return {}
+        classes, index = self.evidence.class_names, self.evidence.class_index.tolist()
+        return {
+            row: (box_id, classes[index[row]]) for row, box_id in enumerate(self.ids)
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +165,7 @@ def filter_frame(
     """
     config = config or FilterConfig()
     options = options or FrameOptions()
-    if not isinstance(annotation, FrameAnnotation):
-        annotation = parse_annotation(
-            annotation, limits=options.limits, frame=options.key
-        )
-    tags = _as_segmentation(segmentation, annotation, config, options)
-    measured = measure_frame(annotation, tags, config, options)
+    measured = read_and_measure(annotation, segmentation, config, options)
     verdicts = decide(measured.evidence, config)
     decisions = decision_dicts(
         measured.facts(config),
@@ -161,6 +175,21 @@ def filter_frame(
         measured.geometry,
     )
     return FrameResult(decisions, measured, verdicts)
+
+
+def read_and_measure(
+    annotation: Mapping[str, object] | bytes | str | FrameAnnotation,
+    segmentation: bytes | NDArray[np.uint8] | Segmentation | None,
+    config: FilterConfig,
+    options: FrameOptions,
+) -> MeasuredFrame:
+    """The evidence of one frame in the forms that `filter_frame` takes."""
+    if not isinstance(annotation, FrameAnnotation):
+        annotation = parse_annotation(
+            annotation, limits=options.limits, frame=options.key
+        )
+    tags = _as_segmentation(segmentation, annotation, config, options)
+    return measure_frame(annotation, tags, config, options)
 
 
 def measure_frame(
@@ -176,11 +205,11 @@ def measure_frame(
     FilterError
         As `filter_frame`.
     """
-    wh = _agreed_size(annotation, segmentation, options.image_wh)
+    wh = agreed_size(annotation, segmentation, options.image_wh)
     geometry = frame_boxes_2d(annotation, wh, config.projection)
     names = [box_class(box) for box in annotation.boxes]
     distinct = tuple(dict.fromkeys(names))
-    family = segmentation.family if segmentation else None
+    family = _family(annotation, segmentation, config, options)
     masks = config.accept_masks(distinct, family).tolist()
     boxes = FrameBoxes.of(
         geometry.xyxy,
@@ -196,6 +225,10 @@ def measure_frame(
         MeasureOptions(profile=profile, histogram=options.histogram),
         ignore=options.ignore,
     )
+    parts = FrameParts(annotation, segmentation, geometry, wh, options.ignore)
+    channels = measure_frame_channels(parts, evidence, config, options.sensors)
+    if channels is not None:
+        evidence = replace(evidence, channels=channels)
     return MeasuredFrame(
         key=options.key,
         annotation=annotation,
@@ -207,6 +240,25 @@ def measure_frame(
         ),
         segmentation=None if segmentation is None else _report(segmentation),
     )
+
+
+def _family(
+    annotation: FrameAnnotation,
+    segmentation: Segmentation | None,
+    config: FilterConfig,
+    options: FrameOptions,
+) -> str | None:
+    """Of the tags: instances and LiDAR have some without a segmentation as well."""
+    if segmentation is not None:
+        return segmentation.family
+    if not options.sensors.wanted(config):
+        return None
+    reading = reading_options(annotation, config, options.dataset)
+    if reading.palette != "auto":
+        return reading.palette
+    if reading.carla_version is None:
+        return None
+    return family_of_version(reading.carla_version)
 
 
 def box_class(box: BoxAnnotation) -> str:
@@ -265,35 +317,6 @@ def _as_segmentation(
         "a carla_version in the annotation, found neither",
         code="family_not_named",
     )
-
-
-def _agreed_size(
-    annotation: FrameAnnotation,
-    segmentation: Segmentation | None,
-    image_wh: tuple[int, int] | None,
-) -> tuple[int, int]:
-    tags_wh = (segmentation.width, segmentation.height) if segmentation else None
-    sizes = {
-        "the image": image_wh,
-        "the segmentation": tags_wh,
-        "the camera": annotation.camera_wh,
-    }
-    known = [(name, wh) for name, wh in sizes.items() if wh is not None]
-    if not known:
-        raise ImageSizeMismatch(
-            "expected the size of the image from an image, a segmentation or the "
-            "camera, found none of them",
-            code="image_size_unknown",
-        )
-    first, size = known[0]
-    for name, wh in known[1:]:
-        if wh != size:
-            raise ImageSizeMismatch(
-                f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
-                f"found {wh[0]} x {wh[1]} px",
-                pointer=name.replace("the ", "/"),
-            )
-    return size
 
 
 def _report(segmentation: Segmentation) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from mmap import mmap
 from typing import Final, Literal, TypeAlias
 
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
@@ -58,12 +59,14 @@ class ImageHeader:
         return self.width, self.height
 
 
-def read_image_header(content: bytes, *, max_side: int = MAX_SIDE) -> ImageHeader:
+def read_image_header(
+    content: bytes | mmap, *, max_side: int = MAX_SIDE
+) -> ImageHeader:
     """The header of a PNG or JPEG, recognised by its content.
 
     Parameters
     ----------
-    content : bytes
+    content : bytes, or a mapped file, of which only the ends are read
         The whole file: a file that ends too early is refused.
     max_side : int, px
         Checked before anything is decoded, so that a header cannot ask for gigabytes.
@@ -81,9 +84,9 @@ def read_image_header(content: bytes, *, max_side: int = MAX_SIDE) -> ImageHeade
     .. [1] W3C, "Portable Network Graphics (PNG) Specification", third edition.
     .. [2] ITU-T T.81, "Digital compression and coding of continuous-tone still images".
     """
-    if content.startswith(_PNG_SIGNATURE):
+    if content[:8] == _PNG_SIGNATURE:
         header = _png_header(content)
-    elif content.startswith(b"\xff\xd8\xff"):
+    elif content[:3] == b"\xff\xd8\xff":
         header = _jpeg_header(content)
     else:
         found = f"{len(content)} bytes that begin with {content[:8]!r}"
@@ -118,7 +121,7 @@ def require_size(
         )
 
 
-def _png_header(content: bytes) -> ImageHeader:
+def _png_header(content: bytes | mmap) -> ImageHeader:
     chunks = _png_chunks(content)
     kind, body = next(chunks)
     if kind != b"IHDR" or len(body) != 13:
@@ -140,7 +143,7 @@ def _png_header(content: bytes) -> ImageHeader:
     return ImageHeader("image/png", width, height, bit_depth, channels, model)
 
 
-def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+def _png_chunks(content: bytes | mmap) -> Iterator[tuple[bytes, bytes]]:
     """Each chunk's kind and first bytes, up to the first with pixels or the end."""
     position = len(_PNG_SIGNATURE)
     while position + 12 <= len(content):
@@ -155,11 +158,11 @@ def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
     raise _ends_too_early(content)
 
 
-def _ends_too_early(content: bytes) -> ImageError:
+def _ends_too_early(content: bytes | mmap) -> ImageError:
     return ImageError(f"PNG: the file ends too early, after {len(content)} bytes")
 
 
-def _jpeg_header(content: bytes) -> ImageHeader:
+def _jpeg_header(content: bytes | mmap) -> ImageHeader:
     if content.rfind(_JPEG_END) < 0:
         raise ImageError(f"JPEG: the file ends too early, after {len(content)} bytes")
     for marker, start, end in _jpeg_segments(content):
@@ -176,7 +179,7 @@ def _jpeg_header(content: bytes) -> ImageHeader:
     raise ImageError("JPEG: found no header with a size")
 
 
-def _jpeg_segments(content: bytes) -> Iterator[tuple[int, int, int]]:
+def _jpeg_segments(content: bytes | mmap) -> Iterator[tuple[int, int, int]]:
     """Marker, start and end of each segment's body, up to the first scan."""
     position = 2
     while position + 4 <= len(content) and content[position] == 0xFF:

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from filter_core.config import FilterConfig
+from filter_core.decide_channels import channels_of
 from filter_core.errors import AnnotationErrors, FilterError, LayoutError
 from filter_core.formats.frame_source import FrameSource
-from filter_core.frame_filter import FrameOptions, filter_frame
+from filter_core.frame_channels import SensorFiles, files_for
+from filter_core.frame_filter import (
+    FrameOptions,
+    FrameResult,
+    MeasuredFrame,
+    filter_frame,
+    read_and_measure,
+)
 from filter_core.ignore_mask import read_ignore_mask
 from filter_core.image_header import read_image_header
 from filter_core.segmentation import SegmentationOptions
+
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 
 _AHEAD: Final = 4
 """Frames per worker that may wait for their turn to be handed out."""
@@ -63,13 +76,23 @@ def filter_source(
         In the order of the frames; a frame that cannot be used has an error, and the
         others go on.
     """
-    count = workers or os.cpu_count() or 1
     reading = dataset or SegmentationOptions()
-    waiting: deque[Future[FrameOutcome]] = deque()
+    return in_order(lambda one: filter_one(one, config, reading), frames, workers)
+
+
+def in_order(
+    work: Callable[[Given], Made], items: Iterable[Given], workers: int | None = None
+) -> Generator[Made, None, None]:
+    """Work on many items in threads; the results come in the order of the items.
+
+    Only a few items are taken ahead, so that their number does not matter.
+    """
+    count = workers or os.cpu_count() or 1
+    waiting: deque[Future[Made]] = deque()
     with ThreadPoolExecutor(count, thread_name_prefix="filter") as pool:
         try:
-            for source in frames:
-                waiting.append(pool.submit(filter_one, source, config, reading))
+            for item in items:
+                waiting.append(pool.submit(work, item))
                 if len(waiting) >= count * _AHEAD:
                     yield waiting.popleft().result()
             while waiting:
@@ -85,17 +108,43 @@ def filter_one(
 ) -> FrameOutcome:
     """Decide the boxes of one frame of a folder; never raises for bad input."""
     try:
-        if source.problem is not None:
-            raise source.problem
-        options = _frame_options(source, dataset)
-        tags = None
-        if source.segmentation is not None:
-            tags = _read(source.segmentation, "segmentation")
-        result = filter_frame(source.annotation or {}, tags, config, options)
+        result = decide_source(source, config, dataset)
     except FilterError as exc:
         return FrameOutcome(source.key, error=problem_of(exc))
     palette = (result.measured.segmentation or {}).get("palette")
     return FrameOutcome(source.key, palette, result.decisions)
+
+
+def decide_source(
+    source: FrameSource, config: FilterConfig, dataset: SegmentationOptions
+) -> FrameResult:
+    """Decide the boxes of one frame of a folder; raises what is wrong with it."""
+    if source.problem is not None:
+        raise source.problem
+    options = _frame_options(source, files_for(channels_of(config)), dataset)
+    return filter_frame(source.annotation or {}, _segmentation(source), config, options)
+
+
+def measure_source(
+    source: FrameSource,
+    config: FilterConfig,
+    dataset: SegmentationOptions,
+    channels: tuple[str, ...],
+) -> MeasuredFrame:
+    """Measure one frame of a folder under several channels, and decide nothing.
+
+    Raises
+    ------
+    FilterError
+        What is wrong with the frame.
+    """
+    if source.problem is not None:
+        raise source.problem
+    options = _frame_options(source, files_for(channels), dataset)
+    options = replace(options, sensors=replace(options.sensors, channels=channels))
+    return read_and_measure(
+        source.annotation or {}, _segmentation(source), config, options
+    )
 
 
 def problem_of(error: FilterError) -> dict[str, Any]:
@@ -112,20 +161,52 @@ def problem_of(error: FilterError) -> dict[str, Any]:
     }
 
 
-def _frame_options(source: FrameSource, dataset: SegmentationOptions) -> FrameOptions:
+def _frame_options(
+    source: FrameSource, kinds: tuple[str, ...], dataset: SegmentationOptions
+) -> FrameOptions:
     wh = None
     if source.image is not None:
-        wh = read_image_header(_read(source.image, "image")).wh
+        wh = _size(source.image)
     ignore = None
     if "ignore_mask" in source.others and wh is not None:
         content = _read(source.others["ignore_mask"], "ignore_mask")
         ignore = read_ignore_mask(content, wh)
-    return FrameOptions(key=source.key, image_wh=wh, dataset=dataset, ignore=ignore)
+    sensors = SensorFiles(
+        {
+            kind: _read(source.others[kind], kind)
+            for kind in kinds
+            if kind in source.others
+        }
+    )
+    return FrameOptions(
+        key=source.key, image_wh=wh, dataset=dataset, ignore=ignore, sensors=sensors
+    )
+
+
+def _segmentation(source: FrameSource) -> bytes | None:
+    if source.segmentation is None:
+        return None
+    return _read(source.segmentation, "segmentation")
+
+
+def _size(image: Path) -> tuple[int, int]:
+    """Width and height; of a file of a megabyte and more, two pages are read."""
+    with _opening(image, "image"), image.open("rb") as file:
+        if not os.fstat(file.fileno()).st_size:
+            return read_image_header(b"").wh
+        with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+            return read_image_header(content).wh
 
 
 def _read(path: Path, what: str) -> bytes:
-    try:
+    with _opening(path, what):
         return path.read_bytes()
+
+
+@contextmanager
+def _opening(path: Path, what: str) -> Iterator[None]:
+    try:
+        yield
     except OSError as exc:
         raise LayoutError(
             f"{what}: {path.name} cannot be read: {exc.strerror}"

@@ -148,14 +148,14 @@ def project_boxes(
         )
     boxes = as_vertices(vertices)
     wh = (camera.width, camera.height)
-    image_points = _to_image_points(boxes, camera)
+    image_points = to_image_points(boxes, camera)
     status = _depth_status(image_points[..., 2])
     if mode == "naive":
         amodal = _naive_bounds(image_points)
         visible = _clamped(amodal, wh)
     else:
         amodal, visible = _clipped_bounds(image_points, status, wh)
-    drawn = _to_image_points(in_carla_order(boxes), camera)
+    drawn = to_image_points(in_carla_order(boxes), camera)
     return Projections(
         visible_xyxy=visible,
         amodal_xyxy=amodal,
@@ -169,8 +169,35 @@ def _row_or_none(row: FloatArray) -> FloatArray | None:
     return None if np.isnan(row).any() else row
 
 
-def _to_image_points(boxes: FloatArray, camera: Camera) -> FloatArray:
-    """(N, 8, 3): ``u depth, v depth, depth`` of each corner."""
+def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
+    """Points whose convex hull is what a camera without borders sees of each box.
+
+    Parameters
+    ----------
+    vertices : (N, 8, 3), metres
+    camera : Camera
+
+    Returns
+    -------
+    list of N (P, 2) float64 arrays, px
+        Clipped by the near plane, not by the image; empty for boxes behind it.
+    """
+    boxes = as_vertices(vertices)
+    image_points = to_image_points(boxes, camera)
+    status = _depth_status(image_points[..., 2])
+    found = []
+    for corners, where in zip(image_points, status.tolist(), strict=True):
+        if where == DepthStatus.BEHIND:
+            found.append(np.empty((0, 2)))
+            continue
+        if where == DepthStatus.STRADDLES_NEAR_PLANE:
+            corners = cut_hull(corners[None], corners[None, :, 2] - NEAR_PLANE)[0]
+        found.append(corners[:, :2] / corners[:, 2:])
+    return found
+
+
+def to_image_points(boxes: FloatArray, camera: Camera) -> FloatArray:
+    """(N, P, 3): ``u depth, v depth, depth`` of each of (N, P, 3) world points."""
     matrix = camera.world_to_image
     points: FloatArray = boxes @ matrix[:, :3].T + matrix[:, 3]
     return points

@@ -9,6 +9,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.channel_types import ChannelNumbers
+
 TagImage: TypeAlias = NDArray[np.uint8]
 """(H, W): CARLA's semantic tag of each pixel; 255 is Unknown."""
 
@@ -115,6 +117,8 @@ class Evidence:
         Corrected; NaN rows for boxes outside the image or degenerate. None where only
         the numbers that a decision needs were loaded.
     tag_counts : (N, N_TAGS) int32, px, or None
+    channels : ChannelNumbers of N boxes, or None
+        What was measured beside the segmentation.
     """
 
     class_names: tuple[str, ...]
@@ -131,6 +135,7 @@ class Evidence:
     distance: FloatArray
     xyxy: BoxesXYXY | None = None
     tag_counts: NDArray[np.int32] | None = None
+    channels: ChannelNumbers | None = None
 
     def __len__(self) -> int:
         return len(self.class_index)

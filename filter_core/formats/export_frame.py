@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
-from urllib.parse import quote
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from filter_core.annotation import KNOWN_FRAME_KEYS, FrameAnnotation
+from filter_core.annotation_boxes import KNOWN_BOX_KEYS
+from filter_core.camera import Camera
+from filter_core.frame_geometry import GeometryResult
+from filter_core.types import FloatArray
 
 Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
 """Takes a file's name inside the export and its content, piece by piece."""
@@ -14,16 +19,6 @@ Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
 Rectangle: TypeAlias = Sequence[float]
 
 IMAGE_SUFFIX: Final = {"image/png": ".png", "image/jpeg": ".jpg"}
-
-_SAFE: Final = " ()[]{}+-=_.,;!@#$^&~'"
-_RESERVED: Final = frozenset(
-    {"con", "prn", "aux", "nul", "images", "labels"}
-    | {f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10)}
-)
-"""Names that Windows gives to devices, and those by which YOLO finds its labels."""
-
-_MAX_PART_BYTES: Final = 180
-"""File systems allow 255 for one name; a suffix is still to come."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +32,16 @@ class ExportBox:
         ``effective_verdict`` in it counts before ``verdict``.
     given_xyxy : (4,) px or None
         The rectangle as it came, to tell what was clipped.
+    given : mapping
+        The box's annotation as it came, with the keys that only its own format knows.
+    vertices : (8, 3) float64, metres, or None
+        World corners of a 3D box.
     """
 
     decision: Mapping[str, object]
     given_xyxy: Rectangle | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
+    vertices: FloatArray | None = None
 
     @property
     def id(self) -> str:
@@ -64,6 +65,33 @@ class ExportBox:
         answer = review.get("verdict") if isinstance(review, Mapping) else None
         return answer in ("keep", "reject")
 
+    @property
+    def is_unsure(self) -> bool:
+        """Whether a person has looked and could not say."""
+        review = self.decision.get("review")
+        return isinstance(review, Mapping) and review.get("verdict") == "unsure"
+
+    @property
+    def is_lossy(self) -> bool:
+        """Whether it was measured on a segmentation that lost colours."""
+        return bool(self.decision.get("lossy"))
+
+    @property
+    def is_crowd(self) -> bool:
+        """Whether COCO says that it stands for many objects at once."""
+        return self.given.get("iscrowd") in (1, True)
+
+    @property
+    def extra(self) -> dict[str, Any]:
+        """What its annotation says beyond what the product knows."""
+        return _extra(self.given, KNOWN_BOX_KEYS)
+
+    @property
+    def distance(self) -> float | None:
+        """Metres, where it is known."""
+        value = self.decision.get("distance")
+        return float(value) if isinstance(value, (int, float)) else None
+
     def rectangle(self, name: str) -> Rectangle | None:
         """One of the decision's rectangles; None where it has none."""
         value = self.decision.get(name)
@@ -85,6 +113,9 @@ class ExportFrame:
     read_image : callable or None
         Gives the image's bytes; called only if images are copied.
     palette : str or None
+    annotation : mapping
+        The frame's annotation as it came.
+    camera : Camera or None
     """
 
     key: str
@@ -94,6 +125,13 @@ class ExportFrame:
     media_type: str = "image/png"
     read_image: Callable[[], bytes] | None = None
     palette: str | None = None
+    annotation: Mapping[str, Any] = field(default_factory=dict)
+    camera: Camera | None = None
+
+    @property
+    def extra(self) -> dict[str, Any]:
+        """What its annotation says beyond what the product knows."""
+        return _extra(self.annotation, KNOWN_FRAME_KEYS)
 
 
 @dataclass(frozen=True)
@@ -108,39 +146,37 @@ class ExportHead:
         The first keys of ``manifest.json``: dataset, run, config digest, last review.
     expected_boxes : int or None
         As many boxes must come, or the export fails.
+    temporary : Path or None
+        Where parts wait that do not fit into memory; else the system's own place.
     """
 
     classes: tuple[str, ...]
     facts: Mapping[str, object] = field(default_factory=dict)
     expected_boxes: int | None = None
+    temporary: Path | None = None
 
 
-def file_stem(key: str) -> str:
-    """A frame's key as a path inside an export, different for every key.
-
-    Keys come from users: whatever a file system or an unpacking tool could take for
-    something else is written as ``%`` and its code. Sub-folders stay.
-    """
-    return "/".join(_safe_part(part) for part in key.split("/"))
+def _extra(given: Mapping[str, Any], known: frozenset[str]) -> dict[str, Any]:
+    nested = given.get("extra")
+    unknown = {key: value for key, value in given.items() if key not in known}
+    return {**(nested if isinstance(nested, Mapping) else {}), **unknown}
 
 
-def _safe_part(part: str) -> str:
-    letters = [
-        letter if letter.isalnum() or letter in _SAFE else _escaped(letter)
-        for letter in part
+def export_boxes(
+    annotation: FrameAnnotation,
+    decisions: Iterable[Mapping[str, object]],
+    geometry: GeometryResult,
+) -> list[ExportBox]:
+    """The boxes of a frame from its annotation, decisions and rectangles, in order."""
+    given = geometry.xyxy.tolist()
+    return [
+        ExportBox(
+            decision,
+            given_xyxy=given[row],
+            given=box.raw,
+            vertices=geometry.vertices[row] if box.is_3d else None,
+        )
+        for row, (box, decision) in enumerate(
+            zip(annotation.boxes, decisions, strict=True)
+        )
     ]
-    # A leading dot hides a file; Windows drops a space or a dot at the end.
-    for place in (0, -1):
-        if letters and letters[place] in (" ", "."):
-            letters[place] = f"%{ord(letters[place]):02X}"
-    text = "".join(letters)
-    if text.partition(".")[0].lower() in _RESERVED:
-        return f"%{ord(text[0]):02X}{text[1:]}"
-    if len(text.encode("utf-8", "surrogatepass")) > _MAX_PART_BYTES:
-        digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
-        text = f"{text[: _MAX_PART_BYTES // 6]}%~{digest[:32]}"
-    return text or "%"
-
-
-def _escaped(letter: str) -> str:
-    return quote(letter, safe="", errors="surrogatepass")

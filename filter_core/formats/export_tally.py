@@ -3,42 +3,39 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import TracebackType
-from typing import Final
+from typing import Any, Final, TypeAlias
 
-from filter_core.errors import FilterError
 from filter_core.formats.export_frame import ExportBox, ExportFrame, ExportHead
+from filter_core.formats.export_options import ExportError
+from filter_core.formats.spool import Spool
 
-_IN_MEMORY: Final = 4 * 1024 * 1024
-"""Bytes of dropped and clipped boxes before they go to a temporary file."""
-_PIECE: Final = 64 * 1024
+Counts: TypeAlias = dict[str, Any]
+"""Frames and boxes in and out, as ``manifest.json`` has them."""
 
-
-class ExportError(FilterError):
-    """An export whose numbers do not add up, or that lacks what it needs."""
-
-    code = "bad_export"
+_FATES: Final = ("in", "out", "dontcare", "dropped", "clipped")
+_MARKS: Final = ("kept", "rejected", "unmeasured", "unsure", "lossy")
 
 
 class ExportTally:
     """Counts boxes in and out per class and remembers each that was changed.
 
-    Use as a context manager: what does not fit into memory is in a temporary file.
+    Use as a context manager: what does not fit into memory is in temporary files.
     """
 
     def __init__(self, head: ExportHead) -> None:
         self._head = head
         self._classes = head.classes
         self._known = frozenset(head.classes)
-        self._count = {fate: Counter[str]() for fate in _FATES}
-        self._verdicts: Counter[str] = Counter()
+        self._count = {name: Counter[str]() for name in (*_FATES, *_MARKS)}
         self._reasons: Counter[str] = Counter()
         self._frames: Counter[str] = Counter()
-        self._changed = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115  # closed by __exit__
-        self._changes = 0
+        self._rectangles: Counter[str] = Counter()
+        self._bands: Counter[str] = Counter()
+        self._changed = Spool(head.temporary)
+        self._renamed = Spool(head.temporary)
 
     def __enter__(self) -> ExportTally:
         return self
@@ -49,7 +46,8 @@ class ExportTally:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._changed.close()
+        self._changed.__exit__(kind, error, trace)
+        self._renamed.__exit__(kind, error, trace)
 
     def frame(self, frame: ExportFrame, part: str = "") -> None:
         """Note a frame, and the part of a split that it went to."""
@@ -63,6 +61,10 @@ class ExportTally:
         """Note a frame whose image was to be copied and is not there."""
         self._frames["without_image"] += 1
 
+    def renamed(self, key: str, file: str) -> None:
+        """Note a frame whose files could not be named as it is."""
+        self._renamed.add({"frame": key, "file": file})
+
     def box(self, box: ExportBox) -> None:
         """Note a box that came in.
 
@@ -71,25 +73,43 @@ class ExportTally:
         ExportError
             Its class is not in the list of classes, whose order is frozen.
         """
-        if box.class_name not in self._known:
+        name = box.class_name
+        if name not in self._known:
             raise ExportError(
-                f"box {box.id!r}: class {box.class_name!r} is not among the classes of "
-                f"the export: {', '.join(self._classes)}"[:300],
+                f"box {box.id!r}: class {name!r} is not among the classes of the "
+                f"export: {', '.join(self._classes)}"[:300],
                 code="unknown_class",
             )
-        self._count["in"][box.class_name] += 1
-        self._verdicts[box.verdict] += 1
+        self._count["in"][name] += 1
+        self._count[box.verdict][name] += 1
+        for mark in ("unsure", "lossy"):
+            self._count[mark][name] += bool(getattr(box, f"is_{mark}"))
 
-    def written(self, frame: ExportFrame, box: ExportBox, *, clipped: bool) -> None:
-        """Note a box that went out, and whether the image's border cut it."""
+    def written(
+        self, frame: ExportFrame, box: ExportBox, *, clipped: bool, rectangle: str = ""
+    ) -> None:
+        """Note a box that went out, and whether the image's border cut it.
+
+        `rectangle` says which of the box's rectangles it was.
+        """
         self._count["out"][box.class_name] += 1
+        self._rectangles[rectangle] += bool(rectangle)
         if clipped:
             self._change("clipped", frame, box, "beyond_image")
+
+    def dont_care(self, frame: ExportFrame, box: ExportBox, reason: str) -> None:
+        """Note a box that went out as a region to be ignored, and why."""
+        self._reasons[reason] += 1
+        self._change("dontcare", frame, box, reason)
 
     def dropped(self, frame: ExportFrame, box: ExportBox, reason: str) -> None:
         """Note a box that did not go out, and why."""
         self._reasons[reason] += 1
         self._change("dropped", frame, box, reason)
+
+    def banded(self, band: str, boxes: int) -> None:
+        """Note how many boxes of a frame are in a distance band."""
+        self._bands[band] += boxes
 
     def _change(
         self, fate: str, frame: ExportFrame, box: ExportBox, reason: str
@@ -102,10 +122,9 @@ class ExportTally:
             "fate": fate,
             "reason": reason,
         }
-        self._changed.write((",\n" if self._changes else "\n").encode() + _json(row))
-        self._changes += 1
+        self._changed.add(row)
 
-    def counts(self) -> dict[str, object]:
+    def counts(self) -> Counts:
         """All counts, after checking that nothing was lost on the way.
 
         Raises
@@ -115,17 +134,18 @@ class ExportTally:
         """
         self._refuse_mismatch()
         per_class = {
-            name: {fate: self._count[fate][name] for fate in _FATES}
+            name: {what: self._count[what][name] for what in self._count}
             for name in self._classes
         }
-        boxes = {fate: sum(self._count[fate].values()) for fate in _FATES}
-        return {
+        counts: Counts = {
             "frames": dict(sorted(self._frames.items())),
-            "boxes": boxes,
+            "boxes": {what: count.total() for what, count in self._count.items()},
             "classes": per_class,
-            "verdicts": dict(sorted(self._verdicts.items())),
-            "dropped_by_reason": dict(sorted(self._reasons.items())),
+            "not_kept_by_reason": dict(sorted(self._reasons.items())),
         }
+        more = {"rectangles": self._rectangles, "bands": self._bands}
+        used = {name: dict(count) for name, count in more.items() if count.total()}
+        return {**counts, **used}
 
     def _refuse_mismatch(self) -> None:
         expected_boxes = self._head.expected_boxes
@@ -135,36 +155,33 @@ class ExportTally:
                 f"expected {expected_boxes} boxes, found {total}", code="count_mismatch"
             )
         for name in self._classes:
-            came, went, fell = (self._count[f][name] for f in ("in", "out", "dropped"))
-            if came != went + fell:
+            came, *fates = (self._count[fate][name] for fate in _FATES[:4])
+            if came != sum(fates):
                 raise ExportError(
-                    f"class {name!r}: {came} boxes in, but {went} out and {fell} "
-                    "dropped",
+                    f"class {name!r}: {came} boxes in, but {fates[0]} out, {fates[1]} "
+                    f"to be ignored and {fates[2]} dropped",
                     code="count_mismatch",
                 )
 
-    def manifest(self, name: str) -> Iterator[bytes]:
+    def manifest(
+        self, name: str, more: Mapping[str, object] | None = None
+    ) -> Iterator[bytes]:
         """``manifest.json`` in pieces: the head, the counts, every changed box.
 
-        `name` is the export's format. Raises as `counts`.
+        `name` is the export's format, `more` what that format has to say. Raises as
+        `counts`.
         """
         body = {
             "format": name,
             **self._head.facts,
             "class_names": list(self._classes),
+            **(more or {}),
             "counts": self.counts(),
         }
         text = json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False)
-        yield f'{text[:-2]},\n "boxes": ['.encode()
-        self._changed.seek(0)
-        while piece := self._changed.read(_PIECE):
-            yield piece
-        yield b"\n ]\n}\n"
-
-
-_FATES: Final = ("in", "out", "dropped", "clipped")
-
-
-def _json(value: object) -> bytes:
-    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return text.encode()
+        yield text[:-2].encode("utf-8", "backslashreplace")
+        for key, spool in (("renamed", self._renamed), ("boxes", self._changed)):
+            yield f',\n "{key}": ['.encode()
+            yield from spool.pieces()
+            yield b"\n ]"
+        yield b"\n}\n"

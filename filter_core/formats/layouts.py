@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.config_values import nearest
-from filter_core.errors import LayoutError, NotAvailable
+from filter_core.errors import LayoutError
 from filter_core.formats.carlasimu import camera_folder, read_carlasimu
 from filter_core.formats.class_lists import find_class_list
+from filter_core.formats.coco import coco_files, read_coco
 from filter_core.formats.frame_source import FrameSet, ReadOptions
+from filter_core.formats.kitti import kitti_folder, read_kitti
 from filter_core.formats.manifest import MANIFEST_NAME, read_manifest
 from filter_core.formats.matching import walk
 from filter_core.formats.voc import read_voc_folder
@@ -21,12 +23,13 @@ _READERS: Final[dict[str, Callable[[Path, ReadOptions], FrameSet]]] = {
     "manifest": read_manifest,
     "carlasimu": read_carlasimu,
     "yolo": read_yolo,
+    "kitti": read_kitti,
     "voc": read_voc_folder,
+    "coco": read_coco,
 }
 LAYOUTS: Final = ("auto", *_READERS)
 """What `read_source` takes."""
 
-_KNOWN_NOT_READ: Final = ("kitti", "coco")
 _FILES_LOOKED_AT: Final = 2000
 
 
@@ -38,25 +41,18 @@ def read_source(
     Parameters
     ----------
     source : Path
-        A folder in a recognised layout, or a ``.jsonl`` file.
-    layout : {"auto", "manifest", "carlasimu", "yolo", "voc"}
+        A folder in a recognised layout, a ``.jsonl`` file, or COCO's ``.json`` file.
+    layout : {"auto", "manifest", "carlasimu", "yolo", "kitti", "voc", "coco"}
     options : ReadOptions, optional
 
     Raises
     ------
     LayoutError
         Nothing there, no layout or several recognised, or no list of classes.
-    NotAvailable
-        A layout that this version does not read.
     """
     if not source.exists():
         raise LayoutError(f"{source.name}: expected a folder or a manifest, found none")
     name = detect_layout(source) if layout == "auto" else layout
-    if name in _KNOWN_NOT_READ:
-        raise NotAvailable(
-            f"layout {name!r} is not read by this version; available: "
-            f"{', '.join(_READERS)}"
-        )
     if name not in _READERS:
         raise LayoutError(
             f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
@@ -81,14 +77,20 @@ def detect_layout(source: Path) -> str:
         )
     raise LayoutError(
         f"{source.name}: no layout recognised; expected {MANIFEST_NAME}, carlasimu's "
-        "labels/labelNN/ or label/, YOLO's labels with data.yaml or classes.txt, or "
-        "Pascal VOC's .xml files"
+        "labels/labelNN/ or label/, YOLO's labels with data.yaml or classes.txt, "
+        "KITTI's label_2/, Pascal VOC's .xml files, or a COCO .json file"
     )
 
 
 def _layouts_of(source: Path) -> Iterator[str]:
-    if source.is_file() or (source / MANIFEST_NAME).is_file():
+    if source.is_file():
+        yield "coco" if source.suffix.lower() == ".json" else "manifest"
+        return
+    if (source / MANIFEST_NAME).is_file():
         yield "manifest"
+        return
+    if kitti_folder(source) is not None:
+        yield "kitti"
         return
     if camera_folder(source) is not None:
         yield "carlasimu"
@@ -99,3 +101,5 @@ def _layouts_of(source: Path) -> Iterator[str]:
     labelled = any(n.lower().endswith(".txt") and is_label(n) for n in names)
     if labelled and find_class_list(source):
         yield "yolo"
+    if coco_files(source):
+        yield "coco"

@@ -16,7 +16,7 @@ from filter_core.formats.frame_source import (
 )
 
 MANIFEST_NAME: Final = "manifest.jsonl"
-_FILES: Final = (
+FILES: Final = (
     "image",
     "segmentation",
     "depth",
@@ -25,7 +25,7 @@ _FILES: Final = (
     "radar",
     "ignore_mask",
 )
-_MAX_KEY: Final = 512
+MAX_KEY: Final = 512
 
 
 def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
@@ -76,12 +76,12 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
     if not isinstance(raw, dict):
         return _problem(at, "one JSON object", type(raw).__name__)
     key = raw.pop("key", None)
-    if not isinstance(key, str) or not 0 < len(key) <= _MAX_KEY:
+    if not isinstance(key, str) or not 0 < len(key) <= MAX_KEY:
         found = repr(key)[:60]
-        return _problem(at, f'"key" of 1 to {_MAX_KEY} characters', found)
+        return _problem(at, f'"key" of 1 to {MAX_KEY} characters', found)
     files: dict[str, Path] = {}
     problem: FilterError | None = None
-    for name in _FILES:
+    for name in FILES:
         given = raw.pop(name, None)
         if isinstance(given, str) and given:
             base = options.segmentation if name == "segmentation" else None

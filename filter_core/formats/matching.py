@@ -21,12 +21,16 @@ _FOLDER_WORDS: Final = frozenset(
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """The files of one frame, each relative to the folder it was searched in."""
+    """The files of one frame, each relative to the folder it was searched in.
+
+    `map` is the town, where a list of the frames' keys says so.
+    """
 
     key: str
     label: str
     image: str | None = None
     segmentation: str | None = None
+    map: str | None = None
 
 
 def walk(

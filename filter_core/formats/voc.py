@@ -13,9 +13,10 @@ from filter_core.formats.frame_source import (
     ReadOptions,
     read_label_bytes,
 )
+from filter_core.formats.key_list import with_keys
 from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
 from filter_core.formats.voc_xml import read_voc
-from filter_core.formats.yolo import frame_of, segmentation_folder
+from filter_core.formats.yolo import band_folders, frame_of, segmentation_folder
 
 
 @dataclass(frozen=True)
@@ -29,15 +30,16 @@ def read_voc_folder(root: Path, options: ReadOptions) -> FrameSet:
     """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
     tags = options.segmentation or segmentation_folder(root)
     folders = _VocFolders(root, options.labels or root, tags)
-    skip = [tags] if tags else []
+    skip = [*([tags] if tags else []), *band_folders(root)]
     frames, unmatched = match(
         walk(folders.labels, (".xml",), skip),
         walk(root, IMAGE_SUFFIXES, skip),
         walk(tags, IMAGE_SUFFIXES) if tags else (),
     )
+    named = with_keys(root, frames)
     return FrameSet(
         layout="voc",
-        frames=lambda: _read_frames(folders, frames),
+        frames=lambda: _read_frames(folders, named),
         count=len(frames),
         unmatched=unmatched,
     )

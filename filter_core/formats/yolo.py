@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +16,22 @@ from filter_core.formats.frame_source import (
     ReadOptions,
     read_label_text,
 )
+from filter_core.formats.key_list import with_keys
 from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
 from filter_core.formats.yolo_text import read_label_lines
 
 SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
+_BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
 _CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
 _TEXTS_AT_THE_TOP: Final = frozenset(
-    {"readme.txt", "requirements.txt", "train.txt", "val.txt", "test.txt"}
+    {
+        "labelmap.txt",
+        "readme.txt",
+        "requirements.txt",
+        "train.txt",
+        "val.txt",
+        "test.txt",
+    }
 )
 """Lists of files and notes that lie beside a dataset; deeper down, such a name is a
 frame's."""
@@ -49,14 +59,23 @@ def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
         classes=classes,
         default_class=options.default_class,
     )
-    skip = [tags] if tags else []
+    skip = [*([tags] if tags else []), *band_folders(root)]
     labels = (name for name in walk(folders.labels, (".txt",), skip) if is_label(name))
     return frame_set("yolo", folders, labels)
+
+
+def band_folders(root: Path) -> list[Path]:
+    """Labels of distance bands beside ``labels``, which hold the same boxes again."""
+    if not any((root / name).is_dir() for name in ("labels", "Annotations")):
+        return []
+    return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
 
 
 def is_label(name: str) -> bool:
     """Whether a text file, relative to the dataset, holds boxes."""
     folder, _, base = name.lower().rpartition("/")
+    if folder.split("/")[0] == "imagesets":
+        return False
     return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
 
 
@@ -68,9 +87,10 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
         walk(folders.images, IMAGE_SUFFIXES, [tags] if tags else []),
         walk(tags, IMAGE_SUFFIXES) if tags else (),
     )
+    named = with_keys(folders.images, frames)
     return FrameSet(
         layout=layout,
-        frames=lambda: _read_frames(folders, frames),
+        frames=lambda: _read_frames(folders, named),
         classes=folders.classes,
         count=len(frames),
         unmatched=unmatched,
@@ -113,6 +133,8 @@ def frame_of(
     tags = None
     if segmentations is not None and files.segmentation is not None:
         tags = segmentations / files.segmentation
+    if annotation is not None and files.map is not None:
+        annotation = {"map": files.map, **annotation}
     return FrameSource(
         key=files.key,
         annotation=annotation,

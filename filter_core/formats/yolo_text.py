@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final
 
 from filter_core.errors import LayoutError
+from filter_core.formats.label_numbers import read_columns
 
 _WITH_CONFIDENCE: Final = 6
 _YOLO_COLUMNS: Final = (5, _WITH_CONFIDENCE)
@@ -48,7 +48,7 @@ def _read_line(
     columns: list[str], at: str, classes: Sequence[str], default_class: str
 ) -> dict[str, object]:
     if len(columns) == _RAW_COLUMNS:
-        return {"class": default_class, "cxcywh": _numbers(columns, at)}
+        return {"class": default_class, "cxcywh": read_columns(columns, at)}
     if len(columns) not in _YOLO_COLUMNS:
         raise LayoutError(
             f"{at}: expected 'class cx cy w h' (5 columns) or 'cx cy w h' in pixels "
@@ -56,10 +56,10 @@ def _read_line(
         )
     box: dict[str, object] = {
         "class": _class_name(columns[0], at, classes),
-        "cxcywhn": _numbers(columns[1:5], at),
+        "cxcywhn": read_columns(columns[1:5], at),
     }
     if len(columns) == _WITH_CONFIDENCE:
-        box["confidence"] = _numbers(columns[5:], at)[0]
+        box["confidence"] = read_columns(columns[5:], at)[0]
     return box
 
 
@@ -71,16 +71,3 @@ def _class_name(word: str, at: str, classes: Sequence[str]) -> str:
     raise LayoutError(
         f"{at}: expected a class from 0 to {len(classes) - 1}, found {word[:40]!r}"
     )
-
-
-def _numbers(words: Sequence[str], at: str) -> list[float]:
-    numbers = []
-    for word in words:
-        try:
-            number = float(word)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise LayoutError(f"{at}: expected a finite number, found {word[:40]!r}")
-        numbers.append(number)
-    return numbers

@@ -10,7 +10,7 @@ import pytest
 
 from filter_core.config import INHERIT, ClassConfig, FilterConfig
 from filter_core.config_diff import ConfigChange, diff_configs
-from filter_core.errors import ConfigError, NotAvailable
+from filter_core.errors import ConfigError
 
 
 def test_every_key_has_its_documented_default():
@@ -143,9 +143,13 @@ def test_a_wrong_value_is_named_with_its_key_and_range(raw, pointer, words):
 @pytest.mark.parametrize(
     "channel", ["ordered", "depth", "depth_center", "instance", "lidar", "auto"]
 )
-def test_a_channel_that_is_not_there_yet_says_so(channel):
-    with pytest.raises(NotAvailable, match=f"'{channel}' is a known channel"):
-        FilterConfig(evidence=channel)
+def test_every_channel_can_be_asked_for(channel):
+    assert FilterConfig.from_mapping({"evidence": channel}).evidence == channel
+
+
+def test_an_unknown_channel_is_refused_with_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'lidar'"):
+        FilterConfig.from_mapping({"evidence": "lidr"})
 
 
 def test_a_class_can_lift_a_limit_that_all_others_have():

@@ -38,6 +38,9 @@ KEYS = [
     "amodal_xyxy",
     "visible_xyxy",
     "tight_xyxy",
+    "visible_pixels",
+    "occluded",
+    "truncated",
     "edges",
     "config",
 ]
@@ -80,6 +83,7 @@ def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
         "lossy": False,
         "distance": 12.5,
         "xyxy": [10.0, 10.0, 50.0, 40.0],
+        "occluded": 3,
         "config": FilterConfig().digest,
     }
 

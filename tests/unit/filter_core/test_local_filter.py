@@ -9,8 +9,11 @@ import pytest
 from filter_core.config import FilterConfig
 from filter_core.formats.frame_source import FrameSource
 from filter_core.formats.layouts import read_source
-from filter_core.local_filter import filter_source
+from filter_core.local_filter import filter_one, filter_source
+from filter_core.segmentation import SegmentationOptions
+from tests.unit.filter_core.channels.scene import depth_png, instance_png
 from tests.unit.filter_core.formats.folders import painted, png, street, write_files
+from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
 
 
 @pytest.fixture
@@ -111,3 +114,30 @@ def test_an_ignore_mask_beside_a_frame_counts(folder):
     (outcome,) = filter_source([masked], FilterConfig())
 
     assert [box["matched_pixels"] for box in outcome.decisions or ()] == [0, 0]
+
+
+def test_a_channel_reads_the_files_that_it_needs(tmp_path):
+    tags, metres, ids = scene()
+    files = {
+        "depth": depth_png(metres),
+        "instances": instance_png(tags, ids),
+        "lidar": b"not read",
+    }
+    for kind, content in files.items():
+        (tmp_path / kind).write_bytes(content)
+    (tmp_path / "seg").write_bytes(painted(tags))
+    source = FrameSource(
+        "a",
+        ANNOTATION,
+        segmentation=tmp_path / "seg",
+        others={kind: tmp_path / kind for kind in files},
+    )
+
+    def outcome(channel):
+        return filter_one(
+            source, FilterConfig(evidence=channel), SegmentationOptions()
+        ).as_dict()
+
+    assert outcome("depth")["decisions"][1]["reason"] == "hidden_by_depth"
+    assert outcome("auto")["decisions"][1]["reason"] == "hidden_by_instance"
+    assert "PLY or NPY" in outcome("lidar")["error"]["detail"]

@@ -37,3 +37,9 @@ def street(car_xyxy=(10, 10, 50, 40), wh=(80, 60)):
     x_min, y_min, x_max, y_max = car_xyxy
     tags[y_min:y_max, x_min:x_max] = 14
     return tags
+
+
+def annotation_of(frame):
+    """A frame's annotation, which it must have."""
+    assert frame.annotation is not None, frame.problem
+    return frame.annotation

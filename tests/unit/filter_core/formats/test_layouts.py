@@ -6,13 +6,14 @@ import unicodedata
 
 import pytest
 
-from filter_core.errors import LayoutError, NotAvailable
+from filter_core.errors import LayoutError
 from filter_core.formats.frame_source import ReadOptions
 from filter_core.formats.layouts import detect_layout, read_source
 from filter_core.formats.matching import frame_key
 from tests.unit.filter_core.formats.folders import write_files
 
 YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"
+EMPTY_COCO = '{"images": [], "annotations": [], "categories": []}'
 BOX = {"class": "car", "cxcywhn": [0.5, 0.5, 0.1, 0.2]}
 NAMES = "names: [car, van]\n"
 
@@ -259,6 +260,11 @@ def test_raw_centre_pixels_have_no_class_of_their_own(tmp_path):
         ({"out/label/1.txt": ""}, "carlasimu"),
         ({"labels/1.txt": "", "data.yaml": NAMES}, "yolo"),
         ({"Annotations/1.xml": ""}, "voc"),
+        ({"Annotations/1.xml": "", "ImageSets/Main/train.txt": "1\n"}, "voc"),
+        ({"training/label_2/000001.txt": ""}, "kitti"),
+        ({"label_2/000001.txt": "", "ImageSets/train.txt": "000001"}, "kitti"),
+        ({"annotations/instances_val.json": EMPTY_COCO, "images/1.png": None}, "coco"),
+        ({"any.json": EMPTY_COCO, "package.json": "[]", "other.json": "{}"}, "coco"),
     ],
 )
 def test_a_layout_is_recognised_by_its_files(tmp_path, files, layout):
@@ -277,7 +283,8 @@ def test_two_layouts_in_one_folder_are_never_guessed_between(tmp_path):
     [
         ("auto", LayoutError, "no layout recognised"),
         ("ylo", LayoutError, "the nearest is 'yolo'"),
-        ("coco", NotAvailable, "not read by this version"),
+        ("coco", LayoutError, "images, annotations and categories"),
+        ("kitti", LayoutError, "found neither"),
         ("manifest", LayoutError, r"expected manifest\.jsonl"),
         ("carlasimu", LayoutError, "found neither"),
     ],

@@ -7,8 +7,9 @@ import numpy as np
 from filter_core.boxes import to_xyxy
 from filter_core.config import FilterConfig
 from filter_core.formats.export_frame import ExportBox, ExportFrame, ExportHead
+from filter_core.formats.export_options import ExportOptions
 from filter_core.formats.layouts import read_source
-from filter_core.formats.yolo_writer import YoloOptions, write_yolo
+from filter_core.formats.writers import write_export
 from filter_core.local_filter import filter_source
 from tests.unit.filter_core.formats.folders import painted, street, write_files
 
@@ -39,12 +40,12 @@ def test_what_is_kept_comes_back_where_it_was(tmp_path):
         out[name] = b"".join(pieces)
 
     head = ExportHead(("car", "walker"), expected_boxes=4)
-    write_yolo(filtered_folder(source), sink, head, YoloOptions())
+    write_export("yolo", filtered_folder(source), sink, head, ExportOptions())
     again = read_source(write_files(tmp_path / "out", out))
 
     assert again.layout == "yolo"
     assert again.classes == ("car", "walker")
-    found = {frame.key.partition("/")[2]: frame for frame in again}
+    found = {frame.key: frame for frame in again}
     assert sorted(found) == ["a/1.5", "straße 7"]
     for frame in found.values():
         (box,) = (frame.annotation or {})["boxes"]

@@ -9,14 +9,11 @@ import pytest
 import yaml
 
 from filter_core.formats.decisions_writer import write_decisions
-from filter_core.formats.export_frame import (
-    ExportBox,
-    ExportFrame,
-    ExportHead,
-    file_stem,
-)
-from filter_core.formats.export_tally import ExportError
-from filter_core.formats.yolo_writer import YoloOptions, split_of, write_yolo
+from filter_core.formats.export_frame import ExportBox, ExportFrame, ExportHead
+from filter_core.formats.export_names import file_stem
+from filter_core.formats.export_options import ExportError, ExportOptions
+from filter_core.formats.label_export import split_of
+from filter_core.formats.writers import write_export
 
 HEAD = ExportHead(("car", "traffic light"), {"dataset": "d", "config": "0" * 64})
 
@@ -45,7 +42,7 @@ def export(frames, head=HEAD, **options):
         assert name not in files
         files[name] = b"".join(pieces)
 
-    write_yolo(iter(frames), sink, head, YoloOptions(**options))
+    write_export("yolo", iter(frames), sink, head, ExportOptions(**options))
     return files
 
 
@@ -53,12 +50,17 @@ def manifest_of(files):
     return json.loads(files["manifest.json"])
 
 
+def fates(counts):
+    """What became of boxes, without how they were judged."""
+    return {name: counts[name] for name in ("in", "out", "dropped", "clipped")}
+
+
 def test_a_frame_becomes_an_image_and_a_label_of_the_same_name():
     files = export([frame("a/7", box(0), read_image=lambda: b"PNG")])
 
     part = split_of("a/7", "Town01", 0.8)
-    assert files[f"images/{part}/a/7.png"] == b"PNG"
-    line = files[f"labels/{part}/a/7.txt"].decode()
+    assert files[f"images/{part}/a__7.png"] == b"PNG"
+    line = files[f"labels/{part}/a__7.txt"].decode()
     assert line == "0 0.20000000 0.50000000 0.20000000 0.50000000\n"
 
 
@@ -106,7 +108,7 @@ def test_a_rectangle_that_was_cut_on_the_way_in_counts_as_clipped():
 
     counts = manifest_of(export([frame("7", cut)], images="none"))["counts"]
 
-    assert counts["boxes"] == {"in": 1, "out": 1, "dropped": 0, "clipped": 1}
+    assert fates(counts["boxes"]) == {"in": 1, "out": 1, "dropped": 0, "clipped": 1}
 
 
 BY_PERSON = {"review": {"verdict": "reject"}, "effective_verdict": "rejected"}
@@ -148,12 +150,14 @@ def test_every_dropped_box_has_its_reason():
 
     counts = manifest_of(export([frame("7", *boxes)], images="none"))["counts"]
 
-    assert counts["dropped_by_reason"] == {
+    assert counts["not_kept_by_reason"] == {
         "below_threshold": 2,
         "degenerate": 1,
         "rejected_by_person": 1,
     }
-    assert counts["classes"]["car"] == {"in": 4, "out": 0, "dropped": 4, "clipped": 0}
+    car = counts["classes"]["car"]
+    assert fates(car) == {"in": 4, "out": 0, "dropped": 4, "clipped": 0}
+    assert (car["kept"], car["rejected"]) == (2, 2)
 
 
 def test_the_same_frames_give_the_same_bytes():
@@ -191,7 +195,7 @@ def test_an_image_that_is_not_there_is_counted():
 @pytest.mark.parametrize("split", [-0.1, 1.1])
 def test_a_split_is_a_share(split):
     with pytest.raises(ExportError, match="split"):
-        YoloOptions(split=split)
+        ExportOptions(split=split)
 
 
 HOSTILE = [
@@ -254,7 +258,7 @@ def test_decisions_are_one_line_per_frame_in_order():
         {"key": "a", "palette": None, "decisions": []},
     ]
     counts = json.loads(files["manifest.json"])["counts"]
-    assert counts["boxes"] == {"in": 1, "out": 1, "dropped": 0, "clipped": 0}
+    assert fates(counts["boxes"]) == {"in": 1, "out": 1, "dropped": 0, "clipped": 0}
 
 
 def test_a_list_of_dropped_boxes_longer_than_memory_allows_is_whole():

@@ -1,0 +1,66 @@
+"""The pixels of each box that carry a tag its class accepts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.channels.silhouettes import Silhouette
+from filter_core.pixel_codes import PixelCodes
+from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptedPixels:
+    """Of one box: its silhouette, and which pixels of its region are accepted in it."""
+
+    silhouette: Silhouette
+    mask: Mask
+
+    @cached_property
+    def count(self) -> int:
+        """How many there are, px."""
+        return int(np.count_nonzero(self.mask))
+
+
+def accepted_pixels(
+    outlines: Sequence[Silhouette],
+    codes: PixelCodes,
+    accept_mask: IntArray,
+    ignore: Mask | None = None,
+) -> list[AcceptedPixels]:
+    """For each silhouette, its pixels of an accepted tag.
+
+    Parameters
+    ----------
+    outlines : as `filter_core.channels.silhouettes.silhouettes` gives them
+    codes : PixelCodes of the segmentation
+    accept_mask : (N,) int64
+        Bit t is set if the box's class accepts tag t.
+    ignore : (H, W) bool, optional
+        True: the pixel never counts.
+    """
+    tables = {
+        mask: accepted_codes(codes.tag_of_code, mask)
+        for mask in np.unique(accept_mask).tolist()
+    }
+    found = []
+    for outline in outlines:
+        table = tables[int(accept_mask[outline.row])]
+        box = outline.x0, outline.y0, outline.x1, outline.y1
+        mask = outline.of(table[codes.crop(*box)])
+        if ignore is not None:
+            mask = mask & ~ignore[outline.region]
+        found.append(AcceptedPixels(outline, mask))
+    return found
+
+
+def accepted_codes(tag_of_code: NDArray[np.uint8], accept_mask: int) -> BoolArray:
+    """(K,) bool: which codes mean an accepted tag; nobody accepts Unknown."""
+    tags = np.minimum(tag_of_code, UNKNOWN_COLUMN).astype(np.int64)
+    known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
+    return (known >> tags & 1).astype(np.bool_)

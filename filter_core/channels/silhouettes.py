@@ -1,0 +1,191 @@
+"""Which pixels a box can be seen in: the hull of a 3D box, else its rectangle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from filter_core.boxes import pixel_bounds
+from filter_core.camera import Camera
+from filter_core.projection import hull_points
+from filter_core.types import BoolArray, BoxesXYXY, FloatArray, IntArray, Mask
+
+_ROWS_AT_ONCE: Final = 1 << 13
+"""Temporaries of a few hundred KiB, however many boxes there are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """The pixels that the outline of one box touches.
+
+    Attributes
+    ----------
+    row : int
+        The box, in its frame.
+    x0, y0, x1, y1 : int, px
+        Columns ``x0 .. x1 - 1`` and rows ``y0 .. y1 - 1``.
+    inside : (y1 - y0, x1 - x0) bool, or None
+        None: the whole rectangle.
+    """
+
+    row: int
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+    inside: Mask | None = None
+
+    @property
+    def region(self) -> tuple[slice, slice]:
+        """Rows and columns, to index an image with."""
+        return np.s_[self.y0 : self.y1, self.x0 : self.x1]
+
+    @property
+    def pixels(self) -> int:
+        """How many pixels it touches."""
+        if self.inside is None:
+            return (self.x1 - self.x0) * (self.y1 - self.y0)
+        return int(np.count_nonzero(self.inside))
+
+    def of(self, mask: Mask) -> Mask:
+        """A mask of the region without what is outside the outline."""
+        return mask if self.inside is None else mask & self.inside
+
+
+def silhouettes(
+    xyxy: BoxesXYXY,
+    vertices: FloatArray,
+    camera: Camera | None,
+    image_wh: tuple[int, int],
+) -> list[Silhouette]:
+    """The silhouettes of a frame's boxes.
+
+    Parameters
+    ----------
+    xyxy : (N, 4) float64, px
+        Corrected rectangles; boxes with NaN rows have no silhouette.
+    vertices : (N, 8, 3) float64, metres
+        World corners; NaN rows for boxes that came as rectangles.
+    camera : Camera or None
+        Needed if any box has corners.
+    image_wh : (width, height), px
+
+    Returns
+    -------
+    list of Silhouette
+        In the order of the boxes, without those that are not in the image.
+
+    Notes
+    -----
+    A pixel belongs to a silhouette if the outline touches its square, as the paper's
+    rectangles take every pixel they touch: a box thinner than a pixel still has one.
+    """
+    bounds = pixel_bounds(xyxy, image_wh)
+    solid = ~np.isnan(vertices).any(axis=(1, 2)) & (camera is not None)
+    outlines: list[FloatArray | None] = [None] * len(xyxy)
+    if camera is not None and solid.any():
+        rows = np.flatnonzero(solid)
+        hulls = hull_points(vertices[rows], camera)
+        for row, points in zip(rows.tolist(), hulls, strict=True):
+            outlines[row] = points
+    there = ~np.isnan(xyxy[:, 0])
+    there &= (bounds[:, 0] < bounds[:, 2]) & (bounds[:, 1] < bounds[:, 3])
+    inside = _insides(outlines, bounds, there)
+    return [
+        Silhouette(row, x0, y0, x1, y1, inside.get(row))
+        for row, (x0, y0, x1, y1) in enumerate(bounds.tolist())
+        if there[row]
+    ]
+
+
+def _insides(
+    outlines: Sequence[FloatArray | None], bounds: IntArray, there: BoolArray
+) -> dict[int, Mask]:
+    """The masks of boxes that are there and have an outline, by row."""
+    hulls = {
+        row: outline
+        for row, outline in enumerate(outlines)
+        if there[row] and outline is not None and len(outline)
+    }
+    masks = touched_pixels(list(hulls.values()), bounds[list(hulls)])
+    return dict(zip(hulls, masks, strict=True))
+
+
+def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
+    """The pixels that the convex hull of some points touches, for N sets of points.
+
+    Parameters
+    ----------
+    outlines : N of (P, 2) float64, px
+    bounds : (N, 4) int64
+        First column, first row, last column + 1, last row + 1 of each.
+
+    Returns
+    -------
+    N of (rows, columns) bool
+
+    Notes
+    -----
+    A convex shape covers one interval of each row of pixels: from the lowest to the
+    highest x that its edges have within that row. The rows of all shapes are looked at
+    together: most boxes are small, and each alone would be mostly overhead.
+    """
+    if not len(outlines):
+        return []
+    heights = bounds[:, 3] - bounds[:, 1]
+    ends = np.cumsum(heights)
+    owner = np.repeat(np.arange(len(outlines)), heights)
+    top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
+    left, right = _row_spans(_hulls(outlines), owner, top.astype(np.float64))
+    masks: list[Mask] = []
+    for (x0, _, x1, _), end, height in zip(
+        bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
+    ):
+        rows, columns = np.s_[end - height : end], np.arange(x0, x1)
+        mask = columns >= left[rows, None]
+        mask &= columns < right[rows, None]
+        masks.append(mask)
+    return masks
+
+
+def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
+    """(N, K, 2) px: corners in turn; a hull of fewer ends in copies of its last one."""
+    found = []
+    for points in outlines:
+        # Of points that all coincide, OpenCV makes no hull.
+        corners: Any = cv2.convexHull(points.astype(np.float32))
+        found.append(points[:1] if corners is None else corners[:, 0])
+    padded = np.empty((len(found), max(map(len, found)), 2))
+    for row, hull in enumerate(found):
+        padded[row, : len(hull)] = hull
+        padded[row, len(hull) :] = hull[-1]
+    return padded
+
+
+def _row_spans(
+    hulls: FloatArray, owner: IntArray, top: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(R,), (R,) px: first column, last column + 1 of rows of pixels of their hulls."""
+    left, right = np.empty(len(top)), np.empty(len(top))
+    ends = np.roll(hulls, -1, axis=1)
+    height = ends[..., 1] - hulls[..., 1]
+    slope = (ends[..., 0] - hulls[..., 0]) / np.where(height == 0, 1.0, height)
+    low_y = np.minimum(hulls[..., 1], ends[..., 1])
+    high_y = np.maximum(hulls[..., 1], ends[..., 1])
+    for start in range(0, len(top), _ROWS_AT_ONCE):
+        part = np.s_[start : start + _ROWS_AT_ONCE]
+        of, above = owner[part], top[part, None]
+        low, high, x, y = low_y[of], high_y[of], hulls[of, :, 0], hulls[of, :, 1]
+        first = x + (np.clip(above, low, high) - y) * slope[of]
+        second = x + (np.clip(above + 1, low, high) - y) * slope[of]
+        second = np.where(height[of] == 0, ends[of, :, 0], second)
+        passed = (low < above + 1) & (high >= above)
+        nearest = np.where(passed, np.minimum(first, second), np.inf).min(axis=1)
+        farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
+        left[part] = np.floor(nearest)
+        right[part] = np.maximum(np.ceil(farthest), left[part] + 1)
+    return left, right

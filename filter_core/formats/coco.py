@@ -1,0 +1,258 @@
+"""COCO: boxes of all images in one JSON file, read image by image."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from filter_core.annotation import KNOWN_FRAME_KEYS
+from filter_core.annotation_boxes import KNOWN_BOX_KEYS
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.coco_index import CocoIndex, index_coco, looks_like_coco
+from filter_core.formats.frame_source import (
+    FrameSet,
+    FrameSource,
+    ReadOptions,
+    Unmatched,
+)
+from filter_core.formats.matching import IMAGE_SUFFIXES, FileIndex, frame_key, walk
+from filter_core.formats.yolo import segmentation_folder
+
+_PARTS: Final = ("train", "val", "test")
+_OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"})
+_OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")
+_MANY: Final = 3
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One image of one file: which file's, its row, its key, and its files."""
+
+    index: CocoIndex
+    row: int
+    key: str
+    image: Path | None
+    segmentation: Path | None
+    problem: FilterError | None = None
+
+
+def coco_files(root: Path) -> list[Path]:
+    """The files with boxes: the one given, or those at the usual places in a folder."""
+    if root.is_file():
+        return [root]
+    found = [*root.glob("*.json"), *(root / "annotations").glob("*.json")]
+    return [path for path in sorted(found) if looks_like_coco(path)]
+
+
+def read_coco(root: Path, options: ReadOptions) -> FrameSet:
+    """The frames of one or several COCO files.
+
+    Images that share an id cannot be told apart by their boxes: they are one frame
+    that says so, and the others go on.
+
+    Raises
+    ------
+    LayoutError
+        No such file, or one that is not COCO.
+    """
+    paths = [options.labels] if options.labels else coco_files(root)
+    if not paths:
+        raise LayoutError(
+            "expected a .json file with images, annotations and categories, here or in "
+            "annotations/, found none"
+        )
+    folder = root.parent if root.is_file() else root
+    indices = [index_coco(path, path.name) for path in paths]
+    rows, unmatched = _match(folder, indices, options)
+    return FrameSet(
+        layout="coco",
+        frames=lambda: (_read(row) for row in rows),
+        classes=tuple(options.classes or _classes(indices)),
+        count=len(rows),
+        unmatched=(*unmatched, *_orphans(indices)),
+    )
+
+
+def _classes(indices: Sequence[CocoIndex]) -> list[str]:
+    """Names in the order of their ids, each once."""
+    names: dict[str, None] = {}
+    for index in indices:
+        ordered = list(index.names.items())
+        if all(isinstance(number, int) for number in index.names):
+            ordered.sort()
+        names.update(dict.fromkeys(word for _, word in ordered))
+    return list(names)
+
+
+def _orphans(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
+    for index in indices:
+        if index.orphans:
+            why = f"{index.orphans} annotations of images that it does not list"
+            yield Unmatched(index.name, why)
+
+
+def _match(
+    folder: Path, indices: Sequence[CocoIndex], options: ReadOptions
+) -> tuple[list[_Row], tuple[Unmatched, ...]]:
+    tags = options.segmentation or segmentation_folder(folder)
+    images = FileIndex(walk(folder, IMAGE_SUFFIXES, [tags] if tags else []))
+    segmentations = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
+    named = [one for index in indices for one in _named(index)]
+    bases = Counter(_base(one.file) for one in named)
+    seen = Counter(one.key for one in named)
+    rows = []
+    for one in named:
+        alone = bases[_base(one.file)] == 1
+        image = images.take(f"{one.part}/{one.file}") if one.part else None
+        image = image or images.take(one.file, by_base=alone)
+        tag = segmentations.take(one.file, by_base=alone)
+        rows.append(
+            _Row(
+                index=one.index,
+                row=one.row,
+                key=one.key,
+                image=folder / image if image else None,
+                segmentation=tags / tag if tags and tag else None,
+                problem=_problem(one, seen[one.key]),
+            )
+        )
+    unmatched = (
+        *images.left_over("no COCO file lists this image"),
+        *segmentations.left_over("no COCO file lists an image for this segmentation"),
+    )
+    return sorted(rows, key=lambda row: row.key), unmatched
+
+
+@dataclass(frozen=True)
+class _Name:
+    """What an image is called: the frame's key, its file's, and its part."""
+
+    index: CocoIndex
+    row: int
+    key: str
+    file: str
+    part: str
+
+
+def _named(index: CocoIndex) -> Iterator[_Name]:
+    """The names of all images; of images with one id only the first."""
+    later = {row for rows in index.repeated.values() for row in rows[1:]}
+    stem = Path(index.name).stem.lower()
+    part = next((one for one in _PARTS if stem.endswith(one)), "")
+    for row in range(len(index.places)):
+        if row in later:
+            continue
+        image = index.image(row)
+        key, name = image.get("key"), image.get("file_name")
+        if not isinstance(name, str) or not name:
+            raise LayoutError(
+                f"{index.name}, images[{row}]: expected a file_name, found "
+                f"{str(name)[:40]!r}"
+            )
+        file = frame_key(name.replace("\\", "/"))
+        yield _Name(
+            index, row, key if isinstance(key, str) and key else file, file, part
+        )
+
+
+def _problem(one: _Name, seen: int) -> FilterError | None:
+    index, row = one.index, one.row
+    if seen > 1:
+        return LayoutError(
+            f"{index.name}, images[{row}]: expected each file_name once, found "
+            f"{one.key!r} {seen} times"
+        )
+    same = index.repeated.get(row)
+    if same is None:
+        return None
+    boxes = sum(1 for _ in index.boxes(row))
+    first = ", ".join(f"images[{number}]" for number in same[:_MANY])
+    more = f" and {len(same) - _MANY} more" if len(same) > _MANY else ""
+    return LayoutError(
+        f"{index.name}: expected each image id once, found {first}{more} with id "
+        f"{index.image(row)['id']!r}: nobody can say whose the {boxes} boxes are"
+    )
+
+
+def _read(row: _Row) -> FrameSource:
+    annotation: dict[str, Any] | None = None
+    problem = row.problem
+    if problem is None:
+        try:
+            annotation = _annotation(row)
+        except FilterError as exc:
+            problem = exc
+    return FrameSource(row.key, annotation, row.image, row.segmentation, {}, problem)
+
+
+def _annotation(row: _Row) -> dict[str, Any]:
+    image = row.index.image(row.row)
+    kept = {k: v for k, v in image.items() if k not in _IMAGE_KEYS}
+    ours = isinstance(image.get("key"), str)
+    if not ours:
+        kept = _beside(kept, KNOWN_FRAME_KEYS)
+    annotation: dict[str, Any] = {**kept, "boxes": list(_boxes(row, ours=ours))}
+    size = {key: image.get(key) for key in ("width", "height")}
+    if "camera" not in annotation and all(_is_side(side) for side in size.values()):
+        annotation["camera"] = size
+    return annotation
+
+
+_IMAGE_KEYS: Final = frozenset({"id", "file_name", "width", "height", "key"})
+
+
+def _is_side(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0
+
+
+def _boxes(row: _Row, *, ours: bool) -> Iterator[dict[str, Any]]:
+    boxes = list(row.index.boxes(row.row))
+    ids = [str(box["id"]) for box in boxes if "id" in box]
+    # Ids that do not tell boxes apart are none; their places do.
+    use_ids = len(set(ids)) == len(boxes)
+    for number, given in enumerate(boxes):
+        at = f"{row.index.name}, annotation {str(given.get('id', number))[:40]!r}"
+        category = given.get("category_id")
+        names = row.index.names
+        name = names.get(category) if isinstance(category, (int, str)) else None
+        if name is None:
+            raise LayoutError(
+                f"{at}: expected the id of a category, found {str(category)[:40]!r}"
+            )
+        kept = {key: value for key, value in given.items() if key not in _OURS}
+        box = {
+            **({"id": str(given["id"])} if use_ids else {}),
+            "class": name,
+            "xywh": given.get("bbox"),
+            **_beside(kept, KNOWN_BOX_KEYS),
+        }
+        attributes = given.get("attributes")
+        if isinstance(attributes, dict) and ours:
+            box |= _from_attributes(attributes)
+        elif attributes is not None:
+            box["attributes"] = attributes
+        yield box
+
+
+def _from_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
+    """What the writer of this product put there; 3D boxes stay beside the rectangle."""
+    known: dict[str, Any] = {
+        key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
+    }
+    written = (*_OUR_ATTRIBUTES, "verdict", "reason")
+    rest = {key: value for key, value in attributes.items() if key not in written}
+    return {**known, "attributes": rest} if rest else known
+
+
+def _beside(given: dict[str, Any], known: frozenset[str]) -> dict[str, Any]:
+    """Keys of the file's own that mean something else here go under `extra`."""
+    clashing = {key: value for key, value in given.items() if key in known}
+    free = {key: value for key, value in given.items() if key not in known}
+    return {**free, "extra": clashing} if clashing else free
+
+
+def _base(key: str) -> str:
+    return key.rpartition("/")[2]

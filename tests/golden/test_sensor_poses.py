@@ -1,0 +1,64 @@
+"""Sensors that stand elsewhere than the camera, against CARLA's own matrices."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from filter_core.channels.depth import depth_interval
+from filter_core.channels.lidar import points_inside
+from filter_core.channels.points import LidarPoints
+from filter_core.pose import as_transform
+from tests.shared_data import shared
+from tests.unit.filter_core.geometry_oracle import camera_of
+
+CAR = 14
+SOLID_M = 0.05
+"""Boxes thinner than this have no inside to speak of."""
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return json.loads(shared("oracles/geometry.json").read_text("utf-8"))["cases"]
+
+
+def in_sensor(case, points):
+    """World points in the sensor's axes, by CARLA's inverse matrix."""
+    inverse = np.array(case["carla"]["camera_inverse_matrix"])
+    return points @ inverse[:3, :3].T + inverse[:3, 3]
+
+
+def test_points_of_a_box_are_found_in_it_from_wherever_the_sensor_stands(cases):
+    dice = np.random.default_rng(7)
+    for case in cases:
+        vertices = np.array(case["truth"]["world_vertices_f64"])
+        if min(case["bounding_box"]["extent"]) < SOLID_M:
+            continue
+        center = vertices.mean(axis=0)
+        inside = center + (vertices - center) * dice.uniform(0, 0.95, (8, 1))
+        beside = center + (vertices - center) * dice.uniform(1.05, 2, (8, 1))
+        points = LidarPoints(
+            in_sensor(case, np.concatenate([inside, beside])),
+            np.zeros(16, np.int64),
+            np.full(16, CAR),
+        )
+
+        counted = points_inside(
+            points, as_transform(case["camera"]), vertices[None], np.array([1 << CAR])
+        )
+
+        assert counted.tolist() == [8], case["id"]
+
+
+def test_depths_are_those_of_carlas_vertices(cases):
+    for case in cases:
+        camera = camera_of(case)
+        vertices = np.array(case["truth"]["world_vertices_f64"])
+        depth = np.array(case["carla"]["vertex_depth"])
+
+        near, far = depth_interval(vertices[None], camera, 0.0)[0]
+
+        assert far == pytest.approx(depth.max(), abs=1e-3), case["id"]
+        assert near == pytest.approx(max(depth.min(), 0.1), abs=1e-3), case["id"]

@@ -1,0 +1,76 @@
+"""Agreement and suggested thresholds against counting by hand."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from filter_core.agreement import agreement
+from filter_core.scores import Confusion
+from filter_core.thresholds import Answers, Goal, suggest
+
+SAID = st.dictionaries(
+    st.tuples(st.integers(1, 6), st.integers(0, 4)), st.booleans(), max_size=25
+)
+MATCH = st.sampled_from([0.0, 0.5, 9.5, 10.0, 10.5, 30.0, 99.0, 100.0])
+SOME = st.lists(st.tuples(MATCH, st.booleans()), min_size=1, max_size=30)
+
+
+@given(said=SAID)
+def test_pairs_are_those_who_answered_the_same_box(said):
+    keys = list(said)
+
+    found = agreement(
+        np.array([box for box, _ in keys], np.int64),
+        np.array([who for _, who in keys], np.int64),
+        np.array([said[key] for key in keys], bool),
+    )
+
+    by_box = {box: [k for k in keys if k[0] == box] for box, _ in keys}
+    several = [group for group in by_box.values() if len(group) > 1]
+    alike = [group for group in several if len({said[key] for key in group}) == 1]
+    assert (found.boxes, found.agreed) == (len(several), len(alike))
+    slow: dict[tuple[int, int], list[tuple[bool, bool]]] = {}
+    for group in several:
+        for one, other in combinations(sorted(group, key=lambda key: key[1]), 2):
+            slow.setdefault((one[1], other[1]), []).append((said[one], said[other]))
+    assert {(p.a, p.b): p.boxes for p in found.pairs} == {
+        pair: len(answers) for pair, answers in slow.items()
+    }
+    for pair in found.pairs:
+        answers = slow[pair.a, pair.b]
+        assert pair.agreed == sum(one == other for one, other in answers)
+        assert int(pair.table[1, 0]) == answers.count((True, False))
+
+
+def confusion(some, threshold, strict) -> Confusion:
+    kept = [m > threshold if strict else m >= threshold for m, _ in some]
+    keep = [said for _, said in some]
+    return Confusion.of(np.array(kept), np.array(keep))
+
+
+@settings(max_examples=150)
+@given(some=SOME, current=MATCH, strict=st.booleans())
+def test_no_threshold_has_a_better_f1_than_the_suggested_one(some, current, strict):
+    match, keep = (np.array(column) for column in zip(*some, strict=True))
+
+    found = suggest(Answers(match, keep, strict=strict), current, Goal())
+
+    if found is None:
+        assert keep.all() or not keep.any()
+        return
+    every = np.unique(np.concatenate([match, match + 0.25, match - 0.25])).clip(0, 100)
+    scores = [confusion(some, threshold, strict).f1 for threshold in every]
+    best = max(score.value for score in scores if score is not None)
+    chosen = confusion(some, found.threshold, strict).f1
+    assert chosen is not None
+    assert abs(chosen.value - best) < 1e-9
+    assert abs((found.at_suggested.f1 or 0) - best) < 1e-9
+    assert 0 <= found.threshold <= 100
+    for point in found.curve[::10]:
+        by_hand = confusion(some, point.threshold, strict)
+        assert point.recall == (by_hand.recall and by_hand.recall.value)
+        assert point.precision == (by_hand.precision and by_hand.precision.value)

@@ -1,0 +1,37 @@
+"""Outlines as pixels, drawn by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.channels.silhouettes import touched_pixels
+
+DIAMOND = [(2, 0), (4, 2), (2, 4), (0, 2)]
+RECTANGLE = [(1.5, 0.5), (3.2, 0.5), (3.2, 2), (1.5, 2)]
+LINE = [(0.5, 0.5), (3.5, 2.5)]
+POINT = [(2.5, 1.5)] * 3
+
+
+def drawn(points, bounds):
+    (mask,) = touched_pixels([np.array(points, float)], np.array([bounds]))
+    return ["".join(".#"[int(pixel)] for pixel in row) for row in mask]
+
+
+@pytest.mark.parametrize(
+    ("points", "bounds", "expected"),
+    [
+        (DIAMOND, (0, 0, 5, 4), [".##..", "####.", "####.", ".##.."]),
+        (DIAMOND, (2, 1, 5, 3), ["##.", "##."]),
+        (RECTANGLE, (0, 0, 5, 2), [".###.", ".###."]),
+        (LINE, (0, 0, 4, 3), ["##..", ".##.", "..##"]),
+        (POINT, (1, 0, 4, 3), ["...", ".#.", "..."]),
+    ],
+    ids=["diamond", "part of it", "rectangle", "line", "point"],
+)
+def test_every_pixel_that_an_outline_touches_belongs_to_it(points, bounds, expected):
+    assert drawn(points, bounds) == expected
+
+
+def test_nothing_is_drawn_of_nothing():
+    assert touched_pixels([], np.empty((0, 4), np.int64)) == []

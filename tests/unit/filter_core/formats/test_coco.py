@@ -1,0 +1,186 @@
+"""COCO files as they are found: read image by image, dirt named, the rest survives."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.annotation import parse_annotation
+from filter_core.errors import LayoutError
+from filter_core.formats import json_stream
+from filter_core.formats.layouts import read_source
+from tests.shared_data import shared
+from tests.unit.filter_core.formats.folders import annotation_of, write_files
+
+CATEGORIES = [{"id": 7, "name": "walker"}, {"id": 2, "name": "car"}]
+
+
+def image(number, name, **more):
+    return {"id": number, "file_name": name, "width": 80, "height": 60, **more}
+
+
+def annotation(number, owner, **more):
+    row = {"id": number, "image_id": owner, "category_id": 2, "bbox": [1, 2, 3, 4]}
+    return {**row, **more}
+
+
+def coco(images, annotations, **more):
+    document = {"images": images, "annotations": annotations, "categories": CATEGORIES}
+    return json.dumps({**document, **more})
+
+
+def test_boxes_find_their_images_whatever_the_order(tmp_path):
+    rows = [annotation(1, "b"), annotation(2, "a"), annotation(3, "b", category_id=7)]
+    document = json.loads(coco([image("a", "x/1.png"), image("b", "x/2.png")], rows))
+    backwards = json.dumps(dict(reversed(document.items())), indent=3)
+    folder = write_files(
+        tmp_path,
+        {
+            "annotations/instances_train.json": f"\ufeff{backwards}",
+            "images/train/x/1.png": None,
+            "images/train/x/2.png": None,
+            "seg/1.png": None,
+        },
+    )
+
+    frames = read_source(folder)
+    first, second = frames
+
+    assert (frames.layout, frames.classes) == ("coco", ("car", "walker"))
+    assert (first.key, second.key) == ("x/1", "x/2")
+    assert first.image == folder / "images/train/x/1.png"
+    assert first.segmentation == folder / "seg/1.png"
+    assert annotation_of(first)["boxes"] == [
+        {"id": "2", "class": "car", "xywh": [1, 2, 3, 4]}
+    ]
+    assert [one["id"] for one in annotation_of(second)["boxes"]] == ["1", "3"]
+    assert annotation_of(second)["camera"] == {"width": 80, "height": 60}
+    assert frames.unmatched == ()
+
+
+def test_unknown_keys_are_kept_and_never_taken_for_our_own(tmp_path):
+    strange = {"xyxy": "no", "distance": "far", "score": 0.5, "segmentation": [[1, 2]]}
+    rows = [annotation(1, 1, **strange)]
+    content = coco([image(1, "a.png", camera="left", license=4)], rows)
+
+    (frame,) = read_source(write_files(tmp_path, {"boxes.json": content}))
+
+    parsed = parse_annotation(annotation_of(frame))
+    assert parsed.extra == {"license": 4, "camera": "left"}
+    assert parsed.boxes[0].extra == strange
+    assert parsed.boxes[0].distance is None
+
+
+def test_ids_that_repeat_give_way_to_places(tmp_path):
+    rows = [annotation(5, 1), annotation(5, 1)]
+    folder = write_files(tmp_path, {"a.json": coco([image(1, "a.png")], rows)})
+
+    (frame,) = read_source(folder)
+
+    boxes = parse_annotation(annotation_of(frame)).boxes
+    assert [one.id for one in boxes] == ["0", "1"]
+
+
+@pytest.mark.parametrize(
+    ("images", "rows", "words"),
+    [
+        ([image(1, "a.png")], [annotation(1, 1, category_id=9)], "annotation '1': ex"),
+        ([image(1, "a.png"), image(2, "a.png")], [], "each file_name once, found 'a'"),
+        ([image(1, "a.png"), image(1, "b.png")], [annotation(1, 1)], "the 1 boxes are"),
+    ],
+)
+def test_what_cannot_be_told_is_that_frame_s_problem(tmp_path, images, rows, words):
+    good = [*images, image("z", "z.png")]
+    folder = write_files(tmp_path, {"a.json": coco(good, rows)})
+
+    *bad, last = read_source(folder)
+
+    assert all(words in str(one.problem) for one in bad)
+    assert bad
+    assert (last.key, last.problem) == ("z", None)
+
+
+def test_boxes_of_no_image_and_images_of_no_file_are_listed(tmp_path):
+    content = coco([image(1, "a.png")], [annotation(1, 2), annotation(2, 3)])
+    folder = write_files(tmp_path, {"a.json": content, "images/other.png": None})
+
+    frames = read_source(folder)
+
+    assert [(one.path, one.why) for one in frames.unmatched] == [
+        ("images/other.png", "no COCO file lists this image"),
+        ("a.json", "2 annotations of images that it does not list"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('{"images": [', "byte 12: expected"),
+        ('{"images": [{"id": 1}, ]', "byte 23: expected a JSON value"),
+        ('{"images": [NaN]}', "NaN is no number of JSON"),
+        ('{"images": [{"name": 1}]}', "expected an object with 'id'"),
+        ('{"images": [true]}', "expected an object with 'id'"),
+        ('{"images": {}}', "expected an object with 'id'"),
+        ("[]", "byte 0: expected '{'"),
+        ("", "expected more, found the end"),
+        ("{}", "expected images, annotations and categories, found nothing"),
+        ('{"images": [], "categories": [{"id": 1}]}', "category 1: expected a name"),
+        (
+            '{"images": [], "categories": [{"id": 1, "name": "a"}, '
+            '{"id": 1, "name": "b"}]}',
+            "each category id once, found 1 for 'a' and 'b'",
+        ),
+        ('{"images": [], "categories": [], "x": ' + "[" * 200_000, "expected a JSON"),
+    ],
+)
+def test_a_file_that_is_not_coco_says_where(tmp_path, content, words):
+    file = tmp_path / "x.json"
+    file.write_text(content, "utf-8")
+
+    with pytest.raises(LayoutError) as caught:
+        list(read_source(file, "coco"))
+
+    assert words in caught.value.detail
+
+
+def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatch):
+    texts = ["é" * 5, '\\"]}', "\u2028", "x"]
+    images = [image(n, f"{text}.png", n=-12345.678) for n, text in enumerate(texts)]
+    content = json.dumps({"n": 123456, "images": images}, ensure_ascii=False)
+    file = tmp_path / "x.json"
+    file.write_text(content, "utf-8")
+
+    for size in range(1, 40):
+        monkeypatch.setattr(json_stream, "_PIECE", size)
+        with file.open("rb") as opened:
+            items = list(json_stream.read_object(opened, "x"))
+        found = [
+            json_stream.load(content.encode()[one.start : one.end], "x")
+            for one in items
+        ]
+        assert found == [123456, *images]
+
+
+def test_a_real_file_with_real_dirt_is_survived_and_reported():
+    """249 images share 193 ids: 57 are called "_semantic", with ten bad boxes."""
+    folder = shared("data/DanielHfnr_Carla-Object-Detection-Dataset")
+
+    frames = read_source(folder, "coco")
+    read = list(frames)
+
+    assert frames.classes == (
+        "vehicle",
+        "bike",
+        "motobike",
+        "traffic_light",
+        "traffic_sign",
+    )
+    (bad,) = [one for one in read if one.problem]
+    assert (len(read), bad.key) == (193, "_semantic")
+    assert "images[37], images[38], images[39] and 54 more" in str(bad.problem)
+    good = [parse_annotation(annotation_of(one)) for one in read if not one.problem]
+    assert sum(len(one.boxes) for one in good) + 192 == 1839
+    assert "nobody can say whose the 192 boxes are" in str(bad.problem)
+    missing = {one.why for one in frames.unmatched}
+    assert missing == {"no COCO file lists this image"}

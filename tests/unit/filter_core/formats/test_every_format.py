@@ -1,0 +1,236 @@
+"""What holds for every format that there is: table, books, bytes, memory."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tracemalloc
+from dataclasses import replace
+from typing import get_args
+
+import pytest
+
+from filter_core.errors import NotAvailable
+from filter_core.formats import decisions_table, parquet, spool
+from filter_core.formats.export_names import FileNames, file_stem
+from filter_core.formats.export_options import ExportError, ExportOptions
+from filter_core.formats.folder_sink import folder_sink
+from filter_core.formats.layouts import read_source
+from filter_core.formats.writers import FORMATS, FormatName, format_of, write_export
+from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
+from tests.unit.filter_core.formats.folders import write_files
+from unghost.cli.format_options import FORMATS as NAMES_ON_THE_COMMAND_LINE
+
+
+def street(count, boxes=10, **more):
+    """Frames with kept, rejected and cut boxes."""
+    for number in range(count):
+        made = [
+            box(
+                each,
+                (each, 5, each + 20, 130 if each % 3 else 50),
+                "rejected" if each % 4 == 0 else "kept",
+                distance=each * 11.0,
+            )
+            for each in range(boxes)
+        ]
+        yield frame(f"town/{number:06}", *made, map=f"Town{number % 3}", **more)
+
+
+def test_one_table_names_every_format():
+    assert tuple(FORMATS) == get_args(FormatName) == NAMES_ON_THE_COMMAND_LINE
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_same_frames_give_the_same_bytes_and_books_that_add_up(name):
+    files = export(name, street(7))
+
+    assert files == export(name, street(7))
+    counts = json.loads(files["manifest.json"])["counts"]["boxes"]
+    assert counts["in"] == 70
+    assert counts["in"] == counts["out"] + counts["dropped"] + counts["dontcare"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_count_that_does_not_add_up_fails_every_format(name):
+    with pytest.raises(ExportError, match="expected 71 boxes, found 70"):
+        export(name, street(7), replace(HEAD, expected_boxes=71))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_frame_without_boxes_is_in_every_format(name):
+    part = {"split": 1.0} if "split" in FORMATS[name].options else {}
+    files = export(name, [frame("only/one")], **part)
+
+    assert json.loads(files["manifest.json"])["counts"]["frames"]["in"] == 1
+    told = b"".join(
+        content for file, content in files.items() if file != "manifest.json"
+    )
+    assert b"one" in told or not name.startswith(("coco", "label", "manifest"))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_memory_does_not_grow_with_the_dataset(name, tmp_path, monkeypatch):
+    """A frame leaves a mark of its name behind, and nothing of its boxes."""
+    # Small buffers, so that few boxes fill them; what is left is what would grow.
+    monkeypatch.setattr(spool, "_IN_MEMORY", 4096)
+    monkeypatch.setattr(spool, "_PIECE", 4096)
+    monkeypatch.setattr(parquet, "_ROWS_PER_GROUP", 100)
+    monkeypatch.setattr(decisions_table, "_ROWS_AT_ONCE", 100)
+    head = replace(HEAD, temporary=tmp_path)
+    chosen = {"images": "none"} if "images" in FORMATS[name].options else {}
+    options = ExportOptions.from_mapping(chosen)
+
+    def peak(count):
+        tracemalloc.start()
+        write_export(name, street(count), swallow, head, options)
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    peak(1)
+    assert peak(320) - peak(40) < 300 * (320 - 40)
+
+
+def swallow(_file, pieces):
+    """A sink that keeps nothing."""
+    for _ in pieces:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("ylo", {}, "unknown format 'ylo'; the nearest is 'yolo'"),
+        ("cvat", {"bands": [50]}, "format 'cvat' has no option 'bands'"),
+        ("yolo", {"rejected": "dontcare"}, "format 'yolo' has no option 'rejected'"),
+        ("manifest", {"split": 0.5}, "format 'manifest' has no option 'split'"),
+        ("decisions-csv", {"include": "all"}, "no option 'include'; it has none"),
+    ],
+)
+def test_what_a_format_cannot_do_is_refused(name, options, words):
+    with pytest.raises(ExportError) as caught:
+        format_of(name, ExportOptions.from_mapping(options))
+
+    assert words in caught.value.detail
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"colour": 1}, "options: expected only include, "),
+        ({"include": "some"}, "include: expected one of effective, kept, all"),
+        ({"boxes": 3}, "boxes: expected one of"),
+        ({"split": 1.5}, "split: expected a share from 0 to 1"),
+        ({"bands": [0]}, "bands: expected whole metres from 1"),
+        ({"bands": [50.5]}, "bands: expected whole metres"),
+        ({"bands": list(range(1, 40))}, "bands: expected at most 16 distances"),
+    ],
+)
+def test_an_option_that_makes_no_sense_is_named(options, words):
+    with pytest.raises(ExportError, match="expected") as caught:
+        ExportOptions.from_mapping(options)
+
+    assert words in caught.value.detail
+    assert caught.value.pointer.startswith("/options")
+
+
+def test_bands_are_sorted_and_said_once():
+    assert ExportOptions.from_mapping({"bands": [100, 50, 100]}).bands == (50, 100)
+
+
+def test_parquet_without_its_library_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+
+    with pytest.raises(NotAvailable, match=r"pip install 'unghost\[parquet\]'"):
+        format_of("decisions-parquet", ExportOptions())
+
+
+ALIKE = [
+    "A/7",
+    "a/7",
+    "\u00c9",
+    "\u00e9",
+    "E\u0301",
+    "\ufb01",
+    "fi",
+    "STRASSE",
+    "stra\u00dfe",
+]
+
+
+@pytest.mark.parametrize("name", ["yolo", "coco", "voc", "cvat"])
+def test_names_that_some_systems_take_for_the_same_are_renamed(name, tmp_path):
+    keys = sorted(ALIKE)
+    files = export(name, [frame(key, box(0)) for key in keys])
+
+    assert len({file.casefold() for file in files}) == len(files)
+    renamed = json.loads(files["manifest.json"])["renamed"]
+    digests = [row["frame"] for row in renamed if "%~" in row["file"]]
+    assert "a/7" in digests
+    assert "A/7" not in digests
+    assert len(digests) == 4
+    if name in ("yolo", "voc", "coco"):
+        again = read_source(write_files(tmp_path, files))
+        assert [one.key for one in again] == keys
+
+
+def test_a_flat_name_that_is_taken_gives_way():
+    names = FileNames(flat=True)
+
+    first, second = names.stem("a/b"), names.stem("a__b")
+
+    assert first == "a__b"
+    assert second.startswith("a__b%~")
+
+
+def test_a_folder_is_never_called_like_a_file():
+    assert file_stem("a.png/b.png") == "a%2Epng/b.png"
+
+
+def test_a_folder_appears_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "made" / "here"
+
+    with pytest.raises(ExportError, match="found 1"):
+        write_into(target, replace(HEAD, expected_boxes=2))
+    assert list(target.parent.iterdir()) == []
+    write_into(target, HEAD)
+    assert (target / "labels" / "train" / "a.txt").is_file()
+    with pytest.raises(ExportError, match="a new or an empty folder"):
+        write_into(target, HEAD)
+
+
+def write_into(folder, head):
+    """A YOLO export of one frame as a folder."""
+    with folder_sink(folder) as sink:
+        write_export("yolo", [frame("a", box(0))], sink, head, ExportOptions(split=1.0))
+
+
+@pytest.mark.parametrize("name", ["/etc/x", "../x", "a/../../x", "a\\b", ""])
+def test_nothing_is_written_outside_of_the_folder(tmp_path, name):
+    with (
+        pytest.raises(ExportError, match="no name of a file"),
+        folder_sink(tmp_path / "out") as sink,
+    ):
+        sink(name, [b""])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("{", "frames.jsonl, line 1: not JSON"),
+        ("[]", "frames.jsonl, line 1: expected an object"),
+        ('{"file": 1, "key": "a"}', "expected file and key"),
+        ('{"file": "a.png", "key": ""}', "expected a key and a map"),
+        ('{"file": "a.png", "key": "a"}\n' * 2, "line 2: expected each once"),
+    ],
+)
+def test_a_list_of_keys_that_cannot_be_trusted_is_refused(tmp_path, lines, words):
+    folder = write_files(tmp_path, {"labels/a.txt": "", "classes.txt": "car"})
+    write_files(folder, {"frames.jsonl": lines})
+
+    with pytest.raises(ValueError, match="frames") as caught:
+        read_source(folder)
+
+    assert words in str(caught.value)

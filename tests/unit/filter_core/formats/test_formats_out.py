@@ -1,0 +1,304 @@
+"""Each format says what its own specification wants, to the letter."""
+
+from __future__ import annotations
+
+import json
+
+import defusedxml.ElementTree as ElementTree
+import pytest
+import yaml
+
+from filter_core.camera import Camera
+from filter_core.formats.kitti_writer import kitti_types, number_text
+from filter_core.formats.voc_writer import whole_pixels
+from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
+
+HERE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}
+CUT = box("cut", (-10, 20, 30, 60), amodal_xyxy=[-10, 20, 30, 60])
+GHOST = box("ghost", (50, 10, 70, 30), "rejected")
+
+
+def document(files, name):
+    return json.loads(files[name])
+
+
+def elements(files, name):
+    return ElementTree.fromstring(files[name].decode())
+
+
+def test_coco_ids_count_from_one_and_boxes_are_corner_and_size():
+    files = export(
+        "coco",
+        [frame("a/7", box(0), box(1, class_name="walker")), frame("b", CUT)],
+        split=1.0,
+    )
+    made = document(files, "annotations/instances_train.json")
+
+    assert [one["id"] for one in made["categories"]] == [1, 2, 3]
+    assert [one["name"] for one in made["categories"]] == list(HEAD.classes)
+    assert [(one["id"], one["file_name"]) for one in made["images"]] == [
+        (1, "a/7.png"),
+        (2, "b.png"),
+    ]
+    rows = [
+        (one["id"], one["image_id"], one["category_id"], one["bbox"], one["area"])
+        for one in made["annotations"]
+    ]
+    assert rows == [
+        (1, 1, 1, [10.0, 20.0, 20.0, 40.0], 800.0),
+        (2, 1, 3, [10.0, 20.0, 20.0, 40.0], 800.0),
+        (3, 2, 1, [0.0, 20.0, 30.0, 40.0], 1200.0),
+    ]
+    assert all(
+        (one["iscrowd"], one["segmentation"]) == (0, []) for one in made["annotations"]
+    )
+    assert document(files, "annotations/instances_val.json")["images"] == []
+
+
+def test_coco_keeps_what_a_coco_file_said_besides():
+    given = {
+        "area": 17.5,
+        "ignore": 0,
+        "track": 3,
+        "segmentation": [[1, 2, 3, 4, 5, 6]],
+    }
+    files = export(
+        "coco", [frame("a", box("x", given=given, distance=12.5))], split=1.0
+    )
+
+    (one,) = document(files, "annotations/instances_train.json")["annotations"]
+
+    assert {key: one[key] for key in given} == given
+    assert one["attributes"] == {"id": "x", "distance": 12.5}
+
+
+def test_coco_carries_3d_boxes_and_cameras():
+    corners = [[float(n), 0.0, 1.0] for n in range(8)]
+    camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HERE}
+    solid = box(0, given={"vertices": corners, "xyxy": None})
+    stands = Camera.from_fov(100, 80, 90.0, HERE)
+    one = frame("a", solid, annotation={"camera": camera}, camera=stands)
+
+    files = export("coco", [one], split=1.0)
+    made = document(files, "annotations/instances_train.json")
+
+    assert made["annotations"][0]["attributes"]["vertices"] == corners
+    assert made["images"][0]["camera"] == camera
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "says"),
+    [
+        ("coco", "annotations/instances_train.json", b'"iscrowd":1'),
+        ("kitti", "training/label_2/000000.txt", b"DontCare -1 -1 -10.00 50.00 10.00"),
+        ("voc", "Annotations/a.xml", b"<difficult>1</difficult>"),
+    ],
+)
+def test_rejected_boxes_can_be_regions_to_ignore(name, file, says):
+    frames = [frame("a", box(0), GHOST)]
+
+    ignored = export(name, frames, split=1.0, rejected="dontcare")
+    dropped = export(name, frames, split=1.0)
+
+    assert says in ignored[file]
+    assert says not in dropped[file]
+    counts = document(ignored, "manifest.json")["counts"]["boxes"]
+    assert (counts["out"], counts["dontcare"], counts["dropped"]) == (1, 1, 0)
+
+
+def test_kitti_has_fifteen_columns_and_its_own_numbers_for_unknown():
+    files = export("kitti", [frame("x/y z", box(0), CUT)], split=1.0)
+
+    assert files["training/label_2/000000.txt"].decode().splitlines() == [
+        "car 0.00 3 -10.00 10.00 20.00 30.00 60.00 "
+        "-1.00 -1.00 -1.00 -1000.00 -1000.00 -1000.00 -10.00",
+        "car 0.25 3 -10.00 0.00 20.00 30.00 60.00 "
+        "-1.00 -1.00 -1.00 -1000.00 -1000.00 -1000.00 -10.00",
+    ]
+    assert files["ImageSets/train.txt"] == b"000000\n"
+    assert json.loads(files["frames.jsonl"])["key"] == "x/y z"
+
+
+def test_kitti_takes_the_occlusion_that_depth_measured():
+    files = export("kitti", [frame("a", box(0, occluded=2))], split=1.0)
+
+    line = files["training/label_2/000000.txt"].decode().split()
+    assert line[2] == "2"
+
+
+def test_kitti_types_are_words_of_their_own():
+    words = kitti_types(("traffic light", "traffic_light", "dontcare", "Car", "car"))
+
+    assert words == {
+        "traffic light": "traffic_light",
+        "traffic_light": "traffic_light_2",
+        "dontcare": "dontcare_2",
+        "Car": "Car",
+        "car": "car_2",
+    }
+    made = export("kitti", [frame("a", box(0, class_name="traffic light"))])
+    assert made["training/label_2/000000.txt"].split()[0] == b"traffic_light"
+    said = document(made, "manifest.json")["kitti_types"]
+    assert said == {"traffic light": "traffic_light"}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1, "1.00"), (1.5, "1.50"), (0.125, "0.125"), (-1e-9, "0.00"), (2.00004, "2.00")],
+)
+def test_kitti_numbers_have_two_decimals_at_least(value, text):
+    assert number_text(value) == text
+
+
+@pytest.mark.parametrize(
+    ("xyxy", "voc"),
+    [
+        ((0, 0, 100, 80), [1, 1, 100, 80]),
+        ((0, 0, 1, 1), [1, 1, 1, 1]),
+        ((10.4, 20.6, 30.5, 60.49), [11, 22, 31, 60]),
+        ((99.7, 79.7, 100, 80), [100, 80, 100, 80]),
+        ((50.2, 50.2, 50.3, 50.3), [51, 51, 51, 51]),
+    ],
+)
+def test_voc_counts_whole_pixels_from_one(xyxy, voc):
+    assert whole_pixels(xyxy, (100, 80)) == voc
+
+
+def test_voc_has_a_file_for_every_image_and_says_what_is_cut():
+    given = {"pose": "Left", "difficult": 1, "occluded": 1}
+    files = export(
+        "voc", [frame("a", box(0, given=given), CUT), frame("b/c")], split=1.0
+    )
+
+    root = elements(files, "Annotations/a.xml")
+    flags = [
+        [one.findtext(key) for key in ("pose", "truncated", "difficult", "occluded")]
+        for one in root.iter("object")
+    ]
+    assert flags == [["Left", "0", "1", "1"], ["Unspecified", "1", "0", "0"]]
+    assert root.findtext("size/depth") == "3"
+    assert not list(elements(files, "Annotations/b__c.xml").iter("object"))
+    assert files["ImageSets/Main/train.txt"] == b"a\nb__c\n"
+    assert files["JPEGImages/b__c.png"].startswith(b"\x89PNG")
+
+
+def test_cvat_says_verdict_and_reason_of_each_box():
+    root = elements(
+        export("cvat", [frame("a<b", CUT, GHOST)], include="all"), "annotations.xml"
+    )
+
+    assert root.findtext("version") == "1.1"
+    assert [one.findtext("name") for one in root.iter("label")] == list(HEAD.classes)
+    (image,) = root.iter("image")
+    assert image.attrib == {
+        "id": "0",
+        "name": "a%3Cb.png",
+        "width": "100",
+        "height": "80",
+    }
+    first, second = image.iter("box")
+    corners = [first.attrib[key] for key in ("xtl", "ytl", "xbr", "ybr")]
+    assert corners == ["0.00", "20.00", "30.00", "60.00"]
+    said = {one.attrib["name"]: one.text for one in second.iter("attribute")}
+    assert said == {"id": "ghost", "verdict": "rejected", "reason": "below_threshold"}
+
+
+def test_label_studio_tells_the_filter_from_people():
+    person = box("p", review={"verdict": "keep"}, effective_verdict="kept")
+    files = export("label-studio", [frame("a b", box(0, match_percent=40.0), person)])
+
+    (task,) = document(files, "tasks.json")
+
+    assert task["data"]["image"] == "/data/local-files/?d=images/a%20b.png"
+    (prediction,) = task["predictions"]
+    assert prediction["model_version"] == "unghost-000000000000"
+    (region,) = prediction["result"]
+    assert (region["score"], region["id"]) == (0.4, "0")
+    assert region["value"] == {
+        "x": 10.0,
+        "y": 25.0,
+        "width": 20.0,
+        "height": 50.0,
+        "rotation": 0,
+        "rectanglelabels": ["car"],
+    }
+    (annotation,) = task["annotations"]
+    assert [one["id"] for one in annotation["result"]] == ["p"]
+    labels = elements(files, "label_config.xml").iter("Label")
+    assert [one.attrib["value"] for one in labels] == list(HEAD.classes)
+
+
+def test_a_manifest_gives_back_what_came_but_the_rejected():
+    given = {"id": "7", "cxcywhn": [0.5, 0.5, 0.1, 0.1], "mine": {"deep": [1]}}
+    one = box("7", given=given)
+    annotation = {"weather": {"fog_density": 2.0}, "mine": 1, "boxes": ["all of them"]}
+    files = export("manifest", [frame("a/b", one, GHOST, annotation=annotation)])
+
+    line = json.loads(files["manifest.jsonl"])
+
+    assert line == {
+        "key": "a/b",
+        "image": "images/a/b.png",
+        "weather": {"fog_density": 2.0},
+        "mine": 1,
+        "boxes": [dict(one.given)],
+    }
+    assert files["images/a/b.png"].startswith(b"\x89PNG")
+
+
+def test_yolo_points_both_parts_to_the_one_that_has_frames():
+    names = yaml.safe_load(export("yolo", [frame("a")], split=0.0)["data.yaml"])
+
+    assert (names["train"], names["val"]) == ("images/val", "images/val")
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "mark"),
+    [
+        ("yolo", "{band}/train/a.txt", b"\n"),
+        ("voc", "{band}/a.xml", b"<object>"),
+        ("kitti", "training/{band}/000000.txt", b"\n"),
+    ],
+)
+def test_bands_hold_what_is_near_and_what_may_be(name, file, mark):
+    boxes = [box(0, distance=49.9), box(1, distance=50.1), box(2, distance=None)]
+    files = export(name, [frame("a", *boxes)], split=1.0, bands=[100, 50])
+
+    for band, count in (("label50", 2), ("label100", 3)):
+        assert files[file.format(band=band)].count(mark) == count
+    bands = document(files, "manifest.json")["counts"]["bands"]
+    assert bands == {"label50": 2, "label100": 3}
+
+
+def test_coco_has_a_file_for_each_band():
+    boxes = [box(0, distance=49.9), box(1, distance=50.1)]
+    files = export("coco", [frame("a", *boxes)], split=1.0, bands=50)
+
+    near = document(files, "annotations/label50/instances_train.json")["annotations"]
+
+    assert [one["attributes"]["id"] for one in near] == ["0"]
+
+
+def test_tight_rectangles_fall_back_and_are_counted():
+    tight = box(0, tight_xyxy=[12, 22, 28, 58])
+    files = export("coco", [frame("a", tight, box(1))], split=1.0, boxes="tight")
+
+    made = document(files, "annotations/instances_train.json")["annotations"]
+
+    assert [one["bbox"][:2] for one in made] == [[12.0, 22.0], [10.0, 20.0]]
+    counts = document(files, "manifest.json")["counts"]
+    assert counts["rectangles"] == {"tight": 1, "visible": 1}
+    assert counts["boxes"]["clipped"] == 0
+
+
+def test_a_crowd_is_no_object_where_a_format_has_no_crowds():
+    crowd = box(0, given={"iscrowd": 1})
+    made = {
+        name: export(name, [frame("a", crowd)], split=1.0) for name in ("yolo", "coco")
+    }
+
+    assert made["yolo"]["labels/train/a.txt"] == b""
+    reasons = document(made["yolo"], "manifest.json")["counts"]["not_kept_by_reason"]
+    assert reasons == {"crowd": 1}
+    (one,) = document(made["coco"], "annotations/instances_train.json")["annotations"]
+    assert one["iscrowd"] == 1

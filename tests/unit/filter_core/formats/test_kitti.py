@@ -1,0 +1,159 @@
+"""KITTI folders: rectangles, 3D boxes in both directions, regions, calibrations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.annotation import frame_boxes_2d, parse_annotation
+from filter_core.camera import Camera
+from filter_core.formats.kitti_box3d import kitti_vertices, to_kitti_box
+from filter_core.formats.layouts import read_source
+from filter_core.pose import Transform
+from tests.unit.filter_core.formats.exporting import box, convert, export, frame
+from tests.unit.filter_core.formats.folders import annotation_of, png, write_files
+
+# KITTI's own first training label and calibration (object 000000), rounded.
+PEDESTRIAN = (
+    "Pedestrian 0.00 0 -0.20 712.40 143.00 810.73 307.92 "
+    "1.89 0.48 1.20 1.84 1.47 8.41 0.01"
+)
+REGION = "DontCare -1 -1 -10 5.00 6.00 7.00 9.00 -1 -1 -1 -1000 -1000 -1000 -10"
+P2 = "P2: 707.0493 0 604.0814 45.75831 0 707.0493 180.5066 -0.3454157 0 0 1 0.004981016"
+
+HIGH = {"x": 0, "y": 0, "z": 1.6, "pitch": 0, "yaw": 0, "roll": 0}
+SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+AHEAD = SIGNS * [2.0, 1.0, 0.8] + [10.0, 0.0, 0.8]
+
+
+def folder(tmp_path, label, calibration=f"P0: 1\n{P2}\n", wh=(1224, 370)):
+    return write_files(
+        tmp_path,
+        {
+            "training/label_2/000000.txt": label,
+            "training/image_2/000000.png": png(np.zeros((wh[1], wh[0], 3), np.uint8)),
+            "training/calib/000000.txt": calibration,
+        },
+    )
+
+
+def test_a_line_is_a_rectangle_with_what_kitti_says_besides(tmp_path):
+    source = folder(tmp_path, f"{PEDESTRIAN}\n{REGION}\n")
+
+    frames = read_source(source)
+    (one,) = frames
+    parsed = parse_annotation(annotation_of(one))
+
+    assert (frames.layout, frames.unmatched, one.key) == ("kitti", (), "000000")
+    (read,) = parsed.boxes
+    assert (read.class_name, read.form) == ("Pedestrian", "xyxy")
+    assert read.values == (712.4, 143.0, 810.73, 307.92)
+    assert read.extra["kitti"] == {
+        "truncated": 0.0,
+        "occluded": 0,
+        "alpha": -0.2,
+        "dimensions": [1.89, 0.48, 1.2],
+        "location": [1.84, 1.47, 8.41],
+        "rotation_y": 0.01,
+    }
+    # The centre is half a height above the bottom; P2 stands 6 cm to the left.
+    assert read.distance == pytest.approx(
+        np.linalg.norm([1.84 + 0.0604, 1.47 - 0.945, 8.41 + 0.005]), abs=2e-3
+    )
+    assert annotation_of(one)["dontcare"] == [[5.0, 6.0, 7.0, 9.0]]
+
+
+def test_a_kitti_file_comes_back_as_it_was(tmp_path):
+    source = folder(tmp_path, f"{PEDESTRIAN}\n{REGION}\n")
+
+    files = convert("kitti", source)
+
+    lines = files["training/label_2/000000.txt"].decode().splitlines()
+    same = [[float(word) for word in line.split()[1:]] for line in lines]
+    given = [[float(w) for w in line.split()[1:]] for line in (PEDESTRIAN, REGION)]
+    assert same == given
+    assert lines[0] == PEDESTRIAN
+
+
+def test_a_line_with_only_a_3d_box_is_projected(tmp_path):
+    bare = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", "0 0 0 0")
+    (one,) = read_source(folder(tmp_path, bare))
+
+    parsed = parse_annotation(annotation_of(one))
+    made = frame_boxes_2d(parsed, (1224, 370))
+
+    assert parsed.boxes[0].form == "vertices"
+    # KITTI's people drew the rectangle by hand, around the same pedestrian.
+    np.testing.assert_allclose(made.xyxy[0], [712, 143, 811, 308], atol=10)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 30.0, 90.0, 179.0, -120.0])
+def test_3d_boxes_are_the_same_in_kitti_s_words(yaw):
+    camera = Camera.from_fov(800, 600, 90.0, {"x": 3, "y": -2, "z": 1.5, "yaw": 20})
+    turned = Transform(location=(20.0, 4.0, 0.8), rotation=(0.0, yaw, 0.0))
+    corners = SIGNS * [2.2, 0.9, 0.8] @ turned.matrix[:3, :3].T + turned.matrix[:3, 3]
+
+    found = to_kitti_box(corners, camera)
+    back = kitti_vertices(found.dimensions, found.location, found.rotation_y)
+
+    assert found.dimensions == pytest.approx((1.6, 1.8, 4.4))
+    motion = camera.world_to_camera
+    seen = corners @ motion[:3, :3].T + motion[:3, 3]
+    np.testing.assert_allclose(back, seen, atol=1e-9)
+
+
+def test_a_car_that_drives_ahead_has_kitti_s_heading():
+    """Ahead is -pi/2 and to the right 0: KITTI counts from the right, downwards."""
+    found = to_kitti_box(AHEAD, Camera.from_fov(800, 600, 90.0, HIGH))
+
+    assert found.rotation_y == pytest.approx(-np.pi / 2)
+    assert found.alpha == pytest.approx(-np.pi / 2)
+    assert found.location == pytest.approx((0.0, 1.6, 10.0))
+
+
+def test_3d_columns_and_calibration_come_from_the_camera():
+    camera = Camera.from_fov(100, 80, 90.0, HIGH)
+    solid = box(0, vertices=AHEAD)
+    files = export("kitti", [frame("a", solid, camera=camera)], split=1.0)
+
+    columns = files["training/label_2/000000.txt"].decode().split()
+    assert columns[8:11] == ["1.60", "2.00", "4.00"]
+    assert columns[11:] == ["0.00", "1.60", "10.00", "-1.5708"]
+    text = files["training/calib/000000.txt"].decode()
+    rows = dict(line.split(": ") for line in text.splitlines())
+    p2 = [float(number) for number in rows["P2"].split()]
+    assert p2 == [50, 0, 50, 0, 0, 50, 40, 0, 0, 0, 1, 0]
+    assert " ".join(rows) == "P0 P1 P2 P3 R0_rect Tr_velo_to_cam Tr_imu_to_velo"
+
+
+@pytest.mark.parametrize(
+    ("label", "calibration", "words"),
+    [
+        ("car 0 0", P2, "000000.txt, line 1: expected 15 columns"),
+        (
+            PEDESTRIAN.replace("8.41", "nan"),
+            P2,
+            "expected a finite number, found 'nan'",
+        ),
+        (PEDESTRIAN, "P3: 1", "expected a line 'P2:', found none"),
+        (PEDESTRIAN, "P2: 1 2", "P2: expected 12 numbers, found 2"),
+        (PEDESTRIAN, f"P2: {'0 ' * 12}", "P2: not a camera"),
+    ],
+)
+def test_a_bad_file_is_that_frame_s_problem(tmp_path, label, calibration, words):
+    (one,) = read_source(folder(tmp_path, f"{label}\n", calibration))
+
+    assert one.annotation is None
+    assert words in str(one.problem)
+
+
+def test_calibrations_of_no_label_are_listed(tmp_path):
+    source = folder(tmp_path, "")
+    write_files(tmp_path, {"training/calib/000009.txt": P2})
+
+    frames = read_source(source)
+
+    assert [(one.path, one.why) for one in frames.unmatched] == [
+        ("000009.txt", "no label file for this calibration")
+    ]
+    assert [annotation_of(one)["boxes"] for one in frames] == [[]]

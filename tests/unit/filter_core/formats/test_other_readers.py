@@ -1,0 +1,187 @@
+"""What others read: pycocotools itself, and the rules of tools too large to install.
+
+`make readers` runs Ultralytics, supervision and Datumaro on an export.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow.parquet
+import pytest
+import yaml
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from tests.unit.filter_core.formats.exporting import (
+    CLASSES,
+    box,
+    export,
+    frame,
+    unpacked,
+)
+
+KEYS = ["Town05_1.5km", "a/000001", "a/000002", "straße 7", "empty", "IMG.v2"]
+
+
+def street(*, empty="empty"):
+    """Frames with boxes of every class, one of them cut, and one frame without."""
+    generator = np.random.default_rng(5)
+    for number, key in enumerate(KEYS):
+        corners = generator.uniform(0, 60, (0 if key == empty else 5, 2))
+        sizes = generator.uniform(8, 40, corners.shape)
+        boxes = [
+            box(index, (*low, *(low + size)), class_name=CLASSES[index % 3])
+            for index, (low, size) in enumerate(zip(corners, sizes, strict=True))
+        ]
+        yield frame(key, *boxes, map=f"Town0{number % 2}")
+
+
+def test_pycocotools_finds_a_perfect_detection_perfect(tmp_path, capsys):
+    files = export("coco", street(), images="none", split=1.0)
+    truth = tmp_path / "truth.json"
+    truth.write_bytes(files["annotations/instances_train.json"])
+
+    loaded = COCO(str(truth))
+    perfect = [
+        {
+            "image_id": one["image_id"],
+            "category_id": one["category_id"],
+            "bbox": one["bbox"],
+            "score": 0.9,
+        }
+        for one in loaded.anns.values()
+    ]
+    scored = COCOeval(loaded, loaded.loadRes(perfect), "bbox")
+    scored.evaluate()
+    scored.accumulate()
+    scored.summarize()
+    capsys.readouterr()
+
+    assert len(perfect) == 25
+    assert scored.stats[0] == pytest.approx(1.0)
+    assert [one["name"] for one in loaded.loadCats(loaded.getCatIds())] == list(CLASSES)
+    assert len(loaded.getImgIds()) == len(KEYS)
+
+
+def test_pycocotools_does_not_count_what_is_to_be_ignored(tmp_path, capsys):
+    ghost = box("ghost", (50, 10, 70, 30), "rejected")
+    files = export("coco", [frame("a", box(0), ghost)], split=1.0, rejected="dontcare")
+    truth = tmp_path / "truth.json"
+    truth.write_bytes(files["annotations/instances_train.json"])
+
+    loaded = COCO(str(truth))
+    found = [
+        {"image_id": 1, "category_id": 1, "bbox": bbox, "score": score}
+        for bbox, score in (([10, 20, 20, 40], 0.5), ([50, 10, 20, 20], 0.9))
+    ]
+    scored = COCOeval(loaded, loaded.loadRes(found), "bbox")
+    scored.evaluate()
+    scored.accumulate()
+    scored.summarize()
+    capsys.readouterr()
+
+    # Counted as an object, the better-scored ghost would be a false positive.
+    assert scored.stats[0] == pytest.approx(1.0)
+
+
+def ultralytics_labels(root):
+    """A YOLO dataset as `check_det_dataset` and `verify_image_label` look at it."""
+    data = yaml.safe_load((root / "data.yaml").read_text("utf-8"))
+    assert "path" not in data
+    assert list(data["names"]) == list(range(len(data["names"])))
+    for part in ("train", "val"):
+        folder = (root / data[part]).resolve()
+        assert folder.is_dir()
+        for image in sorted(folder.rglob("*.*")):
+            assert (
+                cv2.imdecode(np.frombuffer(image.read_bytes(), np.uint8), 1) is not None
+            )
+            # The last images/ in the path becomes labels/, the suffix .txt.
+            before, _, after = str(image).rpartition("/images/")
+            label = Path(f"{before}/labels/{after}").with_suffix(".txt")
+            rows = [line.split() for line in label.read_text("utf-8").splitlines()]
+            values = np.array(rows, np.float32).reshape(-1, 5)
+            assert (values >= 0).all()
+            assert (values[:, 1:] <= 1).all()
+            assert (values[:, 0] < len(data["names"])).all()
+            assert len(np.unique(values, axis=0)) == len(values)
+            yield part, image.stem, values
+
+
+def test_yolo_passes_ultralytics_own_rules(tmp_path):
+    root = unpacked(tmp_path / "my data", export("yolo", street(), split=0.5))
+
+    read = list(ultralytics_labels(root))
+
+    assert {part for part, _, _ in read} == {"train", "val"}
+    assert sorted(stem for _, stem, _ in read) == sorted(
+        key.replace("/", "__") for key in KEYS
+    )
+    assert sum(len(values) for _, _, values in read) == 25
+    assert [len(values) for _, stem, values in read if stem == "empty"] == [0]
+
+
+def test_kitti_reads_like_the_development_kit_reads_it():
+    files = export("kitti", street(), split=0.5)
+
+    listed = b"".join(files[f"ImageSets/{part}.txt"] for part in ("train", "val"))
+    stems = sorted(listed.decode().split())
+    count = 0
+    for stem in stems:
+        for line in files[f"training/label_2/{stem}.txt"].decode().splitlines():
+            # readLabels.m: '%s %f %d %f %f %f %f %f %f %f %f %f %f %f %f'
+            name, *words = line.split(" ")
+            truncated, occluded, alpha, left, top, right, bottom, *solid = words
+            assert name in ("car", "traffic_light", "walker")
+            assert 0 <= float(truncated) <= 1
+            assert int(occluded) in range(4)
+            assert float(alpha) == -10
+            assert 0 <= float(left) < float(right) <= 100
+            assert 0 <= float(top) < float(bottom) <= 80
+            assert [float(one) for one in solid] == [
+                -1,
+                -1,
+                -1,
+                -1000,
+                -1000,
+                -1000,
+                -10,
+            ]
+            count += 1
+    assert stems == [f"{number:06}" for number in range(len(KEYS))]
+    assert count == 25
+
+
+def test_csv_has_a_row_per_box_and_no_formula():
+    evil = box("=1+1", comment=None, class_name="car")
+    said = {"verdict": "reject", "reviewer": "@me", "comment": '=HYPERLINK("x"),\n"y"'}
+    odd = box(1, review=said, effective_verdict="rejected", margin=-3.5)
+    files = export("decisions-csv", [frame("-key", evil, odd, map="+Town")])
+
+    rows = list(
+        csv.DictReader(io.StringIO(files["decisions.csv"].decode(), newline=""))
+    )
+
+    assert [row["frame"] for row in rows] == ["'-key", "'-key"]
+    assert [row["box"] for row in rows] == ["'=1+1", "1"]
+    assert rows[1]["comment"] == "'" + said["comment"]
+    assert (rows[1]["reviewer"], rows[1]["map"]) == ("'@me", "'+Town")
+    assert float(rows[1]["margin"]) == -3.5
+    assert (rows[0]["verdict"], rows[1]["effective_verdict"]) == ("kept", "rejected")
+
+
+def test_parquet_has_types_and_the_same_bytes_each_time():
+    frames = list(street())
+
+    files = export("decisions-parquet", frames)
+    table = pyarrow.parquet.read_table(io.BytesIO(files["decisions.parquet"]))
+
+    assert table.num_rows == 25
+    assert str(table.schema.field("x_min").type) == "double"
+    assert table.column("class").to_pylist()[:3] == list(CLASSES)
+    assert files == export("decisions-parquet", frames)

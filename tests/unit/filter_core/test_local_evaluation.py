@@ -1,0 +1,87 @@
+"""A folder's channels compared with a file of truths, or with its instances."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.config import FilterConfig
+from filter_core.errors import LayoutError
+from filter_core.formats.frame_source import FrameSource
+from filter_core.local_evaluation import EvaluationTask, evaluate_source, read_truth
+from tests.unit.filter_core.channels.scene import depth_png, instance_png
+from tests.unit.filter_core.formats.folders import painted
+from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
+
+
+@pytest.fixture
+def source(tmp_path):
+    tags, metres, ids = scene()
+    files = {
+        "seg": painted(tags),
+        "depth": depth_png(metres),
+        "instances": instance_png(tags, ids),
+    }
+    paths = {}
+    for kind, content in files.items():
+        paths[kind] = tmp_path / kind
+        paths[kind].write_bytes(content)
+    segmentation = paths.pop("seg")
+    return FrameSource("a", ANNOTATION, segmentation=segmentation, others=paths)
+
+
+def ghosts_kept(evaluation):
+    return {name: one.total.kept_hidden for name, one in evaluation.scores.items()}
+
+
+@pytest.mark.parametrize("truth", [None, {"a": {"217": True, "218": False}}])
+def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
+    seen = []
+    task = EvaluationTask(FilterConfig(), truth, ("semantic", "depth"))
+
+    evaluation, problems = evaluate_source(
+        [source] * 3, task, progress=lambda: seen.append(1)
+    )
+
+    assert ghosts_kept(evaluation) == {"semantic": 3, "depth": 0}
+    assert (problems, len(seen)) == ([], 3)
+
+
+def test_boxes_of_unknown_truth_are_left_out(source):
+    evaluation, _ = evaluate_source(
+        [source], EvaluationTask(truth={"a": {"218": False}})
+    )
+
+    assert evaluation.boxes == 1
+
+
+def test_a_frame_that_cannot_be_used_is_named_and_the_others_count(source):
+    broken = FrameSource("b", None, problem=LayoutError("b: no labels"))
+
+    evaluation, problems = evaluate_source([broken, source], EvaluationTask())
+
+    assert evaluation.frames == 1
+    assert [one["key"] for one in problems] == ["b"]
+
+
+def test_truths_are_read_line_by_line(tmp_path):
+    path = tmp_path / "truth.jsonl"
+    lines = [
+        {"key": "a", "id": "217", "visible": True, "ghost": None},
+        {"key": "a", "id": 218, "visible": False},
+    ]
+    path.write_text("\n".join(map(json.dumps, lines)) + "\n\n")
+
+    assert read_truth(path) == {"a": {"217": True, "218": False}}
+
+
+@pytest.mark.parametrize(
+    "line", ["{", "[]", '{"key": "a"}', '{"key": "a", "id": "1", "visible": 1}']
+)
+def test_a_wrong_line_is_named(tmp_path, line):
+    path = tmp_path / "truth.jsonl"
+    path.write_text('{"key": "a", "id": "1", "visible": true}\n' + line)
+
+    with pytest.raises(LayoutError, match=r"truth\.jsonl, line 2"):
+        read_truth(path)
