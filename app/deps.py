@@ -70,7 +70,7 @@ async def authorise(request: Request, needed: Role) -> Principal:
     Forbidden
         Not with this role, or a browser sent it for another page.
     """
-    principal = await run_in_threadpool(_identify, request)
+    principal = await _identify(request)
     request.state.principal = principal
     if not principal.role.includes(needed):
         raise Forbidden(
@@ -80,18 +80,29 @@ async def authorise(request: Request, needed: Role) -> Principal:
     return principal
 
 
-def _identify(request: Request) -> Principal:
+async def _identify(request: Request) -> Principal:
     header = request.headers.get("authorization")
     cookie = request.cookies.get(SESSION_COOKIE)
+    if header is None and cookie is None:
+        raise Unauthorised("show a token: Authorization: Bearer ug_...")
+    callers = services_of(request).callers
+    shown = f"session {cookie}" if header is None else f"token {header}"
+    principal = callers.find(shown)
+    if principal is None:
+        before = callers.taken_back
+        principal = await run_in_threadpool(_look_up, request, header, cookie or "")
+        callers.remember(shown, principal, before)
+    by_page = header is None and request.method not in SAFE_METHODS
+    if by_page and not comes_from_own_page(request.headers):
+        raise Forbidden("the page's session only writes for the page itself")
+    return principal
+
+
+def _look_up(request: Request, header: str | None, cookie: str) -> Principal:
     with database_of(request).read() as session:
         if header is not None:
             return access.by_token(session, bearer_token(header) or "")
-        if cookie is None:
-            raise Unauthorised("show a token: Authorization: Bearer ug_...")
-        principal = access.by_session(session, cookie)
-    if request.method not in SAFE_METHODS and not comes_from_own_page(request.headers):
-        raise Forbidden("the page's session only writes for the page itself")
-    return principal
+        return access.by_session(session, cookie)
 
 
 def current_principal(request: Request) -> Principal:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from itertools import islice
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -18,6 +18,17 @@ WINDOW: Final = 4
 log = logging.getLogger(__name__)
 
 
+class JobStopped(Exception):
+    """The service stops, or nobody wants the job any more: it ends here, quietly."""
+
+
+class Job(NamedTuple):
+    """A run or an export, by its number."""
+
+    kind: str
+    id: int
+
+
 class LocalEngine:
     """The embedded engine. OpenCV lets go of the interpreter: threads suffice."""
 
@@ -26,24 +37,68 @@ class LocalEngine:
         self._pixels: Executor = ThreadPoolExecutor(workers, "pixels")
         self._jobs = ThreadPoolExecutor(1, "jobs")
         self.stopping = threading.Event()
+        self._unwanted: set[Job] = set()
+        self._done: dict[Job, int] = {}
+
+    def start(self, work: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
+        """Work on one item beside everything else that is measured."""
+        return self._pixels.submit(work, item)
 
     def map(
         self, work: Callable[[_Item], _Result], items: Iterable[_Item]
-    ) -> Iterator[_Result]:
+    ) -> Generator[_Result, None, None]:
         """Results in the order of the items, a bounded number of them in flight."""
         source = iter(items)
         waiting: list[Future[_Result]] = [
             self._pixels.submit(work, item)
             for item in islice(source, self.workers * WINDOW)
         ]
-        while waiting:
-            yield waiting.pop(0).result()
-            for item in islice(source, 1):
-                waiting.append(self._pixels.submit(work, item))
+        try:
+            while waiting:
+                yield waiting.pop(0).result()
+                for item in islice(source, 1):
+                    waiting.append(self._pixels.submit(work, item))
+        finally:
+            # Nobody will ask for what is left when a job ends early.
+            for future in waiting:
+                future.cancel()
 
-    def submit(self, job: Callable[[], None]) -> None:
+    def submit(self, work: Callable[[], None]) -> None:
         """Run a job after those that wait already; its failure ends only itself."""
-        self._jobs.submit(_guarded, job)
+        self._jobs.submit(_guarded, work)
+
+    def interrupt(self, job: Job) -> None:
+        """Let a job notice that it is unwanted, before any row can tell it.
+
+        A job that is storing its end holds the database's only place for writers: who
+        cancels it could not write that down before it is over.
+        """
+        self._unwanted.add(job)
+
+    def let_be(self, job: Job) -> None:
+        """From now on the job's row alone says whether it is wanted."""
+        self._unwanted.discard(job)
+
+    def interrupted(self) -> frozenset[Job]:
+        """Jobs that somebody is about to cancel."""
+        return frozenset(self._unwanted)
+
+    def check(self, job: Job) -> None:
+        """Raise `JobStopped` where a job that goes on would work in vain."""
+        if self.stopping.is_set() or job in self._unwanted:
+            raise JobStopped(job)
+
+    def report(self, job: Job, done: int) -> None:
+        """Say how far a job is while its transaction is open: no row can tell yet."""
+        self._done[job] = done
+
+    def reported(self, job: Job) -> int:
+        """What `report` said last; 0 for jobs of other processes and finished ones."""
+        return self._done.get(job, 0)
+
+    def over(self, job: Job) -> None:
+        """Forget what was reported: the job's row says it all."""
+        self._done.pop(job, None)
 
     def close(self) -> None:
         """Let the running job notice, then wait for it."""
@@ -52,8 +107,8 @@ class LocalEngine:
         self._pixels.shutdown(cancel_futures=True)
 
 
-def _guarded(job: Callable[[], None]) -> None:
+def _guarded(work: Callable[[], None]) -> None:
     try:
-        job()
+        work()
     except Exception:
         log.exception("a job failed")

@@ -7,8 +7,10 @@ AppError                     anything that the service says no to
 |-- Unauthorised             no credentials, or none that are valid
 |-- Forbidden                valid credentials, but not for this
 |-- NotFound                 no such thing
+|   `-- NoSuchFile           the frame is there, but came without this file
 |-- Conflict                 the state, or other content, is in the way
-|   `-- FrameConflict        another frame is stored under this key
+|   |-- FrameConflict        another frame is stored under this key
+|   `-- CountChanged         a filter selects more or fewer boxes than were seen
 |-- StaleRevision            someone changed the thing since it was looked at
 |   `-- StaleReview          ... the thing is a box under review
 |-- TooLarge                 larger than a limit of the settings
@@ -102,6 +104,13 @@ class NotFound(AppError):
         super().__init__(f"there is no {kind} {key!r}")
 
 
+class NoSuchFile(NotFound):
+    """A frame came without this file."""
+
+    def __init__(self, kind: str, frame_id: int) -> None:
+        AppError.__init__(self, f"frame {frame_id} has no file {kind!r}")
+
+
 class Conflict(AppError):
     """The state, or other content, is in the way."""
 
@@ -112,6 +121,16 @@ class FrameConflict(Conflict):
     """Another frame is stored under this key."""
 
     code = "frame_conflict"
+
+
+class CountChanged(Conflict):
+    """More or fewer boxes are selected than a person was shown."""
+
+    code = "count_changed"
+
+    def __init__(self, what: str, *, found: int, expected: int) -> None:
+        super().__init__(f"{what} {found} boxes, you expected {expected}")
+        self.found = found
 
 
 class StaleRevision(AppError):

@@ -73,9 +73,9 @@ class Problem:
     headers: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
 
-    def response(self, *, instance: str, request_id: str) -> JSONResponse:
-        """The answer; `instance` is the path that was asked for."""
-        body = {
+    def document(self, *, instance: str, request_id: str) -> dict[str, Any]:
+        """The problem itself; `instance` is the path that was asked for."""
+        return {
             "type": "about:blank",
             "title": HTTPStatus(self.status).phrase,
             "status": self.status,
@@ -86,8 +86,14 @@ class Problem:
             "errors": [vars(fault) for fault in self.faults],
             **jsonable_encoder(self.extra),
         }
+
+    def response(self, *, instance: str, request_id: str) -> JSONResponse:
+        """The problem as an answer."""
         return JSONResponse(
-            body, self.status, headers=dict(self.headers), media_type=PROBLEM_TYPE
+            self.document(instance=instance, request_id=request_id),
+            self.status,
+            headers=dict(self.headers),
+            media_type=PROBLEM_TYPE,
         )
 
 
@@ -173,10 +179,15 @@ def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
 
 def _app_problem(exc: AppError) -> Problem:
     status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
-    extra = {"current": exc.current} if isinstance(exc, errors.StaleRevision) else {}
-    return Problem(
-        int(status), exc.kind, exc.detail, exc.faults, dict(_headers_of(exc)), extra
-    )
+    headers, extra = dict(_headers_of(exc)), dict(_more_of(exc))
+    return Problem(int(status), exc.kind, exc.detail, exc.faults, headers, extra)
+
+
+def _more_of(exc: AppError) -> Iterator[tuple[str, Any]]:
+    if isinstance(exc, errors.StaleRevision):
+        yield "current", exc.current
+    if isinstance(exc, errors.CountChanged):
+        yield "found", exc.found
 
 
 def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:

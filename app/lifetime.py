@@ -14,7 +14,7 @@ from app.repositories.locks import migrating_alone
 from app.resources import migrations_dir
 from app.services import access
 from app.services.context import ServiceContext
-from app.services.exports import start_exports
+from app.services.export_jobs import start_exports
 from app.services.idempotency import forget_old_answers
 from app.services.runs import start_runs
 from app.settings import Settings

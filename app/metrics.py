@@ -29,6 +29,7 @@ class RequestMetrics:
         self._requests: Counter[tuple[RouteKey, int]] = Counter()
         self._buckets: Counter[tuple[RouteKey, int]] = Counter()
         self._seconds: dict[RouteKey, float] = {}
+        self._batch_frames: Counter[int] = Counter()
 
     def observe(
         self, method: str, route: str | None, status: int, seconds: float
@@ -41,10 +42,16 @@ class RequestMetrics:
             self._buckets[key, bisect_left(BUCKETS_S, seconds)] += 1
             self._seconds[key] = self._seconds.get(key, 0.0) + seconds
 
+    def observe_frame(self, status: int) -> None:
+        """Count a frame of a batch by the status of its line."""
+        with self._lock:
+            self._batch_frames[status] += 1
+
     def text(self) -> str:
         """The counts in Prometheus' text format."""
         with self._lock:
-            return "\n".join((*self._info(), *self._counts(), *self._durations(), ""))
+            parts = (self._info(), self._counts(), self._durations(), self._frames())
+            return "\n".join((*(line for part in parts for line in part), ""))
 
     def _info(self) -> Iterator[str]:
         yield "# HELP unghost_info Which version answers."
@@ -57,6 +64,12 @@ class RequestMetrics:
         for (key, status), count in sorted(self._requests.items()):
             labels = f'{_labels(key)},status="{status}"'
             yield f"unghost_requests_total{{{labels}}} {count}"
+
+    def _frames(self) -> Iterator[str]:
+        yield "# HELP unghost_batch_frames_total Frames of batches answered."
+        yield "# TYPE unghost_batch_frames_total counter"
+        for status, count in sorted(self._batch_frames.items()):
+            yield f'unghost_batch_frames_total{{status="{status}"}} {count}'
 
     def _durations(self) -> Iterator[str]:
         yield "# HELP unghost_request_seconds Time until an answer was complete."

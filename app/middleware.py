@@ -107,19 +107,23 @@ class SecurityHeaders:
 
     def __init__(self, app: ASGIApp, content_security_policy: str) -> None:
         self._app = app
-        self._headers = {
+        headers = {
             **SECURITY_HEADERS,
             "Content-Security-Policy": content_security_policy,
         }
+        self._headers = [
+            (name.lower().encode(), value.encode()) for name, value in headers.items()
+        ]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in self._headers.items():
-                    headers.setdefault(name, value)
+                headers = list(message.get("headers", ()))
+                own = {name for name, _ in headers}
+                headers += [one for one in self._headers if one[0] not in own]
+                message["headers"] = headers
             await send(message)
 
         await self._app(scope, receive, send_with_headers)

@@ -29,6 +29,10 @@ MEDIA_TYPES: Final = {
 _INLINE_MAP: Final = re.compile(
     rb"<script[^>]*\btype=[\"']importmap[\"'][^>]*>(.*?)</script>", re.DOTALL
 )
+_IMPORT: Final = re.compile(
+    rb"^(?:import|export)\b[^\"'(]*\bfrom\s+\"(\.[^\"]+)\"", re.MULTILINE
+)
+_ENTRY: Final = b'<script type="module"'
 
 
 @dataclass(frozen=True)
@@ -59,11 +63,44 @@ def page_file(folder: Path, name: str) -> PageFile:
     return _read(path, changed)
 
 
+@lru_cache(maxsize=4)
+def shell_page(folder: Path) -> PageFile:
+    """The page, naming every module that it starts with.
+
+    Without that a browser learns of them one import after the other, each a round trip.
+    """
+    page = page_file(folder, "index.html").content
+    links = "".join(
+        f'<link rel="modulepreload" href="/static/{name}" />\n    '
+        for name in started_modules(folder, "js/main.js")
+    )
+    content = page.replace(_ENTRY, links.encode() + _ENTRY, 1)
+    return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
+
+
+def started_modules(folder: Path, entry: str) -> list[str]:
+    """What a module imports, directly or not, itself first; nothing that waits."""
+    found = {entry: None}
+    waiting = [folder / entry]
+    while waiting:
+        path = waiting.pop(0)
+        for name in _IMPORT.findall(path.read_bytes()):
+            imported = (path.parent / name.decode()).resolve()
+            key = imported.relative_to(folder.resolve()).as_posix()
+            if key not in found:
+                found[key] = None
+                waiting.append(imported)
+    return list(found)
+
+
 @lru_cache(maxsize=512)
 def _read(path: Path, _changed: int) -> PageFile:
     content = path.read_bytes()
-    etag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-    return PageFile(content, MEDIA_TYPES[path.suffix], etag)
+    return PageFile(content, MEDIA_TYPES[path.suffix], _etag(content))
+
+
+def _etag(content: bytes) -> str:
+    return f'"{hashlib.sha256(content).hexdigest()[:32]}"'
 
 
 def content_security_policy(index: Path) -> str:

@@ -15,6 +15,7 @@ from fastapi import APIRouter, Request, params
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
+from starlette.convertors import Convertor, register_url_convertor
 from starlette.responses import Response
 
 from app.deps import BEARER, COOKIE, authorise, settings_of, write_session
@@ -30,6 +31,26 @@ from app.services.idempotency import (
 )
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+class _AnyText(Convertor[str]):
+    """``:any`` in a path: slashes and line ends too, so that words can be had on both.
+
+    Starlette's own ``:path`` matches no line end: such a key would be a 404.
+    """
+
+    regex = r"[\s\S]*"
+
+    def convert(self, value: str) -> str:
+        """As it is."""
+        return value
+
+    def to_string(self, value: str) -> str:
+        """As it is."""
+        return value
+
+
+register_url_convertor("any", _AnyText())
 
 LARGE_BODY: Final = {"x-large-body": True}
 """``openapi_extra`` of a route that streams its body: up to ``max_batch_bytes``."""

@@ -100,6 +100,16 @@ class Settings(BaseSettings):
     max_parts: int = Field(
         default=16, ge=3, le=1000, description="Most parts of one upload."
     )
+    max_batch_members: int = Field(
+        default=1_000_000,
+        ge=1,
+        description="Most members of the archive of a batch.",
+    )
+    max_open_batches: int = Field(
+        default=8,
+        ge=1,
+        description="Most batches of frames that may be received at the same time.",
+    )
     max_image_side_px: int = Field(
         default=16384, ge=1, description="Longest side of an image."
     )
@@ -126,6 +136,11 @@ class Settings(BaseSettings):
     )
     max_event_streams: int = Field(
         default=64, ge=1, description="Most progress streams open at the same time."
+    )
+    event_heartbeat_s: float = Field(
+        default=15,
+        gt=0,
+        description="Seconds after which a silent progress stream shows that it lives.",
     )
 
     @field_validator("allowed_hosts", mode="before")

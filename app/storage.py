@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,14 @@ def sha256_of(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+@dataclass(frozen=True)
+class Drafts:
+    """Blobs of which the new ones are written, but not durable and not in place."""
+
+    places: list[Path]
+    files: list[tuple[Path, Path]] = field(default_factory=list)
+
+
 class FolderStorage:
     """Blobs in a folder; safe for several writers, readable by any tool."""
 
@@ -29,16 +38,44 @@ class FolderStorage:
     def put(self, blobs: Mapping[str, bytes]) -> None:
         """Store blobs by their digests; when this returns they survive a power cut.
 
-        Each file is written beside its place, flushed, and renamed; each folder is
-        flushed once. A blob that is there already is not written again; its folder is
-        flushed all the same, as whoever wrote it may not have come to that yet.
+        A blob that is there already is not written again; its folder is flushed all
+        the same, as whoever wrote it may not have come to that yet.
         """
-        for digest, data in blobs.items():
-            path = self.path(digest)
-            if not path.exists():
-                self._write(path, data)
-        for folder in {self.path(digest).parent for digest in blobs}:
+        self.settle([self.draft(blobs)])
+
+    def draft(self, blobs: Mapping[str, bytes]) -> Drafts:
+        """Write blobs beside their places; `settle` or `discard` them afterwards."""
+        drafts = Drafts([self.path(digest) for digest in blobs])
+        try:
+            for path, data in zip(drafts.places, blobs.values(), strict=True):
+                if not path.exists():
+                    drafts.files.append((self._write(path, data), path))
+        except BaseException:
+            self.discard([drafts])
+            raise
+        return drafts
+
+    def settle(self, many: Sequence[Drafts]) -> None:
+        """Make drafts durable blobs: each file and each folder is flushed once.
+
+        Files before folders, and all of them in a row: what one flush has carried to
+        the disk of its neighbours, the next ones need not.
+        """
+        try:
+            for draft, _ in _files(many):
+                _flush(draft)
+            for draft, path in _files(many):
+                draft.replace(path)
+        except BaseException:
+            self.discard(many)
+            raise
+        for folder in {path.parent for drafts in many for path in drafts.places}:
             _flush_folder(folder)
+
+    def discard(self, many: Sequence[Drafts]) -> None:
+        """Take drafts away that nobody wants any more."""
+        for draft, _ in _files(many):
+            draft.unlink(missing_ok=True)
 
     def path(self, digest: str) -> Path:
         """Where a blob lies; the name comes from its digest alone."""
@@ -69,7 +106,7 @@ class FolderStorage:
         folder.mkdir(exist_ok=True)
         return folder
 
-    def _write(self, path: Path, data: bytes) -> None:
+    def _write(self, path: Path, data: bytes) -> Path:
         draft = path.with_name(f".new-{secrets.token_hex(8)}")
         try:
             descriptor = os.open(draft, _NEW_FILE, 0o600)
@@ -79,12 +116,10 @@ class FolderStorage:
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(data)
-                file.flush()
-                os.fsync(descriptor)
-            draft.replace(path)
         except BaseException:
             draft.unlink(missing_ok=True)
             raise
+        return draft
 
     def _make_folders(self) -> None:
         # All of them now: later, a blob could find a folder that another writer has
@@ -93,6 +128,18 @@ class FolderStorage:
             name = f"{number:0{_PREFIX_LENGTH}x}"
             (self._folder / name).mkdir(parents=True, exist_ok=True)
         _flush_folder(self._folder)
+
+
+def _files(many: Sequence[Drafts]) -> list[tuple[Path, Path]]:
+    return [one for drafts in many for one in drafts.files]
+
+
+def _flush(file: Path) -> None:
+    descriptor = os.open(file, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _flush_folder(folder: Path) -> None:

@@ -2,23 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
-from sqlalchemy import Dialect, Insert, Table, insert
+from sqlalchemy import (
+    Connection,
+    CursorResult,
+    Dialect,
+    Engine,
+    Executable,
+    Insert,
+    Table,
+    insert,
+)
 from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
 
 from app.db.base import Base
 
+if TYPE_CHECKING:
+    from sqlalchemy.sql import ClauseElement
+    from sqlalchemy.sql.compiler import SQLCompiler
+
 MAX_PARAMETERS: Final = 10_000
 
 
+ROWS_AT_A_TIME: Final = 10_000
+"""Some tens of milliseconds: how soon long work can be told to stop."""
+Written = Callable[[int], None]
+"""Called with the number of rows that were just written; what it raises ends it."""
+
+
 def execute_many(
-    session: Session, statement: UpdateBase, columns: Mapping[str, Sequence[Any]]
+    session: Session,
+    statement: UpdateBase,
+    columns: Mapping[str, Sequence[Any]],
+    written: Written | None = None,
 ) -> None:
     """Run an insert or update once per row of `columns`, named as its parameters.
 
@@ -39,7 +64,11 @@ def execute_many(
             dict(zip(names, row, strict=True))
             for row in zip(*columns.values(), strict=True)
         ]
-    connection.exec_driver_sql(str(compiled), rows)
+    for start in range(0, len(rows), ROWS_AT_A_TIME):
+        portion = rows[start : start + ROWS_AT_A_TIME]
+        connection.exec_driver_sql(str(compiled), portion)
+        if written is not None:
+            written(len(portion))
 
 
 def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
@@ -49,31 +78,101 @@ def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
         yield portion
 
 
+def run(session: Session, statement: Executable, **values: object) -> CursorResult[Any]:
+    """Run a statement that is built once, past all that Core does around it.
+
+    What comes back is as the driver gives it: for numbers and text.
+    """
+    return _run(session.connection(), statement, frozenset(), [values])
+
+
+def first_row(
+    engine: Engine, statement: Executable, **values: object
+) -> Sequence[Any] | None:
+    """One row of a statement that stands for itself, as `run` gives it.
+
+    Without a session and a transaction around it, which cost several times as much.
+    """
+    ready = _ready(statement, frozenset(), engine.dialect)
+    failure = engine.dialect.loaded_dbapi.Error
+    connection = engine.raw_connection()
+    try:
+        with closing(connection.cursor()) as cursor:
+            cursor.execute(ready.text, ready.parameters(values))
+            return cast("Sequence[Any] | None", cursor.fetchone())
+    except failure as error:
+        raise DBAPIError.instance(
+            ready.text, None, error, failure, dialect=engine.dialect
+        ) from error
+    finally:
+        connection.close()
+
+
+def run_each(
+    session: Session, statement: Executable, rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """As `run`, once per row; all of them have the columns of the first."""
+    if rows:
+        _run(session.connection(), statement, frozenset(rows[0]), rows)
+
+
 def insert_rows(
     session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Insert rows as they are, past the ORM."""
-    if rows:
-        session.connection().execute(_insert(model), list(rows))
+    """Insert rows as they are, past the ORM; no column is filled in."""
+    run_each(session, _insert(model), rows)
 
 
-def insert_plain(
-    session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
-) -> None:
-    """Insert rows of numbers and text, which the driver takes as they are.
+@dataclass(frozen=True)
+class _Ready:
+    """A statement as the driver takes it.
 
-    All of them have the columns of the first. Times and JSON are not plain: they go
-    through `insert_rows`, which costs twice as much.
+    `order` is empty if the driver takes parameters by name. `fixed` are those that the
+    statement brings along. `mend` are those that the driver does not take as they are
+    (times, JSON), and how they are changed.
     """
-    if not rows:
-        return
-    connection = session.connection()
-    text, order = _plain_insert(model, frozenset(rows[0]), connection.dialect)
-    if order:
-        tuples = [tuple(row[name] for name in order) for row in rows]
-        connection.exec_driver_sql(text, tuples)
-    else:
-        connection.exec_driver_sql(text, [dict(row) for row in rows])
+
+    text: str
+    order: tuple[str, ...]
+    fixed: Mapping[str, Any]
+    mend: tuple[tuple[str, Callable[[Any], Any]], ...]
+
+    def parameters(self, row: Mapping[str, Any]) -> tuple[Any, ...] | Mapping[str, Any]:
+        """One row for the driver."""
+        if self.fixed or self.mend:
+            row = {**self.fixed, **row}
+            row |= {name: change(row[name]) for name, change in self.mend}
+        return tuple([row[name] for name in self.order]) if self.order else row
+
+
+def _run(
+    connection: Connection,
+    statement: Executable,
+    columns: frozenset[str],
+    rows: Sequence[Mapping[str, Any]],
+) -> CursorResult[Any]:
+    ready = _ready(statement, columns, connection.dialect)
+    given = [ready.parameters(row) for row in rows]
+    return connection.exec_driver_sql(ready.text, given if len(given) > 1 else given[0])
+
+
+@lru_cache(maxsize=512)
+def _ready(statement: Executable, columns: frozenset[str], dialect: Dialect) -> _Ready:
+    keys = sorted(columns) if columns else None
+    compiled = cast("ClauseElement", statement).compile(
+        dialect=dialect, column_keys=keys
+    )
+    binds = cast("SQLCompiler", compiled).binds
+    changes = {
+        name: bind.type.dialect_impl(dialect).bind_processor(dialect)
+        for name, bind in binds.items()
+    }
+    return _Ready(
+        text=str(compiled),
+        order=tuple(cast("SQLCompiler", compiled).positiontup or ()),
+        fixed={name: bind.value for name, bind in binds.items() if not bind.required},
+        mend=tuple((name, change) for name, change in changes.items() if change),
+    )
 
 
 def upsert(session: Session, model: type[Base]) -> Any:  # noqa: ANN401  # of either dialect
@@ -91,15 +190,6 @@ def upsert_in(dialect: str, model: type[Base]) -> Any:  # noqa: ANN401  # of eit
 @lru_cache
 def _insert(model: type[Base]) -> Insert:
     return insert(_table(model))
-
-
-@lru_cache
-def _plain_insert(
-    model: type[Base], columns: frozenset[str], dialect: Dialect
-) -> tuple[str, tuple[str, ...]]:
-    """The statement, and its parameters in order if the driver takes them by place."""
-    compiled = _insert(model).compile(dialect=dialect, column_keys=sorted(columns))
-    return str(compiled), tuple(compiled.positiontup or ())
 
 
 def _table(model: type[Base]) -> Table:

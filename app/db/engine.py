@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 BUSY_TIMEOUT_MS: Final = 30_000
 WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
 CACHE_KIB: Final = 256 * 1024
+STREAM_CACHE_KIB: Final = 8 * 1024
 WAL_PAGES: Final = 16_384
 """Pages in the write-ahead log before it is folded back: 64 MiB."""
 
@@ -98,6 +99,20 @@ class Database:
         """A session for reading one consistent state."""
         with Session(self._reader, expire_on_commit=False, autoflush=False) as session:
             yield session
+
+    @contextmanager
+    def stream(self) -> Iterator[Session]:
+        """As `read`, for reading very much once: it is not kept in memory."""
+        with self.read() as session:
+            if self.engine.dialect.name != "sqlite":
+                yield session
+                return
+            connection = session.connection()
+            connection.exec_driver_sql(f"PRAGMA cache_size=-{STREAM_CACHE_KIB}")
+            try:
+                yield session
+            finally:
+                connection.exec_driver_sql(f"PRAGMA cache_size=-{CACHE_KIB}")
 
     def close(self) -> None:
         """Give back all connections."""

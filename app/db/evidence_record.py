@@ -10,11 +10,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.channel_types import ChannelNumbers
 from filter_core.types import N_TAGS, Evidence
 
 NUMBERS: Final = np.dtype(
@@ -36,6 +37,19 @@ NUMBERS: Final = np.dtype(
 _SCALARS: Final = [
     name for name in NUMBERS.names or () if name not in ("class_id", "xyxy")
 ]
+CHANNEL_NUMBERS: Final = np.dtype(
+    [
+        ("owned_pixels", "<i8"),
+        ("explained_by", "<i4"),
+        ("depth_pixels", "<i8"),
+        ("nearer_percent", "<f8"),
+        ("depth_gap", "<f8"),
+        ("center_gap", "<f8"),
+        ("instance_pixels", "<i8"),
+        ("lidar_points", "<i8"),
+        ("tight_xyxy", "<f8", (4,)),
+    ]
+)
 _COUNT: Final = np.dtype([("box", "<u2"), ("tag", "u1"), ("pixels", "<u4")])
 _ABSENT: Final = (float("nan"),) * 4
 
@@ -70,10 +84,12 @@ def to_evidence(
     class_ids: Sequence[int],
     tag_counts: NDArray[np.int32] | None = None,
 ) -> Evidence:
-    """Evidence whose classes are named again."""
+    """Evidence whose classes are named again; without what the channels say."""
     index_of = np.full(max(class_ids, default=0) + 1, -1, np.int32)
     index_of[list(class_ids)] = np.arange(len(class_ids), dtype=np.int32)
-    columns = {name: np.ascontiguousarray(record[name]) for name in _SCALARS}
+    columns: dict[str, Any] = {
+        name: np.ascontiguousarray(record[name]) for name in _SCALARS
+    }
     return Evidence(
         class_names=tuple(class_names),
         class_index=index_of[record["class_id"]],
@@ -81,6 +97,41 @@ def to_evidence(
         tag_counts=tag_counts,
         **columns,
     )
+
+
+def pack_channels(numbers: ChannelNumbers | None) -> bytes | None:
+    """What the channels say; None if none was measured."""
+    if numbers is None:
+        return None
+    record = np.zeros(len(numbers), CHANNEL_NUMBERS)
+    for name in CHANNEL_NUMBERS.names or ():
+        record[name] = getattr(numbers, name)
+    return record.tobytes()
+
+
+def unpack_channels(
+    packed: Sequence[bytes | None], counts: Sequence[int]
+) -> ChannelNumbers | None:
+    """The channels' numbers of many frames; `counts` are their boxes.
+
+    None if no frame has any. A frame without is one of which nothing was measured.
+    """
+    if not any(packed):
+        return None
+    absent = ChannelNumbers.absent(1)
+    empty = np.zeros(1, CHANNEL_NUMBERS)
+    for name in CHANNEL_NUMBERS.names or ():
+        empty[name] = getattr(absent, name)
+    parts = [
+        np.repeat(empty, boxes) if not one else np.frombuffer(one, CHANNEL_NUMBERS)
+        for one, boxes in zip(packed, counts, strict=True)
+    ]
+    record = np.concatenate(parts)
+    columns = {
+        name: np.ascontiguousarray(record[name]) for name in CHANNEL_NUMBERS.names or ()
+    }
+    columns["explained_by"] = columns["explained_by"].astype(np.int64)
+    return ChannelNumbers(**columns)
 
 
 def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
-from sqlalchemy import ColumnElement, and_, false, or_
+from sqlalchemy import ColumnElement, and_, false, func, or_
 
 from app.db.tables import Decision
 from filter_core.types import Reason, Verdict
@@ -49,7 +50,10 @@ class ClassThresholds:
 
 @dataclass(frozen=True)
 class BoxFilter:
-    """A selection of boxes; None or empty means any."""
+    """A selection of boxes; None or empty means any.
+
+    `match_min` and what follows are ranges of numbers; tallies count by the others.
+    """
 
     dataset_id: int
     reasons: tuple[int, ...] = ()
@@ -57,6 +61,7 @@ class BoxFilter:
     review: str = ""
     effective: Verdict | None = None
     toss_up: bool | None = None
+    conflict: bool | None = None
     match_min: float | None = None
     match_max: float | None = None
     margin_max: float | None = None
@@ -66,7 +71,14 @@ class BoxFilter:
 
     def conditions(self) -> list[ColumnElement[bool]]:
         """The selection as SQL."""
-        found: list[ColumnElement[bool]] = [Decision.dataset_id == self.dataset_id]
+        return [Decision.dataset_id == self.dataset_id, *self._conditions()]
+
+    def conditions_by_id(self) -> list[ColumnElement[bool]]:
+        """The selection for boxes named by their ids: no other index is to be read."""
+        return [Decision.dataset_id + 0 == self.dataset_id, *self._conditions()]
+
+    def _conditions(self) -> list[ColumnElement[bool]]:
+        found: list[ColumnElement[bool]] = []
         if self.reasons:
             found.append(Decision.reason.in_(self.reasons))
         if self.class_ids is not None:
@@ -77,7 +89,31 @@ class BoxFilter:
             found.append(is_effective(self.effective))
         if self.toss_up is not None:
             found.append(Decision.toss_up.is_(self.toss_up))
+        if self.conflict is not None:
+            found.append(_contradicted() if self.conflict else _uncontradicted())
         return found + self._ranges()
+
+    def unanswered(self) -> list[ColumnElement[bool]]:
+        """Said beside the conditions, the index of unanswered boxes may be read.
+
+        The conditions alone do not say it in its words: it would be read wherever it
+        is possible, also where another index leads to far fewer boxes.
+        """
+        return [Decision.review.is_(None)] if self.review == "none" else []
+
+    @property
+    def has_ranges(self) -> bool:
+        """Whether boxes are chosen by their numbers, which no tally knows."""
+        ranges = (
+            *(self.match_min, self.match_max, self.margin_max),
+            *(self.distance_min, self.distance_max),
+        )
+        return any(limit is not None for limit in ranges)
+
+    @property
+    def only_answered(self) -> bool:
+        """Whether all of them were answered: few boxes, with an index of their own."""
+        return self.review in ANSWERED or self.conflict is True
 
     def _ranges(self) -> list[ColumnElement[bool]]:
         found: list[ColumnElement[bool]] = []
@@ -104,13 +140,35 @@ def _undecided() -> ColumnElement[bool]:
     return or_(Decision.review.is_(None), Decision.review == "unsure")
 
 
+def _contradicted() -> ColumnElement[bool]:
+    # Said first and alone, for the index on boxes that were answered.
+    kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
+    return and_(
+        Decision.review.in_(("keep", "reject")),
+        or_(
+            and_(Decision.review == "keep", Decision.reason.in_(rejected)),
+            and_(Decision.review == "reject", Decision.reason.in_(kept)),
+        ),
+    )
+
+
+def _uncontradicted() -> ColumnElement[bool]:
+    # Not `not_`: of a box without an answer that would be unknown, and leave it out.
+    kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
+    return or_(
+        _undecided(),
+        and_(Decision.review == "keep", Decision.reason.not_in(rejected)),
+        and_(Decision.review == "reject", Decision.reason.not_in(kept)),
+    )
+
+
 _REVIEW_STATES: dict[str, Callable[[], ColumnElement[bool]]] = {
     "undecided": _undecided,
     "decided": lambda: Decision.review.in_(("keep", "reject")),
     "keep": lambda: Decision.review == "keep",
     "reject": lambda: Decision.review == "reject",
     "unsure": lambda: Decision.review == "unsure",
-    "none": lambda: Decision.review.is_(None),
+    "none": lambda: func.coalesce(Decision.review, "") == "",
     "any": lambda: Decision.review.is_not(None),
 }
 
@@ -138,6 +196,14 @@ def is_near(
     thresholds: Sequence[ClassThresholds], margin: float
 ) -> ColumnElement[bool]:
     """A threshold applied, and the match is within `margin` percent of it."""
+    return _is_near(tuple(thresholds), margin)
+
+
+@lru_cache(maxsize=256)
+def _is_near(
+    thresholds: tuple[ClassThresholds, ...], margin: float
+) -> ColumnElement[bool]:
+    # Kept: putting it together takes longer than asking for a page does.
     near = [
         and_(
             Decision.class_id == wanted.class_id,

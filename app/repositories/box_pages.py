@@ -19,6 +19,7 @@ from sqlalchemy import (
     Select,
     SQLColumnExpression,
     and_,
+    case,
     literal,
     not_,
     or_,
@@ -30,7 +31,6 @@ from sqlalchemy.orm import Session
 from app.db.tables import Decision
 from app.errors import BadRequest
 from app.repositories.box_filter import (
-    ANSWERED,
     THRESHOLD_REASONS,
     BoxFilter,
     ClassThresholds,
@@ -175,17 +175,22 @@ class BoxPages:
         # that people answered are few, and have an index of their own.
         wanted = self._wanted
         every = [*wanted.conditions(), *conditions]
+        if wanted.only_answered:
+            return [Stream(Decision.box_id, every)]
         if wanted.reasons:
             reasons = [r for r in self._present.reasons if r in wanted.reasons]
             parts = [Decision.reason == reason for reason in reasons]
-        elif wanted.review in ANSWERED:
-            return [Stream(Decision.box_id, every)]
         else:
             parts = [Decision.class_id == class_id for class_id in self._class_ids()]
         return [Stream(Decision.box_id, [*every, part]) for part in parts]
 
     def _by_match(self, sign: int) -> list[Stream]:
         every = self._wanted.conditions()
+        if self._wanted.only_answered:
+            known = Decision.match_percent.is_not(None)
+            return [
+                Stream(self._column(Decision.match_percent), [*every, known], sign=sign)
+            ]
         return [
             Stream(
                 Decision.match_percent,
@@ -201,21 +206,27 @@ class BoxPages:
 
     def _crowding(self, conditions: Sequence[ColumnElement[bool]]) -> Stream:
         every = [*self._wanted.conditions(), *conditions]
-        return Stream(Decision.crowding, every, sign=-1)
+        return Stream(self._column(Decision.crowding), every, sign=-1)
+
+    def _column(self, column: SQLColumnExpression[Any]) -> SQLColumnExpression[Any]:
+        # Of few boxes, found by their answers, no other index is to be read.
+        return column + 0 if self._wanted.only_answered else column
 
     def _doubt(self) -> Iterator[Sequence[Stream]]:
         """Toss-ups; near the threshold; kept and crowded; the rest; no threshold."""
-        if self._present.toss_ups:
-            yield self._around([Decision.toss_up.is_(True)])
+        if self._present.toss_ups and self._wanted.toss_up is not False:
+            yield self._around([Decision.toss_up.is_(True)], rare=True)
         else:
             yield []
+        if self._wanted.toss_up:  # none of them is in what follows
+            return
         plain = Decision.toss_up.is_(False)
         yield self._around([plain], within=NEAR_PERCENT)
         # Built only now: most pages end before they get here.
         near = is_near(self._thresholds(), NEAR_PERCENT)
         crowded = and_(
-            Decision.reason == int(Reason.VISIBLE),
-            Decision.crowding >= CROWDED_PERCENT,
+            self._column(Decision.reason) == int(Reason.VISIBLE),
+            self._column(Decision.crowding) >= CROWDED_PERCENT,
         )
         yield [self._crowding([plain, not_(near), crowded])]
         yield self._around([plain, not_(near), not_(crowded)])
@@ -227,14 +238,20 @@ class BoxPages:
         ]
         every = self._wanted.conditions()
         yield [
-            Stream(Decision.box_id, [*every, Decision.reason == reason])
+            Stream(Decision.box_id, [*every, self._column(Decision.reason) == reason])
             for reason in others
         ]
 
     def _around(
-        self, conditions: Sequence[ColumnElement[bool]], within: float | None = None
+        self,
+        conditions: Sequence[ColumnElement[bool]],
+        within: float | None = None,
+        *,
+        rare: bool = False,
     ) -> list[Stream]:
         every = [*self._wanted.conditions(), *conditions]
+        if self._wanted.only_answered:
+            return self._around_answered(every, within)
         found = []
         for wanted in self._thresholds():
             for side in wanted.sides():
@@ -246,11 +263,36 @@ class BoxPages:
                     Decision.large.is_(side.large),
                     Decision.reason == int(side.reason),
                     *_bounds(side, within),
+                    *([] if rare or side.large else self._wanted.unanswered()),
                 ]
                 found.append(
                     Stream(Decision.match_percent, those, side.threshold, side.sign)
                 )
         return found
+
+    def _around_answered(
+        self, every: Sequence[ColumnElement[bool]], within: float | None
+    ) -> list[Stream]:
+        # Few boxes, found by their answers: sorting them is quicker than passing by
+        # all the others on the way along the matches.
+        distances = [
+            (
+                and_(
+                    Decision.class_id == wanted.class_id,
+                    Decision.large.is_(side.large),
+                    Decision.reason == int(side.reason),
+                ),
+                (Decision.match_percent - side.threshold) * side.sign,
+            )
+            for wanted in self._thresholds()
+            for side in wanted.sides()
+            if self._occurs(side)
+        ]
+        if not distances:
+            return []
+        distance = case(*distances)
+        bounds = [distance >= 0] if within is None else [distance.between(0, within)]
+        return [Stream(distance, [*every, *bounds])]
 
     def _occurs(self, side: Side) -> bool:
         if side.large and not self._present.large:

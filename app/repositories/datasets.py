@@ -10,6 +10,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.bulk import run
 from app.db.tables import Dataset, DatasetClass
 from app.errors import Conflict, NotFound, Unprocessable
 
@@ -64,8 +65,8 @@ class DatasetRepository:
 
     def classes(self, dataset_id: int) -> dict[str, int]:
         """Class names in their frozen order, with their ids."""
-        rows = self._session.connection().execute(_CLASSES, {"dataset": dataset_id})
-        return {row.name: row.id for row in rows}
+        rows: Any = run(self._session, _CLASSES, dataset=dataset_id)
+        return dict(rows.all())
 
     def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
         """Ids of these classes; unknown ones are appended unless classes are frozen."""

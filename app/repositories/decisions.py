@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sqlalchemy import bindparam, func, insert, select, update
 from sqlalchemy.orm import Session
 
-from app.db.bulk import chunks, execute_many
+from app.db.bulk import Written, chunks, execute_many
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Decision, Flips
 from app.errors import NotFound
@@ -130,7 +130,9 @@ class DecisionRepository:
         if rows:
             self._session.execute(insert(Flips), rows)
 
-    def refresh(self, box_ids: IntArray, before: Decisions, after: Decisions) -> None:
+    def refresh(
+        self, box_ids: IntArray, before: Decisions, after: Decisions, written: Written
+    ) -> None:
         """Make these the current decisions; `before` are the ones they replace.
 
         Most changes leave the flags alone. Updating only the reason then spares the
@@ -143,6 +145,7 @@ class DecisionRepository:
             self._session,
             reason.values(reason=bindparam("to_reason")),
             {"box": box_ids[plain].tolist(), "to_reason": after.reason[plain].tolist()},
+            written,
         )
         execute_many(
             self._session,
@@ -157,9 +160,12 @@ class DecisionRepository:
                 "to_large": after.large[flags].tolist(),
                 "to_toss_up": after.toss_up[flags].tolist(),
             },
+            written,
         )
 
-    def refresh_numbers(self, box_ids: IntArray, evidence: Evidence) -> None:
+    def refresh_numbers(
+        self, box_ids: IntArray, evidence: Evidence, written: Written
+    ) -> None:
         """Copy the numbers that lists sort and filter by."""
 
         def known(column: FloatArray) -> list[float | None]:
@@ -180,6 +186,7 @@ class DecisionRepository:
                 "to_crowding": [value or 0.0 for value in known(evidence.crowding)],
                 "to_distance": known(evidence.distance),
             },
+            written,
         )
 
     def _fetch(self, condition: object) -> dict[int, CurrentRow]:

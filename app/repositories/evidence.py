@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -24,6 +24,7 @@ class EvidenceRow(NamedTuple):
     tag_counts: bytes
     geometry: bytes
     segmentation: Mapping[str, Any] | None
+    channels: bytes | None
 
 
 class NumbersRow(NamedTuple):
@@ -33,6 +34,7 @@ class NumbersRow(NamedTuple):
     first_box_id: int
     box_count: int
     numbers: bytes
+    channels: bytes | None
 
 
 class EvidenceRepository:
@@ -94,6 +96,7 @@ class EvidenceRepository:
                 FrameEvidence.tag_counts,
                 FrameEvidence.geometry,
                 FrameEvidence.segmentation,
+                FrameEvidence.channels,
             )
             .join(Frame, Frame.id == FrameEvidence.frame_id)
             .where(
@@ -131,7 +134,13 @@ class EvidenceRepository:
     ) -> list[NumbersRow]:
         """The numbers of all current frames, in the order of their ids."""
         rows = (
-            select(Frame.id, Frame.first_box_id, Frame.box_count, FrameEvidence.numbers)
+            select(
+                Frame.id,
+                Frame.first_box_id,
+                Frame.box_count,
+                FrameEvidence.numbers,
+                FrameEvidence.channels,
+            )
             .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
             .where(
                 Frame.dataset_id == dataset_id,
@@ -147,22 +156,31 @@ class EvidenceRepository:
         self, dataset_id: int, measurement_id: int, *, limit: int
     ) -> list[int]:
         """Current frames that this measurement does not cover yet."""
-        covered = (
-            select(FrameEvidence.frame_id)
-            .where(
-                FrameEvidence.frame_id == Frame.id,
-                FrameEvidence.measurement_id == measurement_id,
-            )
-            .exists()
-        )
         rows = (
             select(Frame.id)
-            .where(
-                Frame.dataset_id == dataset_id,
-                Frame.superseded_at.is_(None),
-                ~covered,
-            )
+            .where(*_unmeasured(dataset_id, measurement_id))
             .order_by(Frame.id)
             .limit(limit)
         )
         return list(self._session.scalars(rows))
+
+    def count_unmeasured(self, dataset_id: int, measurement_id: int) -> int:
+        """How many frames `unmeasured_frames` would find."""
+        rows = (
+            select(func.count())
+            .select_from(Frame)
+            .where(*_unmeasured(dataset_id, measurement_id))
+        )
+        return self._session.scalar(rows) or 0
+
+
+def _unmeasured(dataset_id: int, measurement_id: int) -> list[ColumnElement[bool]]:
+    covered = (
+        select(FrameEvidence.frame_id)
+        .where(
+            FrameEvidence.frame_id == Frame.id,
+            FrameEvidence.measurement_id == measurement_id,
+        )
+        .exists()
+    )
+    return [Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None), ~covered]

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 from sqlalchemy import (
     ColumnElement,
     bindparam,
+    case,
     delete,
     exists,
     func,
@@ -19,7 +20,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session, undefer
 
 from app.db.base import utc_now
-from app.db.bulk import chunks, insert_plain, insert_rows, upsert_in
+from app.db.bulk import chunks, insert_rows, run, run_each, upsert_in
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem, Tally
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
@@ -27,14 +28,15 @@ from app.repositories.box_filter import BoxFilter
 # Built once: every upload runs them, and building costs more than running.
 _TAKE_IDS: Final = (
     update(IdBlock)
-    .where(IdBlock.name == bindparam("of"))
-    .values(next_id=IdBlock.next_id + bindparam("count"))
-    .returning(IdBlock.next_id)
-)
-_CONTENT: Final = select(Frame.id, Frame.content_digest).where(
-    Frame.dataset_id == bindparam("dataset"),
-    Frame.key == bindparam("frame"),
-    Frame.superseded_at.is_(None),
+    .values(
+        next_id=IdBlock.next_id
+        + case(
+            (IdBlock.name == "frames", bindparam("frames")),
+            (IdBlock.name == "boxes", bindparam("boxes")),
+            else_=0,
+        )
+    )
+    .returning(IdBlock.name, IdBlock.next_id)
 )
 _FORGET_PROBLEMS: Final = delete(Problem).where(
     Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
@@ -236,44 +238,42 @@ class FrameRepository:
             found[row.frame_id][file.kind] = file
         return found
 
-    def take_ids(self, name: str, count: int) -> int:
-        """Reserve `count` ids of ``frames`` or ``boxes``; the first of them."""
-        after: int | None = self._session.connection().scalar(
-            _TAKE_IDS, {"of": name, "count": count}
-        )
-        if after is None:
-            raise RuntimeError(f"the table id_blocks lacks {name!r}")
-        return after - count
+    def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
+        """Reserve so many ids of frames and of boxes; the first of each."""
+        taken: Any = run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
+        after: dict[str, int] = dict(taken.all())
+        if not after.keys() >= {"frames", "boxes"}:
+            raise RuntimeError(f"the table id_blocks has only {sorted(after)}")
+        return after["frames"] - frames, after["boxes"] - boxes
 
-    def add(self, frame: Mapping[str, Any], files: Sequence[FileRow]) -> None:
-        """Insert a frame and its files."""
-        if files:
-            connection = self._session.connection()
-            distinct = {file.sha256: file for file in files}
-            connection.execute(
-                _new_blobs(connection.dialect.name),
-                [_blob(file) for file in distinct.values()],
-            )
-        insert_rows(self._session, Frame, [frame])
-        insert_plain(
-            self._session,
+    def add(
+        self,
+        frames: Sequence[Mapping[str, Any]],
+        files: Mapping[int, Sequence[FileRow]],
+    ) -> None:
+        """Insert frames and their files, which are given by the ids of the frames."""
+        session = self._session
+        distinct = {one.sha256: one for each in files.values() for one in each}
+        run_each(
+            session,
+            _new_blobs(session.connection().dialect.name),
+            [_blob(file) for file in distinct.values()],
+        )
+        insert_rows(session, Frame, frames)
+        insert_rows(
+            session,
             FrameFile,
             [
-                {"frame_id": frame["id"], "kind": file.kind, "sha256": file.sha256}
-                for file in files
+                {"frame_id": frame_id, "kind": file.kind, "sha256": file.sha256}
+                for frame_id, each in files.items()
+                for file in each
             ],
         )
 
     def add_boxes(self, new: NewBoxes) -> None:
         """Insert boxes and their current decisions."""
-        insert_plain(self._session, Box, new.boxes)
-        insert_plain(self._session, Decision, new.decisions)
-
-    def content(self, dataset_id: int, key: str) -> tuple[int, str] | None:
-        """Id and content digest of the newest revision under a key."""
-        named = {"dataset": dataset_id, "frame": key}
-        found = self._session.connection().execute(_CONTENT, named).first()
-        return None if found is None else (found[0], found[1])
+        insert_rows(self._session, Box, new.boxes)
+        insert_rows(self._session, Decision, new.decisions)
 
     def supersede(self, frame: Frame) -> None:
         """A newer revision is coming: this one has no current decisions any more."""
@@ -290,8 +290,7 @@ class FrameRepository:
 
     def forget_problems(self, dataset_id: int, key: str) -> None:
         """The frame came in after all."""
-        named = {"dataset": dataset_id, "frame": key}
-        self._session.connection().execute(_FORGET_PROBLEMS, named)
+        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
 
     def sources(self, frame_id: int) -> dict[str, Box]:
         """Boxes of a frame by the sender's own ids."""

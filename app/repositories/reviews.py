@@ -10,8 +10,8 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks, execute_many
-from app.db.tables import Decision, Review, ReviewBatch
-from app.errors import Conflict, NotFound
+from app.db.tables import Decision, Review
+from app.errors import Conflict
 
 
 class LatestReview(NamedTuple):
@@ -26,7 +26,7 @@ class LatestReview(NamedTuple):
 
 
 class ReviewRepository:
-    """Rows of `reviews` and `review_batches`."""
+    """Rows of `reviews`."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -87,6 +87,10 @@ class ReviewRepository:
         )
         return {row[0]: LatestReview(*row) for row in self._session.execute(rows)}
 
+    def newest_id(self) -> int:
+        """The number of the newest answer of all datasets; 0 if there is none."""
+        return self._session.scalar(select(func.max(Review.id))) or 0
+
     def last_id(self, dataset_id: int) -> int:
         """The number of the newest answer in a dataset; 0 if there is none."""
         rows = (
@@ -95,46 +99,3 @@ class ReviewRepository:
             .where(Decision.dataset_id == dataset_id)
         )
         return self._session.scalar(rows) or 0
-
-    def before(self, batch_id: int) -> dict[int, tuple[str, str]]:
-        """Per box of a batch: verdict and comment of the answer before it."""
-        earlier = (
-            select(
-                Review.box_id,
-                Review.revision,
-                Review.verdict,
-                Review.comment,
-            )
-        ).subquery()
-        rows = (
-            select(Review.box_id, earlier.c.verdict, earlier.c.comment)
-            .outerjoin(
-                earlier,
-                (earlier.c.box_id == Review.box_id)
-                & (earlier.c.revision == Review.revision - 1),
-            )
-            .where(Review.batch_id == batch_id)
-            .order_by(Review.box_id)
-        )
-        return {
-            row[0]: (row[1] or "clear", row[2] or "")
-            for row in self._session.execute(rows)
-        }
-
-    def add_batch(self, batch: ReviewBatch) -> ReviewBatch:
-        """Insert a batch."""
-        self._session.add(batch)
-        self._session.flush()
-        return batch
-
-    def batch(self, batch_id: int) -> ReviewBatch:
-        """A batch; NotFound."""
-        found = self._session.get(ReviewBatch, batch_id)
-        if found is None:
-            raise NotFound("review batch", batch_id)
-        return found
-
-    def undone(self, batch_id: int) -> bool:
-        """Whether a batch was undone already."""
-        rows = select(ReviewBatch.id).where(ReviewBatch.undoes_id == batch_id)
-        return self._session.scalar(rows.limit(1)) is not None

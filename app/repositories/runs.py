@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from app.db.flip_record import find_flip
 from app.db.tables import ConfigVersion, Export, Flips, Problem, Run
 from app.errors import NotFound
+from app.repositories.newest import NewestPage, newest
 
 
 class ConfigRepository:
@@ -47,15 +48,9 @@ class ConfigRepository:
         self._session.flush()
         return version
 
-    def page(
-        self, dataset_id: int, *, before_id: int | None, limit: int
-    ) -> list[ConfigVersion]:
+    def page(self, dataset_id: int, page: NewestPage) -> list[ConfigVersion]:
         """Versions, newest first."""
-        rows = select(ConfigVersion).where(ConfigVersion.dataset_id == dataset_id)
-        if before_id is not None:
-            rows = rows.where(ConfigVersion.id < before_id)
-        rows = rows.order_by(ConfigVersion.id.desc()).limit(limit)
-        return list(self._session.scalars(rows))
+        return newest(self._session, ConfigVersion, dataset_id, page)
 
     def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
         """Digests by id."""
@@ -77,19 +72,20 @@ class RunRepository:
         self._session.flush()
         return run
 
+    def find(self, run_id: int) -> Run | None:
+        """A run, unless it was deleted with its dataset."""
+        return self._session.get(Run, run_id)
+
     def with_id(self, run_id: int) -> Run:
         """A run; NotFound."""
-        found = self._session.get(Run, run_id)
+        found = self.find(run_id)
         if found is None:
             raise NotFound("run", run_id)
         return found
 
-    def page(self, dataset_id: int, *, before_id: int | None, limit: int) -> list[Run]:
+    def page(self, dataset_id: int, page: NewestPage) -> list[Run]:
         """Runs, newest first."""
-        rows = select(Run).where(Run.dataset_id == dataset_id)
-        if before_id is not None:
-            rows = rows.where(Run.id < before_id)
-        return list(self._session.scalars(rows.order_by(Run.id.desc()).limit(limit)))
+        return newest(self._session, Run, dataset_id, page)
 
     def unfinished(self) -> list[Run]:
         """Runs that are queued, or were interrupted, oldest first."""
@@ -145,22 +141,20 @@ class ExportRepository:
         self._session.flush()
         return export
 
+    def find(self, export_id: int) -> Export | None:
+        """An export, unless it was deleted with its dataset."""
+        return self._session.get(Export, export_id)
+
     def with_id(self, export_id: int) -> Export:
         """An export; NotFound."""
-        found = self._session.get(Export, export_id)
+        found = self.find(export_id)
         if found is None:
             raise NotFound("export", export_id)
         return found
 
-    def page(
-        self, dataset_id: int, *, before_id: int | None, limit: int
-    ) -> list[Export]:
+    def page(self, dataset_id: int, page: NewestPage) -> list[Export]:
         """Exports, newest first."""
-        rows = select(Export).where(Export.dataset_id == dataset_id)
-        if before_id is not None:
-            rows = rows.where(Export.id < before_id)
-        rows = rows.order_by(Export.id.desc()).limit(limit)
-        return list(self._session.scalars(rows))
+        return newest(self._session, Export, dataset_id, page)
 
     def unfinished(self) -> list[Export]:
         """Exports that are queued, or were interrupted, oldest first."""
@@ -188,15 +182,9 @@ class ProblemRepository:
         self._session.add(problem)
         self._session.flush()
 
-    def page(
-        self, dataset_id: int, *, before_id: int | None, limit: int
-    ) -> list[Problem]:
+    def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
         """Problems, newest first."""
-        rows = select(Problem).where(Problem.dataset_id == dataset_id)
-        if before_id is not None:
-            rows = rows.where(Problem.id < before_id)
-        rows = rows.order_by(Problem.id.desc()).limit(limit)
-        return list(self._session.scalars(rows))
+        return newest(self._session, Problem, dataset_id, page)
 
     def count(self, dataset_id: int) -> int:
         """How many frames of a dataset were refused and have not come since."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
-from app.db.bulk import upsert_in
+from app.db.bulk import run_each, upsert_in
 from app.db.tables import Decision, Tally
 from app.repositories.box_pages import Present
 
@@ -49,8 +49,8 @@ class TallyRepository:
         ]
         if not rows:
             return
-        connection = self._session.connection()
-        connection.execute(_count_in(connection.dialect.name), rows)
+        dialect = self._session.connection().dialect.name
+        run_each(self._session, _count_in(dialect), rows)
 
     def replace(self, dataset_id: int, counts: Mapping[TallyKey, int]) -> None:
         """Set all tallies of a dataset."""

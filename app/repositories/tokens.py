@@ -109,6 +109,17 @@ class Tokens:
         )
         self._session.flush()
 
+    def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
+        """When a token, or earlier the session that it opened, lets nobody in."""
+        token = select(Token.expires_at).where(Token.id == token_id)
+        session = select(LoginSession.expires_at).where(
+            LoginSession.hash == session_digest
+        )
+        ends = [self._session.scalar(token)]
+        if session_digest is not None:
+            ends.append(self._session.scalar(session))
+        return min((end for end in ends if end is not None), default=None)
+
     def end_session(self, digest: str) -> None:
         """Forget one session."""
         self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))

@@ -11,11 +11,12 @@ from app.repositories.datasets import DatasetRepository
 from app.routes.blobs import drawn_response
 from app.routes.selections import selection_of
 from app.routing import ApiRouter
-from app.schemas.boxes import BoxListQuery, BoxOut, DecisionOut
-from app.schemas.pages import Page, page_response
+from app.schemas.boxes import BoxListQuery, BoxOut, BoxPage
+from app.schemas.pages import page_response
 from app.schemas.pictures import JPEG, CropQuery
 from app.schemas.reviews import HistoryOut
 from app.services import boxes
+from app.services.box_counts import count_boxes
 from app.services.box_selection import to_filter
 from app.services.history import history
 from app.services.pictures import crop, frame_pictures, visible_rectangle
@@ -23,16 +24,22 @@ from app.services.pictures import crop, frame_pictures, visible_rectangle
 router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
-@router.get("/boxes", response_model=Page[DecisionOut])
+@router.get("/boxes", response_model=BoxPage)
 def list_boxes(
-    request: Request, session: ReadSession, query: Annotated[BoxListQuery, Query()]
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
+    query: Annotated[BoxListQuery, Query()],
 ) -> Response:
     """Boxes of a dataset by id, doubt, match or crowding."""
     dataset = DatasetRepository(session).named(query.dataset)
     wanted = to_filter(session, dataset, selection_of(query))
     page = boxes.PageRequest(query.sort, query.cursor or "", query.limit)
     items, cursor = boxes.list_boxes(session, dataset, wanted, page)
-    return page_response(request, items, cursor)
+    total = None
+    if query.count:
+        total = count_boxes(services, session, dataset, wanted)
+    return page_response(request, items, cursor, total=total)
 
 
 @router.get("/boxes/{box_id}", response_model=BoxOut)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import Path, Query, Request, Response
+from fastapi import Path, Response
 from fastapi.responses import JSONResponse
 
 from app.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
@@ -13,8 +13,9 @@ from app.repositories.runs import ConfigRepository
 from app.routes.accepted import accepted_run
 from app.routes.config_body import ConfigBody, described_config
 from app.routes.datasets import DatasetName
+from app.routes.newest_first import Newest
 from app.routing import ApiRouter
-from app.schemas.pages import Limit, Page, page_response
+from app.schemas.pages import Page
 from app.schemas.runs import ActivateIn, ConfigOut, PreviewIn, PreviewOut, RunOut
 from app.services.configs import active_version, add_version, describe_version
 from app.services.preview import PreviewLimits, preview
@@ -27,18 +28,12 @@ router = ApiRouter(prefix="/api/v1", tag="configs")
 
 @router.get("/datasets/{dataset}/configs", response_model=Page[ConfigOut])
 def list_configs(
-    request: Request,
-    dataset: DatasetName,
-    session: ReadSession,
-    limit: Limit = 100,
-    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+    dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = ConfigRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
-    items = [describe_version(found, row) for row in rows[:limit]]
-    more = len(rows) > limit
-    return page_response(request, items, str(rows[limit - 1].id) if more else None)
+    rows = ConfigRepository(session).page(found.id, wanted.page)
+    return wanted.answer(rows, lambda version: describe_version(found, version))
 
 
 @router.post(
@@ -100,7 +95,7 @@ def activate_config(
     wanted = RunRequest(body.digest, principal.name, activate=True)
     run = request_run(services, session, found, wanted)
     start_after(services, session)
-    return accepted_run(session, run)
+    return accepted_run(services, session, run)
 
 
 @router.post("/datasets/{dataset}/preview", response_model=PreviewOut)

@@ -13,10 +13,10 @@ from app.deps import (
     ReadSession,
     WriteSession,
 )
-from app.errors import BadRequest
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ProblemRepository
 from app.routes.accepted import accepted_run
+from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.datasets import (
     DatasetIn,
@@ -34,11 +34,13 @@ from app.services.counting import histogram
 from app.services.measuring import DatasetReading
 from app.services.preview import active_numbers
 from app.services.runs import start_after
-from app.services.timestamps import rfc3339
 
 router = ApiRouter(prefix="/api/v1", tag="datasets")
 
 DatasetName = Annotated[str, Path(max_length=100)]
+Confirmation = Annotated[
+    str | None, Query(description="The dataset's name once more; nothing else will do.")
+]
 
 
 @router.get("/datasets", response_model=Page[DatasetOut])
@@ -107,21 +109,15 @@ def change_dataset(
     if run is None:
         return datasets.describe_dataset(session, found)
     start_after(services, session)
-    return accepted_run(session, run)
+    return accepted_run(services, session, run)
 
 
 @router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])
 def delete_dataset(
-    dataset: DatasetName, confirm: Annotated[str, Query()], session: WriteSession
+    dataset: DatasetName, session: WriteSession, confirm: Confirmation = None
 ) -> Response:
     """Delete a dataset with everything in it; `confirm` repeats its name."""
-    found = DatasetRepository(session).named(dataset)
-    if confirm != dataset:
-        raise BadRequest(
-            f"to delete dataset {dataset!r} send ?confirm={dataset}, found {confirm!r}",
-            code="not_confirmed",
-        )
-    datasets.remove_dataset(session, found)
+    datasets.remove_dataset(session, DatasetRepository(session).named(dataset), confirm)
     return Response(status_code=204)
 
 
@@ -148,24 +144,9 @@ def get_histogram(
 
 @router.get("/datasets/{dataset}/problems", response_model=Page[ProblemOut])
 def list_problems(
-    request: Request,
-    dataset: DatasetName,
-    session: ReadSession,
-    limit: Limit = 100,
-    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+    dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Frames that were refused and have not come in since, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = ProblemRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
-    items = [
-        {
-            "id": row.id,
-            "key": row.key,
-            "error": row.error,
-            "created_at": rfc3339(row.created_at),
-        }
-        for row in rows[:limit]
-    ]
-    return page_response(
-        request, items, str(rows[limit - 1].id) if len(rows) > limit else None
-    )
+    rows = ProblemRepository(session).page(found.id, wanted.page)
+    return wanted.answer(rows, datasets.describe_problem)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import Query, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
+from app.db.tables import Export
 from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.routes.blobs import file_response
 from app.routes.datasets import DatasetName
+from app.routes.newest_first import Newest
 from app.routing import ApiRouter
-from app.schemas.pages import Limit, Page, page_response
+from app.schemas.pages import Page
 from app.schemas.runs import ExportIn, ExportOut
 from app.services.exports import (
     MEDIA_TYPE,
     ExportRequest,
+    cancel_export,
     describe_export,
     finished_file,
     request_export,
@@ -32,18 +35,12 @@ _ARCHIVE: dict[int | str, dict[str, Any]] = {
 
 @router.get("/datasets/{dataset}/exports", response_model=Page[ExportOut])
 def list_exports(
-    request: Request,
-    dataset: DatasetName,
-    session: ReadSession,
-    limit: Limit = 100,
-    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+    dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Exports of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = ExportRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
-    items = [describe_export(row, dataset) for row in rows[:limit]]
-    more = len(rows) > limit
-    return page_response(request, items, str(rows[limit - 1].id) if more else None)
+    rows = ExportRepository(session).page(found.id, wanted.page)
+    return wanted.answer(rows, lambda export: describe_export(export, dataset))
 
 
 @router.post("/datasets/{dataset}/exports", status_code=202, response_model=ExportOut)
@@ -58,6 +55,19 @@ def create_export(
     found = DatasetRepository(session).named(dataset)
     wanted = ExportRequest(body.format, body.options.model_dump(), principal.name)
     export = request_export(services, session, found, wanted)
+    return _accepted(export, dataset)
+
+
+@router.post("/exports/{export_id}/cancel", status_code=202, response_model=ExportOut)
+def stop_export(
+    export_id: RowId, session: WriteSession, services: AppServices
+) -> Response:
+    """End an export that is not over. 409 if it is over."""
+    export = cancel_export(services, session, export_id)
+    return _accepted(export, DatasetRepository(session).with_id(export.dataset_id).name)
+
+
+def _accepted(export: Export, dataset: str) -> Response:
     return JSONResponse(
         describe_export(export, dataset),
         status_code=202,

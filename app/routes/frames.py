@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 from fastapi import Depends, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
+from pydantic import TypeAdapter
 
 from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
 from app.repositories.datasets import DatasetRepository
@@ -25,6 +26,8 @@ from app.services.ingest import FrameUpload, store_frame
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
 FrameKey = Annotated[str, Path(max_length=2000)]
+_JSON: Final = TypeAdapter(Any)
+"""Writes JSON four times as fast as JSONResponse: thirty decisions are a lot of it."""
 
 
 async def frame_upload(
@@ -43,7 +46,7 @@ async def frame_upload(
 
 
 @router.put(
-    "/datasets/{dataset}/frames/{key:path}",
+    "/datasets/{dataset}/frames/{key:any}",
     status_code=201,
     response_model=StoredFrameOut,
     responses={200: {"model": StoredFrameOut, "description": "Stored already."}},
@@ -58,10 +61,11 @@ def put_frame(
     """Store a frame: measured, decided and durable before this is answered."""
     stored = store_frame(services, session, dataset, upload)
     answer = stored.answer or frames.describe_stored(session, stored.frame_id)
-    response = JSONResponse(
-        answer,
+    response = Response(
+        _JSON.dump_json(answer),
         status_code=201 if stored.created else 200,
         headers={"Location": f"/api/v1/frames/{stored.frame_id}"},
+        media_type="application/json",
     )
     session.commit()  # here, where a thread is at hand; an upload should need one only
     return response
@@ -86,7 +90,7 @@ def list_frames(
     return page_response(request, frames.frame_summaries(session, found, rows), cursor)
 
 
-@router.get("/datasets/{dataset}/frames/{key:path}", response_model=FrameOut)
+@router.get("/datasets/{dataset}/frames/{key:any}", response_model=FrameOut)
 def get_frame_by_key(
     dataset: DatasetName, key: FrameKey, session: ReadSession
 ) -> Response:
@@ -95,7 +99,7 @@ def get_frame_by_key(
     return JSONResponse(frames.describe_frame(session, frame_id))
 
 
-@router.delete("/datasets/{dataset}/frames/{key:path}", status_code=204)
+@router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
 def delete_frame(
     dataset: DatasetName, key: FrameKey, session: WriteSession
 ) -> Response:

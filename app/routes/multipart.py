@@ -98,7 +98,7 @@ class _Form:
             raise _unreadable(f"it has more than {self.limits.max_parts} parts")
         self._name = ""
         self._disposition = self._header = self._value = b""
-        self._chunks: list[bytes] = []
+        self._chunks: list[memoryview] = []
         self._size = 0
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
@@ -124,7 +124,7 @@ class _Form:
             raise TooLarge(
                 f"part {self._name!r} is larger than {self.limits.max_part_bytes} bytes"
             )
-        self._chunks.append(data[start:end])
+        self._chunks.append(memoryview(data)[start:end])  # copied once, at the end
 
     def _end(self) -> None:
         self.parts.append(Part(self._name, b"".join(self._chunks)))

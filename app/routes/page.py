@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from app.docs_page import docs_page, docs_style
-from app.page_files import PageFile, page_file
+from app.page_files import PageFile, page_file, shell_page
 from app.resources import static_dir
 from app.routing import ApiRouter, OpenRouter
 
@@ -17,14 +17,14 @@ description = ApiRouter()
 
 
 @shell.get("/", include_in_schema=False)
-def index(request: Request) -> Response:
+async def index(request: Request) -> Response:
     """The page. Its filters live in the URL, so any query parameter is allowed."""
-    return _answer(request, page_file(static_dir(), "index.html"))
+    return _answer(request, shell_page(static_dir()))
 
 
 @files.get("/static/{name:path}", include_in_schema=False)
-def static_file(name: str, request: Request) -> Response:
-    """One file of the page."""
+async def static_file(name: str, request: Request) -> Response:
+    """One file of the page. Small and kept in memory: not worth a thread each."""
     return _answer(request, page_file(static_dir(), name))
 
 

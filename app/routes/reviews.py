@@ -15,6 +15,7 @@ from app.schemas.reviews import BulkIn, BulkOut, ReviewIn, ReviewOut, UndoOut
 from app.services import reviews
 from app.services.box_selection import to_filter
 from app.services.boxes import describe_box
+from app.services.bulk_selection import select_boxes
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")
 
@@ -43,15 +44,15 @@ def create_bulk_review(
 ) -> dict[str, Any]:
     """One answer on many boxes: one act, one undo."""
     dataset = DatasetRepository(session).named(body.dataset)
-    limit = services.settings.max_bulk_boxes
     if (body.box_ids is None) == (body.filter is None):
         raise Unprocessable("expected either box_ids or filter, found both or neither")
     if body.filter is not None:
         if body.expected_count is None:
             raise Unprocessable("a filter needs expected_count, the number you saw")
         wanted = to_filter(session, dataset, selection_of(body.filter))
-        ids = reviews.select_boxes(session, wanted, body.expected_count, limit)
+        ids = select_boxes(services, session, dataset, wanted, body.expected_count)
     else:
+        limit = services.settings.max_bulk_boxes
         ids = reviews.listed_boxes(body.box_ids or [], body.expected_count, limit)
     answer = reviews.Answer(body.verdict, body.comment, principal.name)
     batch, answered, skipped = reviews.review_many(session, dataset, ids, answer)
@@ -60,7 +61,7 @@ def create_bulk_review(
         "id": batch.id,
         "dataset": dataset.name,
         "verdict": batch.verdict,
-        "count": len(answered),
+        "count": answered,
         "skipped": skipped,
     }
 

@@ -2,40 +2,59 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
-from fastapi import Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 
-from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.db.tables import Run
+from app.deps import (
+    MAX_ID,
+    AppServices,
+    CurrentPrincipal,
+    ReadSession,
+    RowId,
+    WriteSession,
+)
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
-from app.routes.accepted import accepted_run, described_run
+from app.routes.accepted import accepted_run
 from app.routes.datasets import DatasetName
+from app.routes.event_stream import EVENT_STREAM, LastEventId, event_stream, number_of
+from app.routes.newest_first import Newest
 from app.routing import ApiRouter
-from app.schemas.pages import Limit, Page, page_response
-from app.schemas.runs import RunIn, RunOut
-from app.services.run_requests import RunRequest, describe_run, request_run
-from app.services.runs import start_after
+from app.schemas.pages import Cursor, Limit, Page, linked
+from app.schemas.runs import DiffOut, RunIn, RunOut
+from app.services.run_diffs import DiffPage, compared_runs, run_diff
+from app.services.run_events import end_number, is_over, newest, run_events
+from app.services.run_requests import RunRequest, request_run
+from app.services.run_states import describe_run, described_run
+from app.services.runs import cancel_run, start_after
 from filter_core.config import FilterConfig
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
 
+_EVENTS: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "content": {EVENT_STREAM: {"schema": {"type": "string"}}},
+        "description": "`progress` events with the run as data, then one `end`.",
+    },
+    204: {"description": "You have the last event already; do not ask again."},
+}
+
 
 @router.get("/datasets/{dataset}/runs", response_model=Page[RunOut])
 def list_runs(
-    request: Request,
-    dataset: DatasetName,
-    session: ReadSession,
-    limit: Limit = 100,
-    cursor: Annotated[int | None, Query(ge=1, le=2**63 - 1)] = None,
+    dataset: DatasetName, wanted: Newest, session: ReadSession, services: AppServices
 ) -> Response:
     """Runs of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = RunRepository(session).page(found.id, before_id=cursor, limit=limit + 1)
+    rows = RunRepository(session).page(found.id, wanted.page)
     digests = ConfigRepository(session).digests(row.config_id for row in rows)
-    items = [describe_run(row, dataset, digests[row.config_id]) for row in rows[:limit]]
-    more = len(rows) > limit
-    return page_response(request, items, str(rows[limit - 1].id) if more else None)
+
+    def describe(run: Run) -> dict[str, Any]:
+        return describe_run(services, run, dataset, digests[run.config_id])
+
+    return wanted.answer(rows, describe)
 
 
 @router.post("/datasets/{dataset}/runs", status_code=202, response_model=RunOut)
@@ -56,10 +75,61 @@ def create_run(
     )
     run = request_run(services, session, found, wanted)
     start_after(services, session)
-    return accepted_run(session, run)
+    return accepted_run(services, session, run)
 
 
 @router.get("/runs/{run_id}", response_model=RunOut)
-def get_run(run_id: RowId, session: ReadSession) -> dict[str, Any]:
+def get_run(
+    run_id: RowId, session: ReadSession, services: AppServices
+) -> dict[str, Any]:
     """A run and how far it is."""
-    return described_run(session, RunRepository(session).with_id(run_id))
+    return described_run(services, session, RunRepository(session).with_id(run_id))
+
+
+@router.get("/runs/{run_id}/events", response_class=Response, responses=_EVENTS)
+async def watch_run(
+    run_id: RowId,
+    request: Request,
+    services: AppServices,
+    last_event_id: LastEventId = None,
+) -> Response:
+    """How a run goes on, as server-sent events; the last one is `end`."""
+    run, after = await newest(services, run_id), number_of(last_event_id)
+    if is_over(run) and after >= end_number(run):
+        return Response(status_code=204)
+    return event_stream(request, run_events(services, run_id, after))
+
+
+@router.post("/runs/{run_id}/cancel", status_code=202, response_model=RunOut)
+def stop_run(run_id: RowId, session: WriteSession, services: AppServices) -> Response:
+    """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
+    return accepted_run(services, session, cancel_run(services, session, run_id))
+
+
+async def diff_page(limit: Limit = 100, cursor: Cursor = None) -> DiffPage:
+    """Which of the flips are asked for."""
+    return DiffPage(limit, cursor)
+
+
+def compared(
+    run_id: RowId,
+    session: ReadSession,
+    against: Annotated[
+        int | None,
+        Query(ge=1, le=MAX_ID, description="Another run; else the active one before."),
+    ] = None,
+) -> tuple[Run, Run]:
+    """The run to compare with, and the run of the path."""
+    return compared_runs(session, run_id, against)
+
+
+@router.get("/runs/{run_id}/diff", response_model=DiffOut)
+def compare_runs(
+    runs: Annotated[tuple[Run, Run], Depends(compared)],
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
+    page: Annotated[DiffPage, Depends(diff_page)],
+) -> Response:
+    """Boxes that a run decides otherwise than another, nearest to a threshold first."""
+    return linked(request, run_diff(services, session, runs, page))

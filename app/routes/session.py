@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
-from typing import Annotated, Final
+from datetime import datetime, timedelta
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
-from app.deps import AppSettings, CurrentPrincipal, ReadSession, WriteSession
+from app.deps import (
+    AppServices,
+    AppSettings,
+    CurrentPrincipal,
+    ReadSession,
+    WriteSession,
+)
 from app.errors import Forbidden
 from app.routing import ApiRouter, OpenRouter
 from app.security import SESSION_COOKIE, Role, comes_from_no_other_page
@@ -23,6 +29,14 @@ class LogIn(BaseModel):
     model_config = ConfigDict(extra="forbid", hide_input_in_errors=True)
 
     token: Annotated[str, StringConstraints(min_length=1, max_length=200)]
+
+
+class SessionOut(BaseModel):
+    """Who is asking; the name is the reviewer of the answers given."""
+
+    name: str
+    role: Role
+    expires_at: datetime | None
 
 
 entrance = OpenRouter(prefix=PREFIX, tag="session")
@@ -55,10 +69,23 @@ def log_in(
     return response
 
 
+@inside.get("/session", response_model=SessionOut)
+def get_session(session: ReadSession, principal: CurrentPrincipal) -> dict[str, Any]:
+    """Who is asking, and until when: by token or by the page's cookie."""
+    return {
+        "name": principal.name,
+        "role": principal.role,
+        "expires_at": access.expiry(session, principal),
+    }
+
+
 @inside.delete("/session", status_code=204)
-def log_out(session: WriteSession, principal: CurrentPrincipal) -> Response:
+def log_out(
+    session: WriteSession, services: AppServices, principal: CurrentPrincipal
+) -> Response:
     """End this browser's session."""
     access.log_out(session, principal)
+    services.callers.forget_on_commit(session)
     response = Response(status_code=204)
     response.delete_cookie(SESSION_COOKIE, httponly=True, samesite="strict")
     return response

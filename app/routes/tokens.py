@@ -8,7 +8,7 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
 from app.db.access_tables import Token
-from app.deps import ReadSession, RowId, WriteSession
+from app.deps import AppServices, ReadSession, RowId, WriteSession
 from app.errors import BadRequest
 from app.repositories.tokens import Tokens
 from app.routing import ApiRouter
@@ -45,9 +45,12 @@ def create_token(body: TokenIn, session: WriteSession) -> Response:
 
 
 @router.delete("/tokens/{token_id}", status_code=204)
-def revoke_token(token_id: RowId, session: WriteSession) -> Response:
+def revoke_token(
+    token_id: RowId, session: WriteSession, services: AppServices
+) -> Response:
     """Take a token back; the sessions that it opened end as well."""
     tokens.revoke(session, token_id)
+    services.callers.forget_on_commit(session)
     return Response(status_code=204)
 
 

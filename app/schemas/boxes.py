@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.schemas.pages import Page
 from app.schemas.reviews import BoxSelection
 
 Sort = Literal["id", "doubt", "match_percent", "-match_percent", "crowding"]
@@ -21,6 +22,9 @@ class BoxListQuery(BoxSelection):
     sort: Sort = "id"
     limit: int = Field(default=100, ge=1, le=1000, description="Most items of a page.")
     cursor: str | None = Field(default=None, max_length=2000)
+    count: bool = Field(
+        default=False, description="Whether to answer the `total` of the filter too."
+    )
 
 
 class FrameListQuery(BoxSelection):
@@ -89,12 +93,23 @@ class DecisionOut(BaseModel):
     amodal_xyxy: list[float] | None
     visible_xyxy: list[float] | None
     tight_xyxy: list[float] | None
+    visible_pixels: int | None
+    occluded: Literal[0, 1, 2, 3]
+    truncated: float | None
     edges: list[list[float]] | None
     config: str
     run: int
     revision: int
     review: CurrentReviewOut | None
     effective_verdict: Literal["kept", "rejected", "unmeasured"]
+
+
+class BoxPage(Page[DecisionOut]):
+    """One page of boxes."""
+
+    total: int | None = Field(
+        default=None, description="All boxes of the filter, exactly; with `count=true`."
+    )
 
 
 class BoxOut(DecisionOut):

@@ -26,12 +26,22 @@ class Page(BaseModel, Generic[Item]):
 
 
 def page_response(
-    request: Request, items: Sequence[Mapping[str, Any]], next_cursor: str | None
+    request: Request,
+    items: Sequence[Mapping[str, Any]],
+    next_cursor: str | None,
+    *,
+    total: int | None = None,
 ) -> JSONResponse:
     """A page as JSON, with a Link to the next one; rows are not validated again."""
+    body: dict[str, Any] = {"items": items, "next_cursor": next_cursor}
+    return linked(request, body if total is None else body | {"total": total})
+
+
+def linked(request: Request, page: Mapping[str, Any]) -> JSONResponse:
+    """A page that says more than its items, with a Link to the next one."""
     headers = {}
-    if next_cursor is not None:
-        following = request.url.include_query_params(cursor=next_cursor)
+    if page["next_cursor"] is not None:
+        following = request.url.include_query_params(cursor=page["next_cursor"])
         target = f"{following.path}?{following.query}"
         headers["Link"] = f'<{target}>; rel="next"'
-    return JSONResponse({"items": items, "next_cursor": next_cursor}, headers=headers)
+    return JSONResponse(page, headers=headers)

@@ -47,6 +47,10 @@ class BoxSelection(BaseModel):
     class_name: str | None = Field(default=None, alias="class")
     review: str | None = None
     toss_up: bool | None = None
+    conflict: bool | None = Field(
+        default=None,
+        description="Whether a person's keep or reject contradicts the filter.",
+    )
     match_min: Percent | None = None
     match_max: Percent | None = None
     margin_max: Percent | None = None

@@ -8,8 +8,18 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.schemas.datasets import ClassCounts
+from filter_core.formats.export_options import (
+    MAX_BAND,
+    MAX_BANDS,
+    Boxes,
+    Images,
+    Include,
+    Rejected,
+)
+from filter_core.formats.writers import FormatName
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
 class ConfigOut(BaseModel):
@@ -63,12 +73,18 @@ class FlipOut(BaseModel):
     after: Outcome
 
 
-class FlipsOut(BaseModel):
+class FlipCounts(BaseModel):
+    """How many boxes change sides, by the side they leave."""
+
+    kept_to_rejected: int
+    rejected_to_kept: int
+
+
+class FlipsOut(FlipCounts):
     """What would change."""
 
     total: int
-    kept_to_rejected: int
-    rejected_to_kept: int
+    by_class: dict[str, FlipCounts]
     items: list[FlipOut]
 
 
@@ -80,8 +96,26 @@ class PreviewOut(BaseModel):
     counts: ClassCounts | None
     by_reason: dict[str, int] | None
     by_class: dict[str, ClassCounts] | None
+    reasons_by_class: dict[str, dict[str, int]] | None
     histograms: dict[str, Any] | None
     flips: FlipsOut | None
+
+
+class DiffOut(BaseModel):
+    """What one run decides otherwise than another, one page of it."""
+
+    run: int
+    against: int
+    compared: int = Field(description="Boxes that both runs have numbers of.")
+    total: int = Field(description="Those whose verdicts differ.")
+    kept_to_rejected: int
+    rejected_to_kept: int
+    by_class: dict[str, int] = Field(description="Boxes whose verdicts differ.")
+    sides_by_class: dict[str, FlipCounts] = Field(
+        description="Of those, the ones that went from one side to the other."
+    )
+    items: list[FlipOut]
+    next_cursor: str | None = None
 
 
 class RunIn(BaseModel):
@@ -99,8 +133,8 @@ class RunOut(BaseModel):
 
     id: int
     dataset: str
-    kind: str
-    state: str
+    kind: Literal["decide", "measure"]
+    state: State
     config: str
     activate: bool
     total: int
@@ -119,11 +153,30 @@ class ExportOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    include: Literal["effective", "kept", "all"] = "effective"
-    include_unmeasured: bool = False
-    boxes: Literal["visible", "amodal"] = "visible"
-    images: Literal["copy", "none"] = "copy"
-    split: Annotated[float, Field(ge=0, le=1)] = 0.8
+    include: Annotated[
+        Include, Field(description="By the effective verdict, the filter's, or all.")
+    ] = "effective"
+    include_unmeasured: Annotated[
+        bool, Field(description="Also boxes that nothing could be measured of.")
+    ] = False
+    rejected: Annotated[
+        Rejected, Field(description="Leave rejected boxes out, or have them ignored.")
+    ] = "drop"
+    boxes: Annotated[
+        Boxes, Field(description="Which rectangle, where a box has several.")
+    ] = "visible"
+    images: Annotated[Images, Field(description="Put the images in, or not.")] = "copy"
+    split: Annotated[
+        float, Field(ge=0, le=1, description="Share of the frames for training.")
+    ] = 0.8
+    bands: Annotated[
+        list[Annotated[int, Field(ge=1, le=MAX_BAND)]],
+        Field(
+            max_length=MAX_BANDS,
+            description="Labels once more for each distance (metres), with the boxes "
+            "up to it.",
+        ),
+    ] = []
 
 
 class ExportIn(BaseModel):
@@ -131,7 +184,10 @@ class ExportIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    format: Literal["yolo", "decisions-jsonl"]
+    format: Annotated[
+        FormatName,
+        Field(description="One of the formats of docs/formats.md."),
+    ]
     options: ExportOptions = ExportOptions()
 
 
@@ -142,7 +198,9 @@ class ExportOut(BaseModel):
     dataset: str
     format: str
     options: dict[str, Any]
-    state: str
+    state: State
+    total: int = Field(description="Frames.")
+    done: int
     size_bytes: int | None
     sha256: str | None
     counts: dict[str, Any] | None

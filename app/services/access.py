@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
 
@@ -72,6 +72,11 @@ def log_out(session: Session, principal: Principal) -> None:
     """End the session of this browser; a bearer token has none."""
     if principal.session_hash is not None:
         Tokens(session).end_session(principal.session_hash)
+
+
+def expiry(session: Session, principal: Principal) -> datetime | None:
+    """When whoever is asking has to come with another token; None: never."""
+    return Tokens(session).expiry(principal.token_id, principal.session_hash)
 
 
 def by_token(session: Session, token: str) -> Principal:

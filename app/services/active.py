@@ -7,7 +7,14 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.repositories.active import ActiveRow, active_row
+from app.db.engine import Database
+from app.repositories.active import (
+    ActiveRow,
+    KeyRow,
+    active_row,
+    active_row_and_key,
+    glance,
+)
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
@@ -42,8 +49,28 @@ class PlanCache:
 
     def active(self, session: Session, name: str) -> ActiveDataset:
         """The dataset as this session sees it; NotFound."""
-        row = active_row(session, name)
-        key = (name, row.config_digest, row.measurement_digest)
+        return self._dataset(session, name, active_row(session, name))
+
+    def active_and_key(
+        self, session: Session, name: str, key: str
+    ) -> tuple[ActiveDataset, KeyRow]:
+        """The same, and what it has under a frame's key."""
+        row, known = active_row_and_key(session, name, key)
+        return self._dataset(session, name, row), known
+
+    def before_measuring(
+        self, database: Database, name: str, key: str
+    ) -> tuple[ActiveDataset, KeyRow]:
+        """The same, with a session only where there is more to read."""
+        row, known = glance(database.engine, name, key)
+        plan = self._held.get(_named(name, row))
+        if plan is not None:
+            return ActiveDataset(name, row, plan), known
+        with database.read() as session:
+            return self.active_and_key(session, name, key)
+
+    def _dataset(self, session: Session, name: str, row: ActiveRow) -> ActiveDataset:
+        key = _named(name, row)
         plan = self._held.get(key)
         if plan is None:
             plan = _load(session, row)
@@ -51,6 +78,10 @@ class PlanCache:
                 self._held.clear()
             self._held[key] = plan
         return ActiveDataset(name, row, plan)
+
+
+def _named(name: str, row: ActiveRow) -> tuple[str, str, str]:
+    return name, row.config_digest, row.measurement_digest
 
 
 def _load(session: Session, row: ActiveRow) -> MeasurePlan:

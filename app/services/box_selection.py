@@ -29,6 +29,7 @@ class Selection:
     class_name: str | None = None
     review: str | None = None
     toss_up: bool | None = None
+    conflict: bool | None = None
     match_min: float | None = None
     match_max: float | None = None
     margin_max: float | None = None
@@ -62,6 +63,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
         review=_review(wanted.review),
         effective=Verdict(wanted.effective) if wanted.effective else None,
         toss_up=wanted.toss_up,
+        conflict=wanted.conflict,
         match_min=wanted.match_min,
         match_max=wanted.match_max,
         margin_max=wanted.margin_max,

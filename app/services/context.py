@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from app.db.engine import Database
 from app.engine import LocalEngine
 from app.services.active import PlanCache
+from app.services.callers import RecentCallers
 from app.services.numbers import NumbersCache
+from app.services.open_batches import OpenBatches
+from app.services.shared_looks import SharedLooks
 from app.settings import Settings
 from app.storage import FolderStorage
 from filter_core.config import FilterConfig
@@ -24,6 +28,13 @@ class ServiceContext:
     default_config: FilterConfig = field(default_factory=FilterConfig)
     numbers: NumbersCache = field(default_factory=NumbersCache)
     plans: PlanCache = field(default_factory=PlanCache)
+    callers: RecentCallers = field(default_factory=RecentCallers)
+    batches: OpenBatches = field(default_factory=OpenBatches)
+
+    @cached_property
+    def looks(self) -> SharedLooks:
+        """Looks at runs that are watched, shared by all who watch them."""
+        return SharedLooks(self.settings.max_event_streams)
 
     def close(self) -> None:
         """Stop the work; the database is closed by who opened it."""

@@ -42,6 +42,11 @@ def outcome(evidence: Evidence, decisions: Decisions) -> dict[str, Any]:
             for name, row in zip(evidence.class_names, verdicts, strict=True)
             if row.any()
         },
+        "reasons_by_class": {
+            name: {reason.label: int(row[reason]) for reason in Reason if row[reason]}
+            for name, row in zip(evidence.class_names, table, strict=True)
+            if row.any()
+        },
     }
 
 

@@ -9,7 +9,8 @@ from typing import Any, Final
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.tables import Dataset, Run
+from app.db.tables import Dataset, Problem, Run
+from app.errors import BadRequest
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
@@ -118,9 +119,32 @@ def change_dataset(
     )
 
 
-def remove_dataset(session: Session, dataset: Dataset) -> None:
-    """Delete a dataset with everything in it; its blobs stay until they are swept."""
+def remove_dataset(session: Session, dataset: Dataset, confirmed: str | None) -> None:
+    """Delete a dataset with everything in it; its blobs stay until they are swept.
+
+    Raises
+    ------
+    BadRequest
+        The name was not said once more.
+    """
+    if confirmed != dataset.name:
+        found = "nothing" if confirmed is None else repr(confirmed)
+        raise BadRequest(
+            f"deleting dataset {dataset.name!r} takes all its frames and answers along "
+            f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
+            code="not_confirmed",
+        )
     DatasetRepository(session).remove(dataset)
+
+
+def describe_problem(problem: Problem) -> dict[str, Any]:
+    """A frame that was refused, as it is answered."""
+    return {
+        "id": problem.id,
+        "key": problem.key,
+        "error": problem.error,
+        "created_at": rfc3339(problem.created_at),
+    }
 
 
 def describe_dataset(session: Session, dataset: Dataset) -> dict[str, Any]:

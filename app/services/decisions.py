@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 from app.db.evidence_record import (
     Geometry,
     to_evidence,
+    unpack_channels,
     unpack_geometry,
     unpack_numbers,
     unpack_tag_counts,
@@ -26,6 +27,7 @@ from app.repositories.frames import FrameRepository
 from app.repositories.reviews import LatestReview, ReviewRepository
 from app.services.configs import active_version, config_of
 from app.services.reviews import effective_verdict
+from filter_core.channel_types import NOT_MEASURED, ChannelNumbers
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
 from filter_core.decision_record import FrameFacts, FrameGeometry, decision_dicts
@@ -123,7 +125,8 @@ class DecisionReader:
         counts = np.concatenate([each.tag_counts() for each in chosen])
         names, ids = list(self.classes), list(self.classes.values())
         geometry = [box for each in chosen for box in each.geometry()]
-        return to_evidence(record, names, ids, counts), _solid(geometry)
+        numbers = to_evidence(record, names, ids, counts)
+        return replace(numbers, channels=_channels(chosen)), _solid(geometry)
 
     def _facts(self, chosen: ChosenBoxes) -> FrameFacts:
         report = chosen.row.segmentation or {}
@@ -132,7 +135,24 @@ class DecisionReader:
             config=self.config,
             family=report.get("palette"),
             lossy=bool(report.get("lossy")),
+            names=self._names(chosen),
         )
+
+    def _names(self, chosen: ChosenBoxes) -> dict[int, tuple[str, str]]:
+        """Id and class of the boxes that explain these, by their positions."""
+        positions = chosen.explained_by()
+        if not positions:
+            return {}
+        first = chosen.frame.first_box_id
+        sources = FrameRepository(self._session).source_ids(
+            [first + position for position in positions]
+        )
+        class_of = {number: name for name, number in self.classes.items()}
+        class_ids = unpack_numbers([chosen.row.numbers])["class_id"].tolist()
+        return {
+            position: (sources[first + position], class_of[class_ids[position]])
+            for position in positions
+        }
 
     def _known_here(
         self, row: CurrentRow, review: LatestReview | None
@@ -171,10 +191,31 @@ class ChosenBoxes:
         counts = unpack_tag_counts(self.row.tag_counts, self.row.box_count)
         return np.asarray(counts[self.positions], np.int32)
 
+    def explained_by(self) -> list[int]:
+        """Positions of the boxes that explain some of these."""
+        numbers = unpack_channels([self.row.channels], [self.row.box_count])
+        if numbers is None:
+            return []
+        found = np.unique(numbers.explained_by[self.positions]).tolist()
+        return [position for position in found if position != NOT_MEASURED]
+
     def geometry(self) -> list[Geometry | None]:
         """What they look like in three dimensions."""
         boxes = unpack_geometry(self.row.geometry, self.row.box_count)
         return [boxes[position] for position in self.positions]
+
+
+def _channels(chosen: Sequence[ChosenBoxes]) -> ChannelNumbers | None:
+    counts = [each.row.box_count for each in chosen]
+    numbers = unpack_channels([each.row.channels for each in chosen], counts)
+    if numbers is None:
+        return None
+    starts = np.cumsum([0, *counts])
+    rows = [
+        start + np.array(each.positions, np.int64)
+        for start, each in zip(starts[:-1], chosen, strict=True)
+    ]
+    return numbers[np.concatenate(rows)]
 
 
 def _solid(boxes: Sequence[Geometry | None]) -> FrameGeometry:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Final
 
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest time a zip file can hold: no clock goes into an export."""
@@ -43,12 +42,3 @@ class ReproducibleZip:
         with self._zip.open(entry, "w", force_zip64=True) as file:
             for piece in pieces:
                 file.write(piece)
-
-    def read_json(self, name: str) -> Any:  # noqa: ANN401  # any JSON value
-        """A file that was added, as values."""
-        path = self._zip.filename
-        self._zip.close()
-        if path is None:
-            raise RuntimeError("the archive has no file")
-        with zipfile.ZipFile(path) as archive:
-            return json.loads(archive.read(name))

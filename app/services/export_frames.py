@@ -14,7 +14,7 @@ from app.repositories.frames import FileRow, FrameRepository
 from app.services.context import ServiceContext
 from app.services.decisions import DecisionReader
 from filter_core.annotation import parse_annotation
-from filter_core.formats.export_frame import ExportBox, ExportFrame
+from filter_core.formats.export_frame import ExportFrame, export_boxes
 from filter_core.frame_geometry import frame_boxes_2d
 
 _CHUNK: Final = 200
@@ -52,27 +52,20 @@ class ExportFrames:
         files: Mapping[str, FileRow],
         decisions: list[dict[str, Any]],
     ) -> ExportFrame:
-        given = self._given(frame)
+        annotation = parse_annotation(frame.annotation, frame=frame.key)
+        wh = (frame.width or 0, frame.height or 0)
+        geometry = frame_boxes_2d(annotation, wh, self._reader.config.projection)
         image = files.get("image")
         return ExportFrame(
             key=frame.key,
-            wh=(frame.width or 0, frame.height or 0),
-            boxes=[
-                ExportBox(decision, xyxy)
-                for decision, xyxy in zip(decisions, given, strict=True)
-            ],
+            wh=wh,
+            boxes=export_boxes(annotation, decisions, geometry),
             map=frame.map,
+            annotation=annotation.raw,
+            camera=annotation.camera,
             media_type=image.media_type if image else "image/png",
             read_image=self._reader_of(image),
         )
-
-    def _given(self, frame: Frame) -> list[list[float]]:
-        annotation = parse_annotation(frame.annotation, frame=frame.key)
-        size = (frame.width or 0, frame.height or 0)
-        projection = self._reader.config.projection
-        geometry = frame_boxes_2d(annotation, size, projection)
-        given: list[list[float]] = geometry.xyxy.tolist()
-        return given
 
     def _reader_of(self, image: FileRow | None) -> Callable[[], bytes] | None:
         if image is None:

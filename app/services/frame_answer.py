@@ -9,7 +9,6 @@ from app.repositories.frames import FileRow
 from app.services.active import ActiveDataset
 from app.services.decisions import accepted_tags
 from app.services.frame_rows import FrameContent, WrittenFrame
-from app.services.reviews import effective_verdict
 from app.services.statistics import count, summary, tallies_of
 from app.services.timestamps import rfc3339
 from filter_core.decision_record import decision_dicts
@@ -75,13 +74,9 @@ def _decisions(
         written.decisions,
         measured.geometry,
     )
-    rows = zip(
-        described,
-        written.decisions.reason.tolist(),
-        measured.evidence.accept_mask.tolist(),
-        strict=True,
-    )
-    for position, (decision, reason, mask) in enumerate(rows):
+    masks = measured.evidence.accept_mask.tolist()
+    tags = {mask: accepted_tags(facts.family, mask) for mask in set(masks)}
+    for position, (decision, mask) in enumerate(zip(described, masks, strict=True)):
         decision |= {
             "frame": content.key,
             "box_id": written.first_box_id + position,
@@ -90,8 +85,8 @@ def _decisions(
             "config": active.row.config_digest,
             "revision": 0,
             "review": None,
-            "effective_verdict": effective_verdict(reason, None),
-            "accepted_tags": accepted_tags(facts.family, mask),
+            "effective_verdict": decision["verdict"],
+            "accepted_tags": tags[mask],
         }
     return described
 

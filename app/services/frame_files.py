@@ -39,11 +39,7 @@ class CheckedFiles:
 
     def measured(self) -> FrameFiles:
         """What the measurement reads."""
-        return FrameFiles(
-            segmentation=self.contents.get("segmentation"),
-            image_wh=self.image_wh,
-            ignore_mask=self.contents.get("ignore_mask"),
-        )
+        return FrameFiles.of(self.contents, self.image_wh)
 
 
 def check_files(

@@ -11,9 +11,11 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.tables import Frame
+from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
-from app.repositories.frames import FrameRepository, NewBoxes
+from app.repositories.frames import FileRow, FrameRepository, NewBoxes
 from app.repositories.tallies import TallyRepository
 from app.services.active import ActiveDataset
 from app.services.frame_files import CheckedFiles
@@ -49,49 +51,119 @@ class WrittenFrame:
     decisions: Decisions
 
 
-def write_frame(
-    session: Session, active: ActiveDataset, content: FrameContent, *, replaces: bool
-) -> WrittenFrame:
-    """Insert the frame and decide its boxes."""
-    frames, dataset_id = FrameRepository(session), active.row.dataset_id
-    former = frames.current(dataset_id, content.key) if replaces else None
-    evidence = content.measured.evidence
-    written = WrittenFrame(
-        frame_id=frames.take_ids("frames", 1),
-        first_box_id=frames.take_ids("boxes", len(evidence)),
-        revision=1 if former is None else former.revision + 1,
-        created_at=utc_now(),
-        decisions=decide(evidence, active.config),
-    )
-    if former is not None:
-        retire(session, former)
-    class_ids = _class_ids(session, active, evidence.class_names)
-    frames.add(_frame_row(active, content, written), content.files.rows)
-    boxes = _box_rows(content, class_ids, written)
-    rows = _decision_rows(dataset_id, boxes, content, written.decisions)
-    frames.add_boxes(NewBoxes(boxes, rows))
-    measured = {
-        "frame_id": written.frame_id,
-        "measurement_id": active.row.measurement_id,
-        **packed(content.measured, class_ids),
-    }
-    EvidenceRepository(session).add([measured])
-    alike = ((r["class_id"], r["reason"], r["toss_up"], None) for r in rows)
-    TallyRepository(session).add(dataset_id, tallies_of(alike))
-    if former is not None:
-        _carry(session, former.id, content, boxes)
-    frames.forget_problems(dataset_id, content.key)
+def write_frames(
+    session: Session,
+    active: ActiveDataset,
+    work: Sequence[tuple[FrameContent, KeyRow]],
+) -> list[WrittenFrame]:
+    """Insert frames of different keys and decide their boxes.
+
+    Each comes with what its key had before: the revision that it replaces, if any.
+    """
+    frames = FrameRepository(session)
+    formers = [
+        None if known.frame_id is None else frames.with_id(known.frame_id)
+        for _, known in work
+    ]
+    for former in formers:
+        if former is not None:
+            retire(session, former)
+    contents = [content for content, _ in work]
+    written = _numbered(session, active, contents, formers)
+    rows = _Rows(active, _class_ids(session, active, contents))
+    for content, row in zip(contents, written, strict=True):
+        rows.add(content, row)
+    rows.insert(session)
+    for content, former in zip(contents, formers, strict=True):
+        if former is not None:
+            _carry(session, former.id, content, rows.boxes_of(content.key))
+    for content, known in work:
+        if known.has_problem:
+            frames.forget_problems(active.row.dataset_id, content.key)
+    return written
+
+
+def _numbered(
+    session: Session,
+    active: ActiveDataset,
+    contents: Sequence[FrameContent],
+    formers: Sequence[Frame | None],
+) -> list[WrittenFrame]:
+    sizes = [len(content.measured.evidence) for content in contents]
+    frame_id, box_id = FrameRepository(session).take_ids(len(sizes), sum(sizes))
+    written = []
+    for content, former, size in zip(contents, formers, sizes, strict=True):
+        written.append(
+            WrittenFrame(
+                frame_id=frame_id,
+                first_box_id=box_id,
+                revision=1 if former is None else former.revision + 1,
+                created_at=utc_now(),
+                decisions=decide(content.measured.evidence, active.config),
+            )
+        )
+        frame_id, box_id = frame_id + 1, box_id + size
     return written
 
 
 def _class_ids(
-    session: Session, active: ActiveDataset, names: Sequence[str]
-) -> list[int]:
+    session: Session, active: ActiveDataset, contents: Sequence[FrameContent]
+) -> dict[str, int]:
+    names = dict.fromkeys(
+        name for content in contents for name in content.measured.evidence.class_names
+    )
     datasets = DatasetRepository(session)
     known = datasets.classes(active.row.dataset_id)
-    if not known.keys() >= set(names):
-        known = datasets.class_ids(datasets.named(active.name), names)
-    return [known[name] for name in names]
+    if known.keys() >= names.keys():
+        return known
+    return datasets.class_ids(datasets.named(active.name), list(names))
+
+
+class _Rows:
+    """Rows of several frames, table by table."""
+
+    def __init__(self, active: ActiveDataset, class_ids: Mapping[str, int]) -> None:
+        self._active, self._class_ids = active, class_ids
+        self._frames: list[dict[str, Any]] = []
+        self._files: dict[int, Sequence[FileRow]] = {}
+        self._boxes: dict[str, list[dict[str, Any]]] = {}
+        self._decisions: list[dict[str, Any]] = []
+        self._evidence: list[dict[str, Any]] = []
+
+    def boxes_of(self, key: str) -> list[dict[str, Any]]:
+        """The boxes of the frame under a key."""
+        return self._boxes[key]
+
+    def add(self, content: FrameContent, written: WrittenFrame) -> None:
+        """One more frame."""
+        row = self._active.row
+        names = content.measured.evidence.class_names
+        class_ids = [self._class_ids[name] for name in names]
+        boxes = _box_rows(content, class_ids, written)
+        self._frames.append(_frame_row(self._active, content, written))
+        self._files[written.frame_id] = content.files.rows
+        self._boxes[content.key] = boxes
+        self._decisions += _decision_rows(
+            row.dataset_id, boxes, content, written.decisions
+        )
+        self._evidence.append(
+            {
+                "frame_id": written.frame_id,
+                "measurement_id": row.measurement_id,
+                **packed(content.measured, class_ids),
+            }
+        )
+
+    def insert(self, session: Session) -> None:
+        """All of them."""
+        FrameRepository(session).add(self._frames, self._files)
+        boxes = [box for each in self._boxes.values() for box in each]
+        FrameRepository(session).add_boxes(NewBoxes(boxes, self._decisions))
+        EvidenceRepository(session).add(self._evidence)
+        alike = (
+            (r["class_id"], r["reason"], r["toss_up"], None) for r in self._decisions
+        )
+        TallyRepository(session).add(self._active.row.dataset_id, tallies_of(alike))
 
 
 def _carry(

@@ -9,7 +9,7 @@ from typing import Any, Final
 from sqlalchemy.orm import Session
 
 from app.db.tables import Dataset, Frame
-from app.errors import BadRequest, NotFound
+from app.errors import BadRequest, NoSuchFile, NotFound
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
@@ -137,7 +137,7 @@ def frame_file(session: Session, frame_id: int, kind: str) -> FileRow:
     FrameRepository(session).with_id(frame_id)
     found = FrameRepository(session).files([frame_id])[frame_id].get(kind)
     if found is None:
-        raise NotFound(f"{kind} of frame", frame_id)
+        raise NoSuchFile(kind, frame_id)
     return found
 
 

@@ -6,23 +6,25 @@ measurement and the version of a configuration never change, and deciding is pur
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.db.evidence_record import to_evidence, unpack_numbers
+from app.db.evidence_record import to_evidence, unpack_channels, unpack_numbers
 from app.db.tables import Box, Frame, Review
 from app.repositories.datasets import DatasetRepository
-from app.repositories.evidence import EvidenceRepository
+from app.repositories.evidence import EvidenceRepository, EvidenceRow
 from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
 from app.services.timestamps import rfc3339
 from filter_core.decide import decide
-from filter_core.types import Reason
+from filter_core.types import Evidence, Reason
 
 
 def history(session: Session, box_id: int) -> list[dict[str, Any]]:
@@ -54,9 +56,9 @@ def _decision(
     row = EvidenceRepository(session).of_frames([frame.id], run.measurement_id or 0)
     if frame.id not in row:
         return _entry(at, run_id, version.digest)
-    evidence = to_evidence(
-        unpack_numbers([row[frame.id].numbers]), list(classes), list(classes.values())
-    ).take(np.array([box.id - frame.first_box_id]))
+    evidence = _evidence(row[frame.id], classes).take(
+        np.array([box.id - frame.first_box_id])
+    )
     decided = decide(evidence, config_of(version))
     reason = Reason(int(decided.reason[0]))
     match, threshold = float(evidence.match_percent[0]), float(decided.threshold[0])
@@ -66,6 +68,15 @@ def _decision(
         "match_percent": None if match != match else match,
         "threshold": None if threshold != threshold else threshold,
     }
+
+
+def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
+    """A frame's numbers, those of its channels among them."""
+    numbers = unpack_numbers([row.numbers])
+    return replace(
+        to_evidence(numbers, list(classes), list(classes.values())),
+        channels=unpack_channels([row.channels], [row.box_count]),
+    )
 
 
 def _entry(at: datetime, run_id: int, digest: str) -> dict[str, Any]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from base64 import b64decode
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, cast
 
 import numpy as np
 
 from app.db.evidence_record import (
     Geometry,
+    pack_channels,
     pack_geometry,
     pack_numbers,
     pack_tag_counts,
@@ -20,8 +21,11 @@ from app.db.evidence_record import (
 from app.db.tables import Dataset, Measurement
 from app.services.refusals import naming
 from filter_core.annotation_types import FrameAnnotation
+from filter_core.channel_types import CHANNELS
 from filter_core.config import FilterConfig
+from filter_core.decide_channels import channels_of
 from filter_core.decision_record import FrameGeometry
+from filter_core.frame_channels import FILE_OF, SensorFiles
 from filter_core.frame_filter import FrameOptions, MeasuredFrame, measure_frame
 from filter_core.ignore_mask import read_ignore_mask
 from filter_core.image_header import MAX_SIDE
@@ -29,6 +33,11 @@ from filter_core.segmentation import SegmentationOptions, read_segmentation
 from filter_core.types import Mask
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
+CHANNELS_KEY: Final = "channels"
+MEASURED: Final = ("segmentation", "ignore_mask")
+"""The kinds of files that every measurement reads."""
+SENSORS: Final = ("depth", "instances", "lidar")
+"""Those that channels beside the segmentation read."""
 
 
 @dataclass(frozen=True)
@@ -55,17 +64,58 @@ class DatasetReading:
 
 
 @dataclass(frozen=True)
+class ChannelPlan:
+    """What is measured beside the segmentation: names out of `CHANNELS`, in order."""
+
+    names: tuple[str, ...] = ()
+    depth_tolerance: float | None = None
+
+    @classmethod
+    def of(cls, config: FilterConfig) -> ChannelPlan:
+        """What a configuration decides by."""
+        return cls.measuring(channels_of(config), config)
+
+    @classmethod
+    def measuring(cls, asked: Collection[str], config: FilterConfig) -> ChannelPlan:
+        """Some channels, in their order."""
+        names = tuple(name for name in CHANNELS if name in asked)
+        return cls(names, float(config.depth_tolerance) if "depth" in names else None)
+
+    @classmethod
+    def from_dict(cls, options: Mapping[str, Any]) -> ChannelPlan:
+        """Inverse of `as_dict`; of measurements without channels, too."""
+        stored = options.get(CHANNELS_KEY) or {}
+        return cls(tuple(stored.get("names", ())), stored.get("depth_tolerance"))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Empty without channels, as measurements were before there were any."""
+        if not self.names:
+            return {}
+        stored = {"names": list(self.names), "depth_tolerance": self.depth_tolerance}
+        return {CHANNELS_KEY: stored}
+
+    def is_part_of(self, other: ChannelPlan) -> bool:
+        """Whether the other one has the same numbers of all these channels."""
+        return set(self.names) <= set(other.names) and (
+            self.depth_tolerance in (None, other.depth_tolerance)
+        )
+
+
+@dataclass(frozen=True)
 class MeasurePlan:
     """Everything that measured numbers depend on, apart from the frame itself."""
 
     config: FilterConfig
     reading: SegmentationOptions
     ignored: Any | None
+    channels: ChannelPlan = field(default_factory=ChannelPlan)
 
     @property
     def pixel_digest(self) -> str:
         """Plans of equal pixel digests differ at most in accept sets."""
-        return _digest(self.as_dict() | {"accept": None})
+        plan = self.as_dict()
+        # Channels keep no histogram: other accept sets are other pixels to them.
+        return _digest(plan if self.channels.names else plan | {"accept": None})
 
     @property
     def digest(self) -> str:
@@ -80,12 +130,35 @@ class MeasurePlan:
             if "accept" in one.as_dict()
         }
         reading = {name: getattr(self.reading, name) for name in _READING}
-        return {
+        plan = {
             "measure": list(self.config.measure_key()),
             "accept": overrides,
             "reading": reading,
             "ignored": self.ignored,
         }
+        return plan | self.channels.as_dict()
+
+    def with_channels(self, names: Collection[str]) -> MeasurePlan:
+        """A plan that measures these channels as well."""
+        wanted = {*self.channels.names, *names}
+        return replace(self, channels=ChannelPlan.measuring(wanted, self.config))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The kinds of files that its channels read."""
+        kinds = {FILE_OF.get(name) for name in self.channels.names}
+        return tuple(kind for kind in SENSORS if kind in kinds)
+
+    def is_covered_by(self, options: Mapping[str, Any]) -> bool:
+        """Whether a measurement has all these numbers, and perhaps more channels'."""
+        have = ChannelPlan.from_dict(options)
+        if not self.channels.is_part_of(have):
+            return False
+        return all(
+            options[key] == value
+            for key, value in self.as_dict().items()
+            if key != CHANNELS_KEY
+        )
 
 
 def _digest(plan: dict[str, Any]) -> str:
@@ -101,6 +174,18 @@ class FrameFiles:
     image_wh: tuple[int, int]
     ignore_mask: bytes | None = None
     max_side_px: int = MAX_SIDE
+    sensors: Mapping[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        contents: Mapping[str, bytes],
+        image_wh: tuple[int, int],
+    ) -> FrameFiles:
+        """Files by their kinds; those that nothing measures are left out."""
+        sensors = {kind: contents[kind] for kind in SENSORS if kind in contents}
+        segmentation, ignore_mask = map(contents.get, MEASURED)
+        return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
 
 
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasurePlan:
@@ -109,14 +194,16 @@ def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasurePlan:
         f"dataset {dataset.name!r}": _options(dataset),
         "the configuration": _options(config),
     }
-    return MeasurePlan(config, SegmentationOptions.agreed(layers), dataset.ignore_mask)
+    reading = SegmentationOptions.agreed(layers)
+    return MeasurePlan(config, reading, dataset.ignore_mask, ChannelPlan.of(config))
 
 
 def plan_of(measurement: Measurement, config: FilterConfig) -> MeasurePlan:
     """The plan that a measurement was made by."""
     options = measurement.options
     reading = SegmentationOptions(**options["reading"], sources=options["sources"])
-    return MeasurePlan(config, reading, options["ignored"])
+    channels = ChannelPlan.from_dict(options)
+    return MeasurePlan(config, reading, options["ignored"], channels)
 
 
 def _options(source: DatasetReading | FilterConfig) -> SegmentationOptions:
@@ -146,7 +233,17 @@ def measure_files(
             expected_wh=files.image_wh,
             max_side=files.max_side_px,
         )
-    options = FrameOptions(image_wh=files.image_wh, ignore=_ignore(plan, files))
+    options = FrameOptions(
+        image_wh=files.image_wh,
+        dataset=plan.reading,
+        ignore=_ignore(plan, files),
+        sensors=SensorFiles(
+            files.sensors,
+            plan.channels.names,
+            files.max_side_px,
+            plan.channels.depth_tolerance,
+        ),
+    )
     return measure_frame(annotation, segmentation, plan.config, options)
 
 
@@ -156,6 +253,7 @@ def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
         "numbers": pack_numbers(measured.evidence, class_ids),
         "tag_counts": pack_tag_counts(measured.evidence.tag_counts),
         "geometry": pack_geometry(_geometry(measured.geometry)),
+        "channels": pack_channels(measured.evidence.channels),
         "segmentation": measured.segmentation,
         "lossy": bool((measured.segmentation or {}).get("lossy")),
     }

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from app.db.evidence_record import to_evidence, unpack_numbers
+from app.db.evidence_record import to_evidence, unpack_channels, unpack_numbers
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
@@ -112,7 +112,10 @@ def load_numbers(
         box_ids=_consecutive(firsts, counts),
         frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
         class_ids=record["class_id"].astype(np.int64),
-        evidence=to_evidence(record, list(classes), list(classes.values())),
+        evidence=replace(
+            to_evidence(record, list(classes), list(classes.values())),
+            channels=unpack_channels([row.channels for row in rows], counts.tolist()),
+        ),
     )
 
 

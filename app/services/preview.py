@@ -18,7 +18,7 @@ from app.services.counting import VERDICT_CODE, histogram, match_counts, outcome
 from app.services.measuring import DatasetReading, plan_for
 from app.services.numbers import DatasetNumbers
 from app.services.recounting import recount
-from app.services.run_requests import active_measurement
+from app.services.run_requests import active_measurement, needs_pixels
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
 from filter_core.types import Decisions, Evidence, IntArray, Reason
@@ -42,11 +42,11 @@ def preview(
     """Counts, histograms and flips."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
-    if plan.pixel_digest != measurement.pixel_digest:
+    if needs_pixels(session, dataset, plan):
         return _needs_pixels(config)
     numbers = active_numbers(context, session, dataset)
     evidence = numbers.evidence
-    if plan.digest != measurement.digest:
+    if not plan.is_covered_by(measurement.options):
         evidence = _recounted(session, dataset, numbers, config)
     active = config_of(active_version(session, dataset))
     before, after = numbers.decided(active), decide(evidence, config)
@@ -74,7 +74,14 @@ def active_numbers(
 
 
 def _needs_pixels(config: FilterConfig) -> dict[str, Any]:
-    unknown = ("counts", "by_reason", "by_class", "histograms", "flips")
+    unknown = (
+        "counts",
+        "by_reason",
+        "by_class",
+        "reasons_by_class",
+        "histograms",
+        "flips",
+    )
     return {
         "config": config.digest,
         "needs_pixels": True,
@@ -90,19 +97,35 @@ def _flips(
 ) -> dict[str, Any]:
     before, after = decisions
     rows = np.flatnonzero(VERDICT_CODE[before.reason] != VERDICT_CODE[after.reason])
-    kept_before = before.reason[rows] == Reason.VISIBLE
-    kept_after = after.reason[rows] == Reason.VISIBLE
+    lost = rows[before.reason[rows] == Reason.VISIBLE]
+    won = rows[after.reason[rows] == Reason.VISIBLE]
     closest = _closest(rows, after, limit)
     return {
         "total": len(rows),
-        "kept_to_rejected": int((kept_before & ~kept_after).sum()),
-        "rejected_to_kept": int((~kept_before & kept_after).sum()),
+        "kept_to_rejected": len(lost),
+        "rejected_to_kept": len(won),
+        "by_class": _by_class(evidence, lost, won),
         "items": [_flip(numbers, decisions, evidence, row) for row in closest],
+    }
+
+
+def _by_class(evidence: Evidence, lost: IntArray, won: IntArray) -> dict[str, Any]:
+    names = evidence.class_names
+    fewer, more = (
+        np.bincount(evidence.class_index[rows], minlength=len(names)).tolist()
+        for rows in (lost, won)
+    )
+    return {
+        name: {"kept_to_rejected": fewer[index], "rejected_to_kept": more[index]}
+        for index, name in enumerate(names)
+        if fewer[index] or more[index]
     }
 
 
 def _closest(rows: IntArray, after: Decisions, limit: int) -> list[int]:
     """The flips that are nearest to the new threshold: the ones to look at."""
+    if not limit:
+        return []
     distance = np.nan_to_num(np.abs(after.margin[rows]), nan=np.inf)
     chosen: list[int] = rows[np.argsort(distance, kind="stable")[:limit]].tolist()
     return chosen

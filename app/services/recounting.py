@@ -43,6 +43,7 @@ def recounted_row(
         "numbers": pack_numbers(evidence, list(classes.values())),
         "tag_counts": row.tag_counts,
         "geometry": row.geometry,
+        "channels": row.channels,
         "segmentation": row.segmentation,
         "lossy": bool((row.segmentation or {}).get("lossy")),
     }

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.tables import Dataset, ReviewBatch
-from app.errors import Conflict, NotFound, StaleReview, TooLarge
-from app.repositories.box_filter import BoxFilter
+from app.errors import Conflict, CountChanged, NotFound, StaleReview, TooLarge
+from app.repositories.claims import ClaimRepository
 from app.repositories.decisions import CurrentRow, DecisionRepository
+from app.repositories.review_batches import ReviewBatches
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from filter_core.types import Reason
@@ -60,53 +61,29 @@ def review_box(
 
 def review_many(
     session: Session, dataset: Dataset, box_ids: Sequence[int], answer: Answer
-) -> tuple[ReviewBatch, list[int], list[int]]:
-    """Add one answer to many boxes: the batch, those answered, those that are gone."""
-    found = DecisionRepository(session).rows(box_ids)
-    mine = DecisionRepository(session).ids_in_dataset(box_ids, dataset.id)
-    batch = ReviewRepository(session).add_batch(
+) -> tuple[ReviewBatch, int, list[int]]:
+    """Add one answer to many boxes: the batch, how many, and those that are gone."""
+    batches = ReviewBatches(session)
+    batch = batches.add(
         ReviewBatch(
             dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
         )
     )
-    answered = [box_id for box_id in dict.fromkeys(box_ids) if box_id in mine]
-    _store(
-        session,
-        dataset.id,
-        [(found[box_id], answer) for box_id in answered],
-        batch_id=batch.id,
-    )
-    skipped = [box_id for box_id in dict.fromkeys(box_ids) if box_id not in mine]
-    return batch, answered, skipped
-
-
-def select_boxes(
-    session: Session, wanted: BoxFilter, expected: int | None, limit: int
-) -> list[int]:
-    """All boxes of a filter, if they are as many as the person was shown."""
-    found = DecisionRepository(session).selection(wanted, limit=limit + 1)
-    if len(found) > limit:
-        raise TooLarge(
-            f"the filter selects more than {limit} boxes, the most of one bulk review"
-        )
-    if expected is not None and expected != len(found):
-        raise Conflict(
-            f"the filter selects {len(found)} boxes by now, you expected {expected}",
-            code="count_changed",
-        )
-    return found
+    chosen = list(dict.fromkeys(box_ids))
+    answered = batches.answer(batch, chosen, answer.comment)
+    if answered == len(chosen):
+        return batch, answered, []
+    found = set(batches.boxes(batch.id))
+    return batch, answered, [box_id for box_id in chosen if box_id not in found]
 
 
 def listed_boxes(ids: Sequence[int], expected: int | None, limit: int) -> list[int]:
     """The boxes that a person listed, each once."""
     chosen = list(dict.fromkeys(ids))
+    if expected is not None and expected != len(chosen):
+        raise CountChanged("box_ids lists", found=len(chosen), expected=expected)
     if len(chosen) > limit:
         raise TooLarge(f"{len(chosen)} boxes, one bulk review changes at most {limit}")
-    if expected is not None and expected != len(chosen):
-        raise Conflict(
-            f"box_ids lists {len(chosen)} boxes, expected_count says {expected}",
-            code="count_changed",
-        )
     return chosen
 
 
@@ -114,15 +91,11 @@ def undo_batch(
     session: Session, batch_id: int, reviewer: str
 ) -> tuple[ReviewBatch, int, list[int]]:
     """Say again what was said before a batch, but where someone spoke since."""
-    reviews = ReviewRepository(session)
-    batch = reviews.batch(batch_id)
-    if reviews.undone(batch_id):
+    batches = ReviewBatches(session)
+    batch = batches.with_id(batch_id)
+    if batches.is_undone(batch_id):
         raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
-    before = reviews.before(batch_id)
-    latest = reviews.latest(before)
-    mine = [box for box in before if latest[box].batch_id == batch_id]
-    current = DecisionRepository(session).rows(mine)
-    undo = reviews.add_batch(
+    undo = batches.add(
         ReviewBatch(
             dataset_id=batch.dataset_id,
             verdict="clear",
@@ -130,20 +103,15 @@ def undo_batch(
             reviewer=reviewer,
         )
     )
-    answers = [
-        (current[box], Answer(before[box][0], before[box][1], reviewer))
-        for box in mine
-        if box in current
-    ]
-    _store(session, batch.dataset_id, answers, batch_id=undo.id)
-    skipped = sorted(set(before) - {row.box_id for row, _ in answers})
-    return undo, len(answers), skipped
+    undone = batches.answer_as_before(undo, batch)
+    skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
+    return undo, undone, sorted(skipped)
 
 
 def _store(
     session: Session,
     dataset_id: int,
-    answers: Iterable[tuple[CurrentRow, Answer]],
+    answers: Sequence[tuple[CurrentRow, Answer]],
     *,
     batch_id: int | None,
 ) -> list[dict[str, object]]:
@@ -168,4 +136,6 @@ def _store(
     if rows:
         ReviewRepository(session).add(rows)
         TallyRepository(session).add(dataset_id, changes)
+        answered = {current.box_id for current, _ in answers}
+        ClaimRepository(session).release(dataset_id, answered)
     return rows

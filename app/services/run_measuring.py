@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from sqlalchemy.orm import Session
 
 from app.db.tables import Frame
+from app.engine import Job
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository
-from app.repositories.runs import RunRepository
 from app.services.context import ServiceContext
 from app.services.measuring import (
+    MEASURED,
     FrameFiles,
     MeasurePlan,
     measure_files,
@@ -23,15 +26,14 @@ from app.services.measuring import (
 )
 from app.services.recounting import recount, recounted_row
 from app.services.refusals import naming
+from app.services.run_states import run_at_work
 from filter_core.annotation import parse_annotation
 from filter_core.config import FilterConfig
 
 CHUNK: Final = 200
-"""Frames per transaction: a few seconds of pixel work."""
-
-
-class RunCancelled(Exception):
-    """The service is stopping; the run goes on when it starts again."""
+"""Frames whose rows are read at a time."""
+COMMIT_EVERY_S: Final = 0.25
+"""How much work a crash may cost, and how often progress is seen to move."""
 
 
 class Scope(Protocol):
@@ -45,6 +47,8 @@ class Scope(Protocol):
     def measurement_id(self) -> int: ...
     @property
     def config(self) -> FilterConfig: ...
+    @property
+    def job(self) -> Job: ...
 
 
 @dataclass(frozen=True)
@@ -58,24 +62,16 @@ class _Source:
     needs_pixels: bool
 
 
-def measure_missing(
-    context: ServiceContext, scope: Scope, session: Session | None = None
-) -> int:
-    """Make the numbers that are not there yet; how many frames that were.
+def measure_missing(context: ServiceContext, scope: Scope) -> None:
+    """Make the numbers that are not there yet."""
+    context.engine.check(scope.job)
+    while _measure_chunk(context, scope):
+        context.engine.check(scope.job)
 
-    With a session only frames are looked for, so that a transaction which is about to
-    switch can tell that nothing came in between.
-    """
-    if session is not None:
-        return len(_missing(session, scope, limit=1))
-    measured = 0
-    while True:
-        if context.engine.stopping.is_set():
-            raise RunCancelled
-        done = _measure_chunk(context, scope)
-        measured += done
-        if done == 0:
-            return measured
+
+def is_measured(session: Session, scope: Scope) -> bool:
+    """True if no frame lacks its numbers: none has come in since they were made."""
+    return not _missing(session, scope, limit=1)
 
 
 def _missing(session: Session, scope: Scope, *, limit: int) -> list[int]:
@@ -84,11 +80,11 @@ def _missing(session: Session, scope: Scope, *, limit: int) -> list[int]:
     )
 
 
-def _measure_chunk(context: ServiceContext, scope: Scope) -> int:
+def _measure_chunk(context: ServiceContext, scope: Scope) -> bool:
     with context.database.read() as session:
         missing = _missing(session, scope, limit=CHUNK)
         if not missing:
-            return 0
+            return False
         source = _source(session, scope)
         frames = FrameRepository(session).with_ids(missing)
         files = FrameRepository(session).files(missing)
@@ -103,16 +99,38 @@ def _measure_chunk(context: ServiceContext, scope: Scope) -> int:
             return recounted_row(row, evidence, source.classes, source.measurement_id)
         return _remeasured(context, source, frames[frame_id], files[frame_id])
 
-    rows = list(context.engine.map(work, missing))
+    with closing(context.engine.map(work, missing)) as measured:
+        for rows in _portions(measured, lambda: context.engine.check(scope.job)):
+            _keep(context, scope, rows)
+    return True
+
+
+def _portions(
+    rows: Iterable[dict[str, Any]], check: Callable[[], None]
+) -> Iterator[list[dict[str, Any]]]:
+    """What was measured in each quarter of a second."""
+    portion: list[dict[str, Any]] = []
+    begun = time.monotonic()
+    for row in rows:
+        check()
+        portion.append(row)
+        if time.monotonic() - begun >= COMMIT_EVERY_S:
+            yield portion
+            portion, begun = [], time.monotonic()
+    if portion:
+        yield portion
+
+
+def _keep(context: ServiceContext, scope: Scope, rows: list[dict[str, Any]]) -> None:
+    """Store numbers and count them in one transaction: nothing is measured twice."""
     with context.database.write() as session:
+        run = run_at_work(session, scope.run_id)
         # A frame may have been replaced or deleted while it was measured.
-        known = FrameRepository(session).existing(missing)
+        known = FrameRepository(session).existing([row["frame_id"] for row in rows])
         EvidenceRepository(session).add(
             [row for row in rows if row["frame_id"] in known]
         )
-        run = RunRepository(session).with_id(scope.run_id)
         run.done = min(run.total, run.done + len(rows))
-    return len(rows)
 
 
 def _source(session: Session, scope: Scope) -> _Source:
@@ -136,12 +154,14 @@ def _remeasured(
     frame: Frame,
     files: Mapping[str, FileRow],
 ) -> dict[str, Any]:
-    def read(kind: str) -> bytes | None:
-        return context.storage.read(files[kind].sha256) if kind in files else None
-
+    contents = {
+        kind: context.storage.read(files[kind].sha256)
+        for kind in (*MEASURED, *source.plan.files)
+        if kind in files
+    }
     annotation = parse_annotation(frame.annotation, frame=frame.key)
     size = (frame.width or 0, frame.height or 0)
-    pixels = FrameFiles(read("segmentation"), size, read("ignore_mask"))
+    pixels = FrameFiles.of(contents, size)
     with naming(frame.key, "/segmentation"):
         measured = measure_files(source.plan, annotation, pixels)
     ids = [source.classes[name] for name in measured.evidence.class_names]

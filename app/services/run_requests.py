@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from datetime import datetime
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -16,19 +14,22 @@ from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import active_version, add_version, config_of
 from app.services.context import ServiceContext
 from app.services.measuring import DatasetReading, MeasurePlan, plan_for
-from app.services.timestamps import rfc3339
 from app.version import FILTER_CORE_VERSION
 from filter_core.config import FilterConfig
 
 
 @dataclass(frozen=True)
 class RunRequest:
-    """A run as it was asked for."""
+    """A run as it was asked for.
+
+    `channels` are to be measured beside those that the configuration decides by.
+    """
 
     config: str | FilterConfig
     author: str
     activate: bool
     reading: DatasetReading | None = None
+    channels: tuple[str, ...] = ()
 
 
 def request_run(
@@ -42,8 +43,8 @@ def request_run(
     version = _version(session, dataset, wanted)
     config = config_of(version)
     reading = wanted.reading or coming_settings(session, dataset)[0]
-    plan = plan_for(reading, config)
-    measurement = measurement_of(session, dataset.id, reading, plan)
+    plan = plan_for(reading, config).with_channels(wanted.channels)
+    measurement = _measurement_for(session, dataset, reading, plan)
     return runs.add(
         Run(
             dataset_id=dataset.id,
@@ -76,7 +77,10 @@ def coming_settings(
 
 def needs_pixels(session: Session, dataset: Dataset, plan: MeasurePlan) -> bool:
     """Whether the numbers of this plan have to be read from images."""
-    return plan.pixel_digest != active_measurement(session, dataset).pixel_digest
+    active = active_measurement(session, dataset)
+    if plan.is_covered_by(active.options):
+        return False
+    return plan.pixel_digest != active.pixel_digest
 
 
 def active_measurement(session: Session, dataset: Dataset) -> Measurement:
@@ -86,6 +90,17 @@ def active_measurement(session: Session, dataset: Dataset) -> Measurement:
     return EvidenceRepository(session).measurement_with_id(
         dataset.active_measurement_id
     )
+
+
+def _measurement_for(
+    session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasurePlan
+) -> Measurement:
+    """The active measurement, if it has all that is needed and perhaps more."""
+    active = active_measurement(session, dataset)
+    same_settings = active.options["dataset"] == reading.as_columns()
+    if same_settings and plan.is_covered_by(active.options):
+        return active
+    return measurement_of(session, dataset.id, reading, plan)
 
 
 def measurement_of(
@@ -120,28 +135,3 @@ def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVe
     if found is None:
         raise NotFound("config", wanted.config)
     return found
-
-
-def describe_run(run: Run, dataset: str, digest: str) -> dict[str, Any]:
-    """A run as it is answered."""
-    return {
-        "id": run.id,
-        "dataset": dataset,
-        "kind": run.kind,
-        "state": run.state,
-        "config": digest,
-        "activate": run.activate,
-        "total": run.total,
-        "done": run.done,
-        "changed": run.changed,
-        "counts": run.counts or {},
-        "error": run.error,
-        "created_by": run.created_by,
-        "created_at": rfc3339(run.created_at),
-        "started_at": _time(run.started_at),
-        "finished_at": _time(run.finished_at),
-    }
-
-
-def _time(at: datetime | None) -> str | None:
-    return None if at is None else rfc3339(at)

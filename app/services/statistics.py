@@ -13,6 +13,9 @@ from filter_core.types import Reason, Verdict
 NOTHING_TO_SEE: Final = frozenset({Reason.OUTSIDE_IMAGE, Reason.DEGENERATE})
 """Rejected by geometry alone: a picture could not change anybody's mind."""
 
+CONTRADICTED: Final = {"keep": Verdict.REJECTED, "reject": Verdict.KEPT}
+"""The verdict that an answer says the opposite of."""
+
 
 @dataclass
 class Counts:
@@ -44,6 +47,11 @@ def needs_review(reason: int, toss_up: bool, review: str | None) -> bool:
     return toss_up or Reason(reason) is not Reason.VISIBLE
 
 
+def in_conflict(reason: int, review: str | None) -> bool:
+    """A person's keep or reject says the opposite of the filter."""
+    return CONTRADICTED.get(review or "") is Reason(reason).verdict
+
+
 def count(tallies: Mapping[TallyKey, int]) -> Counts:
     """Sum tallies up."""
     counts = Counts()
@@ -66,7 +74,7 @@ def _add(counts: Counts, key: TallyKey, boxes: int) -> None:
     of_class[verdict] += boxes
     if key.review in ("keep", "reject"):
         counts.reviewed += boxes
-        counts.conflicts += boxes if effective != verdict else 0
+        counts.conflicts += boxes if in_conflict(key.reason, key.review) else 0
     counts.unsure += boxes if key.review == "unsure" else 0
     counts.toss_ups += boxes if key.toss_up else 0
     if needs_review(key.reason, key.toss_up, key.review):

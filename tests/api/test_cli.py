@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.api.command_line import CommandLine
+from tests.api.frames import image as scene_image
 from tests.api.frames import write_manifest
 from tests.servers import RunningServer
 from unghost import Client
@@ -135,18 +136,37 @@ def test_a_class_without_tags_is_pointed_out(unghost, name, tmp_path):
     answer = unghost("push", manifest, "--dataset", name)
 
     assert answer.code == DONE
-    assert "rejected: 4 boxes, since class 'unicorn' has no tags" in answer.err
+    expected = f"rejected: 4 boxes of {name}, since their class has no tags: unicorn"
+    assert expected in answer.err
 
 
 def test_changed_frames_are_refused_and_replaced_on_request(unghost, pushed, tmp_path):
     manifest = tmp_path / "frames-3" / "manifest.jsonl"
-    manifest.write_text(manifest.read_text().replace('"id": "ghost"', '"id": "other"'))
+    lines = manifest.read_text().splitlines()
+    # The key, the number of boxes and the kinds of files stay as they are.
+    lines[1] = lines[1].replace('"id": "ghost"', '"id": "other"')
+    manifest.write_text("\n".join(lines))
     again = ("push", tmp_path / "frames-3", "--dataset", pushed)
 
-    replaced = unghost(*again, "--replace", "--json")
+    refused = unghost(*again)
+    replaced = unghost(*again, "--replace")
 
+    assert refused.code == PARTLY
+    assert "0 stored\t2 already_there\t1 refused" in refused.out
+    assert "another frame 'run/000001'" in refused.err
     assert replaced.code == DONE
-    assert replaced.records[-1]["stored"] == 3
+    assert "1 stored\t2 already_there\t0 refused" in replaced.out
+
+
+def test_a_changed_image_is_not_taken_for_the_one_that_is_there(
+    unghost, pushed, tmp_path
+):
+    image = tmp_path / "frames-3" / "rgb" / "000001.png"
+    image.write_bytes(scene_image(99))
+
+    again = unghost("push", tmp_path / "frames-3", "--dataset", pushed, "--replace")
+
+    assert "1 stored\t2 already_there" in again.out
 
 
 def test_push_does_not_ignore_an_option_that_the_dataset_contradicts(
@@ -238,7 +258,10 @@ def test_datasets_are_lines_with_tabs_and_json_on_request(unghost, pushed):
 
 
 def test_stats_count_by_reason(unghost, pushed):
-    assert "reason no_visible_pixels\t3" in unghost("stats", pushed).out
+    lines = unghost("stats", pushed).out.splitlines()
+
+    assert {"boxes\t6", "reason\tno_visible_pixels\t3\t50.0"} <= set(lines)
+    assert "class\tcar\t6\t3\t3\t0\t50.0" in lines
     (record,) = unghost("stats", pushed, "--json").records
     assert record["by_reason"]["visible"] == 3
 

@@ -13,7 +13,7 @@ from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
 from unghost import Client
 
-DONE, REFUSED, USAGE, PARTLY = 0, 1, 2, 3
+DONE, REFUSED, USAGE, PARTLY, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 @pytest.fixture
@@ -39,6 +39,22 @@ def test_filter_writes_one_line_per_frame_in_order(unghost, tmp_path):
     assert verdicts == {"real": "kept", "ghost": "rejected"}
 
 
+def test_an_interrupted_filter_says_so_and_leaves_no_half_file(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text() * 20_000)
+
+    with unghost.running("filter", folder, "-o", "out/all.jsonl") as process:
+        while not (tmp_path / "out").is_dir() or not any((tmp_path / "out").iterdir()):
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+
+    assert (process.returncode, out) == (INTERRUPTED, "")
+    assert "interrupted; out/all.jsonl was not written" in err
+    assert list((tmp_path / "out").iterdir()) == []
+
+
 def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
 
@@ -58,6 +74,18 @@ def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
     assert "refused: run/000001" in answer.err
     lines = lines_of(tmp_path / "out.jsonl")
     assert lines[1]["error"]["errors"][0]["pointer"].startswith("/boxes/0")
+
+
+@pytest.mark.parametrize("named", ["", "manifest.jsonl"])
+def test_filter_does_not_write_over_its_own_source(unghost, tmp_path, named):
+    folder = write_manifest(tmp_path / "frames", 2)
+    before = (folder / "manifest.jsonl").read_bytes()
+
+    answer = unghost("filter", folder / named, "-o", folder / "manifest.jsonl")
+
+    assert answer.code == USAGE
+    assert "is the source itself" in answer.err
+    assert (folder / "manifest.jsonl").read_bytes() == before
 
 
 def test_filter_prints_decisions_if_no_file_is_named(unghost, tmp_path):
@@ -171,3 +199,73 @@ def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
     assert "render" in first.err
     assert "render" not in again.err
     assert again.records[-1]["stats"] == record["stats"]
+
+
+def test_convert_takes_every_box_over_without_a_server(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3)
+
+    answer = unghost("convert", folder, "--to", "coco", "-o", "made", "--json")
+
+    assert answer.code == DONE
+    assert answer.records == [
+        {
+            "output": "made",
+            "frames": 3,
+            "failed": 0,
+            "boxes": {"in": 6, "out": 6, "dropped": 0},
+        }
+    ]
+    assert "classes in this order: car" in answer.err
+    parts = [tmp_path / f"made/annotations/instances_{part}.json" for part in PARTS]
+    made = [json.loads(part.read_text("utf-8")) for part in parts]
+    assert sum(len(one["annotations"]) for one in made) == 6
+
+
+PARTS = ("train", "val")
+
+
+def test_convert_with_the_filter_leaves_out_what_is_rejected(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
+    config = tmp_path / "filter.yaml"
+    config.write_text("threshold_small_box: 99.9\n")
+
+    for options, kept in (((), 2), (("--config", config), 2)):
+        target = tmp_path / f"made-{len(options)}"
+        answer = unghost(
+            "convert", folder, "--to", "yolo", "-o", target, "--filter", *options
+        )
+        assert answer.code == PARTLY
+        assert "refused: run/000001" in answer.err
+        labels = sorted((target / "labels").rglob("*.txt"))
+        assert sum(len(one.read_text().splitlines()) for one in labels) == kept
+        books = json.loads((target / "manifest.json").read_text("utf-8"))
+        assert [row["reason"] for row in books["boxes"]] == ["no_visible_pixels"] * 2
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("--to", "ylo"), REFUSED, "the nearest is 'yolo'"),
+        (("--to", "cvat", "-O", "bands=50"), REFUSED, "has no option 'bands'"),
+        (("--to", "yolo", "-O", "split"), USAGE, "not of the form KEY=VALUE"),
+        (("--to", "yolo", "--config", "frames/manifest.jsonl"), USAGE, "--filter"),
+    ],
+)
+def test_convert_says_what_it_cannot_do(unghost, tmp_path, words, code, says):
+    folder = write_manifest(tmp_path / "frames", 1)
+
+    answer = unghost("convert", folder, "-o", "made", *words)
+
+    assert answer.code == code
+    assert says in " ".join(answer.err.split())
+    assert not (tmp_path / "made").exists()
+
+
+def test_convert_never_writes_over_something(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+
+    answer = unghost("convert", folder, "--to", "yolo", "-o", folder)
+
+    assert answer.code == REFUSED
+    assert "expected a new or an empty folder" in answer.err
+    assert (folder / "manifest.jsonl").is_file()

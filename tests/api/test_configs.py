@@ -79,7 +79,7 @@ def test_activating_a_config_is_a_run(api, dataset):
         (b"threshold_small_box: 101", "bad_config", "101"),
         (b"threshold_small_box: .nan", "bad_config", "threshold_small_box"),
         (b"threshold_small_box: '10'", "bad_config", "10"),
-        (b"evidence: depth", "not_available", "depth"),
+        (b"evidence: dept", "bad_config", "did you mean 'depth'"),
         (b"a: [", "bad_yaml", ""),
         (b"\xff\xfe\xfa", "bad_yaml", ""),
         (b"[" * 20_000, "bad_yaml", ""),
@@ -149,6 +149,7 @@ def test_a_preview_says_what_would_flip_and_writes_nothing(api, dataset):
     car, ghost = ids(api, dataset)
     kept = {"verdict": "kept", "reason": "visible"}
     unseen = {"verdict": "rejected", "reason": "no_visible_pixels"}
+    each_way = {"kept_to_rejected": 1, "rejected_to_kept": 1}
     frame = api.json(f"/boxes/{car}")["frame_id"]
     items = {item["box_id"]: item for item in preview["flips"].pop("items")}
     assert {key: preview[key] for key in preview if key != "config"} == {
@@ -156,12 +157,13 @@ def test_a_preview_says_what_would_flip_and_writes_nothing(api, dataset):
         "counts": {"kept": 1, "rejected": 1, "unmeasured": 0},
         "by_reason": {"no_visible_pixels": 1, "visible": 1},
         "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},
+        "reasons_by_class": {"car": {"no_visible_pixels": 1, "visible": 1}},
         "histograms": {
             "edges": [0.0, 50.0, 100.0],
             "classes": {"car": [1, 1]},
             "thresholds": {"car": 10.0},
         },
-        "flips": {"total": 2, "kept_to_rejected": 1, "rejected_to_kept": 1},
+        "flips": {"total": 2, **each_way, "by_class": {"car": each_way}},
     }
     assert items[ghost] == {
         "box_id": ghost,

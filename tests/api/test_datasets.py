@@ -242,8 +242,10 @@ def test_deleting_asks_for_the_name_again(api):
     wrong = api.http.delete(path, params={"confirm": "other"})
     right = api.http.delete(path, params={"confirm": name})
 
-    assert (forgotten.status_code, wrong.status_code) == (422, 400)
-    assert wrong.json()["code"] == "not_confirmed"
+    assert (forgotten.status_code, wrong.status_code) == (400, 400)
+    assert {each.json()["code"] for each in (forgotten, wrong)} == {"not_confirmed"}
+    assert f"expected ?confirm={name}, found nothing" in forgotten.json()["detail"]
+    assert wrong.json()["detail"].endswith("found 'other'")
     assert (right.status_code, right.content) == (204, b"")
     assert api.get(f"/datasets/{name}").status_code == 404
     assert api.get(f"/frames/{frame}").status_code == 404

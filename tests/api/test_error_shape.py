@@ -35,6 +35,15 @@ def test_codes_are_not_used_twice():
     assert sorted(codes) == sorted(set(codes))
 
 
+@pytest.mark.parametrize("path", ["/healthz", "/api/v1/datasets", "/static/js/main.js"])
+def test_head_is_refused_cleanly_where_get_is_answered(admin, path):
+    """A HEAD that did all the work of a GET would cost as much and say less."""
+    answer = admin.head(path)
+
+    assert (answer.status_code, answer.content) == (405, b"")
+    assert "GET" in answer.headers["allow"]
+
+
 @pytest.mark.parametrize(
     ("method", "path", "status", "code"),
     [

@@ -9,7 +9,7 @@ import re
 import pytest
 
 from app.errors import NotFound
-from app.page_files import content_security_policy, page_file
+from app.page_files import content_security_policy, page_file, started_modules
 from app.resources import static_dir
 
 FILES = sorted(
@@ -31,6 +31,29 @@ def test_the_shell_is_open_and_takes_any_filter(anybody):
 
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
+
+
+def test_the_shell_names_every_module_that_it_starts_with(anybody):
+    """Else a browser learns of them one round trip after the other."""
+    page = anybody.get("/").text
+
+    named = re.findall(r'rel="modulepreload" href="/static/([^"]+)"', page)
+
+    assert named == started_modules(static_dir(), "js/main.js")
+    assert {"js/main.js", "js/views/shell.js", "js/views/frames.js"} < set(named)
+    assert not any("uplot" in name for name in named), "loaded with its view"
+
+
+def test_modules_are_found_through_imports_that_run_at_once(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "main.js").write_text(
+        'import {\n  one,\n} from "./b.js";\nexport { x } from "../c.js";\n'
+        'const later = () => import("./later.js");\n/** import("./types.js").T */\n'
+    )
+    (tmp_path / "a" / "b.js").write_text('import { main } from "./main.js";')
+    (tmp_path / "c.js").write_text("export const x = 1;")
+
+    assert started_modules(tmp_path, "a/main.js") == ["a/main.js", "a/b.js", "c.js"]
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -97,7 +97,7 @@ def test_files_that_a_frame_does_not_have_are_404(api, stored):
     answers = [api.get(f"/frames/{frame}/{kind}") for kind in ("depth", "lidar")]
 
     assert [answer.status_code for answer in answers] == [404, 404]
-    assert answers[0].json()["detail"] == f"there is no depth of frame {frame}"
+    assert answers[0].json()["detail"] == f"frame {frame} has no file 'depth'"
 
 
 def test_the_segmentation_without_boxes_is_its_palette_bit_for_bit(api, stored):

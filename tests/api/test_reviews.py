@@ -195,6 +195,48 @@ def test_an_undo_can_be_undone(api, dataset, ghosts):
     assert effective(api, dataset) == 6
 
 
+def test_stacked_acts_are_undone_one_after_the_other(api, dataset, ghosts):
+    api.review(ghosts[0], "unsure", comment="before")
+    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    second = bulk(api, dataset, "reject", box_ids=ghosts[:2]).json()["id"]
+    third = bulk(api, dataset, "unsure", box_ids=ghosts[:1]).json()["id"]
+
+    undone = [undo(api, batch).json() for batch in (third, second, first)]
+
+    assert [(one["undone"], one["skipped"]) for one in undone] == [
+        (1, []),
+        (2, []),
+        (3, []),
+    ]
+    review = api.json(f"/boxes/{ghosts[0]}")["review"]
+    assert (review["verdict"], review["comment"]) == ("unsure", "before")
+    assert [api.json(f"/boxes/{box}")["review"] for box in ghosts[1:]] == [None, None]
+    assert effective(api, dataset) == 3
+
+
+def test_an_act_under_one_that_stands_is_left(api, dataset, ghosts):
+    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    second = bulk(api, dataset, "reject", box_ids=ghosts[:2]).json()["id"]
+    redone = undo(api, undo(api, second).json()["id"])
+
+    undone = undo(api, first).json()
+
+    assert redone.json()["undone"] == 2
+    assert (undone["undone"], undone["skipped"]) == (1, ghosts[:2])
+
+
+def test_an_answer_between_acts_still_stands_when_both_are_undone(api, dataset, ghosts):
+    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    api.review(ghosts[0], "unsure", 1)
+    second = bulk(api, dataset, "reject", box_ids=ghosts).json()["id"]
+    undo(api, second)
+
+    undone = undo(api, first).json()
+
+    assert (undone["undone"], undone["skipped"]) == (2, ghosts[:1])
+    assert api.json(f"/boxes/{ghosts[0]}")["review"]["verdict"] == "unsure"
+
+
 def test_a_filter_is_answered_if_it_has_as_many_boxes_as_were_seen(api, dataset):
     rejected = {"filter": {"verdict": "rejected", "class": "car"}}
 
@@ -205,6 +247,7 @@ def test_a_filter_is_answered_if_it_has_as_many_boxes_as_were_seen(api, dataset)
     assert [each.status_code for each in (blind, wrong, right)] == [422, 409, 201]
     assert wrong.json()["code"] == "count_changed"
     assert "3" in wrong.json()["detail"]
+    assert wrong.json()["found"] == 3
     assert right.json()["count"] == 3
     assert effective(api, dataset) == 6
 

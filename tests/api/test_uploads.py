@@ -66,6 +66,8 @@ def test_another_body_is_no_frame(api, headers, content, status, code):
         pytest.param("a%5Cb", id="a backslash"),
         pytest.param("a%00b", id="NUL"),
         pytest.param("a%09b", id="a tabulator"),
+        pytest.param("a%0Ab", id="a line end"),
+        pytest.param("a%0A", id="a line end at the end"),
         pytest.param("%E2%80%AEa", id="text that runs backwards"),
         pytest.param("x" * 513, id="513 characters"),
     ],
@@ -77,6 +79,12 @@ def test_a_key_names_a_frame_and_never_a_path(api, key):
 
     assert (answer.status_code, answer.json()["code"]) == (422, "bad_key")
     assert api.json(f"/datasets/{dataset}/frames")["items"] == []
+
+
+def test_a_key_with_a_line_end_is_told_from_one_that_is_not_there(api):
+    answer = api.put(api.dataset(), "a%0Ab")
+
+    assert "a control character" in answer.json()["detail"]
 
 
 def test_a_key_of_512_characters_is_taken(api):

@@ -16,6 +16,10 @@ from app.resources import migrations_dir
 
 SCRIPTS = migrations_dir()
 TOKENS = access_tables.Token.__tablename__
+EXPORT = text(
+    "INSERT INTO exports (dataset_id, format, options, state, created_by, created_at)"
+    " VALUES (:dataset, 'yolo', '{}', :state, 'ada', '2026-01-01')"
+)
 
 
 def add_dataset(session: Session, name: str) -> tables.Dataset:
@@ -77,10 +81,26 @@ def test_a_row_without_its_parent_is_refused_and_children_go_along(engine):
         assert session.scalars(select(tables.DatasetClass.id)).all() == []
 
 
+def test_exports_keep_their_numbers_and_states_through_both_directions(engine):
+    migrate(engine, SCRIPTS, "0002")
+    with Session(engine) as session, session.begin():
+        dataset = add_dataset(session, "labelled").id
+        for state in ("done", "cancelled"):
+            session.execute(EXPORT, {"dataset": dataset, "state": state})
+
+    migrate(engine, SCRIPTS, "0001")
+    migrate(engine, SCRIPTS)
+
+    with Session(engine) as session:
+        rows = session.execute(text("SELECT id, state, done FROM exports ORDER BY id"))
+        assert [tuple(row) for row in rows] == [(1, "done", 0), (2, "failed", 0)]
+
+
 @pytest.mark.parametrize(
     "name",
     [
         "ck_runs_state",
+        "ck_exports_state",
         "ck_decisions_reason",
         "ck_decisions_review",
         "ck_reviews_verdict",

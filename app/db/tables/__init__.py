@@ -10,11 +10,12 @@ from app.db.tables.datasets import (
 from app.db.tables.decisions import Decision, Flips, Tally
 from app.db.tables.frames import Blob, Box, Frame, FrameEvidence, FrameFile, IdBlock
 from app.db.tables.records import Export, Problem
-from app.db.tables.reviews import Review, ReviewBatch
+from app.db.tables.reviews import Claim, Review, ReviewBatch
 
 __all__ = [
     "Blob",
     "Box",
+    "Claim",
     "ConfigVersion",
     "Dataset",
     "DatasetClass",

@@ -46,6 +46,14 @@ class Decision(Base):
             sqlite_where=text("large IS 1"),
             postgresql_where=text("large IS true"),
         ),
+        Index(
+            "ix_decisions_unanswered",
+            "dataset_id",
+            "class_id",
+            "match_percent",
+            sqlite_where=text("review IS NULL"),
+            postgresql_where=text("review IS NULL"),
+        ),
         Index("ix_decisions_by_crowding", "dataset_id", "crowding"),
         Index(
             "ix_decisions_reviewed",

@@ -121,6 +121,7 @@ class FrameEvidence(Base):
     numbers: Mapped[bytes] = mapped_column(LargeBinary)
     tag_counts: Mapped[bytes] = mapped_column(LargeBinary)
     geometry: Mapped[bytes] = mapped_column(LargeBinary)
+    channels: Mapped[bytes | None] = mapped_column(LargeBinary)
     segmentation: Mapped[Any | None] = mapped_column(JsonText)
     lossy: Mapped[bool]
 

@@ -40,7 +40,8 @@ class Export(Base):
     __tablename__ = "exports"
     __table_args__ = (
         CheckConstraint(
-            "state in ('queued', 'running', 'done', 'failed')", name="state"
+            "state in ('queued', 'running', 'done', 'failed', 'cancelled')",
+            name="state",
         ),
         Index(None, "dataset_id", "id"),
         {"sqlite_autoincrement": True},
@@ -54,6 +55,8 @@ class Export(Base):
     options: Mapped[Any] = mapped_column(JsonText)
     state: Mapped[str] = mapped_column(String(16), default="queued")
     run_id: Mapped[int | None] = mapped_column(Key)
+    total: Mapped[int] = mapped_column(Key, default=0)
+    done: Mapped[int] = mapped_column(Key, default=0)
     sha256: Mapped[str | None] = mapped_column(String(64))
     size_bytes: Mapped[int | None] = mapped_column(Key)
     media_type: Mapped[str | None] = mapped_column(String(64))

@@ -1,4 +1,4 @@
-"""Answers of people. Insert-only."""
+"""Answers of people, insert-only, and who is looking at which box until when."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from datetime import datetime
 from sqlalchemy import (
     CheckConstraint,
     ForeignKey,
+    Index,
     String,
     Text,
     UniqueConstraint,
@@ -55,3 +56,22 @@ class Review(Base):
         Key, ForeignKey("review_batches.id", ondelete="CASCADE"), index=True
     )
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class Claim(Base):
+    """A box that one reviewer was given, and nobody else is until it expires."""
+
+    __tablename__ = "claims"
+    __table_args__ = (Index(None, "dataset_id", "expires_at"),)
+
+    box_id: Mapped[int] = mapped_column(
+        Key,
+        ForeignKey("boxes.id", ondelete="CASCADE"),
+        primary_key=True,
+        autoincrement=False,
+    )
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    reviewer: Mapped[str] = mapped_column(String(100))
+    expires_at: Mapped[datetime] = mapped_column(UtcDateTime)

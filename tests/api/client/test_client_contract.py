@@ -142,6 +142,13 @@ def test_files_come_back_as_they_were_sent(client, filled):
     assert client.frame_file(frame.id, "segmentation") == frames.segmentation()
 
 
+def test_a_file_that_a_frame_came_without_is_named(client, filled):
+    frame = next(client.frames(filled))
+
+    with pytest.raises(unghost.NotFound, match=f"frame {frame.id} has no file 'depth'"):
+        client.frame_file(frame.id, "depth")
+
+
 def test_pictures_are_drawn(client, filled):
     frame = next(client.frames(filled))
     box = ghost(client, filled)
@@ -226,3 +233,23 @@ def test_a_bulk_review_by_filter_guards_its_count(client, filled):
     batch = client.bulk_review(filled, "keep", rejected, expected_count=3)
 
     assert batch.count == 3
+
+
+def test_many_frames_are_pushed_and_told_about(client, dataset, tmp_path):
+    (tmp_path / "image.png").write_bytes(frames.image())
+    good = {"image": tmp_path / "image.png", "segmentation": frames.segmentation()}
+    bad = {"boxes": [{"class": "car", "xyxy": [0, 0, "wide", 1]}]}
+    outgoing = [
+        unghost.OutgoingFrame("a/1", frames.annotation(), good),
+        unghost.OutgoingFrame("a/2", bad, good),
+        unghost.OutgoingFrame("a/3", frames.annotation(), good),
+    ]
+
+    told = {outcome.key: outcome for outcome in client.push(dataset, outgoing)}
+    again = {outcome.key: outcome.word for outcome in client.push(dataset, outgoing)}
+
+    assert isinstance(told["a/2"], unghost.NotSent)
+    assert isinstance(told["a/3"], unghost.Sent)
+    assert (told["a/3"].counts.kept, told["a/3"].counts.rejected) == (1, 1)
+    assert again == {"a/1": "already_there", "a/2": "refused", "a/3": "already_there"}
+    assert client.frame(told["a/1"].frame_id).key == "a/1"

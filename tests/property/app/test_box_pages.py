@@ -17,7 +17,9 @@ from app.db.base import Base
 from app.db.tables import Decision, Tally
 from app.repositories.box_filter import BoxFilter, ClassThresholds
 from app.repositories.box_pages import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
+from app.repositories.box_probes import BoxProbes
 from app.repositories.tallies import TallyKey, TallyRepository
+from app.services.box_counts import count_alike
 from filter_core.types import Reason, Verdict
 
 DATASET, OTHER = 1, 2
@@ -118,6 +120,7 @@ FILTERS = st.fixed_dictionaries(
         "review": st.sampled_from(["undecided", "decided", "keep", "none", "any"]),
         "effective": st.sampled_from(Verdict),
         "toss_up": st.booleans(),
+        "conflict": st.booleans(),
         "match_min": st.just(10.0),
         "match_max": st.just(55.0),
         "margin_max": st.just(5.0),
@@ -154,10 +157,16 @@ def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:
         and ("review" not in wanted or row.review in REVIEWS[wanted["review"]])
         and ("effective" not in wanted or effective(row) is wanted["effective"])
         and ("toss_up" not in wanted or row.toss_up is wanted["toss_up"])
+        and ("conflict" not in wanted or is_conflict(row) is wanted["conflict"])
         and ("match_min" not in wanted or match >= wanted["match_min"])
         and ("match_max" not in wanted or 0 <= match <= wanted["match_max"])
         and ("margin_max" not in wanted or is_within(row, thresholds, 5.0))
     )
+
+
+def is_conflict(row: Row) -> bool:
+    said = (row.review, row.reason.verdict)
+    return said in [("keep", Verdict.REJECTED), ("reject", Verdict.KEPT)]
 
 
 def is_within(row: Row, thresholds, percent: float) -> bool:
@@ -248,3 +257,8 @@ def test_pages_are_all_boxes_of_the_filter_in_order(
     by_id = {row.box_id: row for row in rows}
     keys = [key(by_id[box_id], order, thresholds) for box_id in found]
     assert keys == sorted(keys)
+    tallies = TallyRepository(session).of_dataset(DATASET)
+    counted = BoxProbes(session).count(query)
+    if not query.has_ranges:
+        assert count_alike(tallies, query) == counted
+    assert counted == len(expected)

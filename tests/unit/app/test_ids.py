@@ -11,7 +11,8 @@ def test_the_id_of_a_deleted_dataset_is_not_used_again(tmp_path):
     with running_services(tmp_path / "data") as services:
         first = services.dataset()
         with services.context.database.write() as session:
-            remove_dataset(session, DatasetRepository(session).named(first.name))
+            found = DatasetRepository(session).named(first.name)
+            remove_dataset(session, found, first.name)
 
         second = services.dataset()
 

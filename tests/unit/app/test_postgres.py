@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 
 from app.repositories.box_pages import ORDERS, BoxPages
+from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
-from app.services.ingest import MAX_TEXT
+from app.services.exports import ExportRequest, request_export
+from app.services.incoming import MAX_TEXT
+from app.services.run_diffs import DiffPage, compared_runs, run_diff
+from app.services.runs import carry_out
 from filter_core.types import Reason
 from tests.api import frames as scene
 from tests.databases import empty_postgres
 from tests.services import Services, Street, running_services
+from tests.unit.app.interruptions import CancelledNumbers
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
@@ -108,3 +114,34 @@ def test_runs_and_frames_at_once_leave_nothing_undecided(services):
     assert [run.state for run in runs] == ["done"] * 8
     assert street.tallies() == street.recounted()
     assert list(street.reasons().values()) == [KEPT, UNSEEN] * 25
+
+
+def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
+    street = services.dataset()
+    put(street, "a")
+    before = street.reasons()
+    run_id = street.request({"min_visible_pixels": 10**6})
+    numbers = CancelledNumbers(services, run_id)
+
+    carry_out(replace(services.context, numbers=numbers), run_id)
+
+    assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
+    assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)
+
+
+def test_two_runs_compare_and_an_export_is_written(services):
+    street = services.dataset()
+    put(street, "a")
+    run = street.run({"min_visible_pixels": 10**6}, activate=False)
+    with services.context.database.read() as session:
+        runs = compared_runs(session, run.id, None)
+        diff = run_diff(services.context, session, runs, DiffPage(10, None))
+    with services.context.database.write() as session:
+        wanted = ExportRequest("yolo", {}, "ada")
+        export = request_export(services.context, session, street.row(session), wanted)
+    street.wait(run.id)
+
+    assert (diff["total"], diff["kept_to_rejected"]) == (1, 1)
+    with services.context.database.read() as session:
+        found = ExportRepository(session).with_id(export.id)
+        assert (found.state, found.done, found.total) == ("done", 1, 1)

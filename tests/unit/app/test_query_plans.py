@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from sqlalchemy import event, text
+from sqlalchemy import event, select, text
 from sqlalchemy.orm import Session
 
+from app.db.tables import Decision
 from app.repositories.box_pages import BoxPages
 from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
@@ -27,7 +28,8 @@ def street(services):
     for number in range(40):
         annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
         street.put(f"{number:03}", annotation, segmentation=scene.segmentation())
-    street.review(street.box_ids()[0], "keep")
+    for box_id in street.box_ids()[:2]:
+        street.review(box_id, "keep")
     return street
 
 
@@ -53,6 +55,10 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
     finally:
         event.remove(engine, "before_cursor_execute", note)
     assert ids
+    return explained(session, statements)
+
+
+def explained(session: Session, statements: list[tuple[str, Any]]) -> list[str]:
     connection = session.connection()
     return [
         row[3]
@@ -80,6 +86,7 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
         ),
         pytest.param(Selection(), "-match_percent", "by_match", id="match, falling"),
         pytest.param(Selection(), "crowding", "by_crowding", id="crowding"),
+        pytest.param(Selection(review="none"), "doubt", "unanswered", id="queue"),
         pytest.param(
             Selection(verdict="rejected"), "doubt", "by_match", id="verdict by doubt"
         ),
@@ -96,6 +103,27 @@ def test_a_page_is_read_off_an_index(street, session, wanted, order, index):
     ), plan
     assert any(index in step for step in reads), plan
     assert not [step for step in plan if "TEMP B-TREE" in step], plan
+
+
+@pytest.mark.parametrize("review", ["none", "undecided", "unsure"])
+def test_boxes_are_asked_about_by_their_ids(street, session, review):
+    wanted = to_filter(session, street.row(session), Selection(review=review))
+    rows = select(Decision.box_id).where(
+        Decision.box_id.in_(range(1, 500)), *wanted.conditions_by_id()
+    )
+    text_of = rows.compile(session.connection(), compile_kwargs={"literal_binds": True})
+
+    (step,) = explained(session, [(str(text_of), ())])
+
+    assert "USING INTEGER PRIMARY KEY" in step
+
+
+@pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
+def test_what_people_answered_is_found_by_their_answers(street, session, wanted):
+    plan = plan_of(session, street, Selection(**wanted), "doubt")
+
+    reads = [step for step in plan if "decisions" in step]
+    assert all("ix_decisions_reviewed" in step for step in reads), plan
 
 
 def test_a_page_of_frames_is_read_off_an_index(session):

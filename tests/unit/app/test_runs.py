@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
+from app.repositories.runs import RunRepository
 from app.services.numbers import DatasetNumbers, NumbersCache
-from app.services.runs import carry_out, start_runs
+from app.services.run_states import described_run, job_of
+from app.services.runs import cancel_run, carry_out, start_runs
 from filter_core.types import Reason
 from tests.api import frames as scene
 from tests.services import running_services
+from tests.unit.app.interruptions import CancelledNumbers, InterruptedNumbers
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
@@ -21,26 +23,6 @@ CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 def put(street, key, shift=0):
     files = {"image": scene.image(), "segmentation": scene.segmentation(shift)}
     return street.put(key, scene.annotation(), **files)
-
-
-class InterruptedNumbers(NumbersCache):
-    """Numbers whose loading somebody's upload gets ahead of, once."""
-
-    def __init__(self, interruption: Callable[[], object], *, before: bool) -> None:
-        super().__init__()
-        self._waiting = [interruption]
-        self._before = before
-
-    def load(self, session, dataset_id, measurement_id) -> DatasetNumbers:
-        if self._before:
-            self._interrupt()
-        loaded = super().load(session, dataset_id, measurement_id)
-        self._interrupt()
-        return loaded
-
-    def _interrupt(self) -> None:
-        while self._waiting:
-            self._waiting.pop()()
 
 
 @pytest.mark.parametrize("before", [True, False])
@@ -195,3 +177,58 @@ def test_a_frame_without_boxes_is_decided_again(services):
     assert street.preview(CARS_ARE_SKY)["flips"]["total"] == 0
     assert street.run(CARS_ARE_SKY).state == "done"
     assert street.run({"profile": "carlasimu"}).state == "done"
+
+
+@pytest.mark.parametrize("config", [{"min_visible_pixels": 10**6}, CARS_ARE_SKY])
+def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, config):
+    """Who cancels it waits for the only place of a writer, which the run holds."""
+    street = services.dataset()
+    put(street, "a")
+    before = (street.reasons(), street.tallies(), street.active_config())
+    run_id = street.request(config)
+    numbers = CancelledNumbers(services, run_id)
+
+    carry_out(replace(services.context, numbers=numbers), run_id)
+
+    assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
+    assert street.wait(run_id).state == "cancelled"
+    assert (street.reasons(), street.tallies(), street.active_config()) == before
+    assert len(street.history(street.box_ids()[0])) == 1
+    assert services.context.engine.interrupted() == set()
+
+
+def test_a_run_that_could_not_be_cancelled_goes_on(services):
+    street = services.dataset()
+    put(street, "a")
+    run_id = street.request({"min_visible_pixels": 10**6})
+
+    def fails_after_cancelling():
+        with services.context.database.write() as session:
+            cancel_run(services.context, session, run_id)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails_after_cancelling()
+
+    assert street.wait(run_id).state == "done"
+    assert services.context.engine.interrupted() == set()
+
+
+def test_progress_is_seen_while_the_last_transaction_is_open(services):
+    street = services.dataset()
+    put(street, "a")
+    run_id = street.request({"min_visible_pixels": 10**6})
+    seen = []
+
+    class Watched(NumbersCache):
+        def load(self, session, dataset_id, measurement_id) -> DatasetNumbers:
+            services.context.engine.report(job_of(run_id), 1)
+            with services.context.database.read() as elsewhere:
+                run = RunRepository(elsewhere).with_id(run_id)
+                seen.append(described_run(services.context, elsewhere, run))
+            return super().load(session, dataset_id, measurement_id)
+
+    carry_out(replace(services.context, numbers=Watched()), run_id)
+
+    assert {(run["state"], run["done"]) for run in seen} == {("running", 1)}
+    assert services.context.engine.reported(job_of(run_id)) == 0

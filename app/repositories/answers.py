@@ -1,0 +1,71 @@
+"""Answers of people beside the verdicts on the same boxes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from app.db.tables import Decision, Review, ReviewBatch
+
+
+class AnsweredBox(NamedTuple):
+    """A current decision that a person confirmed or overruled."""
+
+    box_id: int
+    class_id: int
+    reason: int
+    large: bool
+    match_percent: float | None
+    distance: float | None
+    review: str | None
+
+
+class Said(NamedTuple):
+    """One answer of one person."""
+
+    box_id: int
+    reviewer: str
+    verdict: str
+    batch_id: int | None
+
+
+class AnswerRepository:
+    """Reads `reviews` beside `decisions`; only boxes that were answered are read."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def decided(self, dataset_id: int) -> list[AnsweredBox]:
+        """Boxes whose latest answer is keep or reject."""
+        rows = select(
+            Decision.box_id,
+            Decision.class_id,
+            Decision.reason,
+            Decision.large,
+            Decision.match_percent,
+            Decision.distance,
+            Decision.review,
+        ).where(
+            Decision.dataset_id == dataset_id,
+            Decision.review.in_(("keep", "reject")),
+        )
+        return [AnsweredBox(*row) for row in self._session.execute(rows)]
+
+    def said(self, dataset_id: int) -> list[Said]:
+        """All answers on boxes that have a current one, oldest first per box."""
+        rows = (
+            select(Review.box_id, Review.reviewer, Review.verdict, Review.batch_id)
+            .join(Decision, Decision.box_id == Review.box_id)
+            .where(Decision.dataset_id == dataset_id, Decision.review.is_not(None))
+            .order_by(Review.box_id, Review.revision)
+        )
+        return [Said(*row) for row in self._session.execute(rows)]
+
+    def taken_back(self, dataset_id: int) -> set[int]:
+        """Batches that were undone, and those that undid them."""
+        rows = select(ReviewBatch.id, ReviewBatch.undoes_id).where(
+            ReviewBatch.dataset_id == dataset_id, ReviewBatch.undoes_id.is_not(None)
+        )
+        return {batch_id for row in self._session.execute(rows) for batch_id in row}

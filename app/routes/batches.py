@@ -1,0 +1,158 @@
+"""Many frames in one request: a tar in and, meanwhile, a line of JSON per frame out."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, Final
+
+from fastapi import Query, Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+from starlette.types import Receive, Scope, Send
+
+from app.deps import AppServices, CurrentPrincipal
+from app.errors import UnsupportedMedia
+from app.http_errors import problem_of
+from app.logs import current_request_id
+from app.routes.datasets import DatasetName
+from app.routing import LARGE_BODY, ApiRouter
+from app.services.batch_work import BatchOf, FrameLine
+from app.services.batches import ArchiveFrames, BatchIntake
+from app.services.context import ServiceContext
+
+ARCHIVE: Final = "application/x-tar"
+LINES: Final = "application/x-ndjson"
+
+router = ApiRouter(prefix="/api/v1", tag="frames")
+
+_BODY: Final = {
+    "requestBody": {
+        "required": True,
+        "content": {ARCHIVE: {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+_ANSWER: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "content": {LINES: {"schema": {"type": "string"}}},
+        "description": "A line per frame as soon as it is stored, and a last one.",
+    }
+}
+
+
+@router.post(
+    "/datasets/{dataset}/batches",
+    response_class=Response,
+    responses=_ANSWER,
+    openapi_extra={**LARGE_BODY, **_BODY},
+)
+async def post_batch(
+    dataset: DatasetName,
+    request: Request,
+    principal: CurrentPrincipal,
+    services: AppServices,
+    replace: Annotated[
+        bool, Query(description="Store other content as the next revision.")
+    ] = False,
+) -> Response:
+    """Store the frames of a tar while it comes; each is answered once it is durable."""
+    _expect_archive(request)
+    return BatchAnswer(request, services, BatchOf(dataset, principal.name, replace))
+
+
+def _expect_archive(request: Request) -> None:
+    media_type = request.headers.get("content-type", "")
+    if media_type.partition(";")[0].strip().lower() != ARCHIVE:
+        raise UnsupportedMedia(
+            f"the body must be {ARCHIVE}, it says {media_type or 'nothing'!r}"
+        )
+    coding = request.headers.get("content-encoding", "identity")
+    if coding.lower() != "identity":
+        raise UnsupportedMedia(
+            f"the body must not be encoded, it says {coding[:80]!r}; images are "
+            "compressed already"
+        )
+
+
+class BatchAnswer(Response):
+    """Reads the request while it answers; nothing else may listen to the request."""
+
+    media_type = LINES
+
+    def __init__(
+        self, request: Request, services: ServiceContext, batch: BatchOf
+    ) -> None:
+        super().__init__()
+        del self.headers["content-length"]
+        self._request, self._services, self._batch = request, services, batch
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """What is wrong before the first frame is a problem, as everywhere."""
+        services = self._services
+        most = services.settings.max_open_batches
+        with services.batches.enter(most):
+            await run_in_threadpool(self._require_dataset)
+            frames = ArchiveFrames(services.settings, self._request.stream())
+            await frames.begin()
+            await send(
+                {
+                    "type": "http.response.start",
+                    "status": self.status_code,
+                    "headers": self.raw_headers,
+                }
+            )
+            async for line in self._lines(frames):
+                await send(
+                    {"type": "http.response.body", "body": line, "more_body": True}
+                )
+            await send({"type": "http.response.body", "body": b""})
+
+    def _require_dataset(self) -> None:
+        with self._services.database.read() as session:
+            self._services.plans.active(session, self._batch.dataset)
+
+    async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
+        writers = self._request.app.state.writers
+        intake = BatchIntake(self._services, self._batch, writers)
+        told: Counter[str] = Counter(stored=0, same=0, refused=0)
+        end: dict[str, Any] = {"end": True}
+        try:
+            async for line in intake.lines(aiter(frames)):
+                status = self._status(line)
+                self._request.app.state.metrics.observe_frame(status)
+                told[_KINDS.get(status, "refused")] += 1
+                yield _line(self._described(line, status))
+        except ClientDisconnect:
+            return  # nobody is left to be told
+        except Exception as error:
+            end["problem"] = self._problem(error)
+        yield _line({**end, "frames": told.total(), **told})
+
+    def _status(self, line: FrameLine) -> int:
+        if line.error is not None:
+            return problem_of(line.error).status
+        return 201 if line.created else 200
+
+    def _described(self, line: FrameLine, status: int) -> dict[str, Any]:
+        described = {
+            "key": line.key,
+            "status": status,
+            "frame_id": line.frame_id,
+            "decisions": line.verdicts,
+        }
+        if line.error is not None:
+            described["problem"] = self._problem(line.error)
+        return described
+
+    def _problem(self, error: Exception) -> dict[str, Any]:
+        return problem_of(error).document(
+            instance=self._request.url.path, request_id=current_request_id.get()
+        )
+
+
+_KINDS: Final = {201: "stored", 200: "same"}
+
+
+def _line(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, ensure_ascii=False).encode() + b"\n"

@@ -1,0 +1,46 @@
+"""Channels compared with instances or with people."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Query, Response
+from fastapi.responses import JSONResponse
+
+from app.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
+from app.repositories.datasets import DatasetRepository
+from app.routes.accepted import accepted_run
+from app.routes.datasets import DatasetName
+from app.routing import ApiRouter
+from app.schemas.evaluations import EvaluationOut, EvaluationQuery
+from app.schemas.runs import RunOut
+from app.services.evaluations import evaluation, request_evaluation
+from app.services.runs import start_after
+
+router = ApiRouter(prefix="/api/v1", tag="evaluations")
+
+
+@router.post("/datasets/{dataset}/evaluations", status_code=202, response_model=RunOut)
+def create_evaluation(
+    dataset: DatasetName,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Measure every channel that the frames' files allow; verdicts stay as they are."""
+    found = DatasetRepository(session).named(dataset)
+    run = request_evaluation(services, session, found, principal.name)
+    start_after(services, session)
+    return accepted_run(services, session, run)
+
+
+@router.get("/datasets/{dataset}/evaluations", response_model=EvaluationOut)
+def get_evaluation(
+    dataset: DatasetName,
+    session: ReadSession,
+    services: AppServices,
+    query: Annotated[EvaluationQuery, Query()],
+) -> Response:
+    """Precision, recall and F1 of every measured channel, from the numbers at hand."""
+    found = DatasetRepository(session).named(dataset)
+    return JSONResponse(evaluation(services, session, found, query.truth))

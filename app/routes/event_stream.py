@@ -1,0 +1,81 @@
+"""Events as text/event-stream, for as long as their reader is there and may read."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import AsyncGenerator, AsyncIterator
+from contextlib import aclosing
+from typing import Annotated, Final
+
+from fastapi import Header, Request
+from fastapi.responses import StreamingResponse
+
+from app.deps import authorise, settings_of
+from app.errors import Forbidden, Unauthorised
+from app.security import Role
+from app.services.run_events import NOTHING_SEEN, RunEvent
+
+EVENT_STREAM: Final = "text/event-stream"
+_RETRY: Final = b"retry: 1000\n\n"
+"""Milliseconds until a browser that lost the stream asks again."""
+_STILL_HERE: Final = b": still here\n\n"
+_MAX_DIGITS: Final = 18
+
+LastEventId = Annotated[
+    str | None,
+    Header(description="The `id` of the last event you have: go on after it."),
+]
+
+
+def number_of(last_event_id: str | None) -> int:
+    """The number in a Last-Event-ID; whatever is none of ours starts anew."""
+    text = last_event_id or ""
+    known = text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS
+    return int(text) if known else NOTHING_SEEN
+
+
+def event_stream(
+    request: Request, events: AsyncGenerator[RunEvent | None, None]
+) -> StreamingResponse:
+    """The answer; it ends when its reader goes away, and no proxy may hold it back."""
+    return StreamingResponse(
+        _lines(request, events),
+        media_type=EVENT_STREAM,
+        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+    )
+
+
+async def _lines(
+    request: Request, events: AsyncGenerator[RunEvent | None, None]
+) -> AsyncIterator[bytes]:
+    pause = settings_of(request).event_heartbeat_s
+    checked = said = time.monotonic()
+    yield _RETRY
+    async with aclosing(events):
+        async for event in events:
+            now = time.monotonic()
+            # A token may be taken back while its stream is open.
+            if now - checked >= pause:
+                checked = now
+                if not await _may_read(request):
+                    return
+            if event is not None:
+                said = now
+                yield _event(event)
+            elif now - said >= pause:
+                said = now
+                yield _STILL_HERE
+
+
+async def _may_read(request: Request) -> bool:
+    try:
+        await authorise(request, Role.VIEWER)
+    except (Forbidden, Unauthorised):
+        return False
+    return True
+
+
+def _event(event: RunEvent) -> bytes:
+    data = json.dumps(event.run, ensure_ascii=False, separators=(",", ":"))
+    return f"event: {event.name}\nid: {event.number}\ndata: {data}\n\n".encode()

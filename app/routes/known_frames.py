@@ -1,0 +1,24 @@
+"""Which of many frames are stored already, so that nothing is sent twice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.deps import ReadSession
+from app.repositories.datasets import DatasetRepository
+from app.repositories.known_frames import known_frames
+from app.routes.datasets import DatasetName
+from app.routing import ApiRouter
+from app.schemas.known_frames import KnownFramesIn, KnownFramesOut
+
+router = ApiRouter(prefix="/api/v1", tag="frames")
+
+
+@router.post("/datasets/{dataset}/known-frames", response_model=KnownFramesOut)
+def find_known_frames(
+    dataset: DatasetName, body: KnownFramesIn, session: ReadSession
+) -> dict[str, Any]:
+    """Which of up to 1000 keys are stored, each with the digest of its content."""
+    found = DatasetRepository(session).named(dataset)
+    items = known_frames(session, found.id, body.keys)
+    return {"items": [item._asdict() for item in items]}

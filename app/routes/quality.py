@@ -1,0 +1,31 @@
+"""The filter against people, and people against each other."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Query, Response
+from fastapi.responses import JSONResponse
+
+from app.deps import AppServices, ReadSession
+from app.repositories.datasets import DatasetRepository
+from app.routes.datasets import DatasetName
+from app.routing import ApiRouter
+from app.schemas.quality import QualityOut, QualityQuery
+from app.services.quality import quality
+from filter_core.thresholds import Goal
+
+router = ApiRouter(prefix="/api/v1", tag="quality")
+
+
+@router.get("/datasets/{dataset}/quality", response_model=QualityOut)
+def get_quality(
+    dataset: DatasetName,
+    session: ReadSession,
+    services: AppServices,
+    query: Annotated[QualityQuery, Query()],
+) -> Response:
+    """The filter against people or instances, agreement, suggested thresholds."""
+    found = DatasetRepository(session).named(dataset)
+    asked = (query.truth, Goal(query.target, query.recall))
+    return JSONResponse(quality(services, session, found, asked))

@@ -1,0 +1,33 @@
+"""The review queue: boxes to look at next, claimed so that nobody else gets them."""
+
+from __future__ import annotations
+
+from fastapi import Response
+from fastapi.responses import JSONResponse
+
+from app.deps import AppServices, CurrentPrincipal, WriteSession
+from app.repositories.datasets import DatasetRepository
+from app.routes.datasets import DatasetName
+from app.routes.selections import selection_of
+from app.routing import ApiRouter
+from app.schemas.queue import QueueIn, QueueOut
+from app.services.queue import QueueRequest, next_boxes, outlook
+
+router = ApiRouter(prefix="/api/v1", tag="queue")
+
+
+@router.post("/datasets/{dataset}/queue", response_model=QueueOut)
+def take_from_queue(
+    dataset: DatasetName,
+    body: QueueIn,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """The next boxes to look at, claimed for five minutes; an answer ends the claim."""
+    chosen = body.model_dump(exclude={"filters"})
+    filters = selection_of(body.filters)
+    wanted = QueueRequest(principal.name, selection=filters, **chosen)
+    queue = outlook(services, dataset, wanted)
+    found = DatasetRepository(session).named(dataset)
+    return JSONResponse(next_boxes(session, found, wanted, queue))

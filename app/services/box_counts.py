@@ -1,0 +1,86 @@
+"""How many boxes a filter selects, exactly: from tallies if they can tell.
+
+Ranges of numbers are counted in the numbers that are held in memory, less those boxes
+that people answered, which are few and have an index.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset
+from app.repositories.box_filter import BoxFilter
+from app.repositories.box_probes import BoxProbes
+from app.repositories.tallies import TallyKey, TallyRepository
+from app.services.configs import active_version, config_of
+from app.services.context import ServiceContext
+from app.services.number_filter import selected
+from app.services.reviews import effective_verdict
+from app.services.run_requests import active_measurement
+from app.services.statistics import in_conflict
+
+ANSWERS_OF: Final = {
+    "undecided": ("", "unsure"),
+    "decided": ("keep", "reject"),
+    "keep": ("keep",),
+    "reject": ("reject",),
+    "unsure": ("unsure",),
+    "none": ("",),
+    "any": ("keep", "reject", "unsure"),
+}
+"""What the boxes of each state of review were answered last; empty: nothing."""
+
+
+ANSWERED_OTHERWISE: Final = {"": None, "undecided": "decided", "none": "any"}
+"""States of review that most boxes are in, and the state of all others."""
+
+
+def count_boxes(
+    context: ServiceContext, session: Session, dataset: Dataset, wanted: BoxFilter
+) -> int:
+    """The exact number of boxes of a filter."""
+    tallies = TallyRepository(session).of_dataset(wanted.dataset_id)
+    most = count_alike(tallies, wanted)
+    if not wanted.has_ranges or not most:
+        return most
+    by_numbers = wanted.effective is None and wanted.conflict is None
+    if not by_numbers or wanted.review not in ANSWERED_OTHERWISE:
+        return BoxProbes(session).count(wanted)
+    measurement = active_measurement(session, dataset)
+    numbers = context.numbers.load(session, dataset.id, measurement.id)
+    config = config_of(active_version(session, dataset))
+    whole = int(np.count_nonzero(selected(numbers, numbers.decided(config), wanted)))
+    others = ANSWERED_OTHERWISE[wanted.review]
+    if others is None:
+        return whole
+    return whole - BoxProbes(session).count(replace(wanted, review=others))
+
+
+def count_alike(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
+    """What tallies know of a filter: all but its ranges, so no less than there are."""
+    return sum(boxes for key, boxes in tallies.items() if selects(wanted, key))
+
+
+def selects(wanted: BoxFilter, key: TallyKey) -> bool:
+    """Whether a filter without ranges selects the boxes of this tally."""
+    return (
+        (not wanted.reasons or key.reason in wanted.reasons)
+        and (wanted.class_ids is None or key.class_id in wanted.class_ids)
+        and (wanted.toss_up is None or key.toss_up is wanted.toss_up)
+        and _fits_answer(wanted, key)
+    )
+
+
+def _fits_answer(wanted: BoxFilter, key: TallyKey) -> bool:
+    effective = effective_verdict(key.reason, key.review)
+    conflict = in_conflict(key.reason, key.review)
+    return (
+        (not wanted.review or key.review in ANSWERS_OF[wanted.review])
+        and (wanted.effective is None or effective == wanted.effective.value)
+        and (wanted.conflict is None or conflict is wanted.conflict)
+    )

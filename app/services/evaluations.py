@@ -1,0 +1,85 @@
+"""Channels compared with what is true: measured by a run, counted from its numbers."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Literal
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset, Run
+from app.repositories.answers import AnswerRepository
+from app.services.configs import active_version, config_of
+from app.services.context import ServiceContext
+from app.services.instance_truth import instance_truth
+from app.services.numbers import DatasetNumbers
+from app.services.run_requests import (
+    RunRequest,
+    active_measurement,
+    coming_settings,
+    request_run,
+)
+from filter_core.channel_types import CHANNELS
+from filter_core.decide_channels import SEMANTIC
+from filter_core.evaluation import Evaluation
+from filter_core.types import BoolArray, IntArray
+
+Truth = Literal["instances", "people"]
+
+_KEEP: Final = "keep"
+
+
+def request_evaluation(
+    context: ServiceContext, session: Session, dataset: Dataset, author: str
+) -> Run:
+    """Queue a run that measures every channel that the frames' files allow.
+
+    Verdicts stay as they are: the configuration is the active one. From then on new
+    frames are measured under every channel, too.
+    """
+    _, config = coming_settings(session, dataset)
+    wanted = RunRequest(config, author, activate=True, channels=CHANNELS)
+    return request_run(context, session, dataset, wanted)
+
+
+def evaluation(
+    context: ServiceContext, session: Session, dataset: Dataset, truth: Truth
+) -> dict[str, Any]:
+    """What each measured channel gets right, by the numbers at hand."""
+    measurement = active_measurement(session, dataset)
+    numbers = context.numbers.load(session, dataset.id, measurement.id)
+    if truth == "people":
+        rows, visible = _by_people(session, dataset, numbers)
+    else:
+        rows, visible = instance_truth(numbers)
+    stored = measurement.options.get("channels") or {}
+    channels = tuple(name for name in CHANNELS if name in stored.get("names", ()))
+    compared = Evaluation(
+        config_of(active_version(session, dataset)), (SEMANTIC, *channels)
+    )
+    frames = numbers.frame_ids[rows]
+
+    def name_of(row: int) -> dict[str, int]:
+        return {
+            "box_id": int(numbers.box_ids[rows[row]]),
+            "frame_id": int(frames[row]),
+        }
+
+    evidence = numbers.evidence.take(rows)
+    compared.add(evidence, visible, len(np.unique(frames)), name_of)
+    missing = [name for name in CHANNELS if name not in channels]
+    return {"truth": truth, "not_measured": missing, **compared.as_dict()}
+
+
+def _by_people(
+    session: Session, dataset: Dataset, numbers: DatasetNumbers
+) -> tuple[IntArray, BoolArray]:
+    """Boxes whose latest answer is keep or reject."""
+    answered = AnswerRepository(session).decided(dataset.id)
+    box_ids = np.array([box.box_id for box in answered], np.int64)
+    keep = np.array([box.review == _KEEP for box in answered], np.bool_)
+    rows = np.searchsorted(numbers.box_ids, box_ids)
+    # A box that came after the numbers were read has none yet.
+    known = rows < len(numbers)
+    known[known] = numbers.box_ids[rows[known]] == box_ids[known]
+    return rows[known].astype(np.int64), keep[known]

@@ -1,0 +1,175 @@
+"""A frame on its way in: read, checked and measured, with no transaction open."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from app.errors import FrameConflict
+from app.repositories.active import KeyRow
+from app.repositories.datasets import DatasetRepository
+from app.services.active import ActiveDataset
+from app.services.context import ServiceContext
+from app.services.frame_files import CheckedFiles, check_files
+from app.services.frame_rows import FrameContent
+from app.services.measuring import measure_files
+from app.services.refusals import naming
+from filter_core.annotation import AnnotationLimits, parse_annotation
+from filter_core.annotation_types import FrameAnnotation
+from filter_core.errors import AnnotationError
+from filter_core.frame_filter import MeasuredFrame
+
+MAX_TEXT: Final = 200
+"""Characters of an id, a class or a map: what their columns hold."""
+_DIGEST_OF: Final = b"frame 1\n"
+"""Begins every content digest, should its definition ever change."""
+
+
+@dataclass(frozen=True)
+class FrameUpload:
+    """A frame as it was sent."""
+
+    key: str
+    annotation: bytes | Mapping[str, Any]
+    files: Mapping[str, bytes]
+    sender: str
+    replace: bool = False
+
+
+@dataclass(frozen=True)
+class PreparedFrame:
+    """A frame whose annotation and headers are in order."""
+
+    upload: FrameUpload
+    annotation: FrameAnnotation
+    files: CheckedFiles
+    digest: str
+
+
+@dataclass(frozen=True)
+class ReadyFrame:
+    """A frame of which only the rows are missing."""
+
+    prepared: PreparedFrame
+    measured: MeasuredFrame
+    measured_for: ActiveDataset
+
+    @property
+    def key(self) -> str:
+        """The frame's key."""
+        return self.prepared.upload.key
+
+    def content(self, active: ActiveDataset) -> FrameContent:
+        """What is stored, measured as the dataset asks for by now.
+
+        A run that was activated in between is rare: it may cost a second measurement.
+        """
+        prepared, measured = self.prepared, self.measured
+        if active.row.measurement_digest != self.measured_for.row.measurement_digest:
+            measured = _measure(active, prepared)
+        return FrameContent(
+            key=prepared.upload.key,
+            digest=prepared.digest,
+            sender=prepared.upload.sender,
+            annotation=prepared.annotation,
+            files=prepared.files,
+            measured=measured,
+        )
+
+
+def received(
+    context: ServiceContext, dataset: str, upload: FrameUpload
+) -> ReadyFrame | int:
+    """A frame that is ready to be stored, or the id that it is stored under already.
+
+    Raises
+    ------
+    FilterError
+        What is wrong with the frame.
+    FrameConflict
+        Another frame has its key.
+    """
+    active, known = context.plans.before_measuring(
+        context.database, dataset, upload.key
+    )
+    prepared = _prepare(context, upload)
+    same = stored_already(known, prepared, dataset)
+    return _make_ready(context, active, prepared) if same is None else same
+
+
+def _prepare(context: ServiceContext, upload: FrameUpload) -> PreparedFrame:
+    """Read the annotation and the headers of the files; nothing is decoded yet."""
+    settings = context.settings
+    annotation = parse_annotation(
+        upload.annotation,
+        limits=AnnotationLimits(settings.max_boxes_per_frame, max_text=MAX_TEXT),
+        frame=upload.key,
+    )
+    with naming(upload.key):
+        files = check_files(upload.files, annotation, settings)
+    return PreparedFrame(upload, annotation, files, _content_digest(annotation, files))
+
+
+def stored_already(known: KeyRow, prepared: PreparedFrame, dataset: str) -> int | None:
+    """The frame, if it is stored already; FrameConflict if another one has its key."""
+    if known.content_digest == prepared.digest:
+        return known.frame_id
+    if known.frame_id is None or prepared.upload.replace:
+        return None
+    raise FrameConflict(
+        f"dataset {dataset!r} has another frame {prepared.upload.key!r}; "
+        "send ?replace=true to store this one as its next revision"
+    )
+
+
+def _make_ready(
+    context: ServiceContext, active: ActiveDataset, prepared: PreparedFrame
+) -> ReadyFrame:
+    """Measure a frame, and refuse a class that the dataset cannot take any more."""
+    measured = _measure(active, prepared)
+    if active.row.classes_are_frozen:
+        _check_classes(context, active, prepared, measured)
+    return ReadyFrame(prepared, measured, active)
+
+
+def _measure(active: ActiveDataset, prepared: PreparedFrame) -> MeasuredFrame:
+    with naming(prepared.upload.key, "/segmentation"):
+        return measure_files(
+            active.plan, prepared.annotation, prepared.files.measured()
+        )
+
+
+def _check_classes(
+    context: ServiceContext,
+    active: ActiveDataset,
+    prepared: PreparedFrame,
+    measured: MeasuredFrame,
+) -> None:
+    """Frozen classes take no other one; said here, it is noted as a problem."""
+    with context.database.read() as session:
+        known = DatasetRepository(session).classes(active.row.dataset_id)
+    names = measured.evidence.class_names
+    for box, index in zip(
+        prepared.annotation.boxes, measured.evidence.class_index.tolist(), strict=True
+    ):
+        if names[index] not in known:
+            raise AnnotationError(
+                f"frame {prepared.upload.key}, box {box.index} (id {box.id!r}): "
+                f"the classes of dataset {active.name!r} are frozen by an export; "
+                f"expected one of {', '.join(known)}, found {names[index]!r}",
+                pointer=f"/boxes/{box.index}",
+                code="unknown_class",
+            )
+
+
+def _content_digest(annotation: FrameAnnotation, files: CheckedFiles) -> str:
+    """Names what was sent: the files' bytes, and the annotation's meaning."""
+    digest = hashlib.sha256(_DIGEST_OF)
+    for file in files.rows:
+        digest.update(f"{file.kind} {file.sha256}\n".encode())
+    canonical = json.dumps(annotation.raw, sort_keys=True, separators=(",", ":"))
+    digest.update(canonical.encode())
+    return digest.hexdigest()

@@ -1,0 +1,118 @@
+"""How well the filter and the truth agree: on verdicts, on thresholds; and people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset
+from app.repositories.answers import AnsweredBox, AnswerRepository
+from app.repositories.datasets import DatasetRepository
+from app.repositories.tallies import TallyRepository
+from app.services.configs import active_version, config_of
+from app.services.context import ServiceContext
+from app.services.counting import VERDICT_CODE
+from app.services.instance_truth import instance_truth
+from app.services.numbers import DatasetNumbers
+from app.services.reviewers import Panel
+from app.services.run_requests import active_measurement
+from app.services.statistics import count
+from filter_core.class_thresholds import Judged, is_by_threshold, suggest_per_class
+from filter_core.config import FilterConfig
+from filter_core.scores import BANDS, Confusion, band_index
+from filter_core.thresholds import Goal
+from filter_core.types import Verdict
+
+Truth = Literal["people", "instances"]
+
+KEPT, UNMEASURED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.UNMEASURED))
+
+
+def quality(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    asked: tuple[Truth, Goal],
+) -> dict[str, Any]:
+    """Everything that the truth says about the filter, and people about each other."""
+    truth, goal = asked
+    config = config_of(active_version(session, dataset))
+    if truth == "people":
+        boxes = AnswerRepository(session).decided(dataset.id)
+        total, judged = len(boxes), _by_people(boxes)
+        classes = DatasetRepository(session).classes(dataset.id)
+    else:
+        measurement = active_measurement(session, dataset)
+        numbers = context.numbers.load(session, dataset.id, measurement.id)
+        total, judged = _by_instances(numbers, config)
+        names = numbers.evidence.class_names
+        classes = {name: index for index, name in enumerate(names)}
+    counts = count(TallyRepository(session).of_dataset(dataset.id))
+    panel = Panel.of(session, dataset.id)
+    return {
+        "truth": truth,
+        "reviewed": counts.reviewed,
+        "unsure": counts.unsure,
+        "unmeasured": total - len(judged),
+        "confusion": _described(judged.confusion),
+        "by_class": _by_class(judged, classes),
+        "by_distance": _by_distance(judged),
+        "reviewers": panel.reviewers(),
+        "agreement": panel.agreement(),
+        "suggested": [
+            one.as_dict() for one in suggest_per_class(judged, classes, config, goal)
+        ],
+    }
+
+
+def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
+    """Without boxes that the filter had nothing to measure with."""
+    columns = list(zip(*boxes, strict=True)) or [()] * len(AnsweredBox._fields)
+    _, class_id, reason, large, match, distance, review = columns
+    reasons = np.array(reason, np.int64)
+    verdict = VERDICT_CODE[reasons]
+    return Judged(
+        np.array(class_id, np.int64),
+        np.array(distance, np.float64),
+        np.array(match, np.float64),
+        is_by_threshold(reasons, np.array(large, np.bool_)),
+        verdict == KEPT,
+        np.array(review, object) == "keep",
+    ).where(verdict != UNMEASURED)
+
+
+def _by_instances(numbers: DatasetNumbers, config: FilterConfig) -> tuple[int, Judged]:
+    """How many boxes have a truth, and those that can be judged."""
+    rows, visible = instance_truth(numbers)
+    return len(rows), Judged.of(numbers.evidence.take(rows), config, visible)
+
+
+def _described(confusion: Confusion) -> dict[str, Any]:
+    scores = confusion.as_dict()
+    return {
+        "kept_keep": scores["kept_visible"],
+        "kept_reject": scores["kept_hidden"],
+        "rejected_keep": scores["rejected_visible"],
+        "rejected_reject": scores["rejected_hidden"],
+        **{name: scores[name] for name in ("precision", "recall", "f1")},
+    }
+
+
+def _by_class(judged: Judged, classes: Mapping[str, int]) -> dict[str, Any]:
+    rows = {name: judged.class_key == key for name, key in classes.items()}
+    return {
+        name: _described(judged.where(mine).confusion)
+        for name, mine in rows.items()
+        if mine.any()
+    }
+
+
+def _by_distance(judged: Judged) -> list[dict[str, Any]]:
+    index = band_index(judged.distance)
+    return [
+        {"band": name, **_described(judged.where(index == place).confusion)}
+        for place, name in enumerate(BANDS)
+    ]

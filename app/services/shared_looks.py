@@ -1,0 +1,71 @@
+"""Looking at a row now and then for many who want to know: one look serves them all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from anyio import CapacityLimiter, Lock, to_thread
+
+from app.errors import TooManyRequests
+
+INTERVAL_S: Final = 0.2
+"""Between two looks at one row: five events a second are as many as anybody reads."""
+
+Seen = dict[str, Any] | None
+"""What a look found; None when there is nothing any more."""
+
+
+@dataclass
+class _Watched:
+    """A row that somebody watches."""
+
+    watchers: int = 0
+    at: float = float("-inf")
+    seen: Seen = None
+    lock: Lock = field(default_factory=Lock)
+
+
+class SharedLooks:
+    """The newest look at each row that is watched; belongs to one event loop.
+
+    Watchers hold no thread and no connection between two looks, and looking has a
+    thread of its own: those that requests share may all be waiting for a transaction.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._watched: dict[int, _Watched] = {}
+        self._thread = CapacityLimiter(1)
+
+    @contextmanager
+    def watching(self, key: int) -> Iterator[None]:
+        """Keep looks at this row for as long as the block lasts.
+
+        Raises
+        ------
+        TooManyRequests
+            As many watch already as may at the same time.
+        """
+        if sum(each.watchers for each in self._watched.values()) >= self._most:
+            raise TooManyRequests(f"{self._most} streams are open already; try later")
+        watched = self._watched.setdefault(key, _Watched())
+        watched.watchers += 1
+        try:
+            yield
+        finally:
+            watched.watchers -= 1
+            if not watched.watchers:
+                del self._watched[key]
+
+    async def look(self, key: int, read: Callable[[int], Seen]) -> Seen:
+        """What `read` finds now, or found within the last interval."""
+        watched = self._watched[key]
+        async with watched.lock:
+            if time.monotonic() - watched.at >= INTERVAL_S:
+                watched.seen = await to_thread.run_sync(read, key, limiter=self._thread)
+                watched.at = time.monotonic()
+        return watched.seen

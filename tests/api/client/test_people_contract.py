@@ -1,0 +1,44 @@
+"""Client and real server speak one language: queue, tokens, and who is asking."""
+
+from __future__ import annotations
+
+import pytest
+
+import unghost
+from unghost import Client
+
+
+def test_the_queue_gives_boxes_with_a_claim(client, filled):
+    queue = client.queue(filled, order="random", limit=4)
+
+    assert (len(queue.items), queue.remaining) == (4, 6)
+    assert all(box.claim is not None for box in queue.items)
+    more = client.queue(filled, exclude=[box.box_id for box in queue.items], limit=50)
+    assert len(more.items) == 2
+
+
+def test_the_queue_takes_filters_and_forgets_what_is_answered(client, filled):
+    (box, *_) = client.queue(filled, filters={"verdict": "rejected"}).items
+
+    client.review(box.box_id, "reject", seen_revision=0)
+
+    assert client.queue(filled, filters={"verdict": "rejected"}).remaining == 2
+
+
+def test_a_token_is_made_used_and_revoked(client, server):
+    made = client.create_token("ada", "viewer")
+
+    with Client(server.url, made.token) as ada:
+        assert (ada.session().name, ada.session().role) == ("ada", "viewer")
+        with pytest.raises(unghost.Forbidden):
+            ada.create_dataset("not-for-viewers")
+        client.revoke_token(made.id)
+        with pytest.raises(unghost.Unauthorized):
+            ada.session()
+    (listed,) = [token for token in client.tokens() if token.id == made.id]
+    assert listed.revoked_at is not None
+    assert made.token not in repr(made)
+
+
+def test_boxes_are_counted_without_being_listed(client, filled):
+    assert client.count_boxes(filled, verdict="rejected", class_name="car") == 3

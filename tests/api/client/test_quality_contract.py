@@ -1,0 +1,157 @@
+"""Client and real server speak one language: quality, and channels compared."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+import unghost
+from tests.api import frames
+from tests.api.test_channels import files, sensors
+from tests.unit.filter_core.test_frame_channels import ANNOTATION
+from unghost import Client, OutgoingFrame
+
+
+@pytest.fixture
+def reviewed(client, filled) -> str:
+    """Two boxes that the filter decided rightly, one wrongly, one nobody is sure of."""
+    boxes = list(client.boxes(filled, sort="id"))
+    kept = [box for box in boxes if box.verdict == "kept"]
+    rejected = [box for box in boxes if box.verdict == "rejected"]
+    for box, answer in (
+        (kept[0], "keep"),
+        (kept[1], "unsure"),
+        (rejected[0], "reject"),
+        (rejected[1], "keep"),
+    ):
+        client.review(box.box_id, answer, seen_revision=0)
+    return str(filled)
+
+
+def test_quality_sets_the_filter_against_the_answers(client, reviewed):
+    quality = client.quality(reviewed)
+
+    assert (quality.reviewed, quality.unsure, quality.unmeasured) == (3, 1, 0)
+    assert quality.confusion.kept_keep == 1
+    assert quality.confusion.rejected_keep == 1
+    assert quality.confusion.recall.value == 0.5
+    assert quality.by_class["car"] == quality.confusion
+    assert sum(band.rejected_reject for band in quality.by_distance) == 1
+    assert quality.by_distance[-1].band == "unknown"
+    (reviewer,) = quality.reviewers
+    assert (reviewer.answers, reviewer.keep, reviewer.unsure) == (4, 2, 1)
+
+
+def test_quality_says_how_far_two_people_agree(client, server, reviewed):
+    made = client.create_token(f"second-{reviewed}", "reviewer")
+    with Client(server.url, made.token) as second:
+        found = [box.box_id for box in second.boxes(reviewed, review="decided")]
+        for box_id in found:
+            second.review(box_id or 0, "keep", seen_revision=1)
+
+    agreement = client.quality(reviewed).agreement
+
+    assert (agreement.boxes, agreement.agreed) == (3, 2)
+    (pair,) = agreement.pairs
+    assert made.name in (pair.a, pair.b)
+
+
+def test_quality_of_nothing_has_no_shares(client, dataset):
+    quality = client.quality(dataset)
+
+    assert quality.confusion.precision is None
+    assert quality.agreement.percent is None
+    assert quality.suggested == ()
+
+
+@pytest.fixture
+def doubtful(client, dataset) -> str:
+    """A whole car, and a box with a bit of one that people say is a ghost."""
+    partly = {"id": "partly", "class": "car", "xyxy": [36, 24, 52, 40]}
+    boxes = [{"id": "real", "class": "car", "xyxy": frames.ON_THE_CAR}, partly]
+    client.put_frame(
+        dataset,
+        "a",
+        {**frames.annotation(), "boxes": boxes},
+        image=frames.image(),
+        segmentation=frames.segmentation(),
+    )
+    for box in client.boxes(dataset):
+        answer = "keep" if box.id == "real" else "reject"
+        client.review(box.box_id, answer, seen_revision=0)
+    return str(dataset)
+
+
+def test_thresholds_are_suggested_with_their_curves(client, doubtful):
+    (found,) = client.quality(doubtful).suggested
+
+    assert (found.class_name, found.current, found.answers) == ("car", 10, 2)
+    assert found.interval[0] <= found.suggested <= found.interval[1]
+    curve = {point.threshold: point for point in found.curve}
+    assert curve[found.suggested].recall == 1
+
+
+def test_the_goal_of_suggested_thresholds_is_the_callers(client, doubtful):
+    (found,) = client.quality(doubtful, target="recall", recall=0.5).suggested
+
+    assert found.suggested > 10
+    with pytest.raises(unghost.Invalid):
+        client.quality(doubtful, recall=2.0)
+
+
+@pytest.fixture
+def with_sensors(client, dataset, tmp_path) -> str:
+    """A dataset of one frame with depth and instances."""
+    paths = {}
+    for name, content in {**files(), **sensors()}.items():
+        paths[name] = tmp_path / f"{name}.png"
+        paths[name].write_bytes(content)
+    frame = OutgoingFrame("a", ANNOTATION, paths)
+    (sent,) = client.push(dataset, [frame])
+    assert isinstance(sent, unghost.Sent), sent
+    return str(dataset)
+
+
+def test_channels_are_measured_and_compared_with_instances(client, with_sensors):
+    before = client.evaluations(with_sensors)
+    run = client.wait(client.evaluate(with_sensors))
+    found = client.evaluations(with_sensors)
+
+    assert "depth" in before.not_measured
+    assert (run.kind, run.changed) == ("measure", 0)
+    assert (found.truth, found.frames, found.boxes) == ("instances", 1, 2)
+    assert found.not_measured == ()
+    depth = found.channels["depth"]
+    assert (depth.judged, depth.kept_visible, depth.f1.value) == (2, 1, 1)
+    assert depth.by_class["car"].rejected_hidden == 1
+    (ghost,) = found.channels["semantic"].worst
+    assert (depth.worst, ghost.error) == ((), "kept_hidden")
+    assert client.box(ghost.box_id).id == "218"
+    assert sum(band.kept_visible for band in depth.by_distance) == 1
+
+
+def test_instances_can_be_the_truth_of_quality(client, with_sensors):
+    client.wait(client.evaluate(with_sensors))
+
+    found = client.quality(with_sensors, truth="instances")
+
+    assert (found.truth, found.reviewed) == ("instances", 0)
+    assert (found.confusion.kept_keep, found.confusion.kept_reject) == (1, 1)
+
+
+def test_people_can_be_the_truth_of_a_comparison(client, with_sensors):
+    for box in client.boxes(with_sensors):
+        client.review(box.box_id, "keep", seen_revision=0)
+
+    found = client.evaluations(with_sensors, truth="people")
+
+    assert (found.truth, found.channels["semantic"].kept_visible) == ("people", 2)
+
+
+@pytest.mark.parametrize("name", ["quality", "evaluations"])
+def test_every_field_that_the_server_documents_has_a_name(client, filled, name):
+    found = getattr(client, name)(filled)
+
+    named = {field.name for field in dataclasses.fields(found)} - {"raw"}
+    assert set(found.raw) <= named

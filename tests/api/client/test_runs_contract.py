@@ -1,0 +1,79 @@
+"""Client and real server speak one language: a run's progress, end and differences."""
+
+from __future__ import annotations
+
+import pytest
+
+import unghost
+from tests.api.long_streets import FROM_PIXELS, fill
+from tests.api.resources import Api
+from tests.servers import running_server
+from unghost import Client
+
+STRICT = {"min_visible_pixels": 500}
+
+
+@pytest.fixture
+def strict(client, filled) -> unghost.Run:
+    """A run that rejects what the active one keeps."""
+    run: unghost.Run = client.wait(client.start_run(filled, STRICT))
+    return run
+
+
+def test_events_tell_of_a_run_until_it_is_over(client, filled):
+    run = client.start_run(filled, STRICT)
+
+    told = list(client.events(run))
+
+    assert told[-1].state == "done"
+    assert told[-1].changed == 3
+    assert {each.id for each in told} == {run.id}
+
+
+def test_events_of_a_run_that_is_over_are_its_end(client, strict):
+    assert [each.state for each in client.events(strict.id)] == ["done"]
+
+
+def test_events_of_no_run_are_an_error(client):
+    with pytest.raises(unghost.NotFound):
+        list(client.events(10**9))
+
+
+def test_two_runs_are_compared(client, strict):
+    diff = client.diff(strict)
+
+    assert (diff.run, diff.total, diff.kept_to_rejected) == (strict.id, 3, 3)
+    assert (diff.rejected_to_kept, diff.by_class) == (0, {"car": 3})
+    back = client.diff(diff.against, strict)
+    assert (back.kept_to_rejected, back.rejected_to_kept) == (0, 3)
+
+
+def test_flips_are_listed_over_pages(client, strict):
+    flips = list(client.flips(strict))
+
+    assert [flip.class_name for flip in flips] == ["car"] * 3
+    assert {flip.before.verdict for flip in flips} == {"kept"}
+    assert {flip.after.reason for flip in flips} == {"no_visible_pixels"}
+
+
+def test_a_run_is_cancelled_part_way_and_changes_nothing(tmp_path):
+    with (
+        running_server(tmp_path / "data", {"UNGHOST_WORKERS": "1"}) as server,
+        Client(server.url, server.token) as client,
+        Api.at(server.url, server.headers).http as http,
+    ):
+        dataset = fill(Api(http), 60)
+        before = client.dataset(dataset)
+        run = client.start_run(dataset, FROM_PIXELS, activate=True)
+        next(state for state in client.events(run) if state.done)
+
+        client.cancel(run)
+
+        with pytest.raises(unghost.RunFailed, match="cancelled"):
+            client.wait(run)
+        assert client.dataset(dataset) == before
+
+
+def test_a_run_that_is_over_cannot_be_cancelled(client, strict):
+    with pytest.raises(unghost.Conflict):
+        client.cancel(strict)

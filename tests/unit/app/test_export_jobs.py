@@ -1,0 +1,163 @@
+"""Exports while other things happen: cancelled, cut off, without their dataset."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from app.db.engine import CACHE_KIB, STREAM_CACHE_KIB
+from app.repositories.datasets import DatasetRepository
+from app.repositories.runs import ExportRepository
+from app.services.datasets import remove_dataset
+from app.services.export_jobs import job_of, make_export, start_exports
+from app.services.exports import ExportRequest, cancel_export, request_export
+from filter_core.formats.writers import FORMATS
+from tests.api import frames as scene
+from tests.services import Street, running_services
+
+SOME = ("yolo", "coco", "manifest", "decisions-jsonl")
+
+
+@pytest.fixture
+def street(services) -> Street:
+    street: Street = services.dataset()
+    filled(street)
+    return street
+
+
+def filled(street):
+    for number in range(3):
+        files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+        street.put(f"{number}", scene.annotation(), **files)
+    street.review(street.box_ids()[0], "reject")
+
+
+def asked_for(street, form="yolo"):
+    """An export that waits, and that nobody writes before the test says so."""
+    wanted = ExportRequest(form, {}, "ada")
+    with street.context.database.write() as session:
+        export = request_export(street.context, session, street.row(session), wanted)
+        export.state = "cancelled"  # for the job that is queued on commit
+    settle(street)
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export.id).state = "queued"
+    return export.id
+
+
+def settle(street):
+    """Wait until all jobs that were queued before are over."""
+    street.wait(street.request({}, activate=False))
+
+
+def export_of(street, export_id):
+    with street.context.database.read() as session:
+        return ExportRepository(session).with_id(export_id)
+
+
+def temporary(street):
+    return list(street.context.storage.temporary_folder().iterdir())
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_the_same_state_gives_the_same_bytes_in_another_service(form, tmp_path):
+    digests = []
+    for name in ("one", "two"):
+        with running_services(tmp_path / name) as services:
+            street = services.dataset()
+            filled(street)
+            export_id = asked_for(street, form)
+            make_export(street.context, export_id)
+            again = asked_for(street, form)
+            make_export(street.context, again)
+            digests += [export_of(street, each).sha256 for each in (export_id, again)]
+
+    assert digests[0] is not None
+    assert digests[0] == digests[1]
+    assert digests[2] == digests[3]
+
+
+def test_an_export_that_is_interrupted_leaves_nothing_and_can_go_on(street):
+    export_id, engine = asked_for(street), street.context.engine
+    engine.interrupt(job_of(export_id))
+
+    make_export(street.context, export_id)
+    interrupted = export_of(street, export_id)
+    left = temporary(street)
+    engine.let_be(job_of(export_id))
+    make_export(street.context, export_id)
+
+    assert (interrupted.state, interrupted.done, left) == ("running", 0, [])
+    finished = export_of(street, export_id)
+    assert (finished.state, finished.done, finished.total) == ("done", 3, 3)
+
+
+def test_an_export_that_is_cancelled_while_it_is_written_stays_cancelled(street):
+    export_id = asked_for(street)
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export_id).state = "running"
+        session.flush()
+        start_exports(street.context)
+        cancel_export(street.context, session, export_id)
+    settle(street)
+
+    export = export_of(street, export_id)
+    assert (export.state, export.sha256) == ("cancelled", None)
+    assert export.finished_at is not None
+    assert temporary(street) == []
+    assert street.context.engine.interrupted() == set()
+
+
+def test_what_a_crash_left_half_written_is_written_anew(street):
+    export_id = asked_for(street)
+    half = street.context.storage.temporary_folder() / f"export-{export_id}"
+    half.mkdir()
+    (half / "export.zip").write_bytes(b"PK half of it")
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export_id).state = "running"
+
+    make_export(street.context, export_id)
+
+    export = export_of(street, export_id)
+    content = street.context.storage.read(export.sha256)
+    assert (export.state, content[:2], len(content)) == (
+        *("done", b"PK"),
+        export.size_bytes,
+    )
+    assert temporary(street) == []
+
+
+def test_an_export_whose_dataset_is_deleted_is_no_failure(street, caplog):
+    export_id = asked_for(street)
+    with street.context.database.write() as session:
+        dataset = DatasetRepository(session).named(street.name)
+        remove_dataset(session, dataset, street.name)
+
+    with caplog.at_level(logging.ERROR):
+        make_export(street.context, export_id)
+
+    assert caplog.records == []
+
+
+def test_an_export_that_fails_says_so_and_is_not_tried_again(street):
+    export_id = asked_for(street)
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export_id).options = {"split": 7}
+
+    make_export(street.context, export_id)
+
+    export = export_of(street, export_id)
+    assert export.state == "failed"
+    assert export.error is not None
+    assert "split" in export.error["detail"]
+
+
+def test_what_an_export_reads_is_not_kept_in_memory(services):
+    """Its peak used to grow with the database, up to the whole page cache."""
+    database, sizes = services.context.database, []
+    for opened in (database.stream, database.read):
+        with opened() as session:
+            rows = session.connection().exec_driver_sql("PRAGMA cache_size")
+            sizes.append(-rows.scalar())
+
+    assert sizes == [STREAM_CACHE_KIB, CACHE_KIB]

@@ -1,0 +1,51 @@
+"""A row that is read without a session: the same row, and the same errors."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+from sqlalchemy import Integer, Select, bindparam, column, literal, select, table
+from sqlalchemy.exc import OperationalError
+
+from app.db.bulk import first_row
+from app.db.engine import make_engine, sqlite_url
+
+DOUBLED = select(bindparam("number", type_=Integer) * 2, literal("two").label("word"))
+
+
+@pytest.fixture
+def engine(tmp_path):
+    engine = make_engine(sqlite_url(tmp_path / "some.db"))
+    yield engine
+    engine.dispose()
+
+
+def test_a_row_comes_as_the_driver_gives_it(engine):
+    assert first_row(engine, DOUBLED, number=21) == (42, "two")
+
+
+def test_nothing_found_is_none(engine):
+    assert first_row(engine, DOUBLED.where(literal(1) == 0), number=1) is None
+
+
+def test_no_reader_stays_behind(engine, tmp_path):
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE numbers (number INTEGER)")
+        connection.exec_driver_sql("INSERT INTO numbers VALUES (1), (2), (3)")
+
+    first_row(engine, select(column("number")).select_from(table("numbers")))
+
+    with closing(sqlite3.connect(tmp_path / "some.db")) as other:
+        # It cannot fold the log back while anybody still reads what is in it.
+        is_held_up, *_ = other.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    assert not is_held_up
+
+
+def test_a_failure_is_what_a_session_would_raise(engine):
+    missing: Select = select(column("some")).select_from(table("nowhere"))
+
+    with pytest.raises(OperationalError, match="no such table: nowhere"):
+        first_row(engine, missing)
+    assert engine.pool.checkedout() == 0
