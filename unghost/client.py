@@ -13,7 +13,9 @@ from unghost.calls.datasets import DatasetCalls
 from unghost.calls.exports import ExportCalls
 from unghost.calls.frames import FrameCalls
 from unghost.calls.health import HealthCalls
+from unghost.calls.people import PeopleCalls
 from unghost.calls.pictures import PictureCalls
+from unghost.calls.quality import QualityCalls
 from unghost.calls.runs import RunCalls
 from unghost.discovery import find_server
 from unghost.retry import RetryPolicy
@@ -34,6 +36,8 @@ class Client(
     ConfigCalls,
     RunCalls,
     ExportCalls,
+    PeopleCalls,
+    QualityCalls,
     HealthCalls,
 ):
     """A connection to an Unghost server.

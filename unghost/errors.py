@@ -26,6 +26,8 @@ from typing import Any
 
 import httpx
 
+from unghost.retry import retry_after_s
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -43,15 +45,22 @@ class ApiError(Exception):
     """The server answered, and the answer is not a success.
 
     `code` is stable and for programs, `detail` is for people, `errors` are the single
-    faults, `request_id` finds the request in the server's log.
+    faults, `request_id` finds the request in the server's log, `retry_after_s` is how
+    long to wait if the server said so.
     """
 
-    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        status: int,
+        problem: Mapping[str, Any],
+        retry_after_s: float | None = None,
+    ) -> None:
         self.status = status
         self.problem = dict(problem)
         self.code = str(problem.get("code") or "unknown")
         self.detail = str(problem.get("detail") or problem.get("title") or status)
         self.request_id = problem.get("request_id")
+        self.retry_after_s = retry_after_s
         self.errors = tuple(_faults(problem.get("errors")))
         super().__init__(self.detail)
 
@@ -136,8 +145,9 @@ def error_of(response: httpx.Response) -> ApiError:
     """The exception that a response which is not 2xx stands for; its body is read."""
     problem = json_object(response)
     kind = _BY_STATUS.get(response.status_code, ApiError)
+    wait_s = retry_after_s(response.headers.get("Retry-After"))
     if problem is not None and "code" in problem:
-        return kind(response.status_code, problem)
+        return kind(response.status_code, problem, wait_s)
     # Without a problem body somebody else answered: a proxy, another program.
     if kind is not Unavailable:
         kind = UnexpectedAnswer
@@ -145,7 +155,15 @@ def error_of(response: httpx.Response) -> ApiError:
     return kind(
         response.status_code,
         {"code": "unexpected_answer", "detail": f"{detail} without saying why"},
+        wait_s,
     )
+
+
+def error_of_problem(problem: Mapping[str, Any]) -> ApiError:
+    """The exception that a problem inside an answer stands for."""
+    status = problem.get("status")
+    status = status if isinstance(status, int) else 500
+    return _BY_STATUS.get(status, ApiError)(status, problem)
 
 
 def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:

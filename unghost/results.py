@@ -68,6 +68,13 @@ class ReviewMark(Result):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Claim(Result):
+    """Until when nobody else is given a box of the queue."""
+
+    expires_at: datetime
+
+
+@dataclass(frozen=True, kw_only=True)
 class Decision(Result):
     """One box: the filter's verdict, why, the numbers, and what a person said.
 
@@ -101,12 +108,16 @@ class Decision(Result):
     amodal_xyxy: XYXY | None = None
     visible_xyxy: XYXY | None = None
     tight_xyxy: XYXY | None = None
+    visible_pixels: int | None = None
+    occluded: int = 3
+    truncated: float | None = None
     edges: tuple[XYXY, ...] | None = None
     config: str | None = None
     run: int | None = None
     review: ReviewMark | None = None
     effective_verdict: Verdict | None = None
     neighbours: tuple[int, ...] = ()
+    claim: Claim | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,10 +8,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
+from urllib.request import getproxies, proxy_bypass
 
 import httpx
 
 from unghost.discovery import is_local
+from unghost.duplex import Endpoint
 from unghost.errors import error_of, json_object, unexpected
 from unghost.retry import RETRIED_STATUS, RetryPolicy, retry_after_s
 
@@ -57,13 +59,36 @@ class Transport:
             # A proxy for the network has no way to this machine.
             trust_env=not is_local(httpx.URL(url).host),
         )
-        self._retry = retry
+        self.retry: Final = retry
         self._closed = threading.Event()
 
     def close(self) -> None:
         """Close the connections and stop every wait for a retry."""
         self._closed.set()
         self._http.close()
+
+    @property
+    def closed(self) -> bool:
+        """No more calls."""
+        return self._closed.is_set()
+
+    def endpoint(self, path: str, params: Params | None = None) -> Endpoint:
+        """Where a connection of its own sends to, past the pool."""
+        request = self._http.build_request("POST", path, params=_query(params or {}))
+        kept = ("authorization", "user-agent")
+        headers = {
+            name: request.headers[name] for name in kept if name in self._http.headers
+        }
+        return Endpoint(request.url, headers, self._http.timeout.read)
+
+    @property
+    def behind_proxy(self) -> bool:
+        """Whether calls take a way that a connection of its own would not know."""
+        url = self._http.base_url
+        named = getproxies()
+        return self._http.trust_env and bool(
+            (url.scheme in named or "all" in named) and not proxy_bypass(url.host)
+        )
 
     def pause(self, seconds: float) -> None:
         """Wait, but not longer than until `close`."""
@@ -79,13 +104,13 @@ class Transport:
             except httpx.TransportError:
                 if not self._again(call, attempt):
                     raise
-                self.pause(self._retry.delay_s(attempt))
+                self.pause(self.retry.delay_s(attempt))
             else:
                 busy = response.status_code in RETRIED_STATUS
                 if not busy or not self._again(call, attempt):
                     return _success(response)
                 asked = retry_after_s(response.headers.get("Retry-After"))
-                self.pause(self._retry.delay_s(attempt, asked))
+                self.pause(self.retry.delay_s(attempt, asked))
             attempt += 1
             request = self._request(call, key=request.headers.get("Idempotency-Key"))
 
@@ -122,7 +147,7 @@ class Transport:
     def _again(self, call: Call, attempt: int) -> bool:
         if not call.retried or call.method not in _REPEATABLE:
             return False
-        return attempt < self._retry.attempts and not self._closed.is_set()
+        return attempt < self.retry.attempts and not self._closed.is_set()
 
 
 def body_of(response: httpx.Response) -> Mapping[str, Any]:

@@ -105,13 +105,32 @@ class Flip(Result):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flips(Result):
+class FlipCounts(Result):
+    """How many boxes change sides."""
+
+    kept_to_rejected: int = 0
+    rejected_to_kept: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flips(FlipCounts):
     """How many boxes would flip, and the first of them."""
 
     total: int = 0
-    kept_to_rejected: int = 0
-    rejected_to_kept: int = 0
+    by_class: Mapping[str, FlipCounts] = field(default_factory=dict)
     items: tuple[Flip, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diff(FlipCounts):
+    """What `run` decides otherwise than `against`; `flips` lists the boxes."""
+
+    run: int
+    against: int
+    compared: int = 0
+    total: int = 0
+    by_class: Mapping[str, int] = field(default_factory=dict)
+    sides_by_class: Mapping[str, FlipCounts] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,19 +142,25 @@ class Preview(Result):
     counts: Counts = field(default_factory=Counts)
     by_reason: Mapping[str, int] = field(default_factory=dict)
     by_class: Mapping[str, Counts] = field(default_factory=dict)
+    reasons_by_class: Mapping[str, Any] = field(default_factory=dict)
     histograms: Mapping[str, Any] = field(default_factory=dict)
     flips: Flips = field(default_factory=Flips)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Export(Result):
-    """A file of labels in the making, or ready to be downloaded."""
+    """A file of labels in the making, or ready to be downloaded.
+
+    `done` of `total` frames are written.
+    """
 
     id: int
     state: State
     format: str | None = None
     dataset: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    total: int | None = None
+    done: int = 0
     size_bytes: int | None = None
     sha256: str | None = None
     counts: Mapping[str, Any] | None = None

@@ -12,7 +12,7 @@ import pytest
 from tests.docs.documents import CHECKOUT, DOCUMENTS, blocks, read
 from tools.reference import commands
 
-MAKE_TARGET = re.compile(r"^([a-z]+):.*## ", re.MULTILINE)
+MAKE_TARGET = re.compile(r"^([a-z-]+):.*## ", re.MULTILINE)
 COMMANDS = dict(commands())
 
 
@@ -32,7 +32,7 @@ def test_every_make_command_is_a_target():
     targets = set(MAKE_TARGET.findall(read("Makefile")))
     prose = [document.read_text("utf-8") for document in DOCUMENTS]
 
-    named = {name for text in prose for name in re.findall(r"`make ([a-z]+)`", text)}
+    named = {name for text in prose for name in re.findall(r"`make ([a-z-]+)`", text)}
     typed = {line.split()[1] for line in shell_lines() if line.startswith("make ")}
 
     assert named | typed <= targets
@@ -88,7 +88,7 @@ def test_make_alone_lists_every_target():
         text=True,
     ).stdout
 
-    named = re.findall(r"^  make (\w+) ", listing, re.MULTILINE)
+    named = re.findall(r"^  make ([\w-]+) ", listing, re.MULTILINE)
 
     assert named == MAKE_TARGET.findall(read("Makefile"))
 

@@ -14,7 +14,7 @@ from unghost.results import (
     ReviewBatch,
     UndoneBatch,
 )
-from unghost.transport import API
+from unghost.transport import API, Call, body_of
 
 
 class BoxCalls(Calls):
@@ -24,10 +24,13 @@ class BoxCalls(Calls):
         """The boxes of a dataset; filters and `sort` as in the API, `class_name` for
         `class`.
         """
-        query = {"dataset": dataset, **filters}
-        if "class_name" in query:
-            query["class"] = query.pop("class_name")
-        return self._all(Decision, f"{API}/boxes", query)
+        return self._all(Decision, f"{API}/boxes", _query(dataset, filters))
+
+    def count_boxes(self, dataset: str, **filters: object) -> int:
+        """How many boxes `boxes` would give."""
+        query = {**_query(dataset, filters), "count": True, "limit": 1}
+        response = self._transport.send(Call("GET", f"{API}/boxes", params=query))
+        return int(body_of(response)["total"])
 
     def box(self, box_id: int) -> Decision:
         """One box with its decision and its neighbours."""
@@ -78,3 +81,11 @@ class BoxCalls(Calls):
     def undo(self, batch_id: int) -> UndoneBatch:
         """Take a batch of reviews back, except where someone answered since."""
         return self._post(UndoneBatch, f"{API}/review-batches/{batch_id}/undo")
+
+
+def _query(dataset: str, filters: Mapping[str, object]) -> dict[str, object]:
+    # `class` is a keyword of Python: the filter is `class_name` here.
+    query = {"dataset": dataset, **filters}
+    if "class_name" in query:
+        query["class"] = query.pop("class_name")
+    return query

@@ -54,9 +54,12 @@ class DatasetCalls(Calls):
         """Boxes per bin of match percent, for each class."""
         return self._get(Histogram, dataset_path(dataset, "histogram"), {"bins": bins})
 
-    def preview(self, dataset: str, config: Mapping[str, Any]) -> Preview:
-        """What a config would decide, and the boxes that would flip."""
-        return self._post(Preview, dataset_path(dataset, "preview"), {"config": config})
+    def preview(
+        self, dataset: str, config: Mapping[str, Any], *, limit: int = 100
+    ) -> Preview:
+        """What a config would decide, and up to `limit` boxes that would flip."""
+        body = {"config": config, "limit": limit}
+        return self._post(Preview, dataset_path(dataset, "preview"), body)
 
     def problems(self, dataset: str) -> Iterator[RefusedFrame]:
         """The frames that were sent and refused, with their errors."""

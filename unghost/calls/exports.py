@@ -21,8 +21,8 @@ class ExportCalls(Calls):
         return self._all(Export, dataset_path(dataset, "exports"))
 
     def start_export(self, dataset: str, format: str, **options: object) -> Export:
-        """Have the labels written as "yolo" or "decisions-jsonl", in a ZIP archive;
-        options as in the documentation of the formats.
+        """Have the labels written in a ZIP archive: "yolo", "coco", "kitti", "voc" and
+        others; formats and options as in the documentation of the formats.
         """
         body = {"format": format, "options": options}
         return self._post(Export, dataset_path(dataset, "exports"), body)

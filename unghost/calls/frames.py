@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
-from os import PathLike
-from pathlib import Path
-from typing import Any, Final, TypeAlias
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from typing import Any
 
-from unghost.calls.base import Calls, dataset_path, frame_path, read
+from unghost.calls.base import Calls, dataset_path, frame_path
+from unghost.outgoing import FileContent, NotSent, Outcome, OutgoingFrame
+from unghost.put import put
 from unghost.results import Frame, StoredFrame
-from unghost.transport import API, Call, body_of
-
-FileContent: TypeAlias = bytes | str | PathLike[str]
-
-FILE_NAMES: Final = (
-    "image",
-    "segmentation",
-    "depth",
-    "instances",
-    "lidar",
-    "radar",
-    "ignore_mask",
-)
+from unghost.transport import API, Call
+from unghost.upload import Upload
 
 
 class FrameCalls(Calls):
@@ -43,26 +31,33 @@ class FrameCalls(Calls):
         bytes or the path of a file. The same frame again changes nothing (`created`
         is False); another one under the same key raises `Conflict`, unless `replace`.
         """
-        parts = {
-            "annotation": (
-                "annotation.json",
-                json.dumps(annotation or {"boxes": []}).encode(),
-                "application/json",
-            )
-        }
-        for name, content in files.items():
-            if content is not None:
-                parts[_part_name(name)] = (name, _bytes(content), _ANY_TYPE)
-        response = self._transport.send(
-            Call(
-                "PUT",
-                frame_path(dataset, key),
-                params={"replace": replace or None},
-                files=parts,
-            )
-        )
-        body = {**body_of(response), "created": response.status_code == 201}
-        return read(StoredFrame, body, response)
+        given = {name: one for name, one in files.items() if one is not None}
+        frame = OutgoingFrame(key, annotation or {"boxes": []}, given)
+        path = dataset_path(dataset)
+        return put(self._transport, path, frame, replace=replace)
+
+    def push(
+        self,
+        dataset: str,
+        frames: Iterable[OutgoingFrame | NotSent],
+        *,
+        replace: bool = False,
+        connections: int = 2,
+    ) -> Generator[Outcome, None, None]:
+        """Store many frames; yields what became of each, as it is known, in any order.
+
+        Frames travel in batches, and their files go from the disk to the server without
+        being held in memory. What the server has already is not sent; what it refuses
+        is an outcome (`NotSent`) and no error. A connection that breaks is made again,
+        and frames without an answer are sent once more. Stopping early, by closing the
+        iterator, sends nothing more.
+
+            frames = (OutgoingFrame(p.stem, boxes_of(p), {"image": p}) for p in paths)
+            for outcome in client.push("town10", frames):
+                print(outcome.key, outcome.word)
+        """
+        upload = Upload(self._transport, dataset_path(dataset), replace, connections)
+        return upload.send(frames)
 
     def frames(self, dataset: str, **filters: object) -> Iterator[Frame]:
         """The frames of a dataset, without their boxes; filters as in the API."""
@@ -84,20 +79,6 @@ class FrameCalls(Calls):
         """A file of a frame as it was stored: "image", "segmentation", ..."""
         path = f"{API}/frames/{frame_id}/{name}"
         return self._transport.send(Call("GET", path)).content
-
-
-# The server goes by the content, so no type is guessed here.
-_ANY_TYPE: Final = "application/octet-stream"
-
-
-def _part_name(name: str) -> str:
-    if name not in FILE_NAMES:
-        raise TypeError(f"{name!r} is not a file of a frame: {', '.join(FILE_NAMES)}")
-    return name
-
-
-def _bytes(content: FileContent) -> bytes:
-    return content if isinstance(content, bytes) else Path(content).read_bytes()
 
 
 def _renamed(filters: Mapping[str, object]) -> dict[str, object]:

@@ -17,6 +17,9 @@ from typing import Any, TypeVar, get_type_hints
 
 import typer
 
+from unghost.cli.exits import INTERRUPTED
+from unghost.cli.screen import Screen
+
 OptionsT = TypeVar("OptionsT")
 Action = Callable[[OptionsT], None]
 
@@ -30,7 +33,12 @@ def command(
         options: type[Any] = get_type_hints(action)["options"]
 
         def call(**given: object) -> None:
-            action(options(**given))
+            try:
+                action(options(**given))
+            except KeyboardInterrupt as stop:
+                # Typer would end without a word. Whoever can say more put it there.
+                Screen().note(str(stop) or "interrupted")
+                raise typer.Exit(INTERRUPTED) from stop
 
         hints = get_type_hints(options, include_extras=True)
         call.__doc__ = action.__doc__

@@ -14,7 +14,6 @@ from unghost.cli.screen import Screen
 from unghost.cli.source_options import SourceOptions
 from unghost.cli.sources import open_source, outgoing
 from unghost.client import Client
-from unghost.upload import Known, Upload
 from unghost.work_results import Stats
 
 DATASET: Final = "demo"
@@ -54,9 +53,8 @@ class Filling:
         with Client(url, token) as client:
             report = _push(client, self._street, self._screen)
             numbers = client.stats(DATASET)
-        self.refused = len(report.problems)
-        for problem in report.problems:
-            self._screen.note(f"refused: {problem.key}: {problem.error}")
+        self.refused = report.refused
+        report.print_problems()
         self._screen.record(
             {"login_link": login_link, "dataset": DATASET, "stats": numbers.raw}
         )
@@ -68,9 +66,8 @@ def _push(client: Client, street: Path, screen: Screen) -> PushReport:
     report = PushReport(Screen())
     found = open_source(street, SourceOptions())
     ensure_dataset(client, DATASET, {}, found.classes or ())
-    upload = Upload(client, DATASET, known=Known(client.frames(DATASET)))
     with screen.progress("filter the street", "frames") as advance:
-        for outcome in upload.send(outgoing(found)):
+        for outcome in client.push(DATASET, outgoing(found)):
             report.add(outcome)
             advance(report.seen, found.count)
     return report

@@ -16,9 +16,10 @@ import typer
 from unghost.cli.command import command
 from unghost.cli.exits import PARTLY, REFUSED
 from unghost.cli.options import OutputOptions
+from unghost.cli.push_report import without_key
 from unghost.cli.screen import Screen
-from unghost.cli.source_options import SegmentationReading, SourceOptions
-from unghost.cli.sources import open_source
+from unghost.cli.source_options import LocalFilterOptions
+from unghost.cli.sources import open_source, read_config
 
 if TYPE_CHECKING:
     from filter_core.config import FilterConfig
@@ -31,25 +32,9 @@ _STDOUT: Final = Path("-")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterOptions(OutputOptions, SourceOptions, SegmentationReading):
+class FilterOptions(OutputOptions, LocalFilterOptions):
     """Options of `unghost filter`."""
 
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SOURCE",
-            help="A folder in a recognised layout, or a manifest.jsonl.",
-            exists=True,
-        ),
-    ]
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            help="A filter configuration (YAML); else the defaults.",
-            exists=True,
-            dir_okay=False,
-        ),
-    ] = None
     output: Annotated[
         Path,
         typer.Option(
@@ -60,9 +45,6 @@ class FilterOptions(OutputOptions, SourceOptions, SegmentationReading):
             allow_dash=True,
         ),
     ] = _STDOUT
-    workers: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Threads; else all cores.")
-    ] = None
 
 
 def register(app: typer.Typer) -> None:
@@ -76,7 +58,8 @@ def filter_local(options: FilterOptions) -> None:
     Writes one line per frame, in the order of the frames. Exit code 3 if some frames
     could not be decided or matched; they are listed, and their lines say why.
     """
-    config = _config(options)
+    _spare_source(options)
+    config = read_config(options.config, options, options.screen)
     found = open_source(options.source, options)
     tally = _Tally(options.screen)
     with _output(options.output) as write:
@@ -90,16 +73,12 @@ def filter_local(options: FilterOptions) -> None:
         raise typer.Exit(PARTLY if tally.decided else REFUSED)
 
 
-def _config(options: FilterOptions) -> FilterConfig:
-    """The file's configuration, with what the command line says on top."""
-    from filter_core.config import FilterConfig
-    from filter_core.config_file import load_config
-
-    text = options.config.read_bytes() if options.config is not None else b""
-    loaded = load_config(text)
-    if loaded.unused_keys:
-        options.screen.note(f"not used here: {', '.join(loaded.unused_keys)}")
-    return FilterConfig.from_mapping({**loaded.config.as_dict(), **options.reading})
+def _spare_source(options: FilterOptions) -> None:
+    """Decisions must not take the place of what they were made from."""
+    source = options.source
+    manifest = source / "manifest.jsonl" if source.is_dir() else source
+    if options.output.resolve() == manifest.resolve():
+        raise typer.BadParameter(f"--output {options.output} is the source itself")
 
 
 def _decided(
@@ -118,9 +97,14 @@ def _output(path: Path) -> Iterator[Write]:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.part")
-    with partial.open("w", encoding="utf-8", newline="\n") as file:
-        yield file.write
-    partial.replace(path)
+    try:
+        with partial.open("w", encoding="utf-8", newline="\n") as file:
+            yield file.write
+        partial.replace(path)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted; {path} was not written") from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 class _Tally:
@@ -145,7 +129,8 @@ class _Tally:
     def _add(self, outcome: FrameOutcome) -> None:
         if outcome.error is not None:
             self.failed += 1
-            self.screen.note(f"refused: {outcome.key}: {outcome.error['detail']}")
+            said = without_key(outcome.error["detail"], outcome.key)
+            self.screen.note(f"refused: {outcome.key}: {said}")
             return
         self.decided += 1
         self._boxes.update(str(each["verdict"]) for each in outcome.decisions or ())

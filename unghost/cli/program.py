@@ -11,8 +11,11 @@ import typer
 
 from unghost.cli import (
     config,
+    convert,
     datasets,
     demo,
+    diff,
+    evaluate,
     export,
     filter_local,
     push,
@@ -32,7 +35,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for group in (serve, demo, push, filter_local, run, stats, datasets, export):
+_GROUPS = (
+    *(serve, demo, push, filter_local, run, stats, diff),
+    *(datasets, export, convert, evaluate),
+)
+for group in _GROUPS:
     group.register(app)
 app.add_typer(config.app, name="config")
 

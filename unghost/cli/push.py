@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -18,11 +19,14 @@ from unghost.cli.source_options import SegmentationReading, SourceOptions
 from unghost.cli.sources import open_source, outgoing
 from unghost.client import Client
 from unghost.errors import Conflict, NotFound
+from unghost.outgoing import Outcome
 from unghost.results import Dataset
-from unghost.upload import Known, Outcome, Upload
 
 if TYPE_CHECKING:
     from filter_core.formats.frame_source import FrameSet
+
+_LOOKED_AT: Final = 500
+"""Boxes without tags whose classes are named."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,13 +45,13 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
         str, typer.Option("--dataset", help="Where to; made if it is not there.")
     ]
     workers: Annotated[
-        int, typer.Option(min=1, max=64, help="Uploads at the same time.")
-    ] = 4
+        int, typer.Option(min=1, max=16, help="Connections that send at the same time.")
+    ] = 2
     replace: Annotated[
         bool,
         typer.Option(
             "--replace",
-            help="Send everything, and replace frames whose content changed.",
+            help="Replace frames whose content changed, instead of refusing them.",
         ),
     ] = False
 
@@ -68,8 +72,10 @@ def push(options: PushOptions) -> None:
     with options.connect() as client:
         ensure_dataset(client, options.dataset, options.reading, found.classes or ())
         send(client, options, found, report)
+        if report.stored:
+            _note_unmapped(client, options)
     report.print_summary(found.unmatched, options.dataset)
-    if report.problems or found.unmatched:
+    if report.refused or found.unmatched:
         raise typer.Exit(PARTLY if report.succeeded else REFUSED)
 
 
@@ -107,21 +113,30 @@ def send(
                 report.add(outcome)
                 advance(report.seen, found.count)
         except KeyboardInterrupt:
-            options.screen.note(
+            raise KeyboardInterrupt(
                 f"interrupted after {report.seen} frames; the same command goes on"
-            )
-            raise
+            ) from None
+
+
+def _note_unmapped(client: Client, options: PushOptions) -> None:
+    """A class that no tag stands for loses all its boxes: mostly a mistake."""
+    count = client.stats(options.dataset).by_reason.get("unmapped_class", 0)
+    if not count:
+        return
+    boxes = client.boxes(options.dataset, reason="unmapped_class")
+    found = {str(box.class_name) for box in islice(boxes, _LOOKED_AT)}
+    options.screen.note(
+        f"rejected: {count} boxes of {options.dataset}, since their class has no tags: "
+        f"{', '.join(sorted(found))}"
+    )
 
 
 def _outcomes(
     client: Client, options: PushOptions, found: FrameSet
 ) -> Generator[Outcome, None, None]:
-    known = None if options.replace else Known(client.frames(options.dataset))
-    upload = Upload(
-        client,
+    return client.push(
         options.dataset,
-        known=known,
+        outgoing(found),
         replace=options.replace,
-        workers=options.workers,
+        connections=options.workers,
     )
-    return upload.send(outgoing(found))

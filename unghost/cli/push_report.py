@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from unghost.cli.screen import Screen
 from unghost.errors import ApiError
-from unghost.upload import NotSent, Outcome, Sent
+from unghost.outgoing import NotSent, Outcome, Sent
 
 if TYPE_CHECKING:
     from filter_core.formats.frame_source import Unmatched
@@ -19,14 +19,16 @@ _VERDICTS: Final = ("kept", "rejected", "unmeasured")
 
 
 class PushReport:
-    """Counts outcomes; tells each one as a JSON line, or all of them at the end."""
+    """Counts outcomes; tells each one as a JSON line, or all of them at the end.
+
+    Of the problems it keeps as many as it will list: there may be one per frame.
+    """
 
     def __init__(self, screen: Screen) -> None:
         self._screen = screen
         self._verdicts: Counter[str] = Counter()
         self._outcomes: Counter[str] = Counter()
-        self._unmapped: Counter[str] = Counter()
-        self.problems: list[NotSent] = []
+        self._problems: list[str] = []
 
     @property
     def seen(self) -> int:
@@ -34,36 +36,39 @@ class PushReport:
         return self._outcomes.total()
 
     @property
+    def refused(self) -> int:
+        """Frames that were not taken."""
+        return self._outcomes["refused"]
+
+    @property
+    def stored(self) -> int:
+        """Frames that are new."""
+        return self._outcomes["stored"]
+
+    @property
     def succeeded(self) -> int:
         """Frames that the server has."""
-        return self.seen - len(self.problems)
+        return self.seen - self.refused
 
     def add(self, outcome: Outcome) -> None:
         """Count an outcome."""
         self._outcomes[outcome.word] += 1
         if isinstance(outcome, Sent):
-            decisions = outcome.stored.decisions
-            self._verdicts.update(each.verdict for each in decisions)
-            self._unmapped.update(
-                each.class_name or "none"
-                for each in decisions
-                if each.reason == "unmapped_class"
-            )
-        if isinstance(outcome, NotSent):
-            self.problems.append(outcome)
+            for verdict in _VERDICTS:
+                self._verdicts[verdict] += getattr(outcome.counts, verdict)
+        elif isinstance(outcome, NotSent) and len(self._problems) < _LISTED:
+            self._problems.append(_line(outcome))
         self._screen.record(_record(outcome))
+
+    def print_problems(self) -> None:
+        """The frames that were refused, one by one."""
+        self._print_some(self._problems, self.refused)
 
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Say what happened; the problems one by one."""
-        note = self._screen.note
-        for text in _shortened([_line(problem) for problem in self.problems]):
-            note(text)
-        for class_name, count in self._unmapped.most_common(_LISTED):
-            note(f"rejected: {count} boxes, since class {class_name!r} has no tags")
-        for text in _shortened(
-            [f"not matched: {file.path}: {file.why}" for file in unmatched]
-        ):
-            note(text)
+        self.print_problems()
+        lines = (f"not matched: {file.path}: {file.why}" for file in unmatched)
+        self._print_some(lines, len(unmatched))
         self._screen.record(
             {
                 "dataset": dataset,
@@ -79,11 +84,25 @@ class PushReport:
         boxes = {verdict: self._verdicts[verdict] for verdict in _VERDICTS}
         return frames | boxes
 
+    def _print_some(self, lines: Iterable[str], count: int) -> None:
+        for _, line in zip(range(_LISTED), lines, strict=False):
+            self._screen.note(line)
+        if count > _LISTED:
+            self._screen.note(f"... and {count - _LISTED} more (--json has all)")
+
+
+def without_key(said: str, key: str) -> str:
+    """What is said of a frame, for a line that begins with its key."""
+    rest = said.removeprefix("frame ").removeprefix(key)
+    return rest.lstrip(":, ") if rest[:1] in (":", ",") else said
+
 
 def _record(outcome: Outcome) -> dict[str, Any]:
     record: dict[str, Any] = {"key": outcome.key, "outcome": outcome.word}
     if isinstance(outcome, NotSent):
         record["error"] = _problem(outcome)
+    else:
+        record["frame_id"] = outcome.frame_id
     return record
 
 
@@ -91,7 +110,14 @@ def _problem(outcome: NotSent) -> dict[str, Any]:
     error = outcome.error
     if isinstance(error, ApiError):
         return error.problem
-    return {"code": "unreadable", "detail": str(error)}
+    return {"code": "unreadable", "detail": _said(error)}
+
+
+def _said(error: Exception) -> str:
+    """The error's text, without the number of the system's own."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def _line(problem: NotSent) -> str:
@@ -99,11 +125,5 @@ def _line(problem: NotSent) -> str:
     faults = error.errors if isinstance(error, ApiError) else ()
     # A single fault is what the error itself says.
     more = "".join(f"\n    {fault}" for fault in faults if len(faults) > 1)
-    said = str(error).removeprefix(f"frame {problem.key}").lstrip(":, ")
+    said = without_key(_said(error), problem.key)
     return f"refused: {problem.key}: {said}{more}"
-
-
-def _shortened(lines: list[str]) -> list[str]:
-    if len(lines) <= _LISTED:
-        return lines
-    return [*lines[:_LISTED], f"... and {len(lines) - _LISTED} more (--json has all)"]

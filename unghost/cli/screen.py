@@ -36,15 +36,25 @@ class Screen:
         if not self.as_json:
             _print(text)
 
-    def table(self, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Rows for people; with `--json` nothing, records say the same there."""
+    def table(
+        self,
+        columns: Sequence[str],
+        rows: Iterable[Sequence[object]],
+        *,
+        tag: str | None = None,
+    ) -> None:
+        """Rows for people; with `--json` nothing, records say the same there.
+
+        As plain lines each begins with `tag`, which tells several tables apart.
+        """
         if self.as_json:
             return
         if not sys.stdout.isatty():
             for row in rows:
-                _print("\t".join(_cell(value) for value in row))
+                cells = row if tag is None else (tag, *row)
+                _print("\t".join(_cell(value) for value in cells))
             return
-        _rich_table(columns, rows)
+        _rich_table(columns, list(rows))
 
     def note(self, text: str) -> None:
         """A line for people who watch; never data."""
@@ -87,18 +97,21 @@ def _cell(value: object) -> str:
     return "" if value is None else " ".join(str(value).split())
 
 
-def _rich_table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def _rich_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in columns:
-        table.add_column(column, overflow="fold")
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
+    for number, column in enumerate(columns):
+        numbers = any(isinstance(row[number], int | float) for row in rows)
+        table.add_column(
+            column, overflow="fold", justify="right" if numbers else "left"
+        )
     for row in rows:
         # Text: names from users are not markup.
         table.add_row(*(Text(_cell(value)) for value in row))
-    Console().print(table)
+    Console().print(table, "")
 
 
 @contextmanager
@@ -119,7 +132,9 @@ def _bar(title: str, unit: str) -> Iterator[Advance]:
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    # Drawing costs processor time, which a server on this machine needs as well.
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, refresh_per_second=4) as progress:
         task = progress.add_task(title, total=None, rate="")
 
         def advance(done: int, total: int | None) -> None:

@@ -51,7 +51,8 @@ class SourceOptions:
         str,
         typer.Option(
             metavar="LAYOUT",
-            help="How the folder is laid out: auto, manifest, carlasimu, yolo or voc.",
+            help="How the folder is laid out: auto, manifest, carlasimu, yolo, kitti, "
+            "voc or coco.",
         ),
     ] = "auto"
     segmentation: Annotated[
@@ -119,3 +120,28 @@ class SegmentationReading:
             "lossy_segmentation": self.lossy_segmentation,
         }
         return {name: one.value for name, one in given.items() if one is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalFilterOptions(SourceOptions, SegmentationReading):
+    """A folder, and how it is filtered on this machine."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A folder in a recognised layout, or a manifest.jsonl.",
+            exists=True,
+        ),
+    ]
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A filter configuration (YAML); else the defaults.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=256, help="Threads; else all cores.")
+    ] = None

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unghost.cli.exits import Refused
-from unghost.upload import NotSent, OutgoingFrame
+from unghost.outgoing import NotSent, OutgoingFrame
 
 if TYPE_CHECKING:
+    from filter_core.config import FilterConfig
     from filter_core.formats.frame_source import FrameSet, FrameSource
-    from unghost.cli.source_options import SourceOptions
+    from unghost.cli.screen import Screen
+    from unghost.cli.source_options import SegmentationReading, SourceOptions
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSet:
@@ -32,6 +34,19 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     if found.count == 0:
         raise Refused(f"no frames in {path.name} (layout {found.layout})")
     return found
+
+
+def read_config(
+    path: Path | None, reading: SegmentationReading, screen: Screen
+) -> FilterConfig:
+    """A file's configuration, with what the command line says on top."""
+    from filter_core.config import FilterConfig
+    from filter_core.config_file import load_config
+
+    loaded = load_config(path.read_bytes() if path is not None else b"")
+    if loaded.unused_keys:
+        screen.note(f"not used here: {', '.join(loaded.unused_keys)}")
+    return FilterConfig.from_mapping({**loaded.config.as_dict(), **reading.reading})
 
 
 def _lines(source: Path) -> int:

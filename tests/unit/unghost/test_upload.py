@@ -1,125 +1,211 @@
-"""Many frames are sent in a bounded way, and each one's fate is known."""
+"""Many frames travel in batches; each one's fate is known, whatever breaks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import httpx
 import pytest
 
-from tests.unit.unghost.conftest import json_reply, problem
-from unghost import Frame, Unauthorized
-from unghost.upload import AlreadyThere, Known, NotSent, OutgoingFrame, Sent, Upload
+from tests.unit.unghost.batch_server import BatchServer, Turn
+from tests.unit.unghost.conftest import QUICK
+from unghost import Client, Conflict, NotSent, OutgoingFrame, Sent, Unauthorized
 
 BOX = {"class": "car", "xyxy": [0, 0, 1, 1]}
 
 
-def outgoing(key: str, boxes: int = 1, **files: bytes) -> OutgoingFrame:
-    return OutgoingFrame(key, {"boxes": [BOX] * boxes}, files)
+@pytest.fixture
+def batches() -> Iterator[BatchServer]:
+    server = BatchServer()
+    yield server
+    server.close()
 
 
-def stored(key: str, status: int = 201):
-    return json_reply({"frame": {"id": 1, "key": key}, "decisions": []}, status)
+@pytest.fixture
+def client(batches: BatchServer) -> Iterator[Client]:
+    with Client(batches.url, "secret", retry=QUICK) as client:
+        yield client
 
 
-def push(client, frames, **options):
-    return list(Upload(client, "town", workers=1, **options).send(frames))
+def outgoing(key: str, **files: bytes) -> OutgoingFrame:
+    return OutgoingFrame(key, {"boxes": [BOX]}, files)
 
 
-def test_a_frame_is_one_put_with_its_files(scripted, client, tmp_path):
-    (tmp_path / "a.png").write_bytes(b"pixels")
-    scripted.answer(stored("a/1"))
-    frame = OutgoingFrame("a/1", {"boxes": []}, {"image": tmp_path / "a.png"})
+def many(count: int) -> list[OutgoingFrame]:
+    return [outgoing(f"{number}") for number in range(count)]
 
-    (outcome,) = push(client, [frame])
+
+def words(outcomes) -> dict[str, str]:
+    return {outcome.key: outcome.word for outcome in outcomes}
+
+
+def test_a_frame_travels_with_its_files(batches, client, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"pixels" * 200_000)
+    files = {"image": tmp_path / "a.png", "depth": b"metres"}
+    frame = OutgoingFrame("a b/ü?#%2F", {"map": "ü", "boxes": [BOX]}, files)
+
+    (outcome,) = client.push("town", [frame], replace=True)
 
     assert isinstance(outcome, Sent)
-    assert outcome.word == "stored"
-    (asked,) = scripted.asked
-    assert (asked.method, asked.path) == ("PUT", "/api/v1/datasets/town/frames/a/1")
-    assert b'name="image"' in asked.body
-    assert b"pixels" in asked.body
+    assert (outcome.word, outcome.counts.rejected) == ("stored", 2)
+    (taken,) = batches.taken
+    assert (taken.key, taken.annotation) == ("a b/ü?#%2F", dict(frame.annotation))
+    assert taken.files == {"image": b"pixels" * 200_000, "depth": b"metres"}
+    path, head = batches.heads[0]
+    assert path == "/api/v1/datasets/town/batches?replace=true"
+    assert head["authorization"] == "Bearer secret"
 
 
-def test_the_same_frame_again_is_already_there(scripted, client):
-    scripted.answer(stored("a", 200))
+def test_a_frame_with_the_same_content_is_not_sent(batches, client, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"pixels")
+    frame = OutgoingFrame("a", {"boxes": [BOX]}, {"image": tmp_path / "a.png"})
+    batches.known["a"] = frame.digest()
 
-    assert push(client, [outgoing("a")])[0].word == "already_there"
-
-
-def test_what_concerns_one_frame_does_not_stop_the_others(scripted, client, tmp_path):
-    scripted.answer(problem(422, "bad_annotation"), stored("c"))
-    missing = OutgoingFrame("b", {"boxes": []}, {"image": tmp_path / "b.png"})
-
-    outcomes = push(client, [outgoing("a"), missing, outgoing("c")])
-
-    words = {outcome.key: outcome.word for outcome in outcomes}
-    assert words == {"a": "refused", "b": "refused", "c": "stored"}
-    errors = [each.error for each in outcomes if isinstance(each, NotSent)]
-    assert {type(error).__name__ for error in errors} == {
-        "Invalid",
-        "FileNotFoundError",
-    }
-
-
-def test_what_concerns_every_frame_stops(scripted, client):
-    scripted.answer(*[problem(401, "unauthorised")] * 3)
-
-    with pytest.raises(Unauthorized):
-        push(client, [outgoing(str(number)) for number in range(1000)])
-
-    assert len(scripted.asked) <= 3
-
-
-def test_a_frame_that_is_there_is_not_sent(scripted, client):
-    there = {"id": 1, "key": "a", "has_image": True, "counts": {"boxes": 2}}
-    known = Known([Frame.read(there)])
-
-    outcomes = push(client, [outgoing("a", boxes=2, image=b"i")], known=known)
-
-    assert outcomes == [AlreadyThere("a")]
-    assert scripted.asked == []
+    assert words(client.push("town", [frame])) == {"a": "already_there"}
+    assert batches.taken == []
 
 
 @pytest.mark.parametrize(
     "changed",
     [
-        pytest.param(outgoing("a", boxes=3, image=b"i"), id="another number of boxes"),
-        pytest.param(outgoing("a", boxes=2), id="no image"),
+        pytest.param(outgoing("a", image=b"j"), id="as many other bytes"),
+        pytest.param(outgoing("a", depth=b"i"), id="another kind of file"),
         pytest.param(
-            outgoing("a", 2, image=b"i", segmentation=b"s"), id="another file"
+            OutgoingFrame("a", {"boxes": [{**BOX, "id": "7"}]}, {"image": b"i"}),
+            id="another box",
         ),
-        pytest.param(outgoing("b", boxes=2, image=b"i"), id="another key"),
     ],
 )
-def test_a_frame_that_looks_different_is_sent(changed):
-    there = {"id": 1, "key": "a", "has_image": True, "counts": {"boxes": 2}}
+def test_a_frame_with_other_content_is_sent(batches, client, changed):
+    batches.known["a"] = outgoing("a", image=b"i").digest()
 
-    assert changed not in Known([Frame.read(there)])
+    assert words(client.push("town", [changed])) == {"a": "stored"}
 
 
-def test_frames_are_taken_no_faster_than_they_are_sent(scripted, client):
-    scripted.answer(*[stored(str(number)) for number in range(50)])
+def test_a_cut_connection_costs_only_what_was_not_answered(batches, client):
+    batches.turns = [Turn(lines=4), Turn(lines=3), Turn()]
+
+    outcomes = list(client.push("town", many(12)))
+
+    assert words(outcomes) == {frame.key: "stored" for frame in many(12)}
+    assert batches.keys == [frame.key for frame in many(12)]
+
+
+def test_answers_are_a_new_start_and_silence_is_not(batches, client):
+    batches.turns = [Turn(lines=1)] * 9
+    assert len(list(client.push("town", many(9)))) == 9
+
+    batches.turns = [Turn(lines=0)] * 2 * QUICK.attempts
+    with pytest.raises(httpx.TransportError):
+        list(client.push("town", many(9)))
+    assert batches.turns == []
+
+
+def test_a_busy_server_is_asked_again(batches, client):
+    batches.turns = [Turn(refusal=(503, "busy", {"Retry-After": "0"}))]
+
+    assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
+
+
+def test_a_server_without_batches_gets_one_request_per_frame(batches, client):
+    batches.turns = [Turn(refusal=(404, "not_found", {}))] * 2
+
+    outcomes = list(client.push("town", [outgoing("a b"), outgoing("c")]))
+
+    assert words(outcomes) == {"a b": "stored", "c": "stored"}
+    assert batches.put == [
+        "/api/v1/datasets/town/frames/a%20b",
+        "/api/v1/datasets/town/frames/c",
+    ]
+
+
+def test_a_proxy_would_hold_answers_back(batches, client, monkeypatch):
+    monkeypatch.setenv("http_proxy", batches.url)
+    with Client("http://far.example", "secret", retry=QUICK) as far:
+        list(far.push("town", [outgoing("a")]))
+
+    assert batches.put == ["http://far.example/api/v1/datasets/town/frames/a"]
+    assert batches.heads == []
+
+
+def test_what_concerns_every_frame_stops(batches, client):
+    batches.turns = [Turn(refusal=(401, "unauthorised", {}))]
+
+    with pytest.raises(Unauthorized):
+        list(client.push("town", many(3)))
+    assert batches.taken == []
+
+
+def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
+    batches.turns = [Turn(end={"problem": {"status": 409, "code": "odd"}})]
+
+    with pytest.raises(Conflict):
+        list(client.push("town", many(1)))
+
+
+def test_what_concerns_one_frame_does_not_stop_the_others(batches, client, tmp_path):
+    missing = OutgoingFrame("b", {"boxes": []}, {"image": tmp_path / "b.png"})
+    folder = OutgoingFrame("d", {"boxes": []}, {"image": tmp_path})
+    unreadable = NotSent("e", ValueError("line 3"))
+
+    outcomes = client.push(
+        "town",
+        [outgoing("a"), missing, outgoing("\udcff"), outgoing("c"), folder, unreadable],
+    )
+
+    assert words(outcomes) == {
+        "a": "stored",
+        "b": "refused",
+        "\udcff": "refused",
+        "c": "stored",
+        "d": "refused",
+        "e": "refused",
+    }
+
+
+def test_a_file_that_shrinks_under_way_costs_its_frame_alone(batches, client, tmp_path):
+    image = tmp_path / "a.png"
+    image.write_bytes(b"pixels")
+
+    def frames() -> Iterator[OutgoingFrame]:
+        yield from many(240)
+        yield OutgoingFrame("a", {"boxes": []}, {"image": image})
+        yield from (outgoing(f"after {number}") for number in range(9))
+        # 250 frames were looked at; the last fifty wait for their batch to be full.
+        image.write_bytes(b"pix")
+        yield outgoing("last")
+
+    outcomes = words(client.push("town", frames()))
+
+    assert outcomes.pop("a") == "refused"
+    assert set(outcomes.values()) == {"stored"}
+    # The others of its batch were sent again, so some of them twice.
+    assert set(batches.keys) == set(outcomes)
+
+
+def test_frames_are_taken_no_faster_than_they_are_sent(batches, client):
     taken = 0
 
-    def frames():
+    def frames() -> Iterator[OutgoingFrame]:
         nonlocal taken
-        for number in range(50):
+        for frame in many(20_000):
             taken += 1
-            yield outgoing(str(number))
+            yield frame
 
-    sending = Upload(client, "town", workers=1).send(frames())
+    sending = client.push("town", frames(), connections=1)
     next(sending)
     after_one = taken
     sending.close()
 
-    assert after_one <= 3
+    assert after_one <= 1000
+    assert len(batches.taken) < 2000
 
 
-def test_a_key_is_data_and_not_a_path(scripted, client):
-    scripted.answer(stored("x"))
+def test_nothing_is_asked_for_more_keys_than_a_request_may_have(batches, client):
+    list(client.push("town", many(600)))
 
-    push(client, [outgoing("a b/ü?#%2F")])
-
-    path = scripted.asked[0].path
-    assert path == "/api/v1/datasets/town/frames/a%20b/%C3%BC%3F%23%252F"
+    assert sum(map(len, batches.asked_about)) == 600
+    assert max(map(len, batches.asked_about)) <= 1000
 
 
 def test_a_file_that_no_frame_has_is_a_mistake_of_the_caller(client):

@@ -1,0 +1,42 @@
+"""The examples of docs/client.md run, one after the other, against a server."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.api.frames import write_manifest
+from tests.docs.documents import blocks, read
+
+EXAMPLES = blocks(read("docs/client.md"), "python")
+
+
+@pytest.fixture
+def beside_a_recording(start_server, tmp_path, monkeypatch):
+    server = start_server()
+    monkeypatch.chdir(write_manifest(tmp_path / "recording", 2))
+    monkeypatch.setenv("UNGHOST_SERVER", server.url)
+    monkeypatch.setenv("UNGHOST_TOKEN", server.token)
+
+
+@pytest.mark.usefixtures("beside_a_recording")
+def test_the_examples_run_in_order_and_print_what_they_promise(capsys):
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+
+    printed = []
+    for example in EXAMPLES:
+        exec(compile(example, "client.md", "exec"), namespace)
+        printed.append(capsys.readouterr().out.splitlines())
+    namespace["client"].close()
+
+    connect, push, put, look, runs, review, quality, export = printed
+    assert connect == ["admin"]
+    assert sorted(push) == ["000000 stored", "000001 stored"]
+    assert put[0].startswith("rejected: none of its pixels are ")
+    assert look == ["1", "000000 7 100.0", "000001 7 100.0"]
+    assert (runs[0], runs[-4]) == ("2", "done")
+    assert runs[-3:] == ["{'car': 2}", *["kept -> rejected"] * 2]
+    assert review == ["1"]
+    assert quality == ["1 1", "1 ()"]
+    assert export == ["town10.zip"]

@@ -1,0 +1,70 @@
+"""The notebooks run against a live demo server, and are kept without outputs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.api.command_line import CommandLine
+from tests.docs.documents import CHECKOUT
+
+NOTEBOOKS = sorted((CHECKOUT / "docs" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The address and token of `unghost demo`, as soon as it is filled."""
+    unghost = CommandLine(tmp_path_factory.mktemp("demo"), {})
+    with unghost.running("demo", "--frames", 2, "--port", 0, "--json") as process:
+        assert process.stdout is not None
+        link = json.loads(process.stdout.readline())["login_link"]
+        url, _, token = link.partition("/#token=")
+        yield {"UNGHOST_SERVER": url, "UNGHOST_TOKEN": token}
+
+
+def run(path: Path, folder: Path, settings: dict[str, str]) -> str:
+    """What the cells print, one after the other."""
+    answer = subprocess.run(
+        [sys.executable, "-m", "tests.docs.run_notebook", path],
+        cwd=CHECKOUT,
+        env=CommandLine(folder, settings).environ,
+        capture_output=True,
+        text=True,
+    )
+    assert answer.returncode == 0, answer.stderr
+    return "\n".join(printed(json.loads(answer.stdout)))
+
+
+def printed(notebook):
+    for cell in notebook["cells"]:
+        for output in cell.get("outputs", ()):
+            assert output.get("name") != "stderr", output
+            yield "".join(output.get("text", ()))
+            yield from output.get("data", ())
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_kept_without_outputs(path):
+    cells = json.loads(path.read_text("utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+
+    assert code
+    assert [cell["outputs"] for cell in code] == [[]] * len(code)
+    assert {cell["execution_count"] for cell in code} == {None}
+
+
+def test_the_notebook_of_the_client_runs(demo, tmp_path):
+    said = run(CHECKOUT / "docs" / "notebooks" / "client.ipynb", tmp_path, demo)
+
+    assert "2 frames, " in said
+    assert said.count("image/jpeg") == 3
+    assert "5 answers, 5 taken back" in said
+    assert "files, such as " in said
+
+
+def test_no_notebook_is_left_out():
+    assert [path.stem for path in NOTEBOOKS] == ["client"]

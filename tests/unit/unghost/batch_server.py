@@ -1,0 +1,164 @@
+"""A server of batches on a free port, which breaks off where a test tells it to."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+COUNTS = {"kept": 1, "rejected": 2, "unmeasured": 3}
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How one request is answered; without anything said, as it should be.
+
+    `lines`: the connection ends after so many. `refusal`: status, code, headers.
+    `end`: what the last line says beside its counts.
+    """
+
+    lines: int | None = None
+    refusal: tuple[int, str, dict[str, str]] | None = None
+    end: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A frame as it arrived."""
+
+    key: str
+    annotation: dict[str, Any]
+    files: dict[str, bytes]
+
+
+class BatchServer:
+    """Takes every frame it reads, in `turns`; knows the frames in `known`."""
+
+    def __init__(self) -> None:
+        self.turns: list[Turn] = []
+        self.taken: list[Taken] = []
+        self.put: list[str] = []
+        self.heads: list[tuple[str, dict[str, str]]] = []
+        self.known: dict[str, str] = {}
+        self.asked_about: list[list[str]] = []
+        self._http = _Http(("127.0.0.1", 0), self._handler())
+        self.url = f"http://127.0.0.1:{self._http.server_port}"
+        self._thread = threading.Thread(target=self._http.serve_forever, args=(0.01,))
+        self._thread.start()
+
+    def close(self) -> None:
+        self._http.shutdown()
+        self._http.server_close()
+        self._thread.join()
+
+    @property
+    def keys(self) -> list[str]:
+        return [frame.key for frame in self.taken]
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        server = self
+
+        class Handler(_Handler):
+            owner = server
+
+        return Handler
+
+
+class _Http(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, *_: object) -> None:
+        """A client that hangs up is what some tests are about."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    owner: BatchServer
+
+    def do_POST(self) -> None:
+        path, _, _ = self.path.partition("?")
+        if path.endswith("/known-frames"):
+            self._tell_known()
+        else:
+            self.owner.heads.append((self.path, dict(self.headers.items())))
+            self._take(self.owner.turns.pop(0) if self.owner.turns else Turn())
+
+    def do_PUT(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self.owner.put.append(self.path)
+        self._answer(201, {"frame": {"id": 7, "key": "a", "counts": COUNTS}}, {})
+
+    def handle_expect_100(self) -> bool:
+        turn = self.owner.turns[0] if self.owner.turns else Turn()
+        return True if turn.refusal else super().handle_expect_100()
+
+    def _tell_known(self) -> None:
+        asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        self.owner.asked_about.append(asked["keys"])
+        known = self.owner.known
+        items = [
+            {"key": key, "frame_id": 7, "digest": known[key]}
+            for key in asked["keys"]
+            if key in known
+        ]
+        self._answer(200, {"items": items}, {})
+
+    def _take(self, turn: Turn) -> None:
+        if turn.refusal is not None:
+            status, code, headers = turn.refusal
+            self.close_connection = True
+            self._answer(status, {"status": status, "code": code}, headers)
+            return
+        self.send_response(200)
+        self.send_header("Transfer-Encoding", "chunked")
+        self.end_headers()
+        body = io.BytesIO(self.rfile.read(int(self.headers["Content-Length"])))
+        for number, frame in enumerate(_frames(body)):
+            if number == turn.lines:
+                self.close_connection = True
+                return
+            self.owner.taken.append(frame)
+            line = {"key": frame.key, "status": 201, "frame_id": number}
+            self._line({**line, "decisions": COUNTS})
+        self._line({"end": True, **turn.end})
+        self.wfile.write(b"0\r\n\r\n")
+
+    def _line(self, line: dict[str, Any]) -> None:
+        content = json.dumps(line).encode() + b"\n"
+        self.wfile.write(b"%x\r\n%s\r\n" % (len(content), content))
+
+    def _answer(self, status: int, body: object, headers: dict[str, str]) -> None:
+        content = json.dumps(body).encode()
+        self.send_response(status)
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_args: object) -> None:
+        pass
+
+
+def _frames(body: io.BytesIO) -> Iterator[Taken]:
+    frame: Taken | None = None
+    with tarfile.open(fileobj=body, mode="r|") as archive:
+        for member in archive:
+            opened = archive.extractfile(member)
+            assert opened is not None
+            name, _, kind = member.name.partition(".")
+            if kind == "json":
+                if frame is not None:
+                    yield frame
+                annotation = json.loads(opened.read())
+                frame = Taken(annotation.pop("key", name), annotation, {})
+            else:
+                assert frame is not None
+                frame.files[kind] = opened.read()
+    if frame is not None:
+        yield frame
