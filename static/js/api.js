@@ -1,5 +1,6 @@
 // @ts-check
 // Every URL and every fetch. What is not 2xx becomes an ApiError; no answer at all a NoAnswer.
+// Calls that one view alone makes are in calls/, built from what is exported here.
 
 /** @typedef {import("./types.js").Dataset} Dataset */
 /** @typedef {import("./types.js").Decision} Decision */
@@ -8,7 +9,7 @@
 /** @typedef {import("./types.js").HistoryItem} HistoryItem */
 /** @typedef {import("./types.js").StoredReview} StoredReview */
 /** @typedef {Record<string, string | number | undefined>} Params */
-/** @typedef {{title?: string, detail?: string, code?: string, request_id?: string, current?: Decision}} Problem */
+/** @typedef {{title?: string, detail?: string, code?: string, request_id?: string, current?: Decision, errors?: {pointer?: string, code?: string, detail?: string}[]}} Problem */
 
 const BASE = "/api/v1";
 
@@ -39,7 +40,7 @@ export class NoAnswer extends Error {
 }
 
 /** @param {string} path @param {Params} [params] */
-function urlOf(path, params = {}) {
+export function urlOf(path, params = {}) {
   const search = new URLSearchParams();
   for (const [key, value] of Object.entries(params)) {
     if (value !== undefined && value !== "") search.set(key, String(value));
@@ -47,17 +48,22 @@ function urlOf(path, params = {}) {
   return `${BASE}${path}${search.size ? `?${search}` : ""}`;
 }
 
-/**
- * @param {string} url @param {RequestInit} [init]
- * @returns {Promise<any>} the JSON of the answer; undefined when it has none
- */
-async function request(url, init = {}) {
+/** @param {string} url @param {RequestInit} [init] @returns {Promise<Response>} only what succeeded */
+export async function send(url, init = {}) {
   const response = await fetch(url, { credentials: "same-origin", ...init }).catch((cause) => {
     if (init.signal?.aborted) throw cause;
     throw new NoAnswer(cause);
   });
-  const text = await response.text();
-  if (!response.ok) throw new ApiError(response.status, problemOf(text), retryAfterOf(response));
+  if (!response.ok) throw new ApiError(response.status, problemOf(await response.text()), retryAfterOf(response));
+  return response;
+}
+
+/**
+ * @param {string} url @param {RequestInit} [init]
+ * @returns {Promise<any>} the JSON of the answer; undefined when it has none
+ */
+export async function request(url, init = {}) {
+  const text = await (await send(url, init)).text();
   return text ? JSON.parse(text) : undefined;
 }
 
@@ -77,7 +83,7 @@ function retryAfterOf(response) {
 }
 
 /** @param {string} path @param {unknown} body @param {string} [idempotencyKey] */
-function post(path, body, idempotencyKey) {
+export function post(path, body, idempotencyKey) {
   /** @type {Record<string, string>} */
   const headers = { "Content-Type": "application/json" };
   if (idempotencyKey) headers["Idempotency-Key"] = idempotencyKey;
@@ -85,11 +91,14 @@ function post(path, body, idempotencyKey) {
 }
 
 /** @param {string} name */
-const segment = (name) => encodeURIComponent(name);
+export const segment = (name) => encodeURIComponent(name);
 
 export const api = {
   /** @param {string} token @returns {Promise<void>} */
   signIn: (token) => post("/session", { token }),
+
+  /** @returns {Promise<import("./types.js").Person>} */
+  whoAmI: () => request(urlOf("/session")),
 
   /** @returns {Promise<void>} */
   signOut: () => request(urlOf("/session"), { method: "DELETE" }),

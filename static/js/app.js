@@ -2,16 +2,20 @@
 // The services that all views share, put together. No DOM beyond window's events.
 
 import { ApiError } from "./api.js";
+import { createBulkActs } from "./bulk_acts.js";
 import { loadKeys, saveKeys } from "./keymap.js";
 import { createFrames } from "./frames.js";
 import { nameThisTab, createOutbox } from "./outbox.js";
+import { createOpenStores } from "./open_stores.js";
 import { createPrefs } from "./prefs.js";
 import { withAnswer, withStored } from "./reviews.js";
 import { createRouter } from "./router.js";
 import { createSaver } from "./saver.js";
-import { LOCAL, REMOTE, createValue } from "./store.js";
+import { LOCAL, createValue } from "./store.js";
 import { createToasts } from "./toasts.js";
 import { createUndo } from "./undo.js";
+import { uploadCalls } from "./calls/uploads.js";
+import { createUploads } from "./upload/uploads.js";
 
 /** @typedef {import("./types.js").Decision} Decision */
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
@@ -28,9 +32,13 @@ export async function createApp(api, storage) {
 
   const router = createRouter();
   const frames = createFrames(api);
+  const stores = createOpenStores(() => frames.current()?.store);
   const toasts = createToasts();
   const undo = createUndo();
   const isSignedIn = createValue(true);
+  /** Whose answers these are. */
+  const person = createValue(/** @type {import("./types.js").Person | null} */ (null));
+  const greet = () => api.whoAmI().then(person.set, () => person.set(null));
   const keys = createValue(loadKeys(storage));
   keys.observe((settings) => saveKeys(storage, settings));
   /** Answers that met somebody else's. */
@@ -45,15 +53,15 @@ export async function createApp(api, storage) {
   const saver = createSaver(outbox, api.review, {
     onStored(stored, isLatest) {
       frames.forget(frames.current()?.frame.id);
-      const box = frames.boxOnShow(stored.box_id);
-      if (box && isLatest) frames.current()?.store.apply(withStored(box, stored), REMOTE);
+      if (isLatest) stores.tell(stored.box_id, (box) => withStored(box, stored));
     },
     onConflict(item, current) {
       undo.forget(item.boxId);
       conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
-      if (current && frames.boxOnShow(item.boxId)) frames.current()?.store.apply(current, REMOTE);
-      // The box on show says it itself.
-      if (router.route.get().query.box === String(item.boxId)) return;
+      if (current) stores.tell(item.boxId, () => current);
+      // The box on show says it itself, and so does the queue.
+      const { name, query } = router.route.get();
+      if (name === "queue" || query.box === String(item.boxId)) return;
       toasts.show(`Somebody else has answered a box. Yours (${item.verdict}) is not stored.`, {
         kind: "error",
         action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
@@ -65,13 +73,21 @@ export async function createApp(api, storage) {
       void frames.refresh(item.boxId);
     },
   });
+  /** Signed out is a state of the page, not an error of a view. @param {unknown} error */
+  const notice = (error) => {
+    if (error instanceof ApiError && error.status === 401) isSignedIn.set(false);
+  };
+  const bulk = createBulkActs({ storage, tab, openTabs, stores, frames, toasts, undo, notice });
   saver.state.observe(({ phase }) => phase === "signed-out" && isSignedIn.set(false));
-  addEventListener("online", () => void saver.resume());
+  addEventListener("online", () => (void saver.resume(), bulk.resume()));
 
   return {
     api,
     router,
     frames,
+    stores,
+    bulk,
+    notice,
     toasts,
     undo,
     saver,
@@ -81,12 +97,15 @@ export async function createApp(api, storage) {
     announcement,
     zoom,
     isSignedIn,
+    person,
+    greet,
+    uploads: createUploads(uploadCalls, isSignedIn),
     prefs: createPrefs(storage),
 
     /** An answer that lost against another one, given again on top of it. @param {Decision} box @param {QueuedAnswer} item */
     insist(box, item) {
       this.settle(box.box_id);
-      frames.current()?.store.apply(withAnswer(box, item.verdict, item.comment), LOCAL);
+      stores.answering(box.box_id)?.apply(withAnswer(box, item.verdict, item.comment), LOCAL);
     },
 
     /** @param {number} boxId */
@@ -100,17 +119,14 @@ export async function createApp(api, storage) {
     async signIn(token) {
       await api.signIn(token);
       isSignedIn.set(true);
+      void greet();
       void saver.resume();
+      bulk.resume();
     },
 
     async signOut() {
       await api.signOut();
       isSignedIn.set(false);
-    },
-
-    /** Signed out is a state of the page, not an error of a view. @param {unknown} error */
-    notice(error) {
-      if (error instanceof ApiError && error.status === 401) isSignedIn.set(false);
     },
   };
 }

@@ -2,11 +2,12 @@
 // What a person can do on a frame, by the keymap's names. Changes go to the store and the
 // address; saving, undo and drawing follow from there. No DOM.
 
+import { seen } from "./blind.js";
 import { VERDICT_CYCLE, neighbour, nextUndecided, shownBoxes } from "./boxfilter.js";
 import { isUndecided, withAnswer } from "./reviews.js";
 import { linkTo } from "./router.js";
 import { LOCAL, UNDO } from "./store.js";
-import { clamp } from "./geometry.js";
+import { createLookActions } from "./look_actions.js";
 import { spokenText } from "./wording.js";
 
 /** @typedef {import("./app.js").App} App */
@@ -14,9 +15,6 @@ import { spokenText } from "./wording.js";
 /** @typedef {import("./types.js").Decision} Decision */
 /** @typedef {import("./types.js").Frame} Frame */
 /** @typedef {import("./store.js").Store} Store */
-
-const OPACITY_STEP = 0.1;
-const ZOOM_STEP = 1.4;
 
 /**
  * @param {App} app @param {Frame} frame @param {Store} store
@@ -31,7 +29,7 @@ export function createFrameActions(app, frame, store, page) {
   function select(boxId) {
     const box = boxId === null ? undefined : store.get(boxId);
     app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), box: box ? String(boxId) : "" }));
-    app.announcement.set(box ? spokenText(box) : "");
+    app.announcement.set(box ? spokenText(seen(box, app.prefs.get().blind)) : "");
   }
 
   /** @param {Answer} verdict @param {string} [comment] */
@@ -61,6 +59,7 @@ export function createFrameActions(app, frame, store, page) {
   function undo() {
     const last = app.undo.peek();
     if (!last) return app.toasts.show("Nothing to take back.");
+    if (last.batchId) return void app.bulk.undo(last.batchId);
     const box = store.get(last.boxId);
     if (!box) return app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
     app.undo.take();
@@ -74,12 +73,6 @@ export function createFrameActions(app, frame, store, page) {
     const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
     app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), verdict }));
     app.announcement.set(`Showing ${verdict || "all"} boxes`);
-  }
-
-  /** @param {number} change */
-  function fade(change) {
-    const { mask, opacity } = app.prefs.get();
-    app.prefs.change({ mask: true, opacity: mask ? clamp(Math.round((opacity + change) * 10) / 10, 0.1, 1) : opacity });
   }
 
   /** Crop stays on from box to box, and from frame to frame, until it is switched off. */
@@ -123,17 +116,12 @@ export function createFrameActions(app, frame, store, page) {
       },
       nextFrame: () => goToFrame(frame.next_id, ""),
       previousFrame: () => goToFrame(frame.previous_id, ""),
-      grid: () => app.router.go(linkTo("frames", { dataset: frame.dataset }, { ...query(), box: "" })),
-      mask: () => app.prefs.change({ mask: !app.prefs.get().mask }),
-      opacityDown: () => fade(-OPACITY_STEP),
-      opacityUp: () => fade(OPACITY_STEP),
-      lit: () => app.prefs.change({ lit: !app.prefs.get().lit }),
-      edges: () => app.prefs.change({ edges: !app.prefs.get().edges }),
+      grid: () => app.router.go(linkTo("grid", { dataset: frame.dataset }, { ...query(), box: "" })),
+      ...createLookActions(app, page.stage),
+      blind: () => app.prefs.change({ blind: !app.prefs.get().blind }),
       cycleVerdict,
       crop,
       fit,
-      zoomIn: () => page.stage()?.zoomBy(ZOOM_STEP),
-      zoomOut: () => page.stage()?.zoomBy(1 / ZOOM_STEP),
       escape: () => select(null),
     },
   };

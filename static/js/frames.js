@@ -58,6 +58,8 @@ export function createFrames(api) {
       if (id !== undefined) ahead.delete(id);
     },
 
+    forgetAll: () => ahead.clear(),
+
     /** Ask the server how a box is now. @param {number} boxId */
     async refresh(boxId) {
       const decision = await api.box(boxId).catch(() => null);
@@ -65,3 +67,5 @@ export function createFrames(api) {
     },
   };
 }
+
+/** @typedef {ReturnType<typeof createFrames>} Frames */

@@ -116,6 +116,21 @@ export function boxesAt(boxes, at, slack) {
 }
 
 /**
+ * Boxes that overlap this one, those that share most with it first.
+ * @template {{xyxy: Xyxy | null}} B
+ * @param {readonly B[]} boxes @param {B} box
+ * @returns {B[]}
+ */
+export function overlapping(boxes, box) {
+  const mine = box.xyxy;
+  if (!mine) return [];
+  /** @param {B} other */
+  const shared = ({ xyxy }) => (xyxy ? areaOf([Math.max(mine[0], xyxy[0]), Math.max(mine[1], xyxy[1]), Math.min(mine[2], xyxy[2]), Math.min(mine[3], xyxy[3])]) : 0);
+  const found = boxes.filter((other) => other !== box && shared(other) > 0);
+  return found.sort((a, b) => shared(b) - shared(a));
+}
+
+/**
  * The next of the stacked boxes: clicking again on the same place goes one deeper.
  * @template B
  * @param {readonly B[]} hits @param {B | undefined} current

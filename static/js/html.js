@@ -1,5 +1,6 @@
 // @ts-check
-// The one door to the vendored libraries: nothing else imports from ../vendor.
+// The one door to the libraries that draw the page; charts have their own (chart.js).
+// Nothing else imports from ../vendor.
 
 import htm from "../vendor/htm-3.1.1.module.js";
 import { Component, createContext, h, render } from "../vendor/preact-11.2.0.module.js";

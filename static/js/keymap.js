@@ -12,7 +12,8 @@
 export const KEYMAP = [
   { action: "keep", keys: ["A", "K"], help: "Keep the box", group: "Answer" },
   { action: "reject", keys: ["X", "R"], help: "Reject the box", group: "Answer" },
-  { action: "unsure", keys: ["Space"], help: "Unsure: flag it and leave the filter's verdict", group: "Answer" },
+  { action: "unsure", keys: ["Space", "U"], help: "Unsure: flag it and leave the filter's verdict", group: "Answer" },
+  { action: "clear", keys: ["Delete"], help: "In the grid: take the answers back", group: "Answer" },
   { action: "undo", keys: ["Z", "Backspace"], help: "Take back your last answer", group: "Answer" },
   { action: "comment", keys: ["E"], help: "Write a comment", group: "Answer" },
   { action: "next", keys: ["J", "ArrowRight"], help: "Next box", group: "Move" },
@@ -20,7 +21,7 @@ export const KEYMAP = [
   { action: "nextUndecided", keys: ["Shift+J"], help: "Next box that nobody has answered", group: "Move" },
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
-  { action: "grid", keys: ["G"], help: "All frames as a grid", group: "Move" },
+  { action: "grid", keys: ["G"], help: "Boxes as a grid; from there, frames", group: "Move" },
   { action: "mask", keys: ["M"], help: "Segmentation over the image", group: "Look" },
   { action: "opacityDown", keys: ["["], help: "Segmentation fainter", group: "Look" },
   { action: "opacityUp", keys: ["]"], help: "Segmentation stronger", group: "Look" },
@@ -31,6 +32,7 @@ export const KEYMAP = [
   { action: "zoomIn", keys: ["+", "="], help: "Zoom in", group: "Look" },
   { action: "zoomOut", keys: ["-"], help: "Zoom out", group: "Look" },
   { action: "edges", keys: ["D"], help: "3D edges", group: "Look" },
+  { action: "blind", keys: ["B"], help: "Blind re-check: hide what the filter says until you answer", group: "Look" },
   { action: "help", keys: ["?"], help: "This help", group: "Page" },
   { action: "escape", keys: ["Escape"], help: "Close, or let go of the box", group: "Page" },
 ];
@@ -79,7 +81,7 @@ export function rebind(settings, action, name) {
 }
 
 /** @type {Record<string, string>} */
-const SHOWN = { ArrowRight: "→", ArrowLeft: "←", ArrowUp: "↑", ArrowDown: "↓", Escape: "Esc", PageDown: "PgDn", PageUp: "PgUp", Backspace: "⌫" };
+const SHOWN = { ArrowRight: "→", ArrowLeft: "←", ArrowUp: "↑", ArrowDown: "↓", Escape: "Esc", PageDown: "PgDn", PageUp: "PgUp", Backspace: "⌫", Delete: "Del" };
 
 /** @param {string} name */
 export const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");

@@ -20,7 +20,7 @@ export function perform(app, action) {
 }
 
 /** Keys belong to the field or the dialog that has the focus. @param {KeyboardEvent} event */
-function isTyping({ target, key }) {
+export function isTyping({ target, key }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog[open]")) return true;
   if (target.matches("textarea, select, input:not([type=checkbox]):not([type=range])")) return key !== "Escape";

@@ -35,6 +35,8 @@ if (linkError) app.isSignedIn.set(false);
 watchTheme(app.prefs);
 watchKeys(app);
 render(h(Shell, { app, linkError }), element("app"));
+if (!linkError) void app.greet();
 void app.saver.resume();
+app.bulk.resume();
 // A login link opened over the running page: start again with it.
 addEventListener("hashchange", () => tokenOf(location.hash) && location.reload());

@@ -11,12 +11,14 @@ import { createValue } from "./store.js";
  * @property {boolean} lit  matching pixels of the selected box
  * @property {boolean} edges  3D edges
  * @property {boolean} crop  the selected box's surroundings rather than the frame
+ * @property {boolean} blind  judge before being told what others and the filter said
+ * @property {number} cropSize  of the crops in the grid, about so many px wide
  */
 
 const STORAGE_KEY = "unghost.prefs.v1";
 
 /** @type {Prefs} */
-const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false };
+const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false, blind: false, cropSize: 168 };
 
 /** @param {Pick<Storage, "getItem" | "setItem">} storage */
 export function createPrefs(storage) {

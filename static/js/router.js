@@ -8,13 +8,18 @@ import { createValue } from "./store.js";
 /** @typedef {{name: string, params: Record<string, string>, query: Query}} Route */
 
 /**
- * One row per view. `nav` rows appear in the navigation of a dataset; a view that is not
- * there yet has no row, hence no link.
+ * One row per view. Rows with a `nav` name are the tabs of a dataset, in this order; a view
+ * that is not there yet has no row, hence no link.
  * @type {readonly {name: string, pattern: string, nav?: string}[]}
  */
 export const ROUTES = [
   { name: "datasets", pattern: "datasets" },
   { name: "frames", pattern: "datasets/:dataset/frames", nav: "Frames" },
+  { name: "queue", pattern: "datasets/:dataset/queue", nav: "Queue" },
+  { name: "grid", pattern: "datasets/:dataset/grid", nav: "Grid" },
+  { name: "thresholds", pattern: "datasets/:dataset/thresholds", nav: "Thresholds" },
+  { name: "quality", pattern: "datasets/:dataset/quality", nav: "Quality" },
+  { name: "runs", pattern: "datasets/:dataset/runs", nav: "Runs and exports" },
   { name: "frame", pattern: "frames/:id" },
 ];
 

@@ -33,6 +33,8 @@ export function createSaver(outbox, send, events, later = (run, delayMs) => void
   /** @type {import("./store.js").Value<SaverState>} */
   const state = createValue(stateNow("saved"));
   let isSending = false;
+  /** Somebody said that it may work now, while an attempt from before was still failing. */
+  let isWorthTrying = false;
   let retryS = FIRST_RETRY_S;
   let retries = 0;
 
@@ -94,8 +96,10 @@ export function createSaver(outbox, send, events, later = (run, delayMs) => void
   function waitAndRetry(phase, seconds) {
     show(phase);
     const mine = ++retries;
+    const wait = isWorthTrying ? 0 : seconds;
+    isWorthTrying = false;
     retryS = Math.min(retryS * 2, LONGEST_RETRY_S);
-    later(() => mine === retries && void drain(), seconds * 1000);
+    later(() => mine === retries && void drain(), wait * 1000);
     return false;
   }
 
@@ -113,7 +117,11 @@ export function createSaver(outbox, send, events, later = (run, delayMs) => void
     },
 
     /** Try now: the network is back, or somebody has signed in. */
-    resume: drain,
+    resume() {
+      isWorthTrying = isSending;
+      retryS = FIRST_RETRY_S;
+      return drain();
+    },
 
     /** What waits for a frame's boxes, so that a reloaded page still shows it. @param {number} frameId */
     waitingFor: (frameId) => outbox.items().filter((item) => item.frameId === frameId),

@@ -10,7 +10,7 @@ export const UNDO = "undo";
 export const REMOTE = "remote";
 
 /**
- * The boxes of one frame, in the frame's order.
+ * The boxes of a frame, or of a queue, in their order.
  * @param {readonly Decision[]} decisions
  */
 export function createStore(decisions) {
@@ -26,11 +26,18 @@ export function createStore(decisions) {
     /** One array per state: the same until something changes. */
     all: () => (all ??= Object.freeze([...byId.values()])),
 
+    /** More boxes, at the end; those that are here stay as they are. @param {readonly Decision[]} more */
+    add(more) {
+      const unknown = more.filter((box) => !byId.has(box.box_id));
+      byId = new Map([...byId, ...unknown.map((box) => /** @type {const} */ ([box.box_id, Object.freeze(box)]))]);
+      all = null;
+    },
+
     /** Replaces a box by its next state. @param {Decision} after @param {Origin} origin */
     apply(after, origin) {
       const key = after.box_id;
       const before = byId.get(key);
-      if (before === undefined) throw new RangeError(`no box ${key} in this frame`);
+      if (before === undefined) throw new RangeError(`no box ${key} here`);
       byId = new Map([...byId, [key, Object.freeze(after)]]);
       all = null;
       const change = { origin, before, after };

@@ -2,7 +2,7 @@
 // The shapes that travel: what the server answers, as JSDoc types. No code here.
 
 /**
- * @typedef {"kept" | "rejected" | "unmeasured"} Verdict  the filter's word
+ * @typedef {"kept" | "rejected" | "unmeasured" | "veiled"} Verdict  the filter's word; veiled: not to be seen before the answer, never travels
  * @typedef {"keep" | "reject" | "unsure" | "clear"} Answer  a person's word; clear takes it back
  * @typedef {[number, number, number, number]} Xyxy  image px, half-open: x_min y_min x_max y_max
  * @typedef {[number, number, number]} Rgb
@@ -113,10 +113,16 @@
  * @property {string} description
  * @property {string[]} classes
  * @property {string} created_at
+ * @property {string} palette
+ * @property {string} encoding
+ * @property {string} channel_order
+ * @property {string} lossy_segmentation
  * @property {string | null} [config]
  * @property {number | null} thumbnail_frame_id
  * @property {FrameCounts & {frames: number, problems: number}} counts
  */
+
+/** @typedef {{name: string, role: string, expires_at: string | null}} Person  who is signed in */
 
 /**
  * @template T

@@ -12,6 +12,7 @@ import { LOCAL } from "./store.js";
  * @property {number} frameId
  * @property {Answer} verdict  the answer to post again; clear when there was none
  * @property {string} comment
+ * @property {number} [batchId]  of a bulk act, which is taken back as one
  */
 
 const DEPTH = 500;
@@ -19,17 +20,32 @@ const DEPTH = 500;
 export function createUndo() {
   /** @type {UndoStep[]} */
   const steps = [];
+
+  /** @param {UndoStep} step */
+  function push(step) {
+    steps.push(step);
+    if (steps.length > DEPTH) steps.shift();
+  }
+
   return {
     /** @param {Change} change */
     notice({ origin, before }) {
       if (origin !== LOCAL) return;
-      steps.push({
+      push({
         boxId: before.box_id,
         frameId: before.frame_id,
         verdict: before.review?.verdict ?? "clear",
         comment: before.review?.comment ?? "",
       });
-      if (steps.length > DEPTH) steps.shift();
+    },
+
+    /** One answer on many boxes is one step. @param {number} batchId */
+    noticeBatch: (batchId) => push({ boxId: 0, frameId: 0, verdict: "clear", comment: "", batchId }),
+
+    /** @param {number} batchId */
+    forgetBatch(batchId) {
+      const at = steps.findIndex((step) => step.batchId === batchId);
+      if (at >= 0) steps.splice(at, 1);
     },
 
     /** The step to take back next, without taking it. */

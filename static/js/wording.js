@@ -18,15 +18,18 @@ export const REASONS = {
   no_segmentation: "not measured",
   explained_by_nearer: "explained by a nearer box",
   hidden_by_depth: "hidden by depth",
-  hidden_by_instance: "no instance",
+  hidden_by_instance: "too few instance pixels",
   too_few_lidar_points: "too few LiDAR points",
 };
 
+/** For a box that is not to be judged by what others say of it. */
+const VEILED = "hidden until you answer";
+
 /** @param {string} reason */
-export const reasonText = (reason) => REASONS[reason] ?? reason.replaceAll("_", " ");
+export const reasonText = (reason) => (reason === "veiled" ? VEILED : (REASONS[reason] ?? reason.replaceAll("_", " ")));
 
 /** @type {Record<Verdict, string>} the sign that goes with the colour */
-export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?" };
+export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", veiled: "•" };
 
 /** @type {Record<string, string>} */
 export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "taken back" };
@@ -54,6 +57,12 @@ export function percentText(percent) {
 /** Where no threshold is near, whole numbers will do. @param {number} percent */
 const wholePercent = (percent) => (percent < 1 ? percentText(percent) : `${Math.round(percent)} %`);
 
+/** @param {number} bytes */
+export function sizeText(bytes) {
+  const [unit, size] = bytes < 1e6 ? ["kB", 1e3] : bytes < 1e9 ? ["MB", 1e6] : ["GB", 1e9];
+  return `${(bytes / size).toFixed(bytes / size < 10 ? 1 : 0)} ${unit}`;
+}
+
 /** @param {number | null | undefined} metres */
 export const metresText = (metres) =>
   metres === null || metres === undefined ? "–" : `${metres.toFixed(metres < 10 ? 1 : 0)} m`;
@@ -62,10 +71,20 @@ export const metresText = (metres) =>
 export const acceptedText = (box) =>
   box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
 
+/** Its pixels' share decided, or nothing did; else another channel's number. @param {Decision} box */
+export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
+
+/** The share that matched, where it decided: nothing beside a reason that another channel gave. @param {Decision} box */
+export const matchText = (box) => (isMeasured(box) && isByShare(box) ? percentText(box.match_percent) : "");
+
 /** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
 export function labelText(box) {
+  if (!isByShare(box)) return channelText(box);
   return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
 }
+
+/** The server's sentence after its verdict: "explained by the nearer car 122". @param {Decision} box */
+const channelText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
 
 /** @param {Decision} box */
 function measureText(box) {
@@ -80,6 +99,8 @@ function measureText(box) {
       return `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
       return `${metresText(box.distance)}: out of range`;
+    case "veiled":
+      return `${box.class} ${box.id}`;
     case "explained_by_nearer":
       return box.explained_by ? `explained by nearer box ${box.explained_by}` : reasonText(box.reason);
     default:
@@ -104,11 +125,12 @@ export const unbroken = (text) => text.replaceAll(" %", "\u00a0%");
 
 /** What the smallest label says: "car 4.1 %". @param {Decision} box */
 export function shortText(box) {
-  return isMeasured(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;
+  return isMeasured(box) && isByShare(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;
 }
 
 /** One sentence for ears and for boxes that the server did not explain. @param {Decision} box */
 export function spokenText(box) {
+  if (box.verdict === "veiled") return `${box.class} ${box.id}, ${VEILED}`;
   const answer = box.review && box.review.verdict !== "clear" ? `, answered ${box.review.verdict}` : "";
   return `${box.class} ${box.id}, ${box.verdict}${answer}: ${labelText(box)}`;
 }

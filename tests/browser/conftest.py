@@ -16,6 +16,7 @@ from playwright.sync_api import (
     BrowserContext,
     Page,
     StorageState,
+    ViewportSize,
     expect,
     sync_playwright,
 )
@@ -33,7 +34,10 @@ ARGUMENTS = (
     "--disable-sync",
     "--no-first-run",
 )
-WIDE = {"width": 1440, "height": 900}
+# Busy machines are slow, not wrong; what is right is seen at once all the same.
+expect.set_options(timeout=15_000)
+
+WIDE = ViewportSize(width=1440, height=900)
 PHONE = {"width": 390, "height": 844}
 
 RE_VIEW = re.compile(r"\S+ \S+ \S+")

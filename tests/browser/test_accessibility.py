@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
+from tests.browser import crowds
 from tests.browser.conftest import PHONE, WIDE, Scene, Visit, Visitor
 
 pytestmark = pytest.mark.browser
@@ -83,6 +84,61 @@ def test_conflict_and_offline_have_no_serious_finding(scene, visit, scheme):
     ada.press("j", "a")
     expect(page.locator(".savestate")).to_contain_text("offline")
 
+    assert findings(page) == []
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_grid_and_its_states_have_no_serious_finding(scene, visit, scheme, size):
+    ada = visit(color_scheme=scheme, viewport=size)
+    page = ada.open(crowds.grid(scene))
+    expect(crowds.cell(page, 0).locator("img")).to_be_visible()
+    ada.press("ArrowRight", "Space")
+    assert findings(page) == []
+
+    page.context.set_offline(True)
+    ada.press("x")
+    expect(page.locator(".strip")).to_be_visible()
+    assert findings(page) == []
+    page.context.set_offline(False)
+    ada.open(crowds.grid(scene, distance_min="900"))
+    expect(page.get_by_role("heading", name="No box matches")).to_be_visible()
+
+    assert findings(page) == []
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_queue_and_its_states_have_no_serious_finding(scene, visit, scheme, size):
+    ada = visit(color_scheme=scheme, viewport=size)
+    page = ada.open(crowds.queue(scene))
+    shown = page.locator(".stage[data-picture=shown]")
+    expect(shown).to_be_visible()
+    crowds.review(scene, scene.box_id(crowds.queued(page)), "reject")
+    ada.press("a", "x")
+    expect(page.locator(".conflict")).to_be_visible()
+    assert findings(page) == []
+    ada.press("b")
+    assert findings(page) == []
+
+    ada.press("a", "x", "a")
+
+    expect(page.get_by_role("heading", name="All done")).to_be_visible()
+    assert findings(page) == []
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_opened_filters_have_no_serious_finding(scene, visit, scheme, size):
+    ada = visit(color_scheme=scheme, viewport=size)
+    page = ada.open(crowds.grid(scene, **{"class": "car", "toss_up": "true"}))
+    if size == PHONE:
+        page.get_by_role("button", name="Filters").click()
+    page.get_by_role("button", name="More").click()
+    expect(page.get_by_role("group", name="More filters")).to_be_visible()
+    assert findings(page) == []
+
+    ada.open(crowds.queue(scene, verdict="rejected"))
+    if size == PHONE:
+        page.get_by_role("button", name="Filters").click()
+    expect(page.get_by_role("combobox", name="Reason")).to_be_visible()
     assert findings(page) == []
 
 

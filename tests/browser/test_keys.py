@@ -170,11 +170,14 @@ def test_brackets_change_the_opacity(scene, ada):
     expect(slider).to_have_value("0.6")
 
 
-def test_g_opens_the_grid_of_frames(scene, ada):
+def test_g_opens_the_grid_of_boxes_and_from_there_the_frames(scene, ada):
     page = ada.open(scene.link("ghost", verdict="rejected"))
 
     ada.press("g")
+    expect(page.locator(".cell")).to_have_count(3)
+    assert page.url.endswith(f"#/datasets/{scene.dataset}/grid?verdict=rejected")
 
+    ada.press("g")
     expect(page.locator("[data-view=frames] h1")).to_have_text(scene.dataset)
     assert page.url.endswith(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
 
@@ -228,6 +231,17 @@ def test_key_can_be_given_to_another_action(scene, ada):
 
     expect(page.locator(".answerline")).to_contain_text("reject")
     expect(page.get_by_role("button", name=re.compile("^Reject"))).to_contain_text("Q")
+
+
+def test_key_that_is_taken_from_another_action_is_said(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    ada.press("?")
+    page.get_by_role("button", name="Change the key: Reject the box").click(force=True)
+
+    ada.press("m")
+
+    taken = page.get_by_role("dialog").get_by_role("status")
+    expect(taken).to_have_text("M no longer stands for: Segmentation over the image")
 
 
 def test_single_key_shortcuts_can_be_switched_off(scene, ada):

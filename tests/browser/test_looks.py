@@ -107,7 +107,7 @@ def test_empty_server_says_how_to_bring_data(visit, start_server):
     expect(page.locator("code").first).to_have_text(
         "unghost push FOLDER --dataset NAME"
     )
-    expect(page.get_by_role("button", name=re.compile("^Copy"))).to_have_count(2)
+    expect(page.get_by_role("button", name=re.compile("^Copy"))).to_have_count(3)
 
 
 def test_loading_is_shown_and_failing_can_be_tried_again(scene, ada: Visitor):

@@ -207,3 +207,23 @@ DRAG = """async () => {
   }
   return frames;
 }"""
+
+
+def test_boxes_move_with_the_picture_while_one_pans_and_afterwards(scene, ada):
+    page = ada.open(scene.link())
+    start = point(page, 20, 20)
+    page.mouse.move(*start)
+    page.mouse.down()
+
+    page.mouse.move(start[0] + 90, start[1] + 40, steps=4)
+    after_drawing(page)
+
+    assert edge_runs(page, scenes.CAR) == 1
+    assert edge_runs(page, scenes.HALF_HIDDEN) > 3
+    page.mouse.move(start[0] + 460, start[1] - 30, steps=4)
+    after_drawing(page)
+    assert edge_runs(page, scenes.CAR) == 1, "further than what was drawn ahead"
+    page.mouse.up()
+    ada.press("+")
+    after_drawing(page)
+    assert edge_runs(page, scenes.CAR) == 1, "drawn afresh"

@@ -34,9 +34,23 @@ export function paintLabel(ctx, { text, verdict, rect, size, inks }) {
   paintLines(ctx, lines, x + PADDING_PX, y, inks.text);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} width @returns {string[]} broken at " · " when too long */
-function brokenToFit(ctx, text, width) {
-  return ctx.measureText(text).width <= width ? [text] : text.split(" · ");
+/**
+ * Lines no wider than `width`: broken at " · ", and where that is not enough between words.
+ * @param {Pick<CanvasRenderingContext2D, "measureText">} ctx @param {string} text @param {number} width @returns {string[]}
+ */
+export function brokenToFit(ctx, text, width) {
+  const fits = (/** @type {string} */ line) => ctx.measureText(line).width <= width;
+  if (fits(text)) return [text];
+  return text.split(" · ").flatMap((part) => {
+    const [first = "", ...words] = part.split(/(?<=\S) (?=\S)/);
+    const lines = [first];
+    for (const word of words) {
+      const longer = `${lines.at(-1)} ${word}`;
+      if (fits(longer)) lines[lines.length - 1] = longer;
+      else lines.push(word);
+    }
+    return lines;
+  });
 }
 
 /** @param {CanvasRenderingContext2D} ctx @param {readonly string[]} lines @param {number} x @param {number} y @param {string} color */
@@ -70,8 +84,7 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
   for (const { box, rect } of placed) {
     if (taken.length >= MOST_SHORT_LABELS) return;
     if (rect[3] - rect[1] < SMALLEST_SIDE_PX) continue;
-    const text = `${VERDICT_SIGN[box.effective_verdict]} ${shortText(box)}`;
-    const width = ctx.measureText(text).width + 8;
+    const { text, width } = shortLabel(ctx, box);
     if (placed.length > CROWDED && rect[2] - rect[0] < width) continue;
     const x = Math.max(rect[0] - 1, 0);
     const y = rect[1] - SHORT.height >= 0 ? rect[1] - SHORT.height : Math.max(rect[1], 0);
@@ -84,6 +97,19 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
     ctx.textBaseline = "middle";
     ctx.fillText(text, x + 4, y + SHORT.height / 2 + 0.5);
   }
+}
+
+/** Measured once per box: a pan asks for hundreds of them, frame after frame. @type {WeakMap<import("../types.js").Decision, {text: string, width: number, font: string}>} */
+const shortLabels = new WeakMap();
+
+/** @param {CanvasRenderingContext2D} ctx @param {import("../types.js").Decision} box */
+function shortLabel(ctx, box) {
+  const known = shortLabels.get(box);
+  if (known?.font === ctx.font) return known;
+  const text = `${VERDICT_SIGN[box.effective_verdict]} ${shortText(box)}`;
+  const label = { text, width: ctx.measureText(text).width + 8, font: ctx.font };
+  shortLabels.set(box, label);
+  return label;
 }
 
 /** @param {Xyxy} a @param {Xyxy} b */

@@ -2,10 +2,11 @@
 // The stage: two layers of canvas, drawn by requestAnimationFrame from the latest snapshot and
 // the current view. Events only change those two; nothing is drawn from an event.
 
-import { boxesAt, clampView, cropView, fitView, nextOfStack, panBy, revealView, toImage, zoomAt } from "../geometry.js";
+import { boxesAt, clampView, cropView, fitView, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "../geometry.js";
 import { createGlide } from "./glide.js";
 import { listen } from "./input.js";
-import { paintBase, paintTop, readInks } from "./paint.js";
+import { createDrawnBoxes } from "./drawn_boxes.js";
+import { paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
 /** @typedef {import("../types.js").Decision} Decision */
 /** @typedef {import("../types.js").Xyxy} Xyxy */
@@ -19,10 +20,12 @@ import { paintBase, paintTop, readInks } from "./paint.js";
  * @property {CanvasImageSource | null} mask  the segmentation, painted
  * @property {number} opacity  of the mask
  * @property {readonly Decision[]} boxes
- * @property {Decision | null} selected
+ * @property {Decision | null} selected  one of `boxes`
  * @property {import("./pixels.js").Lit | null} lit
  * @property {boolean} edges
  * @property {boolean} crop  show the selected box's surroundings rather than the frame
+ * @property {boolean} [dim]  darken all but the selected box
+ * @property {number} [scene]  another number: something else is looked at, with no way from here to there
  */
 
 /**
@@ -33,6 +36,8 @@ import { paintBase, paintTop, readInks } from "./paint.js";
  */
 
 const CLICK_SLACK_PX = 4;
+/** A pan that pauses for so long is drawn as it will stay. */
+const REST_MS = 100;
 
 /** @param {HTMLElement} host @param {StageEvents} events */
 export function createStage(host, events) {
@@ -45,10 +50,16 @@ export function createStage(host, events) {
   let view = { scale: 1, x: 0, y: 0 };
   /** @type {Decision | null} */
   let hovered = null;
+  /** What overlaps the selected box. @type {ReadonlySet<Decision>} */
+  let neighbours = new Set();
   /** What a resize, and another selection, restore. @type {"fit" | "crop" | "free"} */
   let mode = "fit";
   let inks = readInks(host);
   let dirty = { base: false, top: false };
+  let hadTop = true;
+  let isPanning = false;
+  let rest = 0;
+  const copyBoxes = createDrawnBoxes(paintAllBoxes);
   let request = 0;
 
   /** @param {"all" | "top"} what */
@@ -60,9 +71,12 @@ export function createStage(host, events) {
   function draw() {
     request = 0;
     if (!snapshot || size.width === 0) return;
-    const scene = { snapshot, view, size, hovered, inks };
-    if (dirty.base) paintBase(base, scene);
-    if (dirty.top) paintTop(top, scene);
+    const scene = { snapshot, view, size, hovered, neighbours, inks };
+    if (dirty.base) paintBase(base, scene, isPanning ? copyBoxes : undefined);
+    // An empty layer stays empty: clearing it would make the browser copy it.
+    const hasTop = hovered !== null || snapshot.selected !== null;
+    if (dirty.top && (hasTop || hadTop)) paintTop(top, scene);
+    hadTop = hasTop;
     dirty = { base: false, top: false };
     host.dataset.view = `${view.scale} ${view.x} ${view.y}`;
     host.dataset.drawn = String(Number(host.dataset.drawn ?? 0) + 1);
@@ -128,10 +142,17 @@ export function createStage(host, events) {
     pan(dx, dy) {
       mode = "free";
       glide.stop();
+      isPanning = true;
+      clearTimeout(rest);
+      rest = setTimeout(() => {
+        isPanning = false;
+        invalidate("all");
+      }, REST_MS);
       show(panBy(view, dx, dy));
     },
     zoom(factor, at) {
       mode = "free";
+      isPanning = false;
       glide.stop();
       show(zoomAt(view, factor, at, minScale()));
     },
@@ -158,7 +179,12 @@ export function createStage(host, events) {
     /** @param {Snapshot} next */
     update(next) {
       const before = snapshot;
-      const isNewImage = next.image.width !== before?.image.width || next.image.height !== before?.image.height;
+      const isNewScene = next.scene !== before?.scene;
+      const isNewImage = isNewScene || next.image.width !== before?.image.width || next.image.height !== before?.image.height;
+      if (isNewScene) mode = next.crop ? "crop" : "fit";
+      if (next.boxes !== before?.boxes || next.selected !== before.selected) {
+        neighbours = new Set(next.selected ? overlapping(next.boxes, next.selected) : []);
+      }
       snapshot = next;
       if (hovered) hovered = next.boxes.find(({ box_id }) => box_id === hovered?.box_id) ?? null;
       if (before && !isNewImage) follow(before, next);
@@ -185,6 +211,7 @@ export function createStage(host, events) {
     },
     destroy() {
       cancelAnimationFrame(request);
+      clearTimeout(rest);
       glide.stop();
       resizes.disconnect();
       stopListening();

@@ -4,7 +4,7 @@
 import { Component, html, useEffect, useRef } from "../html.js";
 import { FILTER_KEYS, REVIEW_CHOICES, countsBy } from "../boxfilter.js";
 import { answerOf } from "../reviews.js";
-import { countOf, countText, percentText, reasonText } from "../wording.js";
+import { countOf, countText, matchText, reasonText } from "../wording.js";
 import { Icon } from "./icons.js";
 import { Segments, Select, StrokeSwatch } from "./parts.js";
 
@@ -86,7 +86,7 @@ class Row extends Component {
         <span class="box__reason">${reasonText(box.reason)}<span class="sr-only">, ${box.effective_verdict}</span></span>
       </span>
       <span class="box__side">
-        <span class="num">${box.match_percent === null ? "" : percentText(box.match_percent)}</span>
+        <span class="num">${matchText(box)}</span>
         <${AnswerSign} box=${box} isWaiting=${isWaiting} />
       </span>
     </li>`;

@@ -4,10 +4,11 @@
 import { html } from "../html.js";
 import { linkTo } from "../router.js";
 import { countOf, countText } from "../wording.js";
-import { useLoaded, useTitle } from "./hooks.js";
+import { useLoaded, useTitle, useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
 import { Command, Failure, Notice, ReviewProgress, StrokeSwatch, VerdictBar } from "./parts.js";
 import { TopBar } from "./topbar.js";
+import { UploadButtons } from "./upload.js";
 
 /** @typedef {import("../app.js").App} App */
 /** @typedef {import("../types.js").Dataset} Dataset */
@@ -15,20 +16,21 @@ import { TopBar } from "./topbar.js";
 /** @param {{app: App}} props */
 export function DatasetsView({ app }) {
   useTitle("Datasets");
-  const loaded = useLoaded(app, (signal) => app.api.datasets({ limit: 500 }, signal), []);
+  const uploads = useValue(app.uploads.ended);
+  const loaded = useLoaded(app, (signal) => app.api.datasets({ limit: 500 }, signal), [uploads]);
   const datasets = loaded.value?.items;
   return html`<${TopBar} app=${app} crumbs=${[]} />
     <main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
       ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
       ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
-      ${datasets?.length === 0 && html`<${Empty} />`}
+      ${datasets?.length === 0 && html`<${Empty} app=${app} />`}
       ${datasets && datasets.length > 0 && html`<${Cards} app=${app} datasets=${datasets} />`}
     </main>`;
 }
 
 /** @param {{app: App, datasets: readonly Dataset[]}} props */
 function Cards({ app, datasets }) {
-  return html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span></div>
+  return html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span><${UploadButtons} app=${app} /></div>
     <ul class="cards">
       ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
     </ul>`;
@@ -62,10 +64,16 @@ export function Legend({ counts }) {
   </div>`;
 }
 
-function Empty() {
+/** @param {{app: App}} props */
+function Empty({ app }) {
+  const curl = `curl -X PUT -H "Authorization: Bearer $TOKEN" -F image=@000000.png -F segmentation=@seg/000000.png -F annotation=@000000.json ${location.origin}/api/v1/datasets/NAME/frames/000000`;
   return html`<${Notice} icon="layers" title="No datasets yet">
-    <p>Send a folder of frames: images, segmentations and boxes. What is there already is not sent again.</p>
+    <p>Drop a folder of frames here: images, segmentations and boxes, in any layout that the command line knows.</p>
+    <${UploadButtons} app=${app} isPrimary=${true} />
+    <p>A large folder goes faster from the command line. What is there already is not sent again.</p>
     <${Command} text="unghost push FOLDER --dataset NAME" />
+    <p>Frame by frame, from any program:</p>
+    <${Command} text=${curl} />
     <p>Or look around with a small synthetic street whose truth is known:</p>
     <${Command} text="unghost demo" />
   <//>`;

@@ -1,9 +1,10 @@
 // @ts-check
 // The filters above a list of frames. They only write the address.
 
-import { html, useEffect, useState } from "../html.js";
+import { html } from "../html.js";
 import { FILTER_KEYS, REVIEW_CHOICES } from "../boxfilter.js";
 import { REASONS } from "../wording.js";
+import { useTyped } from "./hooks.js";
 import { Icon } from "./icons.js";
 import { Segments, Select } from "./parts.js";
 
@@ -34,20 +35,10 @@ export function FrameFilters({ classes, query, onChange }) {
   </div>`;
 }
 
-/** What is being typed stays, whatever else is drawn meanwhile; the address follows after a pause. @param {{value: string, onChange: (value: string) => void}} props */
+/** @param {{value: string, onChange: (value: string) => void}} props */
 function KeyPrefix({ value, onChange }) {
-  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
-  useEffect(() => {
-    if (typed === null) return;
-    const timer = setTimeout(() => {
-      onChange(typed.trim());
-      setTyped(null);
-    }, TYPING_PAUSE_MS);
-    return () => clearTimeout(timer);
-  }, [typed, onChange]);
-  /** @param {{currentTarget: HTMLInputElement}} event */
-  const onInput = ({ currentTarget }) => setTyped(currentTarget.value);
+  const { shown, onInput } = useTyped(value, onChange, TYPING_PAUSE_MS);
   return html`<label class="search"><span class="sr-only">Key starts with</span>
-    <input type="search" value=${typed ?? value} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} />
+    <input type="search" value=${shown} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} />
   </label>`;
 }

@@ -2,13 +2,13 @@
 // One frame: the image is the hero; list on its left, the selected box on its right.
 
 import { html, useEffect, useMemo, useRef, useState } from "../html.js";
-import { filtersOf, shownBoxes } from "../boxfilter.js";
+import { filtersOf, isShown } from "../boxfilter.js";
 import { createFrameActions } from "../frame_actions.js";
 import { withAnswer } from "../reviews.js";
 import { linkTo } from "../router.js";
 import { REMOTE } from "../store.js";
 import { BoxList } from "./boxlist.js";
-import { useActions, useBoxes, useLoaded, useTitle, useValue } from "./hooks.js";
+import { useActions, useBoxes, useLoaded, useSeen, useTitle, useValue } from "./hooks.js";
 import { Inspector } from "./inspector.js";
 import { FrameSteps } from "./framesteps.js";
 import { Failure } from "./parts.js";
@@ -17,6 +17,7 @@ import { AnswerBar, LookBar } from "./toolbar.js";
 import { TopBar } from "./topbar.js";
 
 /** @typedef {import("../app.js").App} App */
+/** @typedef {import("../types.js").Decision} Decision */
 /** @typedef {import("../types.js").Frame} Frame */
 
 /** @param {{app: App, route: import("../router.js").Route}} props */
@@ -55,10 +56,11 @@ function FrameReview({ app, frame, query }) {
   useEffect(() => app.frames.fetchAhead(frame.next_id), [app, frame]);
   useArrival(app, actions, query);
 
-  const boxes = useBoxes(store);
+  const answered = useBoxes(store);
+  const boxes = useSeen(app, answered);
   const { waiting } = useValue(app.saver.state);
-  const shown = useMemo(() => shownBoxes(boxes, query), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
-  const selected = store.get(Number(query.box)) ?? null;
+  const shown = useMemo(() => boxes.filter((_, i) => isShown(/** @type {Decision} */ (answered[i]), query)), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
+  const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
 
   const crumbs = [
     { text: "Datasets", href: linkTo("datasets") },

@@ -1,12 +1,13 @@
 // @ts-check
 // The frames of a dataset: thumbnails with counts, filters in the address, pages by cursor.
 
-import { html, useEffect, useRef } from "../html.js";
+import { html, useEffect, useRef, useState } from "../html.js";
 import { FILTER_KEYS } from "../boxfilter.js";
 import { linkTo } from "../router.js";
 import { countOf, countText } from "../wording.js";
 import { FrameFilters } from "./filters.js";
-import { useLoaded, useTitle } from "./hooks.js";
+import { DatasetDialog } from "./dataset_dialog.js";
+import { useLoaded, useTitle, useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
 import { usePages } from "./pages.js";
 import { Failure, Notice, VerdictBar } from "./parts.js";
@@ -22,7 +23,9 @@ const PAGE_SIZE = 60;
 export function FramesView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTitle(name);
-  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const uploads = useValue(app.uploads.ended);
+  const [isOpen, setOpen] = useState(false);
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name, uploads]);
   const counts = dataset.value?.counts;
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));
@@ -32,11 +35,15 @@ export function FramesView({ app, route }) {
       <div class="page__head">
         <h1>${name}</h1>
         ${counts && html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countText(counts.to_review)} to review</span>`}
+        ${counts && html`<button class="button page__settings" onClick=${() => setOpen(true)}>
+          <${Icon} name="settings" />Dataset settings${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
+        </button>`}
+        ${isOpen && dataset.value && html`<${DatasetDialog} app=${app} dataset=${dataset.value} onClose=${() => setOpen(false)} onChanged=${dataset.reload} />`}
       </div>
       ${dataset.state === "error"
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${FrameFilters} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
-            <${FrameGrid} key=${name + JSON.stringify(apiParams(route.query))} app=${app} dataset=${name} query=${route.query}
+            <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app} dataset=${name} query=${route.query}
               total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`}
     </main>`;
 }

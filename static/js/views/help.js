@@ -2,7 +2,7 @@
 // The help: the keymap's own table, where keys can be given anew or switched off.
 
 import { html, useEffect, useRef, useState } from "../html.js";
-import { DEFAULT_SETTINGS, boundKeys, nameOf, rebind } from "../keymap.js";
+import { DEFAULT_SETTINGS, boundKeys, nameOf, rebind, shownKey } from "../keymap.js";
 import { useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
 import { Keys } from "./parts.js";
@@ -16,6 +16,7 @@ export function HelpDialog({ app, onClose }) {
   const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
   const settings = useValue(app.keys);
   const [changing, setChanging] = useState("");
+  const [taken, setTaken] = useState("");
   useEffect(() => dialog.current?.showModal(), []);
 
   /** @param {KeyboardEvent} event */
@@ -23,7 +24,11 @@ export function HelpDialog({ app, onClose }) {
     if (!changing) return event.key === "?" ? dialog.current?.close() : undefined;
     if (["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key)) return undefined;
     event.preventDefault();
-    if (event.key !== "Escape") app.keys.set(rebind(settings, changing, nameOf(event)));
+    if (event.key !== "Escape") {
+      const loser = boundKeys(settings).find(({ action, keys }) => action !== changing && keys.includes(nameOf(event)));
+      setTaken(loser ? `${shownKey(nameOf(event))} no longer stands for: ${loser.help}` : "");
+      app.keys.set(rebind(settings, changing, nameOf(event)));
+    }
     return setChanging("");
   };
 
@@ -45,12 +50,13 @@ export function HelpDialog({ app, onClose }) {
           </section>`,
         )}
       </div>
+      <p class="help__taken" role="status">${taken}</p>
       <footer class="dialog__foot">
         <label class="switch">
           <input type="checkbox" checked=${!settings.off} onChange=${() => app.keys.set({ ...settings, off: !settings.off })} />
           <span>Single-key shortcuts</span>
         </label>
-        <button class="button" onClick=${() => app.keys.set(DEFAULT_SETTINGS)}>Back to the defaults</button>
+        <button class="button" onClick=${() => (setTaken(""), app.keys.set(DEFAULT_SETTINGS))}>Back to the defaults</button>
       </footer>
     </div>
   </dialog>`;

@@ -35,7 +35,9 @@ function ReviewLine({ item }) {
 /** @param {{item: HistoryItem}} props */
 function DecisionLine({ item }) {
   const { verdict, reason = "", match_percent: match, threshold, run } = item;
-  const numbers = match === null || match === undefined ? "" : ` · ${percentText(match)}${threshold === null || threshold === undefined ? "" : ` of ${percentText(threshold)}`}`;
+  // Without a threshold the share decided nothing.
+  const isByShare = typeof match === "number" && typeof threshold === "number";
+  const numbers = isByShare ? ` · ${percentText(match)} of ${percentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
     <div><p>Run ${run}: <b>${verdict}</b>, ${reasonText(reason)}${unbroken(numbers)} <${When} at=${item.at} /></p></div>`;
 }

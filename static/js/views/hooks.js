@@ -1,7 +1,8 @@
 // @ts-check
 // How views read what can change.
 
-import { useCallback, useEffect, useState } from "../html.js";
+import { useCallback, useEffect, useMemo, useState } from "../html.js";
+import { seen } from "../blind.js";
 
 /** @template T @param {import("../store.js").Value<T>} value @returns {T} */
 export function useValue(value) {
@@ -21,6 +22,12 @@ export function useBoxes(store) {
     return store.observe(() => setBoxes(store.all()));
   }, [store]);
   return boxes;
+}
+
+/** Boxes as they may be shown: veiled where the person re-checks blindly. @param {import("../app.js").App} app @param {readonly import("../types.js").Decision[]} boxes */
+export function useSeen(app, boxes) {
+  const { blind } = useValue(app.prefs);
+  return useMemo(() => (blind ? boxes.map((box) => seen(box, true)) : boxes), [boxes, blind]);
 }
 
 /**
@@ -66,6 +73,27 @@ export function useActions(app, actions) {
     app.actions.set([...app.actions.get(), actions]);
     return () => app.actions.set(app.actions.get().filter((offered) => offered !== actions));
   }, [app, actions]);
+}
+
+/**
+ * What is being typed stays, whatever else is drawn meanwhile; who listens is told after a pause.
+ * @param {string} value @param {(value: string) => void} onChange @param {number} pauseMs
+ */
+export function useTyped(value, onChange, pauseMs) {
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
+  useEffect(() => {
+    if (typed === null) return;
+    const timer = setTimeout(() => {
+      onChange(typed.trim());
+      setTyped(null);
+    }, pauseMs);
+    return () => clearTimeout(timer);
+  }, [typed, onChange]);
+  return {
+    shown: typed ?? value,
+    /** @param {{currentTarget: HTMLInputElement}} event */
+    onInput: ({ currentTarget }) => setTyped(currentTarget.value),
+  };
 }
 
 /** @param {string} title */

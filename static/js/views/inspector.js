@@ -3,14 +3,16 @@
 
 import { html } from "../html.js";
 import { boundKeys } from "../keymap.js";
+import { isVeiled } from "../blind.js";
 import { answerOf } from "../reviews.js";
 import { swatchOf } from "../palette.js";
-import { acceptedText, countText, labelText, percentText, unbroken } from "../wording.js";
+import { acceptedText, countText, isByShare, labelText, percentText, unbroken } from "../wording.js";
 import { AnswerSign } from "./boxlist.js";
 import { Comment } from "./comment.js";
 import { History } from "./history.js";
 import { useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
+import { Neighbours } from "./neighbours.js";
 import { Numbers } from "./numbers.js";
 import { Keys, VerdictBadge } from "./parts.js";
 
@@ -25,13 +27,13 @@ import { Keys, VerdictBadge } from "./parts.js";
 export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     ${box
-      ? html`<${BoxDetails} key=${box.box_id} app=${app} box=${box} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
+      ? html`<${BoxDetails} key=${box.box_id} app=${app} box=${box} boxes=${boxes} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
       : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUndecided} />`}
   </aside>`;
 }
 
-/** @param {{app: App, box: Decision, isWaiting: boolean, actions: import("../frame_actions.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props */
-function BoxDetails({ app, box, isWaiting, actions, commentRef }) {
+/** @param {{app: App, box: Decision, boxes: readonly Decision[], isWaiting: boolean, actions: import("../frame_actions.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props */
+function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
   return html`
     <header class="inspector__head">
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
@@ -39,12 +41,13 @@ function BoxDetails({ app, box, isWaiting, actions, commentRef }) {
     </header>
     <${Conflict} app=${app} box=${box} />
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p class="inspector__sentence">${unbroken(box.explanation || labelText(box))}</p>
+    <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: what the filter says is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${(/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text)} fieldRef=${commentRef} />
+    <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
     <${Numbers} box=${box} />
-    <${History} app=${app} box=${box} />`;
+    ${!isVeiled(box) && html`<${History} app=${app} box=${box} />`}`;
 }
 
 /** Two people answered: nothing was overwritten, and this one may insist. @param {{app: App, box: Decision}} props */
@@ -94,7 +97,7 @@ function MatchBar({ box }) {
 function HiddenBy({ box }) {
   if (!box.hidden_by?.length) return null;
   return html`<section class="hidden-by">
-    <h3>${box.verdict === "rejected" ? "Hidden by" : "Also in the box"}</h3>
+    <h3>${box.verdict === "rejected" && isByShare(box) ? "Hidden by" : "Also in the box"}</h3>
     <ul>
       ${box.hidden_by.map(
         ({ name, percent }) => html`<li>

@@ -11,8 +11,8 @@ import { Icon } from "./icons.js";
 
 /** @param {{verdict: string}} props */
 export function VerdictBadge({ verdict }) {
-  const icon = { kept: "check", rejected: "cross" }[verdict] ?? "question";
-  return html`<span class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict}</span>`;
+  const icon = { kept: "check", rejected: "cross", veiled: "blind" }[verdict] ?? "question";
+  return html`<span class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict === "veiled" ? "hidden" : verdict}</span>`;
 }
 
 /** The swatch draws the stroke that the stage draws: solid, dashed, dotted. @param {{verdict: string}} props */

@@ -4,20 +4,33 @@
 import { html, useEffect, useRef, useState } from "../html.js";
 import { linkTo } from "../router.js";
 import { DatasetsView } from "./datasets.js";
-import { FrameView } from "./frame.js";
 import { FramesView } from "./frames.js";
 import { HelpDialog } from "./help.js";
 import { useActions, useTitle, useValue } from "./hooks.js";
-import { Notice } from "./parts.js";
+import { Failure, Notice } from "./parts.js";
 import { SignIn } from "./signin.js";
+import { hasTabs } from "./tabs.js";
 import { Toasts } from "./toast.js";
 import { TopBar } from "./topbar.js";
+import { Uploads } from "./upload.js";
 
 /** @typedef {import("../app.js").App} App */
 /** @typedef {import("../router.js").Route} Route */
 
-/** @type {Record<string, (props: {app: App, route: Route}) => unknown>} */
-const VIEWS = { datasets: DatasetsView, frames: FramesView, frame: FrameView };
+/** @typedef {(props: {app: App, route: Route}) => unknown} View */
+
+/** The views that people arrive at; the others come when they are asked for. @type {Record<string, View>} */
+const VIEWS = { datasets: DatasetsView, frames: FramesView };
+
+/** @type {Record<string, () => Promise<View>>} */
+const LATER = {
+  frame: async () => (await import("./frame.js")).FrameView,
+  grid: async () => (await import("./grid.js")).GridView,
+  queue: async () => (await import("./queue.js")).QueueView,
+  thresholds: async () => (await import("./thresholds.js")).ThresholdsView,
+  runs: async () => (await import("./runs.js")).RunsView,
+  quality: async () => (await import("./quality.js")).QualityView,
+};
 
 /** @param {{app: App, linkError: string}} props */
 export function Shell({ app, linkError }) {
@@ -29,12 +42,13 @@ export function Shell({ app, linkError }) {
   useActions(app, actions);
   useFocusOnMove(route);
 
-  const View = VIEWS[route.name] ?? UnknownView;
-  return html`<div class="shell" data-view=${isSignedIn ? route.name : "signin"}>
+  const View = VIEWS[route.name] ?? (LATER[route.name] ? LateView : UnknownView);
+  return html`<div class="shell" data-view=${isSignedIn ? route.name : "signin"} data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
     <a class="skip" href="#main" onClick=${skipToMain}>Skip to content</a>
     ${isSignedIn
       ? html`<${View} key=${route.name} app=${app} route=${route} />`
       : html`<${SignIn} app=${app} linkError=${linkError} />`}
+    ${isSignedIn && html`<${Uploads} app=${app} />`}
     <${Toasts} app=${app} />
     <div class="sr-only" role="status" aria-live="polite">${announcement}</div>
     ${isHelpOpen && html`<${HelpDialog} app=${app} onClose=${() => setHelpOpen(false)} />`}
@@ -58,6 +72,25 @@ function useFocusOnMove(route) {
     }
     isFirst.current = false;
   }, [place]);
+}
+
+/** Those that have come. @type {Record<string, View>} */
+const arrived = {};
+
+/** A view whose modules come when it is asked for. @param {{app: App, route: Route}} props */
+function LateView({ app, route }) {
+  const { name } = route;
+  const [error, setError] = useState(/** @type {Error | null} */ (null));
+  const [, setArrived] = useState("");
+  const fetchView = () => {
+    setError(null);
+    LATER[name]?.().then((view) => ((arrived[name] = view), setArrived(name)), setError);
+  };
+  useEffect(() => void (arrived[name] ?? fetchView()), [name]);
+  const View = arrived[name];
+  if (View) return html`<${View} app=${app} route=${route} />`;
+  return html`<${TopBar} app=${app} crumbs=${[]} />
+    <main id="main" class="page" tabindex="-1" aria-busy=${error === null}>${error && html`<${Failure} error=${error} onRetry=${fetchView} />`}</main>`;
 }
 
 /** @param {{app: App, route: Route}} props */

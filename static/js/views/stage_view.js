@@ -6,6 +6,7 @@ import { canvasOf, imageAt, isPaintedAlready, litPixels } from "../stage/pixels.
 import { createStage } from "../stage/stage.js";
 import { onThemeChange } from "../theme.js";
 import { countOf, spokenText } from "../wording.js";
+import { isVeiled } from "../blind.js";
 import { useValue } from "./hooks.js";
 import { Notice } from "./parts.js";
 
@@ -21,12 +22,12 @@ export function StageView({ app, frame, shown, selected, onSelect, stageRef }) {
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const prefs = useValue(app.prefs);
   const picture = usePicture(frame.has_image ? app.api.fileUrl(frame, "image") : null);
-  const wantsPixels = frame.has_segmentation && (prefs.mask || (prefs.lit && selected !== null));
+  const wantsPixels = frame.has_segmentation && (prefs.mask || (prefs.lit && selected !== null && !isVeiled(selected)));
   const segmentation = useSegmentation(app, frame, wantsPixels);
   const mask = useMask(app, frame, prefs.mask, segmentation.canvas);
   const lit = useMemo(
     () => (prefs.lit && selected && segmentation.canvas && frame.segmentation ? litPixels(segmentation.canvas, frame.segmentation, selected) : null),
-    [prefs.lit, selected?.box_id, segmentation.canvas],
+    [prefs.lit, selected?.box_id, selected?.accepted_tags, segmentation.canvas],
   );
   const image = imageSize(frame, picture.image);
 

@@ -13,7 +13,8 @@ export function Toasts({ app }) {
       ({ id, kind, text, action }) => html`<div key=${id} class="toast toast--${kind}" role=${kind === "error" ? "alert" : "status"}>
         <${Icon} name=${kind === "error" ? "warn" : "check"} />
         <span class="toast__text">${text}</span>
-        ${action && html`<a class="button button--small" href=${action.href} onClick=${() => app.toasts.dismiss(id)}>${action.text}</a>`}
+        ${action?.href && html`<a class="button button--small" href=${action.href} onClick=${() => app.toasts.dismiss(id)}>${action.text}</a>`}
+        ${action?.run && html`<button class="button button--small" onClick=${() => (app.toasts.dismiss(id), action.run?.())}>${action.text}</button>`}
         <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.toasts.dismiss(id)}><${Icon} name="cross" /></button>
       </div>`,
     )}

@@ -42,7 +42,7 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
 
 /** @param {{app: App, frame: import("../types.js").Frame, actions: Actions}} props */
 export function LookBar({ app, frame, actions }) {
-  const { mask, opacity, lit, edges, crop } = useValue(app.prefs);
+  const { mask, opacity, lit, edges, blind, crop } = useValue(app.prefs);
   const hasEdges = frame.boxes.some((box) => box.edges?.length);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const setOpacity = ({ currentTarget }) => app.prefs.change({ opacity: Number(currentTarget.value), mask: true });
@@ -52,6 +52,7 @@ export function LookBar({ app, frame, actions }) {
       <input class="slider" type="range" min="0.1" max="1" step="0.05" value=${opacity} aria-label="Segmentation opacity" onInput=${setOpacity} />
       <${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`}
     ${hasEdges && html`<${Toggle} app=${app} action="edges" icon="cube" isOn=${edges} run=${actions.edges} />`}
+    <${Toggle} app=${app} action="blind" icon="blind" isOn=${blind} run=${actions.blind} />
     <span class="bar__rule" aria-hidden="true"></span>
     <${Toggle} app=${app} action="crop" icon="crop" isOn=${crop} run=${actions.crop} />
     <${Toggle} app=${app} action="fit" icon="fit" run=${actions.fit} />
@@ -62,7 +63,7 @@ export function LookBar({ app, frame, actions }) {
 }
 
 /** @param {{app: App, action: string, icon: string, isOn?: boolean, run: (() => void) | undefined}} props */
-function Toggle({ app, action, icon, isOn, run }) {
+export function Toggle({ app, action, icon, isOn, run }) {
   const row = boundKeys(useValue(app.keys)).find((binding) => binding.action === action);
   const title = `${row?.help ?? action}${row?.keys[0] ? ` (${row.keys[0]})` : ""}`;
   return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${row?.help ?? action} title=${title} onMouseDown=${keepFocus} onClick=${run}>

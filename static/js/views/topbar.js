@@ -7,6 +7,7 @@ import { countOf } from "../wording.js";
 import { useValue } from "./hooks.js";
 import { Icon, Mark } from "./icons.js";
 import { perform } from "../keys.js";
+import { DatasetTabs } from "./tabs.js";
 
 /** @typedef {import("../app.js").App} App */
 /** @typedef {{text: string, href?: string}} Crumb */
@@ -22,10 +23,21 @@ export function TopBar({ app, crumbs, children }) {
         )}
       </ol>
     </nav>
+    <${DatasetTabs} app=${app} />
     <div class="topbar__middle">${children}</div>
     <${SaveState} app=${app} />
+    <${Who} app=${app} />
     <${Menu} app=${app} />
   </header>`;
+}
+
+/** The name that answers are stored under. @param {{app: App}} props */
+function Who({ app }) {
+  const person = useValue(app.person);
+  if (!person) return null;
+  return html`<span class="who" title=${`Signed in as ${person.name}, ${person.role}`}>
+    <span class="who__letter" aria-hidden="true">${[...person.name][0]?.toUpperCase() ?? ""}</span><span class="who__name">${person.name}</span>
+  </span>`;
 }
 
 const PHASES = {
@@ -36,15 +48,24 @@ const PHASES = {
   "signed-out": { icon: "cloud", text: "signed out, kept here" },
 };
 
+/** One state for single answers and for acts on many. @param {import("../saver.js").SaverState} single @param {readonly import("../bulk.js").OpenAct[]} open */
+function withActs({ phase, waiting }, open) {
+  const acts = open.filter(({ state }) => state === "sending" || state === "waiting");
+  const count = acts.reduce((sum, { act }) => sum + act.count, waiting.size);
+  const isIdle = phase === "saved" || phase === "saving";
+  if (isIdle && acts.some(({ state }) => state === "waiting")) return { phase: /** @type {const} */ ("offline"), waiting: count };
+  return { phase: phase === "saved" && acts.length > 0 ? /** @type {const} */ ("saving") : phase, waiting: count };
+}
+
 /** @param {{app: App}} props */
 function SaveState({ app }) {
-  const { phase, waiting } = useValue(app.saver.state);
+  const { phase, waiting } = withActs(useValue(app.saver.state), useValue(app.bulk.open));
   const { icon, text } = PHASES[phase];
   const isWaiting = phase !== "saved" && phase !== "saving";
-  const words = isWaiting ? `${countOf(waiting.size, "answer")} ${text}` : text;
+  const words = isWaiting ? `${countOf(waiting, "answer")} ${text}` : text;
   return html`<div class="savestate savestate--${phase}" role="status" title=${words}>
     <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
-    ${isWaiting && html`<button class="button button--small" onClick=${() => app.saver.resume()}>Retry</button>`}
+    ${isWaiting && html`<button class="button button--small" onClick=${() => (void app.saver.resume(), app.bulk.resume())}>Retry</button>`}
   </div>`;
 }
 

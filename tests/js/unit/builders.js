@@ -44,3 +44,9 @@ export function memoryStorage() {
     clear: () => items.clear(),
   });
 }
+
+/** Files as they are dropped, by path and content. @param {Record<string, string>} files */
+export const entriesOf = (files) => Object.entries(files).map(([path, text]) => ({ path, size: text.length, blob: new Blob([text]) }));
+
+/** @param {...string} paths */
+export const entries = (...paths) => entriesOf(Object.fromEntries(paths.map((path) => [path, ""])));

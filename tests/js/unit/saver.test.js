@@ -192,3 +192,16 @@ test("rubbish in the storage is not an answer", () => {
   storage.setItem("unghost.outbox.v1.y", "{}");
   assert.deepEqual(createOutbox(storage, "t1").items(), []);
 });
+
+test("a network that comes back while an attempt is still failing is not waited for", async () => {
+  const { saver } = saverOf();
+  refusals = [new NoAnswer(new Error("down")), new NoAnswer(new Error("down")), new NoAnswer(new Error("down"))];
+  answer(saver, 1, "keep");
+  void saver.resume();
+  await settled();
+
+  assert.equal(timers.at(-1)?.ms, 0);
+  timers.at(-1)?.run();
+  await settled();
+  assert.equal(timers.at(-1)?.ms, 2000);
+});

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { agoText, countOf, labelText, percentText, reasonText, shortText, spokenText } from "../../../static/js/wording.js";
+import { agoText, countOf, labelText, percentText, matchText, reasonText, shortText, spokenText } from "../../../static/js/wording.js";
 import { decision } from "./builders.js";
 
 test("the label says the number, what was needed, and what hides the box", () => {
@@ -22,6 +22,28 @@ test("each reason has words of its own", () => {
     [{ reason: "no_segmentation", verdict: "unmeasured", match_percent: null, hidden_by: [] }, "not measured"],
   ];
   for (const [some, expected] of cases) assert.equal(labelText(decision(/** @type {any} */ (some))), expected);
+});
+
+test("a box that another channel judged says that channel's words, not a share that decided nothing", () => {
+  const judged = { match_percent: 69.8, threshold: null, margin: null, explained_by: "122" };
+  const cases = [
+    ["ordered", "rejected", "explained_by_nearer", "explained by the nearer car 122"],
+    ["depth", "rejected", "hidden_by_depth", "all Car pixels here are 2.6 m nearer than the box"],
+    ["instance", "rejected", "hidden_by_instance", "no instance in the image belongs to it"],
+    ["lidar", "rejected", "too_few_lidar_points", "no LiDAR points of Car lie inside it, 5 are needed"],
+    ["depth", "kept", "visible", "1,125 of its Car pixels are at its own distance"],
+  ];
+  for (const [evidence, verdict, reason, words] of cases) {
+    const box = decision({ ...judged, evidence, verdict, reason, explanation: `${verdict}: ${words}` });
+    assert.equal(labelText(box), words);
+    assert.equal(shortText(box), "car");
+    assert.equal(matchText(box), "");
+  }
+});
+
+test("without the server's sentence the reason is named", () => {
+  const box = decision({ evidence: "lidar", reason: "too_few_lidar_points", threshold: null });
+  assert.equal(labelText(box), "too few LiDAR points");
 });
 
 test("percentages keep what matters", () => {
@@ -48,4 +70,9 @@ test("times are told as people do", () => {
   assert.equal(agoText("2026-01-01T11:30:00Z", now), "30 min ago");
   assert.equal(agoText("2026-01-01T09:00:00Z", now), "3 h ago");
   assert.equal(agoText("2025-12-24T09:00:00Z", now), "Dec 24, 2025");
+});
+
+test("lists show the share where it decided, and nothing where nothing was measured", () => {
+  assert.equal(matchText(decision()), "4.1 %");
+  assert.equal(matchText(decision({ evidence: null, match_percent: null, threshold: null })), "");
 });

@@ -1,0 +1,193 @@
+// @ts-check
+// A long list that is read by cursor, seen as if it lay there whole: every place that was
+// reached keeps its box's id, only boxes near what is looked at are kept in memory.
+//
+// A cursor leads from a page to the next, so a jump far ahead walks there in large pages; the
+// cursors on the way are kept, and a jump back takes one request. Answered boxes stay where
+// they are even if the filter would not find them again: nothing moves under the hand.
+
+/** @typedef {import("../types.js").Decision} Decision */
+/**
+ * @typedef {object} Part  boxes that one request brought, in their order
+ * @property {number} start  index of the first
+ * @property {readonly number[]} ids
+ * @property {string | undefined} cursor  that brings them again
+ * @property {ReadonlyMap<number, Decision> | null} boxes  null: let go of
+ */
+/** @typedef {{items: Decision[], next_cursor: string | null, total?: number | null}} BoxPage */
+/** @typedef {{limit: number, cursor: string | undefined, count: boolean}} BoxRequest */
+
+const PAGE = 200;
+const LARGE_PAGE = 1000;
+/** Places shown before anything is known. */
+const FIRST_SIGHT = 60;
+/** Boxes kept in memory besides those in sight. */
+const KEPT = 6000;
+
+/** @param {(request: BoxRequest) => Promise<BoxPage>} load */
+export function createPager(load) {
+  /** @type {Part[]} in order, without gaps */
+  const parts = [];
+  /** Answered on this page: what a page read before says of them is old. @type {Map<number, Decision>} */
+  const changed = new Map();
+  /** @type {Set<() => void>} */
+  const observers = new Set();
+  let wanted = { first: 0, end: PAGE };
+  let total = /** @type {number | null} */ (null);
+  let next = /** @type {string | null | undefined} */ (undefined);
+  let error = /** @type {Error | null} */ (null);
+  let isBusy = false;
+
+  const known = () => (parts.at(-1)?.start ?? 0) + (parts.at(-1)?.ids.length ?? 0);
+  const isWhole = () => next === null;
+  const tell = () => [...observers].forEach((notify) => notify());
+
+  /** @param {number} index */
+  function partAt(index) {
+    let low = 0;
+    let high = parts.length - 1;
+    while (low <= high) {
+      const middle = (low + high) >> 1;
+      const part = /** @type {Part} */ (parts[middle]);
+      if (index < part.start) high = middle - 1;
+      else if (index >= part.start + part.ids.length) low = middle + 1;
+      else return part;
+    }
+    return null;
+  }
+
+  /** @param {Part} part */
+  const isInSight = (part) => part.start < wanted.end && part.start + part.ids.length > wanted.first;
+
+  async function work() {
+    if (isBusy) return;
+    isBusy = true;
+    error = null;
+    try {
+      while (await step());
+    } catch (fault) {
+      error = fault instanceof Error ? fault : new Error(String(fault));
+    } finally {
+      isBusy = false;
+      tell();
+    }
+  }
+
+  /** One request, if something in sight is missing. @returns {Promise<boolean>} was there one? */
+  async function step() {
+    const missing = parts.find((part) => part.boxes === null && isInSight(part));
+    if (missing) await again(missing);
+    else if (!isWhole() && wanted.end > known()) await further();
+    else return false;
+    letGo();
+    tell();
+    return true;
+  }
+
+  async function further() {
+    const isFirst = parts.length === 0;
+    const limit = wanted.end - known() > 2 * PAGE ? LARGE_PAGE : PAGE;
+    const cursor = next ?? undefined;
+    const page = await load({ limit, cursor, count: isFirst });
+    if (isFirst) total = page.total ?? null;
+    next = page.next_cursor;
+    if (page.items.length > 0) {
+      parts.push({ start: known(), ids: page.items.map(({ box_id }) => box_id), cursor, boxes: byId(page.items) });
+    }
+    if (next === null) total = known();
+  }
+
+  /** @param {Part} part */
+  async function again(part) {
+    const page = await load({ limit: part.ids.length, cursor: part.cursor, count: false });
+    parts[parts.indexOf(part)] = { ...part, boxes: byId(page.items) };
+  }
+
+  /** Forget the boxes farthest away; their ids and cursors stay. */
+  function letGo() {
+    const middle = (wanted.first + wanted.end) / 2;
+    const full = parts.filter((part) => part.boxes && !isInSight(part));
+    full.sort((a, b) => Math.abs(b.start - middle) - Math.abs(a.start - middle));
+    let held = full.reduce((sum, part) => sum + part.ids.length, 0);
+    for (const part of full) {
+      if (held <= KEPT) return;
+      held -= part.ids.length;
+      parts[parts.indexOf(part)] = { ...part, boxes: null };
+    }
+  }
+
+  /** @param {number} boxId */
+  function get(boxId) {
+    const own = changed.get(boxId);
+    if (own) return own;
+    for (const { boxes } of parts) if (boxes?.has(boxId)) return boxes.get(boxId);
+    return undefined;
+  }
+
+  return {
+    get,
+    known,
+    isWhole,
+    total: () => total,
+    error: () => error,
+
+    /** How many cells the list has, as far as one can tell. */
+    count() {
+      if (isWhole()) return known();
+      return parts.length === 0 ? FIRST_SIGHT : Math.max(total ?? 0, known() + 1);
+    },
+
+    /** @param {number} index */
+    idAt(index) {
+      const part = partAt(index);
+      return part?.ids[index - part.start];
+    },
+
+    /** The box at a place; null: still to come; undefined: the filter does not find it any more. @param {number} index @returns {Decision | null | undefined} */
+    at(index) {
+      const part = partAt(index);
+      if (!part) return null;
+      const id = /** @type {number} */ (part.ids[index - part.start]);
+      return changed.get(id) ?? (part.boxes ? part.boxes.get(id) : null);
+    },
+
+    /** Ids of places that were reached, both ends included. @param {number} a @param {number} b */
+    idsBetween(a, b) {
+      const [first, last] = a < b ? [a, b] : [b, a];
+      return parts
+        .filter((part) => part.start <= last && part.start + part.ids.length > first)
+        .flatMap((part) => part.ids.slice(Math.max(0, first - part.start), last + 1 - part.start));
+    },
+
+    allIds: () => parts.flatMap(({ ids }) => ids),
+
+    /** These places are looked at. @param {number} first @param {number} end */
+    want(first, end) {
+      if (first === wanted.first && end === wanted.end && parts.length > 0) return;
+      wanted = { first, end };
+      if (!error) void work();
+    },
+
+    retry: () => void work(),
+
+    /** A box's next state. @param {Decision} box */
+    apply(box) {
+      changed.set(box.box_id, box);
+      tell();
+    },
+
+    /** Boxes that were answered here. */
+    changed: () => [...changed.values()],
+
+    /** @param {() => void} notify @returns {() => void} stop observing */
+    observe(notify) {
+      observers.add(notify);
+      return () => observers.delete(notify);
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createPager>} Pager */
+
+/** @param {readonly Decision[]} items */
+const byId = (items) => new Map(items.map((box) => [box.box_id, box]));

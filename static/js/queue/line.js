@@ -1,0 +1,77 @@
+// @ts-check
+// The line of boxes that one person goes through: those behind, the one looked at, those ahead.
+// Pure and immutable; what the boxes are like is the store's affair.
+
+/**
+ * @typedef {object} Line
+ * @property {readonly number[]} ids  in the order in which they are looked at
+ * @property {number} at  index of the one looked at; `ids.length` past the last
+ * @property {ReadonlySet<number>} answered  in this sitting
+ */
+
+/** @type {Line} */
+export const EMPTY = Object.freeze({ ids: [], at: 0, answered: new Set() });
+
+/** @param {Line} line @returns {number | null} */
+export const currentOf = ({ ids, at }) => ids[at] ?? null;
+
+/** The next ones to be looked at, the current one not included. @param {Line} line @param {number} count */
+export const ahead = ({ ids, at, answered }, count) => ids.slice(at + 1).filter((id) => !answered.has(id)).slice(0, count);
+
+/** Boxes that were passed over without an answer. @param {Line} line */
+export const passed = ({ ids, at, answered }) => ids.slice(0, at).filter((id) => !answered.has(id));
+
+/** The server gave more; those in the line already keep their place. @param {Line} line @param {readonly number[]} more @returns {Line} */
+export function joined(line, more) {
+  const known = new Set(line.ids);
+  return { ...line, ids: [...line.ids, ...more.filter((id) => !known.has(id))] };
+}
+
+/** An answer leads on to the next box without one. @param {Line} line @param {number} id @returns {Line} */
+export function answered(line, id) {
+  const done = { ...line, answered: new Set([...line.answered, id]) };
+  return currentOf(line) === id ? nextOpen(done) : done;
+}
+
+/** The answer was taken back: the box is looked at again. @param {Line} line @param {number} id @returns {Line} */
+export function takenBack(line, id) {
+  const rest = new Set(line.answered);
+  rest.delete(id);
+  const at = line.ids.indexOf(id);
+  if (at >= 0) return { ...line, at, answered: rest };
+  return { ids: [...line.ids.slice(0, line.at), id, ...line.ids.slice(line.at)], at: line.at, answered: rest };
+}
+
+/** One step, answered or not. @param {Line} line @param {1 | -1} step @returns {Line} */
+export const stepped = (line, step) => ({ ...line, at: Math.min(Math.max(line.at + step, 0), line.ids.length) });
+
+/** @param {Line} line @returns {Line} */
+export function nextOpen(line) {
+  const next = line.ids.findIndex((id, index) => index > line.at && !line.answered.has(id));
+  return { ...line, at: next < 0 ? line.ids.length : next };
+}
+
+/** @param {Line} line @param {number} id @returns {Line} */
+export function lookedAt(line, id) {
+  const at = line.ids.indexOf(id);
+  return at < 0 ? line : { ...line, at };
+}
+
+/** Those passed over come again, after all that were seen. @param {Line} line @returns {Line} */
+export function again(line) {
+  const open = passed(line);
+  const seen = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
+  return { ...line, ids: [...seen, ...open, ...line.ids.slice(line.at)], at: seen.length };
+}
+
+/** What the server need not give again, the newest last. @param {Line} line @param {number} most */
+export const inHand = ({ ids }, most) => ids.slice(-most);
+
+const PACE_OVER = 20;
+
+/** Answers per minute over the last of them; null before there is a pace. @param {readonly number[]} times ms, of the answers @returns {number | null} */
+export function paceOf(times) {
+  const last = times.slice(-PACE_OVER);
+  const span = (last.at(-1) ?? 0) - (last[0] ?? 0);
+  return last.length < 4 || span <= 0 ? null : ((last.length - 1) * 60_000) / span;
+}

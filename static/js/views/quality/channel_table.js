@@ -1,0 +1,61 @@
+// @ts-check
+// Channels as rows; or the F1 of each, per class or band of distance.
+
+import { html } from "../../html.js";
+import { bandText } from "../../measures.js";
+import { countText, percentText } from "../../wording.js";
+import { MeasureCell } from "./whisker.js";
+
+/** @typedef {import("../../types_quality.js").Evaluation} Evaluation */
+/** @typedef {import("../../types_quality.js").ChannelScore} ChannelScore */
+/** @typedef {import("../../types_quality.js").Score} Score */
+
+/** @type {Record<string, {text: string, about: string}>} */
+const CHANNELS = {
+  semantic: { text: "Segmentation", about: "pixels of the class in the box" },
+  ordered: { text: "Order", about: "the nearest box takes its pixels first" },
+  depth: { text: "Depth", about: "pixels as far away as the box" },
+  depth_center: { text: "Depth at the centre", about: "what is seen in the middle" },
+  instance: { text: "Instances", about: "pixels of the object itself" },
+  lidar: { text: "LiDAR", about: "points in the 3D box" },
+};
+
+/** @param {string} name */
+export const channelText = (name) => CHANNELS[name]?.text ?? name.replaceAll("_", " ");
+
+/** @param {{found: Evaluation, by: string, active: string}} props */
+export function ChannelTable({ found, by, active }) {
+  const channels = Object.entries(found.channels);
+  if (by === "all") return html`<${Whole} channels=${channels} boxes=${found.boxes} active=${active} />`;
+  return html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels channels--matrix">
+    <caption class="sr-only">F1 of each channel by ${by}</caption>
+    <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${channelText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
+    <tbody>${groupsOf(channels, by).map(({ key, text, scores }) => html`<tr key=${key}>
+      <th scope="row">${text}</th>
+      ${scores.map((score, at) => html`<td key=${at}><${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${channelText(channels[at]?.[0] ?? "")}`} /></td>`)}
+    </tr>`)}</tbody>
+  </table></div>`;
+}
+
+/** @param {readonly [string, ChannelScore][]} channels @param {string} by @returns {{key: string, text: string, scores: (Score | undefined)[]}[]} */
+function groupsOf(channels, by) {
+  const [, first] = channels[0] ?? [];
+  if (!first) return [];
+  if (by === "class") return Object.keys(first.by_class).map((name) => ({ key: name, text: name, scores: channels.map(([, one]) => one.by_class[name]) }));
+  return first.by_distance.map(({ band }) => ({ key: band, text: bandText(band), scores: channels.map(([, one]) => one.by_distance.find((score) => score.band === band)) }));
+}
+
+/** @param {{channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
+const Whole = ({ channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels">
+  <caption class="sr-only">Precision, recall and F1 of each channel</caption>
+  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes that it had a number for">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th></tr></thead>
+  <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
+    <th scope="row">${channelText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${CHANNELS[name]?.about}</span></th>
+    <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>
+    <td><${MeasureCell} measure=${score.precision} name="Precision" /></td>
+    <td><${MeasureCell} measure=${score.recall} name="Recall" /></td>
+    <td><${MeasureCell} measure=${score.f1} name="F1" /></td>
+    <td class="is-num num">${countText(score.kept_hidden)}</td>
+    <td class="is-num num">${countText(score.rejected_visible)}</td>
+  </tr>`)}</tbody>
+</table></div>`;

@@ -1,0 +1,251 @@
+"""Files that are dropped or picked become frames; what does not is listed."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from tests.browser import scenes
+from tests.browser.conftest import Visitor
+from tests.browser.test_accessibility import findings, scheme  # noqa: F401  # a fixture
+
+pytestmark = pytest.mark.browser
+
+CAR_LINE = "0 0.25 0.694444 0.25 0.277778\n"
+VOC = """<annotation><size><width>640</width><height>360</height></size>
+<object><name>car</name><bndbox><xmin>81</xmin><ymin>201</ymin>
+<xmax>240</xmax><ymax>300</ymax></bndbox></object></annotation>"""
+DROP = """(files) => {
+  const transfer = new DataTransfer();
+  for (const [name, data] of files) {
+    const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+    transfer.items.add(new File([bytes], name));
+  }
+  const init = { dataTransfer: transfer, bubbles: true, cancelable: true };
+  document.body.dispatchEvent(new DragEvent("dragenter", init));
+  window.dropzoneWasShown = new Promise((done) => requestAnimationFrame(() =>
+    done(document.querySelector(".dropzone") !== null)));
+  return window.dropzoneWasShown.then((was) => {
+    document.body.dispatchEvent(new DragEvent("drop", init));
+    return was;
+  });
+}"""
+
+
+@pytest.fixture
+def town(tmp_path: Path) -> Path:
+    """A YOLO folder of three frames, one stray image and one broken label."""
+    root = tmp_path / f"town-{tmp_path.name.strip('_').lower()}"
+    for folder in ("images", "labels", "seg"):
+        (root / folder).mkdir(parents=True)
+    (root / "data.yaml").write_text("names: [car, walker]\n")
+    for name in ("1", "2", "3"):
+        (root / "images" / f"{name}.png").write_bytes(scenes.picture())
+        (root / "seg" / f"{name}.png").write_bytes(scenes.segmentation("palette"))
+        (root / "labels" / f"{name}.txt").write_text(CAR_LINE)
+    (root / "images" / "stray.png").write_bytes(scenes.picture())
+    (root / "labels" / "broken.txt").write_text("9 0.5 0.5 0.1 0.1\n")
+    return root
+
+
+def pick(ada: Visitor, folder: Path) -> Page:
+    page = ada.open("#/datasets")
+    page.get_by_label("Upload a folder").last.set_input_files(folder)
+    expect(page.get_by_label("Dataset", exact=True)).to_be_visible()
+    return page
+
+
+def send(page: Page) -> None:
+    page.get_by_role("button", name=re.compile(r"^Upload \d+ frame")).click()
+
+
+def test_folder_is_matched_shown_sent_and_opened(town, ada, api):
+    page = pick(ada, town)
+    dialog = page.get_by_role("dialog", name="Upload")
+    expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
+    expect(dialog.locator(".upload__sum")).to_have_text(
+        re.compile(r"YOLO folder · 3 frames · 3 boxes · [\d.]+ kB")
+    )
+    expect(dialog.get_by_label("Cannot be read")).to_have_text(
+        "broken labels/broken.txt, line 1: expected a class from 0 to 1, found '9'"
+    )
+    dialog.get_by_text("Did not match 1").click()
+    expect(dialog.get_by_label("Did not match")).to_have_text(
+        "images/stray.png no label file for this image"
+    )
+
+    send(page)
+    page.get_by_role("link", name="Open the frames").click()
+
+    expect(page.locator("a.thumb")).to_have_count(3)
+    stored = scenes.get(api, f"/datasets/{town.name}")
+    assert (stored["classes"], stored["counts"]["kept"]) == (["car", "walker"], 3)
+
+
+def test_same_folder_again_stores_nothing_twice(town, ada):
+    page = pick(ada, town)
+    send(page)
+    page.get_by_role("button", name="Close the upload").click()
+    expect(page.get_by_role("heading", name=town.name)).to_be_visible()
+
+    page = pick(ada, town)
+    expect(page.locator("#upload-where")).to_contain_text("a dataset that has 3 frames")
+    send(page)
+
+    outcome = page.locator(".upload-panel__text")
+    expect(outcome).to_have_text("0 frames stored · 3 there already")
+
+
+def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    files = {
+        "9.png": scenes.picture(),
+        "9_seg.png": scenes.segmentation("raw"),
+        "9.json": json.dumps({"boxes": scenes.BOXES}).encode(),
+    }
+
+    said = page.evaluate(DROP, encoded(files))
+
+    assert said
+    expect(page.get_by_label("Dataset", exact=True)).to_have_value(scene.dataset)
+    send(page)
+    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
+    page.get_by_role("link", name="Open the frames").click()
+    expect(page.locator("a.thumb")).to_have_count(2)
+
+
+def encoded(files: dict[str, bytes]) -> list[list[str]]:
+    return [[name, base64.b64encode(data).decode()] for name, data in files.items()]
+
+
+def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    held: list[Route] = []
+    page.route("**/api/v1/datasets?*", lambda route: held.append(route))
+    page.evaluate(DROP, encoded({"9.png": scenes.picture()}))
+    button = page.get_by_role("button", name="Upload 1 frame")
+
+    expect(page.locator("#upload-where")).to_contain_text("Looking which datasets")
+    expect(button).to_be_disabled()
+    held[0].continue_()
+
+    expect(page.locator("#upload-where")).to_contain_text("a dataset that has 1 frame")
+    expect(button).to_be_enabled()
+
+
+def test_voc_files_are_read_as_the_library_reads_them(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "w.xml": b"<a>"}
+
+    page.evaluate(DROP, encoded(files))
+    expect(page.get_by_label("Cannot be read")).to_contain_text(
+        "w w.xml, line 1: not XML"
+    )
+    send(page)
+
+    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
+    frame = scenes.get(scene.api, f"/datasets/{scene.dataset}/frames/v")
+    assert frame["boxes"][0]["xyxy"] == [80, 200, 240, 300]
+
+
+def test_refused_frames_are_listed_and_tried_again(town, ada):
+    """The server's own words; once the cause is mended, the rest goes through."""
+    seg = town / "seg" / "2.png"
+    good = seg.read_bytes()
+    seg.write_bytes(good[:200])
+    page = pick(ada, town)
+
+    send(page)
+
+    expect(page.locator(".upload-panel__text")).to_have_text(
+        "2 frames stored · 1 refused"
+    )
+    expect(page.get_by_label("Refused")).to_contain_text("2 ")
+    expect(page.get_by_label("Refused")).to_contain_text("segmentation")
+    seg.write_bytes(good)
+    page.get_by_role("button", name="Try the refused again").click()
+    expect(page.get_by_label("Refused")).to_contain_text("can no longer be read")
+
+
+def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
+    page = pick(ada, town)
+    page.route(re.compile("/frames/"), lambda route: route.abort())
+    expect_phase = expect(page.locator(".upload-panel h2"))
+    page.route("**/api/v1/datasets", lambda route: route.continue_())
+
+    send(page)
+    expect_phase.to_contain_text("The server does not answer")
+    page.unroute(re.compile("/frames/"))
+    page.get_by_role("button", name="Go on").click()
+
+    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
+    assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 3
+
+
+def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
+    page = pick(ada, town)
+    held: list[Route] = []
+    page.route(re.compile("/frames/"), lambda route: held.append(route))
+    send(page)
+    page.get_by_role("button", name="Pause").click()
+    expect(page.locator(".upload-panel h2")).to_contain_text("Paused")
+
+    page.get_by_role("button", name="Cancel").click()
+
+    expect(page.locator(".upload-panel h2")).to_contain_text("Stopped")
+    assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 0
+
+
+def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server):
+    page = pick(ada, town)
+    cookies = page.context.cookies()
+    page.context.clear_cookies()
+    page.route("**/api/v1/datasets", lambda route: made(route, page, cookies))
+
+    send(page)
+    page.get_by_label("Token").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+
+    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
+
+
+def made(route: Route, page: Page, cookies: Any) -> None:
+    """The dataset is made while the session is still good."""
+    page.context.add_cookies(cookies)
+    response = route.fetch()
+    page.context.clear_cookies()
+    route.fulfill(response=response)
+
+
+def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, ada, tmp_path):
+    page = pick(ada, town)
+    page.get_by_label("Dataset", exact=True).fill("Town Ten")
+    send(page)
+    expect(page.locator("#upload-error")).to_contain_text("Small letters")
+
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "a.md").write_text("no frame")
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_label("Upload a folder").last.set_input_files(tmp_path / "notes")
+
+    expect(page.get_by_role("alert")).to_contain_text("None of these 1 files")
+
+
+def test_upload_has_no_serious_finding(town, visit, scheme):  # noqa: F811  # same
+    ada = visit(color_scheme=scheme)
+    page = pick(ada, town)
+    page.get_by_text("Did not match 1").click()
+    assert findings(page) == []
+
+    send(page)
+    page.get_by_role("button", name="Close the upload").wait_for()
+
+    assert findings(page) == []

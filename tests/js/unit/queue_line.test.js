@@ -1,0 +1,71 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { EMPTY, again, ahead, answered, currentOf, inHand, joined, lookedAt, nextOpen, paceOf, passed, stepped, takenBack } from "../../../static/js/queue/line.js";
+
+const five = joined(EMPTY, [1, 2, 3, 4, 5]);
+
+test("boxes join at the end, each once", () => {
+  const longer = joined(five, [4, 6]);
+
+  assert.deepEqual(longer.ids, [1, 2, 3, 4, 5, 6]);
+  assert.equal(currentOf(longer), 1);
+});
+
+test("an answer leads to the next box without one", () => {
+  const skipped = answered(stepped(five, 1), 2);
+
+  assert.equal(currentOf(skipped), 3);
+  assert.deepEqual(passed(skipped), [1]);
+  const back = stepped(stepped(skipped, -1), -1);
+  assert.equal(currentOf(answered(back, 1)), 3);
+});
+
+test("past the last there is nothing until more come", () => {
+  const done = [1, 2, 3, 4, 5].reduce(answered, five);
+
+  assert.equal(currentOf(done), null);
+  assert.equal(currentOf(stepped(done, 1)), null);
+  assert.equal(currentOf(joined(done, [6])), 6);
+});
+
+test("an answer to a box that is not looked at moves nobody", () => {
+  assert.equal(currentOf(answered(five, 4)), 1);
+});
+
+test("what is taken back is looked at again, even if it never was in the line", () => {
+  const two = answered(answered(five, 1), 2);
+
+  assert.equal(currentOf(takenBack(two, 1)), 1);
+  assert.deepEqual([...takenBack(two, 1).answered], [2]);
+  const strange = takenBack(two, 99);
+  assert.equal(currentOf(strange), 99);
+  assert.equal(currentOf(stepped(strange, 1)), 3);
+});
+
+test("what comes next leaves out what has an answer", () => {
+  assert.deepEqual(ahead(answered(five, 3), 2), [2, 4]);
+});
+
+test("those passed over come again", () => {
+  const end = stepped(stepped(answered(stepped(five, 1), 2), 1), 1);
+  const once = nextOpen(end);
+
+  const anew = again(once);
+
+  assert.equal(currentOf(anew), 1);
+  assert.deepEqual(ahead(anew, 9), [3, 4, 5].filter((id) => passed(once).includes(id)));
+});
+
+test("one may look at any box of the line", () => {
+  assert.equal(currentOf(lookedAt(five, 4)), 4);
+  assert.equal(currentOf(lookedAt(five, 99)), 1);
+  assert.deepEqual(inHand(five, 2), [4, 5]);
+});
+
+test("there is a pace after four answers, and it is of the last ones", () => {
+  assert.equal(paceOf([0, 1000, 2000]), null);
+  assert.equal(paceOf([0, 1000, 2000, 3000]), 60);
+  const slowThenFast = [0, ...Array.from({ length: 20 }, (_, i) => 600_000 + i * 500)];
+  assert.equal(paceOf(slowThenFast), 120);
+});

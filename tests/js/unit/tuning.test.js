@@ -1,0 +1,91 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import {
+  appliesTo,
+  classPath,
+  differences,
+  editsBetween,
+  editsOf,
+  effectiveEdits,
+  queryOf,
+  toYaml,
+  valueOf,
+  valueText,
+  withEdits,
+} from "../../../static/js/tuning.js";
+
+const ACTIVE = {
+  profile: "paper",
+  threshold_small_box: 10,
+  min_distance: null,
+  classes: { traffic_light: { threshold_small_box: 2 }, van: { accept: ["Truck", "Car"] } },
+};
+
+test("a class has its own threshold or the one for all", () => {
+  assert.equal(appliesTo(ACTIVE, "car"), 10);
+  assert.equal(appliesTo(ACTIVE, "traffic_light"), 2);
+  assert.equal(appliesTo(ACTIVE, "street_light"), 2);
+});
+
+test("edits change what they name and nothing else", () => {
+  const edits = { threshold_small_box: 12, "classes.car.threshold_small_box": 20, "classes.traffic_light.threshold_small_box": undefined };
+
+  assert.deepEqual(withEdits(ACTIVE, edits), {
+    ...ACTIVE,
+    threshold_small_box: 12,
+    classes: { car: { threshold_small_box: 20 }, van: { accept: ["Truck", "Car"] } },
+  });
+  assert.equal(ACTIVE.classes.traffic_light.threshold_small_box, 2);
+});
+
+test("classes may have any name, dots included", () => {
+  const changed = withEdits(ACTIVE, { [classPath("classes.a.b c")]: 3 });
+
+  assert.equal(appliesTo(changed, "classes.a.b c"), 3);
+  assert.deepEqual(differences(ACTIVE, changed), [{ path: "classes.classes.a.b c.threshold_small_box", before: undefined, after: 3 }]);
+});
+
+test("what is back where it was is no edit", () => {
+  const edits = { threshold_small_box: 10, min_distance: 5, "classes.car.threshold_small_box": undefined };
+  assert.deepEqual(effectiveEdits(ACTIVE, edits), { min_distance: 5 });
+});
+
+test("an address holds every kind of edit and gives it back", () => {
+  const edits = { profile: "carlasimu", threshold_small_box: 12.5, "classes.traffic_light.threshold_small_box": undefined, "classes.van.accept": ["Truck"] };
+
+  assert.deepEqual(queryOf(edits), {
+    profile: "carlasimu",
+    threshold_small_box: "12.5",
+    "classes.traffic_light.threshold_small_box": "follow",
+    "classes.van.accept": '["Truck"]',
+  });
+  assert.deepEqual(editsOf(ACTIVE, { ...queryOf(edits), class: "car", scale: "log" }), edits);
+  assert.deepEqual(editsOf({ ...ACTIVE, min_distance: 5 }, { min_distance: "null" }), { min_distance: null });
+});
+
+test("differences go both ways, keys for all before those of a class", () => {
+  const other = withEdits(ACTIVE, { profile: "carlasimu", "classes.traffic_light.threshold_small_box": undefined });
+
+  assert.deepEqual(differences(ACTIVE, other), [
+    { path: "profile", before: "paper", after: "carlasimu" },
+    { path: "classes.traffic_light.threshold_small_box", before: 2, after: undefined },
+  ]);
+  assert.deepEqual(withEdits(ACTIVE, editsBetween(ACTIVE, other)), other);
+  assert.deepEqual(withEdits(other, editsBetween(other, ACTIVE)), ACTIVE);
+});
+
+test("values are said in words", () => {
+  assert.deepEqual([undefined, null, 0.5, "paper", ["Truck", "Car"]].map(valueText), ["as for all", "none", "0.5", "paper", "Truck, Car"]);
+  assert.equal(valueOf(ACTIVE, "classes.van.threshold_small_box"), undefined);
+});
+
+test("the file has every key, quoted where YAML would misread it", () => {
+  const config = { ...ACTIVE, classes: { "a: b": { threshold_small_box: 2 }, no: { accept: ["Car", 14] } } };
+
+  assert.equal(
+    toYaml(config),
+    ["profile: paper", "threshold_small_box: 10", "min_distance: null", "classes:", '  "a: b":', "    threshold_small_box: 2", '  "no":', "    accept: [Car, 14]", ""].join("\n"),
+  );
+  assert.match(toYaml({ ...ACTIVE, classes: {} }), /\nclasses: \{\}\n$/);
+});

@@ -1,0 +1,124 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { ApiError, NoAnswer } from "../../../static/js/api.js";
+import { createSender } from "../../../static/js/upload/sender.js";
+
+/** @param {number} count @returns {any[]} */
+const frames = (count) => Array.from({ length: count }, (_, i) => ({ key: String(i), annotation: {}, files: {} }));
+
+const settled = () => new Promise((resolve) => setImmediate(resolve));
+
+/** A server that answers when the test says so. @param {number} count */
+function sending(count) {
+  /** @type {{key: string, signal: AbortSignal, resolve: (isNew: boolean) => void, reject: (error: Error) => void}[]} */
+  const calls = [];
+  /** @type {{run: () => void, delayMs: number}[]} */
+  const timers = [];
+  const put = (/** @type {{key: string}} */ { key }, /** @type {AbortSignal} */ signal) => new Promise((resolve, reject) => calls.push({ key, signal, resolve, reject }));
+  const sender = createSender(frames(count), /** @type {any} */ (put), (run, delayMs) => timers.push({ run, delayMs }));
+  const outline = () => {
+    const { phase, stored, same, refused } = sender.state.get();
+    return [phase, stored, same, refused.map(({ key }) => key).join()];
+  };
+  return { sender, calls, timers, outline };
+}
+
+test("four are under way at a time, and the end is said with what became of each", async () => {
+  const { sender, calls, outline } = sending(6);
+  sender.resume();
+  assert.equal(calls.length, 4);
+
+  for (let i = 0; i < 6; i++) {
+    calls[i]?.resolve(i !== 0);
+    await settled();
+  }
+
+  assert.deepEqual(outline(), ["done", 5, 1, ""]);
+});
+
+test("a refused frame is listed in the server's words, and can be tried again", async () => {
+  const { sender, calls, outline } = sending(2);
+  sender.resume();
+  const errors = [{ pointer: "/boxes/0", detail: "no geometry" }, { pointer: "/boxes/1", detail: "no class" }];
+  calls[0]?.reject(new ApiError(422, { detail: "two faults", errors }, null));
+  calls[1]?.resolve(true);
+  await settled();
+  assert.deepEqual(outline(), ["done", 1, 0, "0"]);
+  assert.deepEqual(sender.state.get().refused, [{ key: "0", why: "two faults", more: ["/boxes/0: no geometry", "/boxes/1: no class"] }]);
+
+  sender.retry();
+  calls[2]?.resolve(true);
+  await settled();
+
+  assert.deepEqual(outline(), ["done", 2, 0, ""]);
+});
+
+test("without the server it waits, longer each time, and loses no frame", async () => {
+  const { sender, calls, timers, outline } = sending(1);
+  sender.resume();
+  for (const i of [0, 1]) {
+    calls[i]?.reject(new NoAnswer(null));
+    await settled();
+    assert.equal(outline()[0], "offline");
+    timers[i]?.run();
+  }
+  calls[2]?.resolve(true);
+  await settled();
+
+  assert.deepEqual(timers.map(({ delayMs }) => delayMs), [1000, 2000]);
+  assert.deepEqual(outline(), ["done", 1, 0, ""]);
+});
+
+test("a busy server says when to come back; who is signed out waits for a person", async () => {
+  const { sender, calls, timers, outline } = sending(1);
+  sender.resume();
+  calls[0]?.reject(new ApiError(503, {}, 7));
+  await settled();
+  assert.deepEqual([outline()[0], timers[0]?.delayMs], ["busy", 7000]);
+
+  timers[0]?.run();
+  calls[1]?.reject(new ApiError(401, {}, null));
+  await settled();
+  assert.deepEqual([outline()[0], timers.length], ["signed-out", 1]);
+
+  sender.resume();
+  calls[2]?.resolve(true);
+  await settled();
+  assert.equal(outline()[0], "done");
+});
+
+test("paused: what is under way arrives, nothing else is sent", async () => {
+  const { sender, calls, outline } = sending(6);
+  sender.resume();
+  sender.pause();
+  calls.forEach(({ resolve }) => resolve(true));
+  await settled();
+  assert.deepEqual([calls.length, ...outline()], [4, "paused", 4, 0, ""]);
+
+  sender.resume();
+  calls.slice(4).forEach(({ resolve }) => resolve(true));
+  await settled();
+  assert.deepEqual(outline(), ["done", 6, 0, ""]);
+});
+
+test("cancelled: what is under way is cut off, and nobody is blamed", async () => {
+  const { sender, calls, outline } = sending(6);
+  sender.resume();
+
+  sender.cancel();
+  calls.forEach(({ signal, reject }) => signal.aborted && reject(new DOMException("", "AbortError")));
+  await settled();
+
+  assert.deepEqual([calls.length, ...outline()], [4, "stopped", 0, 0, ""]);
+});
+
+test("who may not write is told once, not for every frame", async () => {
+  const { sender, calls, outline } = sending(6);
+  sender.resume();
+
+  calls[0]?.reject(new ApiError(403, { detail: "viewers cannot write" }, null));
+  await settled();
+
+  assert.deepEqual([calls.length, ...outline(), sender.state.get().trouble], [4, "stopped", 0, 0, "", "viewers cannot write"]);
+});
