@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo serve setup test check fmt lint types imports js unit browser bench migrate docs clean
+.PHONY: help demo serve setup test test-long check fmt lint types imports js unit browser bench readers migrate docs screenshots clean
 
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -15,7 +15,7 @@ DEVELOPMENT := $(VENV)/.development
 CHROMIUM := $(VENV)/.chromium
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
 
 demo: $(PROGRAM) ## Render a small street with ghosts, filter it and serve the review page
 	$(BIN)/unghost demo $(ARGS)
@@ -26,7 +26,11 @@ serve: $(PROGRAM) ## Serve your own data folder (./unghost-data, or UNGHOST_DATA
 setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 
 test: check $(CHROMIUM) ## Set up and pass everything: checks, all tests, the browser's too
+ifdef ARGS
 	$(PYTEST) $(ARGS)
+else
+	@sh tools/run_tests.sh $(PYTEST)
+endif
 
 check: lint types imports js ## Every check that runs no Python test
 
@@ -50,6 +54,9 @@ js: ## Types and tests of the page's modules (where Node is installed)
 unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
 	$(PYTEST) tests/unit tests/property $(ARGS)
 
+test-long: $(DEVELOPMENT) ## Kill servers and clients in the middle, fifty times; takes minutes
+	KILL_ROUNDS=50 $(PYTEST) tests/api/test_kills.py tests/api/test_push_kills.py --timeout=3600 $(ARGS)
+
 browser: $(CHROMIUM) ## The review page in a real Chromium
 	$(PYTEST) tests/browser $(ARGS)
 
@@ -57,12 +64,23 @@ bench: $(DEVELOPMENT) ## Measure; the figures of docs/benchmarks.md
 	@for bench in $(notdir $(basename $(wildcard benchmarks/bench_*.py))); do \
 		echo "== $$bench"; $(BIN)/python -m benchmarks.$$bench $(ARGS) || exit 1; done
 
+readers: $(DEVELOPMENT) $(VENV)/.readers ## Read exports with Ultralytics, supervision and Datumaro (downloads 2 GB)
+	$(VENV)/readers/bin/python -m tools.check_readers $(CURDIR)/$(BIN)/python
+
+$(VENV)/.readers: | $(DEVELOPMENT)
+	$(BIN)/python -m venv $(VENV)/readers
+	$(VENV)/readers/bin/pip install --quiet ultralytics supervision datumaro
+	@touch $@
+
 migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema
 	$(BIN)/python -m tools.migrate
 
 docs: $(DEVELOPMENT) ## Write what the documentation repeats of the code, and check the rest
 	$(BIN)/python -m tools.reference
 	$(PYTEST) tests/docs $(ARGS)
+
+screenshots: $(CHROMIUM) ## Take the pictures of the review page anew, from a demo of their own
+	$(BIN)/python -m tools.screenshots $(ARGS)
 
 clean: ## Remove what make made; the data folders stay
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

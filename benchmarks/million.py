@@ -54,8 +54,7 @@ def _store(session: Session, dataset_id: int, count: int, rng: Generator) -> Non
     dataset = DatasetRepository(session).with_id(dataset_id)
     classes = DatasetRepository(session).classes(dataset_id)
     frames = FrameRepository(session)
-    first_frame = frames.take_ids("frames", count)
-    first_box = frames.take_ids("boxes", count * BOXES_PER_FRAME)
+    first_frame, first_box = frames.take_ids(count, count * BOXES_PER_FRAME)
     evidence = numbers(count * BOXES_PER_FRAME, tuple(classes), rng)
     class_ids = list(classes.values())
     rows, packed = [], []

@@ -1,0 +1,258 @@
+"""What a batch of frames costs, against decoding and measuring their segmentations.
+
+    python benchmarks/bench_batch.py [--frames 1000] [--without-image] [--json]
+    python benchmarks/bench_batch.py --memory    peaks at 1,000 and 10,000 frames
+    python benchmarks/bench_batch.py --filled    the rate beside a million stored boxes
+
+A real server on a port takes one archive of frames: a 1.3 MB image of their own, a
+segmentation and 30 boxes each. The client packs and sends from this process, on the
+same cores. Rates are against the rate at which as many threads as there are cores only
+decode and measure the same segmentations, in turns, in the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import socket
+import statistics
+import sys
+import tarfile
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import httpx
+
+from app.lifetime import running
+from app.settings import Settings
+from benchmarks.bench_filter import Street, street
+from benchmarks.bench_upload import cpu_seconds, decode_seconds, photograph
+from benchmarks.million import NAME as MILLION
+from benchmarks.million import fill
+from filter_core.annotation import parse_annotation
+from filter_core.config import FilterConfig
+from filter_core.frame_filter import FrameOptions, measure_frame
+from filter_core.segmentation import read_segmentation
+from tests.servers import RunningServer, running_server
+
+BLOCK = 512
+DATA = Path("benchmarks/.data")
+WARM_UP = 40
+FEW, MANY = 1_000, 10_000
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What every frame of the archive has."""
+
+    street: Street
+    image: bytes
+
+    @property
+    def annotation(self) -> dict[str, object]:
+        rows = zip(self.street.classes, self.street.xyxy.tolist(), strict=True)
+        boxes = [
+            {"class": name, "xyxy": [round(value, 3) for value in xyxy]}
+            for name, xyxy in rows
+        ]
+        return {"carla_version": "0.9.15", "boxes": boxes}
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What one archive took: seconds of waiting, and of the server's processor."""
+
+    frames: int
+    wall: float
+    cpu: float
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=FEW)
+    parser.add_argument("--without-image", action="store_true")
+    parser.add_argument("--memory", action="store_true")
+    parser.add_argument("--filled", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    scene = Scene(street(), b"" if options.without_image else photograph())
+    if options.memory:
+        figures = memory(scene)
+    elif options.filled:
+        figures = filled(scene, options.frames)
+    else:
+        figures = speed(scene, options.frames)
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:52} {value:10.2f}")
+    return 0
+
+
+def speed(scene: Scene, frames: int) -> dict[str, float]:
+    """Rates and processor time, each against the pixels alone."""
+    pixels, decode = [measured_rate(scene)], [decode_seconds(scene.street.png)]
+    sent = []
+    with serving() as server:
+        send(server, scene, WARM_UP, "warm")
+        for number in range(ROUNDS):
+            sent.append(send(server, scene, frames // ROUNDS, f"round-{number}"))
+            pixels.append(measured_rate(scene))
+            decode.append(decode_seconds(scene.street.png))
+    rate = statistics.median(one.frames / one.wall for one in sent)
+    cpu = statistics.median(one.cpu / one.frames for one in sent)
+    return {
+        "bytes per frame": len(scene.image) + len(scene.street.png),
+        "decoded and measured only [frames/s]": statistics.median(pixels),
+        "sent, stored, decided, answered [frames/s]": rate,
+        "the same in percent of that": 100 * rate / statistics.median(pixels),
+        "server CPU per frame [ms]": 1000 * cpu,
+        "server CPU / decode": cpu / statistics.median(decode),
+    }
+
+
+def memory(scene: Scene) -> dict[str, float]:
+    """The most that the server held: one process for each number of frames."""
+    peaks = {}
+    for frames in (FEW, MANY):
+        with serving() as server:
+            send(server, scene, frames, "all")
+            peaks[frames] = peak_mib(server.process.pid)
+    figures = {f"peak of {count} frames [MiB]": peak for count, peak in peaks.items()}
+    return figures | {"the larger / the smaller": peaks[MANY] / peaks[FEW]}
+
+
+def filled(scene: Scene, frames: int) -> dict[str, float]:
+    """The rate of an empty server, and of one with a million boxes, taking turns."""
+    rates: dict[str, list[float]] = {"empty": [], "a million boxes": []}
+    with serving() as empty, serving(with_a_million=True) as full:
+        servers = {"empty": (empty, "bench"), "a million boxes": (full, MILLION)}
+        for server, dataset in servers.values():
+            send(server, scene, WARM_UP, "warm", dataset)
+        for number in range(ROUNDS):
+            for name, (server, dataset) in servers.items():
+                sent = send(server, scene, frames // ROUNDS, f"{number}", dataset)
+                rates[name].append(sent.frames / sent.wall)
+    medians = {name: statistics.median(each) for name, each in rates.items()}
+    figures = {f"{name} [frames/s]": rate for name, rate in medians.items()}
+    return figures | {
+        "full / empty [percent]": 100 * medians["a million boxes"] / medians["empty"]
+    }
+
+
+@contextmanager
+def serving(*, with_a_million: bool = False) -> Iterator[RunningServer]:
+    """A server with its own data, with or without the million boxes."""
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "data"
+        if with_a_million:
+            a_million(data)
+        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+            url = f"{server.url}/api/v1/datasets"
+            made = httpx.post(url, json={"name": "bench"}, headers=server.headers)
+            made.raise_for_status()
+            yield server
+
+
+def a_million(data: Path) -> None:
+    """A data folder with a million boxes: the one that `bench_runs` keeps, or anew."""
+    if (DATA / "unghost.db").exists():
+        data.mkdir()
+        shutil.copy(DATA / "unghost.db", data)
+        return
+    with running(Settings(data=data)) as context:
+        fill(context, 1_000_000, lambda _: None)
+
+
+def measured_rate(scene: Scene, seconds: float = 2.0) -> float:
+    """Frames per second that all cores only decode and measure."""
+    annotation = parse_annotation(scene.annotation)
+    config = FilterConfig()
+    wh = (1280, 720)
+
+    def one(_: int) -> None:
+        segmentation = read_segmentation(scene.street.png, expected_wh=wh)
+        measure_frame(annotation, segmentation, config, FrameOptions(image_wh=wh))
+
+    one(0)
+    threads = cpu_count() or 1
+    done, begun = 0, time.perf_counter()
+    with ThreadPoolExecutor(threads) as pool:
+        while time.perf_counter() - begun < seconds:
+            done += len(list(pool.map(one, range(16 * threads))))
+    return done / (time.perf_counter() - begun)
+
+
+def send(
+    server: RunningServer, scene: Scene, frames: int, run: str, dataset: str = "bench"
+) -> Sent:
+    """Send an archive from one thread and read its answer in this one."""
+    place = urlsplit(server.url)
+    cpu, begun = cpu_seconds(server.process.pid), time.perf_counter()
+    with socket.create_connection((place.hostname, place.port or 80)) as connection:
+        head = (
+            f"POST /api/v1/datasets/{dataset}/batches HTTP/1.1\r\n"
+            f"Host: {place.netloc}\r\nAuthorization: Bearer {server.token}\r\n"
+            "Content-Type: application/x-tar\r\nTransfer-Encoding: chunked\r\n"
+            "Connection: close\r\n\r\n"
+        )
+        connection.sendall(head.encode())
+        pieces = archive(scene, frames, run)
+        sender = threading.Thread(target=write, args=(connection, pieces))
+        sender.start()
+        answer = b"".join(iter(lambda: connection.recv(1 << 16), b""))
+        sender.join()
+    wall = time.perf_counter() - begun
+    end = json.loads(re.findall(rb'{"end".*}', answer)[0])
+    assert end["stored"] == frames, answer[-2000:]
+    return Sent(frames, wall, cpu_seconds(server.process.pid) - cpu)
+
+
+def write(connection: socket.socket, pieces: Iterator[bytes]) -> None:
+    for piece in pieces:
+        connection.sendall(b"%x\r\n" % len(piece))
+        connection.sendall(piece)
+        connection.sendall(b"\r\n")
+    connection.sendall(b"0\r\n\r\n")
+
+
+def archive(scene: Scene, frames: int, run: str) -> Iterator[bytes]:
+    """The pieces of the tar; every image is another one, or it would be stored."""
+    for number in range(frames):
+        name = f"{number:06d}"
+        annotation = {"key": f"{run}/{name}", **scene.annotation}
+        yield member(f"{name}.json", json.dumps(annotation).encode())
+        yield member(f"{name}.segmentation.png", scene.street.png)
+        if scene.image:
+            own = f"{run}/{name}".encode()
+            yield member(f"{name}.image.png", scene.image + own)
+    yield bytes(2 * BLOCK)
+
+
+def member(name: str, content: bytes) -> bytes:
+    header = tarfile.TarInfo(name)
+    header.size = len(content)
+    padding = bytes(-len(content) % BLOCK)
+    return b"".join((header.tobuf(tarfile.USTAR_FORMAT), content, padding))
+
+
+def peak_mib(pid: int) -> float:
+    """The most that a process ever had in memory, as Linux tells it."""
+    text = Path(f"/proc/{pid}/status").read_text()
+    return int(re.findall(r"VmHWM:\s+(\d+) kB", text)[0]) / 1024
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+"""How close does filtering a folder come to only decoding and measuring its pixels?
+
+    python -m benchmarks.bench_local [--frames 400] [--rounds 5] [--json] [--check]
+
+A manifest of frames like CARLA's (a 1.3 MB image, `bench_filter`'s segmentation, 30
+boxes) is filtered as `unghost filter` does, from its lines to decisions on the disk.
+Beside it as many threads only decode and measure the same segmentations, which are in
+memory already. Both in turns within one run; the ratio is of the medians.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from benchmarks.bench_filter import HEIGHT, WIDTH, Street, frame_boxes, street
+from benchmarks.bench_upload import photograph
+from filter_core.measure import measure
+from filter_core.segmentation import SegmentationOptions, read_segmentation
+from unghost.cli.filter_local import FilterOptions, filter_local
+
+SCENES = 8
+PROMISE = 0.85
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=400)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--check", action="store_true", help="fail below the promise")
+    options = parser.parse_args()
+    scenes = [street(seed) for seed in range(SCENES)]
+    workers = os.cpu_count() or 1
+    with tempfile.TemporaryDirectory() as folder:
+        source = write_frames(Path(folder), scenes, options.frames)
+        output = Path(folder) / "decisions.jsonl"
+        command = FilterOptions(source=source, output=output, workers=workers)
+        pixels, whole = in_turns(
+            options.rounds,
+            lambda: only_pixels(scenes, options.frames, workers),
+            lambda: filter_local(command),
+        )
+    ratio = pixels / whole
+    figures = {
+        "frames": options.frames,
+        "threads": workers,
+        "decode and measure [frames/s]": options.frames / pixels,
+        "unghost filter [frames/s]": options.frames / whole,
+        "rate, against decode and measure": ratio,
+    }
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:36} {value:10.2f}")
+    return int(options.check and ratio < PROMISE)
+
+
+def write_frames(folder: Path, scenes: list[Street], count: int) -> Path:
+    """A manifest; every frame has its own lines and shares its scene's files."""
+    image = photograph()
+    for index, scene in enumerate(scenes):
+        (folder / f"seg{index}.png").write_bytes(scene.png)
+        (folder / f"rgb{index}.png").write_bytes(image)
+    manifest = folder / "manifest.jsonl"
+    with manifest.open("w") as lines:
+        for number in range(count):
+            frame = annotation(scenes[number % SCENES], number)
+            files = {
+                "image": f"rgb{number % SCENES}.png",
+                "segmentation": f"seg{number % SCENES}.png",
+            }
+            lines.write(json.dumps({**frame, **files}) + "\n")
+    return manifest
+
+
+def annotation(scene: Street, number: int) -> dict[str, object]:
+    """What CARLA's recorder would write of a frame."""
+    boxes = [
+        {
+            "id": str(index),
+            "class": name,
+            "xyxy": [round(value, 2) for value in xyxy],
+            "distance": 10.0 + index,
+        }
+        for index, (name, xyxy) in enumerate(
+            zip(scene.classes, scene.xyxy.tolist(), strict=True)
+        )
+    ]
+    return {
+        "key": f"{number:06}",
+        "carla_version": "0.9.15",
+        "camera": {"width": WIDTH, "height": HEIGHT, "fov": 90},
+        "boxes": boxes,
+    }
+
+
+def only_pixels(scenes: list[Street], frames: int, workers: int) -> None:
+    """Decode and measure, and nothing else."""
+    reading = SegmentationOptions(carla_version="0.9.15")
+    boxes = [frame_boxes(scene.xyxy, scene.classes) for scene in scenes]
+
+    def one(number: int) -> None:
+        index = number % SCENES
+        measure(read_segmentation(scenes[index].png, reading), boxes[index])
+
+    with ThreadPoolExecutor(workers) as pool:
+        for _ in pool.map(one, range(frames)):
+            pass
+
+
+def in_turns(
+    rounds: int, base: Callable[[], object], action: Callable[[], object]
+) -> tuple[float, float]:
+    """Median seconds of each, after one round that does not count."""
+    pairs = [(seconds(base), seconds(action)) for _ in range(rounds + 1)][1:]
+    bases, actions = zip(*pairs, strict=True)
+    return statistics.median(bases), statistics.median(actions)
+
+
+def seconds(action: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    action()
+    return time.perf_counter() - begun
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,165 @@
+"""A million stored boxes over HTTP: the queue, totals, previews, answers on many.
+
+    python -m benchmarks.bench_queue [--requests 100] [--json]
+
+A real server on a port serves a copy of the dataset that ``bench_runs`` makes. Times
+are from a request to the end of its answer, one at a time; the history of one box tells
+what asking costs at all. The most doubtful ten thousand boxes were answered before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from benchmarks.bench_runs import opened, prepare, quantile
+from benchmarks.million import NAME
+from tests.servers import RunningServer, running_server
+
+ANSWERED = {"margin_max": 0.65, "review": "none"}
+BULK = {"class": "car", "distance_max": 155, "review": "none"}
+"""A little less than the hundred thousand boxes that one act may change."""
+ORDERS = ("doubt", "random", "class", "audit")
+FILTERS: dict[str, dict[str, Any]] = {
+    "": {},
+    ", rejected walkers": {"verdict": "rejected", "class": "walker"},
+    ", toss-ups": {"toss_up": True},
+    ", margin up to 3": {"margin_max": 3},
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--boxes", type=int, default=1_000_000)
+    parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
+    parser.add_argument("--requests", type=int, default=100)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    context = opened(options.data)
+    prepare(context, options.boxes)
+    context.close()
+    context.database.close()
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "data"
+        shutil.copytree(options.data, data)
+        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+            figures = dict(measured(server, options.requests))
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:58} {value:10.2f}")
+    return 0
+
+
+def measured(server: RunningServer, requests: int) -> Iterator[tuple[str, float]]:
+    """Name and figure, one after the other."""
+    client = httpx.Client(
+        base_url=f"{server.url}/api/v1", headers=server.headers, timeout=600
+    )
+    _, answers, _ = answer_all(client, ANSWERED)
+    yield "boxes that were answered before", answers
+    box_id = client.get("/boxes", params={"dataset": NAME, "limit": 1}).json()
+    path = f"/boxes/{box_id['items'][0]['box_id']}/history"
+    yield "one small answer, p95 [ms]", p95(requests, lambda _: client.get(path))
+    for order in ORDERS:
+        for name, filters in FILTERS.items():
+            if order == "audit" and name:
+                continue
+            body = {"order": order, "filters": filters}
+            took = p95(requests, queue_asker(client, body))
+            yield f"queue by {order}{name}, p95 [ms]", took
+    yield from totals(client, requests)
+    yield from previews(client, requests)
+    yield from quality(client)
+    yield from bulk(client)
+
+
+def p95(requests: int, ask: Callable[[int], httpx.Response]) -> float:
+    """Milliseconds, after one request that fills what is kept in memory."""
+    ask(0).raise_for_status()
+    times = []
+    for number in range(requests):
+        begun = time.perf_counter()
+        ask(number).raise_for_status()
+        times.append(1000 * (time.perf_counter() - begun))
+    return quantile(times, 0.95)
+
+
+def queue_asker(
+    client: httpx.Client, body: dict[str, Any]
+) -> Callable[[int], httpx.Response]:
+    """Asks as a page does: the next ten, beside the ten that are at hand."""
+    at_hand: list[int] = []
+
+    def ask(_: int) -> httpx.Response:
+        answer = client.post(
+            f"/datasets/{NAME}/queue", json=body | {"exclude": at_hand}
+        )
+        at_hand[:] = [item["box_id"] for item in answer.json()["items"]]
+        return answer
+
+    return ask
+
+
+def totals(client: httpx.Client, requests: int) -> Iterator[tuple[str, float]]:
+    for name, filters in (
+        ("by tallies", {"verdict": "rejected", "review": "undecided"}),
+        ("of a range", {"match_min": 5, "match_max": 40, "review": "undecided"}),
+    ):
+        query = {"dataset": NAME, "limit": 1, "count": "true", **filters}
+        took = p95(requests, partial(listed, client, query))
+        yield f"total {name}, p95 [ms]", took
+
+
+def listed(client: httpx.Client, query: dict[str, Any], _: int) -> httpx.Response:
+    return client.get("/boxes", params=query)
+
+
+def previews(client: httpx.Client, requests: int) -> Iterator[tuple[str, float]]:
+    def dragged(number: int) -> httpx.Response:
+        config = {"threshold_small_box": 5 + number % 40 / 4}
+        body = {"config": config, "limit": 50, "bins": 100}
+        return client.post(f"/datasets/{NAME}/preview", json=body)
+
+    yield "preview while dragging, p95 [ms]", p95(requests, dragged)
+
+
+def quality(client: httpx.Client) -> Iterator[tuple[str, float]]:
+    took = p95(10, lambda _: client.get(f"/datasets/{NAME}/quality"))
+    yield "quality of these answers, p95 [ms]", took
+
+
+def bulk(client: httpx.Client) -> Iterator[tuple[str, float]]:
+    batch, boxes, took = answer_all(client, BULK)
+    yield "boxes answered in one act", boxes
+    yield "one answer on them [s]", took
+    begun = time.perf_counter()
+    client.post(f"/review-batches/{batch}/undo").raise_for_status()
+    yield "taking it back [s]", time.perf_counter() - begun
+
+
+def answer_all(client: httpx.Client, filters: dict[str, Any]) -> tuple[int, int, float]:
+    """One answer on all boxes of a filter: the batch, how many, and the seconds."""
+    query = {"dataset": NAME, "limit": 1, "count": "true", **filters}
+    total = client.get("/boxes", params=query).json()["total"]
+    body = {"dataset": NAME, "filter": filters, "verdict": "keep"}
+    begun = time.perf_counter()
+    answer = client.post("/reviews/bulk", json=body | {"expected_count": total})
+    took = time.perf_counter() - begun
+    answer.raise_for_status()
+    return answer.json()["id"], total, took
+
+
+if __name__ == "__main__":
+    sys.exit(main())

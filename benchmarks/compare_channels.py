@@ -1,0 +1,138 @@
+"""Which channel finds the ghosts of a street, and at what cost?
+
+    python -m benchmarks.compare_channels [--folder FOLDER] [--frames 200] [--seed 2026]
+                                          [--json] [--write]
+
+`--write` writes docs/evaluation.md.
+
+Renders a street with known truth (unless the folder has one already), measures every
+channel on it and counts. Frames whose boxes are 3D are compared; those with rectangles
+only show what is left of each channel then. Costs are medians within one run, file
+included, as ratios to the segmentation's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rich.progress import track
+
+from app.demo.writing import TRUTH, write_street
+from benchmarks.evaluation_page import write_page
+from filter_core.annotation_types import FORMS_3D
+from filter_core.config import FilterConfig
+from filter_core.formats.frame_source import FrameSource
+from filter_core.formats.layouts import read_source
+from filter_core.local_evaluation import EvaluationTask, evaluate_source, read_truth
+from filter_core.local_filter import measure_source
+from filter_core.segmentation import SegmentationOptions
+
+COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")
+COST_FRAMES = 24
+COST_ROUNDS = 5
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--write", action="store_true", help="write docs/evaluation.md")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
+        if not (folder / TRUTH).exists():
+            write_street(folder, options.frames, options.seed, progress=report)
+        found = compared(folder)
+    found |= {"street": {"frames": options.frames, "seed": options.seed}}
+    if options.write:
+        write_page(found)
+    if options.json or not options.write:
+        print(json.dumps(found, indent=1))
+    return 0
+
+
+def report(done: int, of: int) -> None:
+    """Rendering takes minutes: say how far it is."""
+    if sys.stderr.isatty() and done % 10 == 0:
+        print(f"{done} of {of} frames rendered", file=sys.stderr)
+
+
+def compared(folder: Path) -> dict[str, Any]:
+    """All comparisons of one street."""
+    solid = [frame for frame in read_source(folder) if is_solid(frame)]
+    flat = [frame for frame in read_source(folder) if not is_solid(frame)]
+    truth = read_truth(folder / TRUTH)
+    task = EvaluationTask(truth=truth)
+    semantic = replace(task, channels=("semantic",))
+    naive = replace(semantic, config=FilterConfig(projection="naive"))
+    one_pixel = EvaluationTask(
+        FilterConfig(ordered_min_pixels=1), truth, channels=("ordered",)
+    )
+    named = replace(task, channels=("instance",))
+    return {
+        "solid": counted(solid, task),
+        "flat": counted(flat, task),
+        "naive": counted(solid, naive),
+        "one_pixel": counted(solid, one_pixel),
+        "named": counted(list(with_instance_ids(solid, folder)), named),
+        "cost": costs(solid[:COST_FRAMES]),
+    }
+
+
+def is_solid(frame: FrameSource) -> bool:
+    """Whether a frame's boxes are 3D."""
+    boxes: Any = (frame.annotation or {}).get("boxes", [])
+    return any(form in box for box in boxes for form in FORMS_3D)
+
+
+def with_instance_ids(
+    frames: Iterable[FrameSource], folder: Path
+) -> Iterator[FrameSource]:
+    """The same frames, recorded by somebody who kept each actor's instance."""
+    lines = map(json.loads, (folder / TRUTH).read_text("utf-8").splitlines())
+    ids = {(line["key"], line["id"]): line["instance"] for line in lines}
+    for frame in frames:
+        annotation = dict(frame.annotation or {})
+        boxes: Any = annotation["boxes"]
+        annotation["boxes"] = [
+            {**box, "instance_id": ids[frame.key, box["id"]]} for box in boxes
+        ]
+        yield replace(frame, annotation=annotation)
+
+
+def counted(frames: list[FrameSource], task: EvaluationTask) -> dict[str, Any]:
+    shown = track(frames, "Measuring", disable=not sys.stderr.isatty())
+    evaluation, problems = evaluate_source(shown, task)
+    if problems:
+        raise SystemExit(f"{len(problems)} frames could not be used: {problems[0]}")
+    return evaluation.as_dict()
+
+
+def costs(frames: list[FrameSource]) -> dict[str, float]:
+    """Each channel with everything it reads, against the segmentation alone."""
+    config, reading = FilterConfig(), SegmentationOptions()
+    times: dict[str, list[float]] = {name: [] for name in ("semantic", *COSTED)}
+    for _ in range(COST_ROUNDS):
+        for frame in frames:
+            for name, taken in times.items():
+                wanted = () if name == "semantic" else (name,)
+                begun = time.process_time()
+                measure_source(frame, config, reading, wanted)
+                taken.append(time.process_time() - begun)
+    base = statistics.median(times["semantic"])
+    return {name: statistics.median(taken) / base for name, taken in times.items()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""Gives the demo a life: two reviewers who may disagree, a trial run, an export."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import httpx
+import numpy as np
+
+from unghost import Client, Decision
+
+DATASET: Final = "demo"
+_SEED: Final = 7
+_EACH_VERDICT: Final = 420
+_SHARED: Final = 260
+"""Boxes that both answer, so that their agreement can be measured."""
+_DOUBT_PERCENT: Final = 9.0
+_SPREAD_PERCENT: Final = 2.6
+_UNSURE_WITHIN: Final = 0.8
+
+
+def give_life(url: str, token: str) -> None:
+    """Answer as Ada and as Bo, and work a little; once, a used demo is left alone."""
+    with Client(url, token) as client:
+        if client.dataset(DATASET).counts.reviewed:
+            return
+        boxes = _sample(client)
+        _give_answers(url, token, boxes)
+        client.wait(client.start_run(DATASET, {"threshold_small_box": 8}))
+        client.wait_for_export(client.start_export(DATASET, "yolo"))
+
+
+def _give_answers(url: str, token: str, boxes: Sequence[Decision]) -> None:
+    rng = np.random.default_rng(_SEED)
+    people = {"ada": boxes, "bo": boxes[:_SHARED]}
+    with httpx.Client(base_url=f"{url}/api/v1", timeout=120) as http:
+        for name, own in people.items():
+            reviewer = _token(http, token, name)
+            answers = _answers(own, rng)
+            for verdict in sorted(set(answers)):
+                chosen = [
+                    box.box_id
+                    for box, said in zip(own, answers, strict=True)
+                    if said == verdict
+                ]
+                body = {"dataset": DATASET, "box_ids": chosen, "verdict": verdict}
+                _post(http, "/reviews/bulk", reviewer, body)
+
+
+def _sample(client: Client) -> list[Decision]:
+    """Measured boxes of both verdicts, in an order of their own."""
+    rng = np.random.default_rng(_SEED)
+    found: list[Decision] = []
+    for verdict in ("kept", "rejected"):
+        measured = [
+            box
+            for box in client.boxes(DATASET, verdict=verdict)
+            if box.match_percent is not None and (box.area_percent or 0) > 0
+        ]
+        picked = rng.permutation(len(measured))[:_EACH_VERDICT]
+        found.extend(measured[index] for index in picked)
+    return [found[index] for index in rng.permutation(len(found))]
+
+
+def _answers(boxes: Sequence[Decision], rng: np.random.Generator) -> list[str]:
+    """Sure of what is clearly there or not there, torn where little is to be seen."""
+    return list(map(str, _said(boxes, rng)))
+
+
+def _said(boxes: Iterable[Decision], rng: np.random.Generator) -> Iterable[str]:
+    for box in boxes:
+        lead = (box.match_percent or 0.0) - _DOUBT_PERCENT
+        if abs(lead) < _UNSURE_WITHIN and rng.random() < 0.5:
+            yield "unsure"
+            continue
+        keeps = rng.random() < 1 / (1 + np.exp(-lead / _SPREAD_PERCENT))
+        yield "keep" if keeps else "reject"
+
+
+def _token(http: httpx.Client, admin: str, name: str) -> str:
+    made = _post(http, "/tokens", admin, {"name": name, "role": "reviewer"})
+    token: str = made["token"]
+    return token
+
+
+def _post(
+    http: httpx.Client, path: str, token: str, body: dict[str, Any]
+) -> dict[str, Any]:
+    answer = http.post(path, json=body, headers={"Authorization": f"Bearer {token}"})
+    answer.raise_for_status()
+    found: dict[str, Any] = answer.json()
+    return found

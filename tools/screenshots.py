@@ -1,0 +1,207 @@
+"""Takes the pictures of the review page for the README and the documentation.
+
+    python -m tools.screenshots [--data FOLDER] [NAME ...]
+
+Serves the demo, lets two made-up reviewers answer some boxes, and writes
+`docs/pictures/NAME-light.webp` and `NAME-dark.webp`. A picture is a row of `PICTURES`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
+
+from tools.demo_life import DATASET, give_life
+from tools.ensure_chromium import SYSTEM_CHROMIUM
+from unghost import Client, Decision
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+FOLDER: Final = ROOT / "docs" / "pictures"
+WIDE: Final[ViewportSize] = {"width": 1440, "height": 900}
+NARROW: Final[ViewportSize] = {"width": 390, "height": 844}
+SCHEMES: Final[tuple[Literal["light", "dark"], ...]] = ("light", "dark")
+WEBP_QUALITY: Final = 80
+EDGE_PX: Final = 100
+"""Nearer to the image's edge a box does not show well."""
+PICTURES_SHOWN: Final = """() => !document.querySelector("[aria-busy=true]")
+  && [...document.images].every((image) => image.complete
+    || image.getBoundingClientRect().top > innerHeight)"""
+CROPS_SHOWN: Final = """() => document.querySelector(".cell__image")
+  && ![...document.querySelectorAll(".cell__none.shimmer")].some((cell) => {
+    const { top, bottom } = cell.getBoundingClientRect();
+    return bottom > 0 && top < innerHeight;
+  })
+  && [...document.querySelectorAll(".cell__image")].every(
+    (image) => image.complete && image.naturalWidth)"""
+STAGE: Final = ".stage[data-picture=shown]"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What to open, what shows that it is there, and what to do before the picture.
+
+    `link` may name ``{frame}`` and ``{box}``: the ghost that shows best.
+    """
+
+    name: str
+    link: str
+    ready: str
+    size: ViewportSize = field(default_factory=lambda: WIDE)
+    act: Callable[[Page], None] = lambda _: None
+
+
+def _close_up(page: Page) -> None:
+    page.keyboard.press("c")
+    page.wait_for_timeout(400)
+
+
+_THRESHOLDS: Final = (
+    f"#/datasets/{DATASET}/thresholds"
+    "?threshold_small_box=16&classes.traffic_light.threshold_small_box=2"
+)
+
+
+def _all_crops(page: Page) -> None:
+    """Crops are asked for in several turns; a cell without one shimmers."""
+    page.wait_for_function(CROPS_SHOWN, timeout=60_000)
+
+
+PICTURES: Final = (
+    Picture("datasets", "#/datasets", ".card img"),
+    Picture("frames", f"#/datasets/{DATASET}/frames", "a.thumb img"),
+    Picture("frame", "#/frames/{frame}?box={box}", STAGE),
+    Picture("frame-crop", "#/frames/{frame}?box={box}", STAGE, act=_close_up),
+    Picture("queue", f"#/datasets/{DATASET}/queue", STAGE),
+    Picture(
+        "grid",
+        f"#/datasets/{DATASET}/grid?verdict=rejected",
+        "main img",
+        act=_all_crops,
+    ),
+    Picture("thresholds", _THRESHOLDS, ".flip img"),
+    Picture("quality", f"#/datasets/{DATASET}/quality", ".curve__drawing canvas"),
+    Picture("runs", f"#/datasets/{DATASET}/runs", "main article"),
+    Picture("thresholds-narrow", _THRESHOLDS, ".flip img", NARROW),
+    Picture("frame-narrow", "#/frames/{frame}?box={box}", STAGE, NARROW),
+    Picture("queue-narrow", f"#/datasets/{DATASET}/queue", STAGE, NARROW),
+    Picture("frames-narrow", f"#/datasets/{DATASET}/frames", "a.thumb img", NARROW),
+)
+
+
+def main() -> int:
+    """Take all pictures, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=ROOT / "build" / "screenshots")
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    options = parser.parse_args()
+    wanted = [one for one in PICTURES if not options.names or one.name in options.names]
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    with served_demo(options.data) as login_link, launched() as browser:
+        url, _, token = login_link.partition("/#token=")
+        give_life(url, token)
+        with Client(url, token) as client:
+            box = best_ghost(client)
+        for picture in wanted:
+            for scheme in SCHEMES:
+                take(browser, login_link, picture, box, scheme)
+    return 0
+
+
+@contextmanager
+def served_demo(data: Path) -> Iterator[str]:
+    """The login link of a demo of our own, rendered the first time."""
+    data.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "unghost.cli", "demo", "--port", "0"]
+    process = subprocess.Popen(
+        [*command, "--data", str(data)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        yield _login_link(process)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _login_link(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    lines = (line.strip() for line in process.stdout)
+    link = next((line for line in lines if "/#token=" in line), None)
+    if link is None:
+        raise RuntimeError("the demo ended before it was ready; see its messages above")
+    return link.split()[-1]
+
+
+@contextmanager
+def launched() -> Iterator[Browser]:
+    """Chromium of the system, or Playwright's own."""
+    system = str(SYSTEM_CHROMIUM) if SYSTEM_CHROMIUM.exists() else None
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=system, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser
+        browser.close()
+
+
+def best_ghost(client: Client) -> Decision:
+    """The largest box that a truck or a bus covers almost whole."""
+    found = client.boxes(DATASET, verdict="rejected", reason="no_visible_pixels")
+    return max(filter(shows_well, found), key=lambda box: box.area_percent or 0)
+
+
+def shows_well(box: Decision) -> bool:
+    """Hidden by one vehicle, and well inside the image."""
+    if not box.xyxy or not box.hidden_by or box.xyxy[0] < EDGE_PX:
+        return False
+    hider = box.hidden_by[0]
+    return hider.name in ("Truck", "Bus") and hider.percent > 95
+
+
+def take(
+    browser: Browser,
+    login_link: str,
+    picture: Picture,
+    box: Decision,
+    scheme: Literal["light", "dark"],
+) -> None:
+    """One picture in one appearance, in a window of its own."""
+    url = login_link.partition("/#token=")[0]
+    context = browser.new_context(
+        viewport=picture.size, color_scheme=scheme, reduced_motion="reduce"
+    )
+    page = context.new_page()
+    page.goto(login_link)
+    expect(page.locator(".shell")).to_have_attribute("data-view", "datasets")
+    link = picture.link.format(frame=box.frame_id, box=box.box_id)
+    page.goto(f"{url}/{link}")
+    expect(page.locator(picture.ready).first).to_be_visible(timeout=30_000)
+    page.wait_for_function(PICTURES_SHOWN, timeout=30_000)
+    picture.act(page)
+    page.wait_for_timeout(500)
+    shot = page.screenshot(animations="disabled")
+    path = FOLDER / f"{picture.name}-{scheme}.webp"
+    path.write_bytes(as_webp(shot))
+    sys.stdout.write(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1000:.0f} kB\n")
+    context.close()
+
+
+def as_webp(png: bytes) -> bytes:
+    """A tenth of the bytes, and no difference that one would see."""
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None
+    flags = [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY]
+    return cv2.imencode(".webp", pixels, flags)[1].tobytes()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
