@@ -100,7 +100,8 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
         if (!going?.wishes.delete(wish) || going.wishes.size > 0) return;
         underWay.delete(url);
         going.stop.abort();
-        next();
+        // Others are given up in the same stroke: their turn must not come in between.
+        queueMicrotask(next);
       };
     },
 

@@ -48,6 +48,18 @@ test("what was scrolled away is not asked for, and what is under way is cancelle
   assert.deepEqual(told, []);
 });
 
+test("what is given up in one stroke is never asked for in between", async () => {
+  const { asked, fetchCrop } = source();
+  const crops = createCrops(fetchCrop, { parallel: 1 });
+  const letGo = ["a", "b", "c"].map((url) => crops.want(url, () => {}));
+  crops.want("d", () => {});
+
+  for (const stop of letGo) stop();
+  await tick();
+
+  assert.deepEqual([...asked.keys()], ["a", "d"]);
+});
+
 test("two who want the same get it from one request", async () => {
   const { asked, fetchCrop } = source();
   const crops = createCrops(fetchCrop);
