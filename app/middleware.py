@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import BadRequest, MisdirectedHost, TooLarge
 from app.http_errors import problem_of
-from app.logs import access_log, current_request_id, error_log
+from app.logs import Answered, current_request_id, error_log, log_answer
 from app.metrics import RequestMetrics
 from app.security import host_name
 from app.settings import ANY_HOST
@@ -96,10 +96,9 @@ class AccessLog:
             route = getattr(scope.get("route"), "path", None)
             self._metrics.observe(method, route, status, seconds)
             principal = scope.get("state", {}).get("principal")
-            who = principal.name if principal else "-"
-            access_log.info(
-                "%s %s %d %.1f ms %s", method, path, status, 1e3 * seconds, who
-            )
+            who = principal.name if principal else None
+            client = (scope.get("client") or (None,))[0]
+            log_answer(Answered(method, path, route, status, seconds, who, client))
 
 
 class SecurityHeaders:

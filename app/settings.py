@@ -17,6 +17,7 @@ ANY_HOST: Final = "*"
 _ALL_INTERFACES: Final = ("", "0.0.0.0", "::")
 
 LogLevel = Literal["debug", "info", "warning", "error"]
+LogFormat = Literal["auto", "json", "text"]
 
 
 class Settings(BaseSettings):
@@ -52,6 +53,11 @@ class Settings(BaseSettings):
     )
     log_level: LogLevel = Field(
         default="info", description="debug, info, warning or error."
+    )
+    log_format: LogFormat = Field(
+        default="auto",
+        description="json: a line of JSON per record; text; auto: text on a terminal, "
+        "JSON elsewhere.",
     )
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1,
@@ -150,7 +156,7 @@ class Settings(BaseSettings):
             return tuple(name.strip() for name in value.split(",") if name.strip())
         return value
 
-    @field_validator("log_level", mode="before")
+    @field_validator("log_level", "log_format", mode="before")
     @classmethod
     def _lower(cls, value: object) -> object:
         return value.lower() if isinstance(value, str) else value

@@ -49,7 +49,7 @@ def serve(
     CannotServe
         The port is taken, or the data folder cannot be used.
     """
-    configure_logging(settings.log_level)
+    configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     with _listen(settings) as listener:
         url = _url(settings, listener.getsockname()[1])

@@ -25,7 +25,8 @@ def sqlite_url(path: Path) -> str:
 
 def make_engine(url: str) -> Engine:
     """An engine whose commits are durable when they return."""
-    engine = create_engine(url, pool_size=16, max_overflow=32)
+    # Errors name their statement, and what people wrote is no part of it.
+    engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _prepare_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
