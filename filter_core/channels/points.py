@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -10,6 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.channels.npy_file import MAGIC, read_npy
 from filter_core.errors import FilterError
 from filter_core.types import FloatArray, IntArray
 
@@ -24,6 +24,9 @@ _FORMATS: Final[Mapping[str, Literal["<", ">"]]] = {
     "binary_big_endian": ">",
 }
 _HEADER_LIMIT: Final = 16_384
+_MOST_DIGITS: Final = 18
+_MOST: Final = 2**53
+"""Whole numbers up to here are the same as floats."""
 MAX_POINTS: Final = 20_000_000
 _NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     "x": ("x",),
@@ -81,7 +84,7 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     .. [2] G. Turk, "The PLY polygon file format", 1994.
     .. [3] NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
     """
-    if content.startswith(b"\x93NUMPY"):
+    if content.startswith(MAGIC):
         table = _read_npy(content)
     elif content.startswith((b"ply\n", b"ply\r")):
         table = _read_ply(content, max_points)
@@ -100,10 +103,9 @@ def _fault(expected: str, found: str) -> PointsError:
 
 def _read_npy(content: bytes) -> NDArray[np.void]:
     try:
-        # Never pickled objects: unpickling would run code from the file.
-        array = np.load(io.BytesIO(content), allow_pickle=False)
-    except (ValueError, OSError, EOFError, MemoryError) as error:
-        raise _fault("a whole NumPy array of numbers", str(error)[:100]) from None
+        array = read_npy(content)
+    except ValueError as error:
+        raise _fault("a whole NumPy array of numbers", str(error)) from None
     if array.dtype.names is not None and array.ndim == 1:
         return np.asarray(array)
     if array.ndim != 2 or array.shape[1] != 6 or array.dtype.kind not in "fiu":
@@ -135,13 +137,14 @@ def _ascii_points(
 ) -> NDArray[np.void]:
     names = dtype.names or ()
     try:
-        numbers = np.array(text.split(), dtype=np.float64)
+        words = text.split(None, count * len(names))[: count * len(names)]
+        numbers = np.array(words, dtype=np.float64)
     except ValueError:
         raise _fault("numbers", "words among the points") from None
     if len(numbers) < count * len(names):
         found = f"{len(numbers):,} numbers: it is truncated"
         raise _fault(f"{count:,} points of {len(names)} numbers", found)
-    rows = numbers[: count * len(names)].reshape(count, len(names))
+    rows = numbers.reshape(count, len(names))
     table = np.empty(count, [(name, "f8") for name in names])
     for column, name in enumerate(names):
         table[name] = rows[:, column]
@@ -188,7 +191,7 @@ def _vertex_count(words: list[str], before: str, count: int) -> int:
         if count < 0:
             raise _fault("the element vertex first", f"{words[1][:40]!r}")
         return count
-    if before or not words[2].isdecimal():
+    if before or not words[2].isdecimal() or len(words[2]) > _MOST_DIGITS:
         raise _fault("one element vertex with a number", " ".join(words)[:60])
     return int(words[2])
 
@@ -209,7 +212,9 @@ def _named(table: NDArray[np.void]) -> LidarPoints:
         elif wanted != "object":
             raise _fault(f"a column {spellings[0]}", ", ".join(lower) or "none")
     xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
-    if not np.isfinite(xyz).all():
-        raise _fault("finite coordinates", "NaN or an infinity")
+    if not all(np.isfinite(column).all() for column in found.values()):
+        raise _fault("finite numbers", "NaN or an infinity")
     objects = found.get("object", np.zeros(len(xyz)))
+    if max(np.abs(objects).max(initial=0), np.abs(found["tag"]).max(initial=0)) > _MOST:
+        raise _fault(f"objects and tags up to {_MOST:,}", "larger ones")
     return LidarPoints(xyz, objects.astype(np.int64), found["tag"].astype(np.int64))

@@ -1,0 +1,161 @@
+"""Images and point clouds that are not what they claim: a result, or our own error."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from contextlib import suppress
+from functools import partial
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from app.services.frame_files import KINDS, check_files
+from app.settings import Settings
+from filter_core.annotation import parse_annotation
+from filter_core.channels.depth import read_depth
+from filter_core.channels.instances import read_instances
+from filter_core.channels.points import PointsError, read_points
+from filter_core.errors import FilterError
+from filter_core.ignore_mask import read_ignore_mask
+from filter_core.image_header import read_image_header
+from filter_core.segmentation import SegmentationOptions, read_segmentation
+from tests import pictures
+from tests.api import frames as scene
+from tests.hostile.mutations import damaged, little_memory, many
+
+SIDE = 512
+WH = (scene.WIDTH, scene.HEIGHT)
+TAGS = scene.tags()
+RGB = pictures.painted(TAGS)
+NEAREST = SegmentationOptions(lossy="nearest")
+IMAGES = [
+    scene.image(),
+    scene.segmentation(),
+    pictures.png(TAGS),
+    pictures.png(pictures.with_alpha(RGB)),
+    pictures.indexed_png(TAGS, np.arange(768).reshape(256, 3)),
+    pictures.jpeg(RGB),
+    cv2.imencode(".png", np.zeros((*TAGS.shape, 3), np.uint16))[1].tobytes(),
+    cv2.imencode(".jpg", TAGS, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes(),
+]
+READERS = {
+    "header": partial(read_image_header, max_side=SIDE),
+    "segmentation": partial(read_segmentation, max_side=SIDE),
+    "lossy segmentation": partial(read_segmentation, options=NEAREST, max_side=SIDE),
+    "depth": partial(read_depth, max_side=SIDE),
+    "instances": partial(read_instances, max_side=SIDE),
+    "ignore mask": lambda content: read_ignore_mask(content, WH),
+}
+
+
+@st.composite
+def forged_pngs(draw: st.DrawFn) -> bytes:
+    """Chunks with right checksums and anything inside."""
+    sides = st.sampled_from([0, 1, 8, 64, 511, 512, 513, 2**16, 2**31 - 1, 2**32 - 1])
+    numbers = [draw(sides), draw(sides)]
+    numbers += [draw(st.sampled_from([0, 1, 2, 4, 8, 16, 255])) for _ in range(2)]
+    kinds = st.sampled_from(
+        [b"IDAT", b"PLTE", b"tRNS", b"acTL", b"eXIf", b"IEND", b"zzzz"]
+    )
+    bodies = st.one_of(
+        st.binary(max_size=40), st.binary(max_size=200).map(zlib.compress)
+    )
+    chunks = draw(st.lists(st.builds(pictures.chunk, kinds, bodies), max_size=4))
+    return pictures.png_of_chunks(tuple(numbers), *chunks)
+
+
+@pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
+@many
+@given(content=st.one_of(damaged(IMAGES), forged_pngs(), st.binary(max_size=64)))
+def test_any_image_gives_a_result_or_our_own_error(reader, content):
+    with little_memory(), suppress(FilterError):
+        reader(content)
+
+
+POINTS = np.zeros(
+    3,
+    [
+        ("x", "f4"),
+        ("y", "f4"),
+        ("z", "f4"),
+        ("CosAngle", "f4"),
+        ("ObjIdx", "u4"),
+        ("ObjTag", "u4"),
+    ],
+)
+
+
+def npy(array: np.ndarray, version: tuple[int, int] = (1, 0)) -> bytes:
+    out = io.BytesIO()
+    np.lib.format.write_array(out, array, version)
+    return out.getvalue()
+
+
+def npy_of(header: str) -> bytes:
+    """A file of this header, with some bytes behind it."""
+    text = header.encode("latin-1", "replace")
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(64)
+
+
+def ply(form: str, body: bytes, count: object = 3) -> bytes:
+    names = ("x", "y", "z", "CosAngle", "ObjIdx", "ObjTag")
+    lines = ["ply", f"format {form} 1.0", f"element vertex {count}"]
+    lines += [f"property float {name}" for name in names] + ["end_header", ""]
+    return "\n".join(lines).encode() + body
+
+
+CLOUDS = [
+    npy(POINTS),
+    npy(POINTS, (2, 0)),
+    npy(np.zeros((3, 6))),
+    npy(np.asfortranarray(np.zeros((3, 6), np.int16))),
+    ply("ascii", b"1 2 3 0.5 7 14\n" * 3),
+    ply("binary_little_endian", bytes(72)),
+    ply("binary_big_endian", bytes(72)),
+]
+dtypes = st.sampled_from(
+    ["'<f8'", "'O'", "'S9'", "'V0'", "'<U4'", "[('x', '<f4')]", "[('x', '<f4', (3,))]",
+     "[('x', [('y', '<f4')])]", "('<f4', 3)", "[('x', 'O')]", "[]", "7", "'<M8[s]'"]
+)  # fmt: skip
+shapes = st.sampled_from(
+    ["(3, 6)", "(3,)", "()", "(0, 6)", "(-1, 6)", "(10**9, 6)", "(1000000000, 6)",
+     "(4611686018427387904, 6)", "(True, 6)", "(2.5, 6)", "'x'", "(3, 6, 1)",
+     "(1" + "0" * 30 + ",)"]
+)  # fmt: skip
+PROMISES = "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 6), }}\n"
+forged_npys = st.builds(
+    "{{'descr': {}, 'fortran_order': {}, 'shape': {}, }}{}".format,
+    dtypes,
+    st.sampled_from(["True", "False", "3", "None"]),
+    shapes,
+    st.sampled_from(["\n", "", " (", "L\n", "'''", "\n\n  x\n y", "\\", "\x00"]),
+).map(npy_of)
+
+
+@many
+@given(content=st.one_of(damaged(CLOUDS), forged_npys, st.binary(max_size=64)))
+@example(ply("ascii", b"", "9" * 5000))
+@example(npy_of("{'descr': (("))
+@example(npy_of(PROMISES.format(10**9)))
+@example(npy(np.full((2, 6), 1e300)))
+@example(npy(np.full((2, 6), [0, 0, 0, 0, 0, np.nan])))
+def test_any_point_cloud_gives_points_or_our_own_error(content):
+    with little_memory(), suppress(PointsError):
+        assert len(read_points(content)) >= 0
+
+
+@many
+@given(
+    files=st.dictionaries(
+        st.sampled_from(KINDS), st.one_of(damaged(IMAGES), damaged(CLOUDS)), max_size=3
+    )
+)
+def test_any_set_of_files_is_checked_or_refused(files):
+    annotation = parse_annotation({"boxes": []})
+    with suppress(FilterError):
+        check_files(files, annotation, Settings())
