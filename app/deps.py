@@ -22,6 +22,7 @@ from app.security import (
     comes_from_own_page,
 )
 from app.services import access
+from app.services.audit import AuditTrail
 from app.services.context import ServiceContext
 from app.services.idempotency import claim_on_begin
 from app.settings import Settings
@@ -219,3 +220,11 @@ CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 # scope="function": it ends, and commits, before the answer is sent. 201 means stored.
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]
+
+
+async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:
+    """Where this request notes what it does: in the transaction that does it."""
+    return AuditTrail(session, current_principal(request))
+
+
+Audited = Annotated[AuditTrail, Depends(audit_trail)]

@@ -23,7 +23,7 @@ from unghost.errors import (
     UnexpectedAnswer,
 )
 from unghost.outgoing import AlreadyThere, NotSent, Outcome, OutgoingFrame, Sent
-from unghost.people_results import NewToken, Queue, Session, Token
+from unghost.people_results import AuditEntry, NewToken, Queue, Session, Token
 from unghost.quality_results import (
     Agreement,
     Band,
@@ -75,6 +75,7 @@ __all__ = [
     "Agreement",
     "AlreadyThere",
     "ApiError",
+    "AuditEntry",
     "BadRequest",
     "Band",
     "BandScore",

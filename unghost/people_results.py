@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from unghost.reading import Result
 from unghost.results import Decision
@@ -49,3 +50,16 @@ class NewToken(Token):
     """A token that was just made; `token` is shown this once."""
 
     token: str = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditEntry(Result):
+    """Who did what, when, and to what; without a token it was the server itself."""
+
+    id: int
+    actor: str
+    action: str
+    subject: str
+    token_id: int | None = None
+    created_at: datetime | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)

@@ -1,13 +1,14 @@
-"""Tables of access: tokens, the page's sessions, and keys of repeated requests."""
+"""Tables of access: tokens, sessions, keys of repeated requests, the audit log."""
 
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy import CheckConstraint, ForeignKey, LargeBinary, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Key, UtcDateTime, utc_now
+from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
 
 class Token(Base):
@@ -53,4 +54,23 @@ class IdempotencyKey(Base):
     media_type: Mapped[str] = mapped_column(String(64))
     headers: Mapped[str] = mapped_column(String(2000), default="{}")
     body: Mapped[bytes] = mapped_column(LargeBinary)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class AuditEntry(Base):
+    """An act that others must be able to look up; the database refuses to change it.
+
+    The name stands here once more, and nothing refers to the token: what was done
+    stays readable whatever becomes of who did it. Without a token it was the service.
+    """
+
+    __tablename__ = "audit_log"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    token_id: Mapped[int | None] = mapped_column(Key)
+    actor: Mapped[str] = mapped_column(String(100))
+    action: Mapped[str] = mapped_column(String(32))
+    subject: Mapped[str] = mapped_column(String(512))
+    details: Mapped[Any] = mapped_column(JsonText)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

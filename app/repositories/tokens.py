@@ -57,16 +57,18 @@ class Tokens:
         row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
-    def replace(self, name: str, role: str, digest: str) -> None:
+    def replace(self, name: str, role: str, digest: str) -> Token:
         """Give the token of this name a new hash; what the old one opened ends."""
         token = self.by_name(name)
         if token is None:
-            self.add(Token(name=name, role=role, hash=digest))
-            return
+            token = Token(name=name, role=role, hash=digest)
+            self.add(token)
+            return token
         self.end_sessions_of(token.id)
         token.hash, token.role = digest, role
         token.revoked_at = token.expires_at = None
         self._session.flush()
+        return token
 
     def add(self, token: Token) -> None:
         """Store a new token."""
@@ -76,6 +78,21 @@ class Tokens:
     def by_id(self, token_id: int) -> Token | None:
         """The token, valid or not."""
         return self._session.get(Token, token_id)
+
+    def by_hash(self, digest: str) -> Token | None:
+        """The token with this hash, valid or not."""
+        statement = select(Token).where(Token.hash == digest).order_by(Token.id)
+        return self._session.scalars(statement).one_or_none()
+
+    def that_opened(self, digest: str) -> Token | None:
+        """The token that opened this session, be they valid or not."""
+        statement = (
+            select(Token)
+            .join(LoginSession, LoginSession.token_id == Token.id)
+            .where(LoginSession.hash == digest)
+            .order_by(Token.id)
+        )
+        return self._session.scalars(statement).one_or_none()
 
     def by_name(self, name: str) -> Token | None:
         """The token of this name, valid or not."""

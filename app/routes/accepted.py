@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import Response
 from fastapi.responses import JSONResponse
 from sqlalchemy.orm import Session
@@ -13,8 +16,10 @@ from app.services.run_states import described_run
 
 def accepted_run(context: ServiceContext, session: Session, run: Run) -> Response:
     """202 with the run, and where to ask for it."""
-    return JSONResponse(
-        described_run(context, session, run),
-        status_code=202,
-        headers={"Location": f"/api/v1/runs/{run.id}"},
-    )
+    return accepted(described_run(context, session, run))
+
+
+def accepted(run: Mapping[str, Any]) -> Response:
+    """202 with a run that is described already."""
+    headers = {"Location": f"/api/v1/runs/{run['id']}"}
+    return JSONResponse(run, status_code=202, headers=headers)

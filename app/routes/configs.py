@@ -7,7 +7,13 @@ from typing import Annotated, Any
 from fastapi import Path, Response
 from fastapi.responses import JSONResponse
 
-from app.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
+from app.deps import (
+    AppServices,
+    Audited,
+    CurrentPrincipal,
+    ReadSession,
+    WriteSession,
+)
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository
 from app.routes.accepted import accepted_run
@@ -17,6 +23,7 @@ from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Page
 from app.schemas.runs import ActivateIn, ConfigOut, PreviewIn, PreviewOut, RunOut
+from app.services.audit import Act
 from app.services.configs import active_version, add_version, describe_version
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
@@ -88,12 +95,13 @@ def activate_config(
     body: ActivateIn,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Response:
     """Make a version the active one, through a run."""
     found = DatasetRepository(session).named(dataset)
-    wanted = RunRequest(body.digest, principal.name, activate=True)
+    wanted = RunRequest(body.digest, audit.name, activate=True)
     run = request_run(services, session, found, wanted)
+    audit.note(Act.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
     start_after(services, session)
     return accepted_run(services, session, run)
 

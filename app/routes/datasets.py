@@ -9,7 +9,7 @@ from fastapi import Path, Query, Request, Response
 from app.deps import (
     ADMIN,
     AppServices,
-    CurrentPrincipal,
+    Audited,
     ReadSession,
     WriteSession,
 )
@@ -29,6 +29,7 @@ from app.schemas.datasets import (
 from app.schemas.pages import Cursor, Limit, Page, page_response
 from app.schemas.runs import RunOut
 from app.services import datasets
+from app.services.audit import Act
 from app.services.configs import active_version, config_of
 from app.services.counting import histogram
 from app.services.measuring import DatasetReading
@@ -61,7 +62,7 @@ def create_dataset(
     response: Response,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> dict[str, Any]:
     """Make a dataset; its first configuration is the service's own."""
     mask = body.ignore_mask
@@ -74,9 +75,10 @@ def create_dataset(
         ignore_mask=mask.stored() if mask else None,
     )
     wanted = datasets.NewDataset(
-        reading, body.description, body.classes, services.default_config, principal.name
+        reading, body.description, body.classes, services.default_config, audit.name
     )
     dataset = datasets.create_dataset(session, wanted)
+    audit.note(Act.DATASET_CREATED, dataset.name)
     response.headers["Location"] = f"/api/v1/datasets/{dataset.name}"
     return datasets.describe_dataset(session, dataset)
 
@@ -98,14 +100,17 @@ def change_dataset(
     body: DatasetPatch,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Any:  # noqa: ANN401  # a dataset, or the run that changes it
     """Change a dataset; how segmentations are read changes by a run (202)."""
     found = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
     if body.ignore_mask is not None:
         changes["ignore_mask"] = body.ignore_mask.stored()
-    run = datasets.change_dataset(services, session, found, changes, principal.name)
+    run = datasets.change_dataset(services, session, found, changes, audit.name)
+    audit.note(
+        Act.DATASET_CHANGED, dataset, changed=sorted(changes), run=run and run.id
+    )
     if run is None:
         return datasets.describe_dataset(session, found)
     start_after(services, session)
@@ -114,10 +119,14 @@ def change_dataset(
 
 @router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])
 def delete_dataset(
-    dataset: DatasetName, session: WriteSession, confirm: Confirmation = None
+    dataset: DatasetName,
+    session: WriteSession,
+    audit: Audited,
+    confirm: Confirmation = None,
 ) -> Response:
     """Delete a dataset with everything in it; `confirm` repeats its name."""
     datasets.remove_dataset(session, DatasetRepository(session).named(dataset), confirm)
+    audit.note(Act.DATASET_DELETED, dataset)
     return Response(status_code=204)
 
 

@@ -8,7 +8,14 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
 from app.db.tables import Export
-from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.deps import (
+    AppServices,
+    Audited,
+    CurrentPrincipal,
+    ReadSession,
+    RowId,
+    WriteSession,
+)
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.routes.blobs import file_response
@@ -18,6 +25,7 @@ from app.routing import ApiRouter
 from app.schemas.pages import Page
 from app.schemas.runs import ExportIn, ExportOut
 from app.services.exports import (
+from app.services.audit import Act
     MEDIA_TYPE,
     ExportRequest,
     cancel_export,
@@ -60,11 +68,13 @@ def create_export(
 
 @router.post("/exports/{export_id}/cancel", status_code=202, response_model=ExportOut)
 def stop_export(
-    export_id: RowId, session: WriteSession, services: AppServices
+    export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
     """End an export that is not over. 409 if it is over."""
     export = cancel_export(services, session, export_id)
-    return _accepted(export, DatasetRepository(session).with_id(export.dataset_id).name)
+    dataset = DatasetRepository(session).with_id(export.dataset_id).name
+    audit.note(Act.EXPORT_CANCELLED, export_id, dataset=dataset)
+    return _accepted(export, dataset)
 
 
 def _accepted(export: Export, dataset: str) -> Response:

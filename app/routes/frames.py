@@ -8,7 +8,14 @@ from fastapi import Depends, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import TypeAdapter
 
-from app.deps import AppServices, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.deps import (
+    AppServices,
+    Audited,
+    CurrentPrincipal,
+    ReadSession,
+    RowId,
+    WriteSession,
+)
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameFilter
 from app.routes.datasets import DatasetName
@@ -19,6 +26,7 @@ from app.schemas.boxes import FrameListQuery
 from app.schemas.frames import FrameOut, FrameSummary, StoredFrameOut
 from app.schemas.pages import Page, page_response
 from app.services import frames
+from app.services.audit import Act
 from app.services.box_selection import to_filter
 from app.services.frame_keys import checked_key
 from app.services.ingest import FrameUpload, store_frame
@@ -101,10 +109,11 @@ def get_frame_by_key(
 
 @router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
 def delete_frame(
-    dataset: DatasetName, key: FrameKey, session: WriteSession
+    dataset: DatasetName, key: FrameKey, session: WriteSession, audit: Audited
 ) -> Response:
     """Delete a frame with all its revisions and answers."""
     frames.remove_frame(session, DatasetRepository(session).named(dataset), key)
+    audit.note(Act.FRAME_DELETED, key, dataset=dataset)
     return Response(status_code=204)
 
 

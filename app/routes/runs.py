@@ -10,14 +10,14 @@ from app.db.tables import Run
 from app.deps import (
     MAX_ID,
     AppServices,
-    CurrentPrincipal,
+    Audited,
     ReadSession,
     RowId,
     WriteSession,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
-from app.routes.accepted import accepted_run
+from app.routes.accepted import accepted
 from app.routes.datasets import DatasetName
 from app.routes.event_stream import EVENT_STREAM, LastEventId, event_stream, number_of
 from app.routes.newest_first import Newest
@@ -30,6 +30,7 @@ from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import describe_run, described_run
 from app.services.runs import cancel_run, start_after
 from filter_core.config import FilterConfig
+from app.services.audit import Act
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
 
@@ -63,19 +64,23 @@ def create_run(
     body: RunIn,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Response:
     """Decide again from numbers, or measure again, as the configuration needs."""
     found = DatasetRepository(session).named(dataset)
     config = body.config
     wanted = RunRequest(
         config if isinstance(config, str) else FilterConfig.from_mapping(config),
-        principal.name,
+        audit.name,
         activate=body.activate,
     )
     run = request_run(services, session, found, wanted)
     start_after(services, session)
-    return accepted_run(services, session, run)
+    answer = described_run(services, session, run)
+    if run.activate:
+        activated = {"config": answer["config"], "run": run.id}
+        audit.note(Act.CONFIG_ACTIVATED, dataset, **activated)
+    return accepted(answer)
 
 
 @router.get("/runs/{run_id}", response_model=RunOut)
@@ -101,9 +106,13 @@ async def watch_run(
 
 
 @router.post("/runs/{run_id}/cancel", status_code=202, response_model=RunOut)
-def stop_run(run_id: RowId, session: WriteSession, services: AppServices) -> Response:
+def stop_run(
+    run_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+) -> Response:
     """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
-    return accepted_run(services, session, cancel_run(services, session, run_id))
+    answer = described_run(services, session, cancel_run(services, session, run_id))
+    audit.note(Act.RUN_CANCELLED, run_id, dataset=answer["dataset"])
+    return accepted(answer)
 
 
 async def diff_page(limit: Limit = 100, cursor: Cursor = None) -> DiffPage:

@@ -8,7 +8,7 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
 from app.db.access_tables import Token
-from app.deps import AppServices, ReadSession, RowId, WriteSession
+from app.deps import AppServices, Audited, ReadSession, RowId, WriteSession
 from app.errors import BadRequest
 from app.repositories.tokens import Tokens
 from app.routing import ApiRouter
@@ -33,9 +33,9 @@ def list_tokens(
 
 
 @router.post("/tokens", status_code=201, response_model=NewTokenOut)
-def create_token(body: TokenIn, session: WriteSession) -> Response:
+def create_token(body: TokenIn, audit: Audited) -> Response:
     """A new token. It is shown in this answer and never again."""
-    token, secret = tokens.issue(session, body.name, body.role, body.expires_at)
+    token, secret = tokens.issue(audit, body.name, body.role, body.expires_at)
     # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
     return JSONResponse(
         {**_described(token), "token": secret},
@@ -46,10 +46,10 @@ def create_token(body: TokenIn, session: WriteSession) -> Response:
 
 @router.delete("/tokens/{token_id}", status_code=204)
 def revoke_token(
-    token_id: RowId, session: WriteSession, services: AppServices
+    token_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
     """Take a token back; the sessions that it opened end as well."""
-    tokens.revoke(session, token_id)
+    tokens.revoke(audit, token_id)
     services.callers.forget_on_commit(session)
     return Response(status_code=204)
 

@@ -10,9 +10,10 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.db.access_tables import Token
 from app.db.base import utc_now
 from app.errors import Unauthorised
-from app.repositories.tokens import TokenRow, Tokens
+from app.repositories.tokens import Tokens
 from app.security import (
     Principal,
     Role,
@@ -21,6 +22,7 @@ from app.security import (
     new_token,
     same_hash,
 )
+from app.services.audit import Act, AuditTrail
 
 FIRST_TOKEN_NAME: Final = "admin"
 _NO_ENTRY: Final = "show a valid token, or log in with one"
@@ -40,7 +42,10 @@ def ensure_first_token(session: Session, file: Path) -> str:
     token = new_token()
     # The file first: a hash whose token is lost would lock everybody out.
     write_secret(file, token)
-    tokens.replace(FIRST_TOKEN_NAME, Role.ADMIN.value, hash_secret(token))
+    first = tokens.replace(FIRST_TOKEN_NAME, Role.ADMIN.value, hash_secret(token))
+    AuditTrail(session).note(
+        Act.TOKEN_CREATED, FIRST_TOKEN_NAME, token_id=first.id, role=Role.ADMIN.value
+    )
     return token
 
 
@@ -85,24 +90,43 @@ def by_token(session: Session, token: str) -> Principal:
     Raises
     ------
     Unauthorised
-        It is unknown, revoked or expired; which of them is not said.
+        It is unknown, revoked or expired. Which of the last two is said: only who
+        holds the token can ask.
     """
-    digest = hash_secret(token)
-    row = _matching(Tokens(session).valid_by_hash(digest, utc_now()), digest)
+    digest, now = hash_secret(token), utc_now()
+    tokens = Tokens(session)
+    row = tokens.valid_by_hash(digest, now)
+    if row is None or not same_hash(row.hash, digest):
+        raise _refused(tokens.by_hash(digest), now)
     return Principal(row.id, row.name, Role(row.role))
 
 
 def by_session(session: Session, session_id: str) -> Principal:
     """Who shows this cookie; raises `Unauthorised` like `by_token`."""
-    digest = hash_secret(session_id)
-    row = _matching(Tokens(session).valid_by_session(digest, utc_now()), digest)
+    digest, now = hash_secret(session_id), utc_now()
+    tokens = Tokens(session)
+    row = tokens.valid_by_session(digest, now)
+    if row is None or not same_hash(row.hash, digest):
+        raise _refused(tokens.that_opened(digest), now, "session_expired")
     return Principal(row.id, row.name, Role(row.role), session_hash=digest)
 
 
-def _matching(row: TokenRow | None, digest: str) -> TokenRow:
-    if row is None or not same_hash(row.hash, digest):
-        raise Unauthorised(_NO_ENTRY)
-    return row
+def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unauthorised:
+    """Why a token, or the session that it opened, lets nobody in (any more)."""
+    if token is None:
+        return Unauthorised(_NO_ENTRY)
+    if token.revoked_at is not None:
+        return Unauthorised(
+            "this token was taken back; ask an admin for another one",
+            code="token_revoked",
+        )
+    if token.expires_at is not None and token.expires_at <= now:
+        return Unauthorised(
+            f"this token expired on {token.expires_at:%Y-%m-%d at %H:%M} UTC; "
+            "ask an admin for another one",
+            code="token_expired",
+        )
+    return Unauthorised(_NO_ENTRY, code=otherwise)
 
 
 def _read(file: Path) -> str | None:

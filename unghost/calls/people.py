@@ -7,7 +7,15 @@ from datetime import datetime
 from typing import Any
 
 from unghost.calls.base import Calls, dataset_path
-from unghost.people_results import NewToken, Order, Queue, Role, Session, Token
+from unghost.people_results import (
+    AuditEntry,
+    NewToken,
+    Order,
+    Queue,
+    Role,
+    Session,
+    Token,
+)
 from unghost.transport import API, Call
 
 
@@ -55,3 +63,7 @@ class PeopleCalls(Calls):
     def revoke_token(self, token_id: int) -> None:
         """Take a token back, with the sessions that it opened. For admins."""
         self._transport.send(Call("DELETE", f"{API}/tokens/{token_id}"))
+
+    def audit(self) -> Iterator[AuditEntry]:
+        """Who did what to tokens, datasets and jobs, newest first; for admins."""
+        return self._all(AuditEntry, f"{API}/audit")

@@ -10,6 +10,7 @@ import httpx
 import typer
 
 from unghost.cli import (
+    audit,
     config,
     convert,
     datasets,
@@ -25,6 +26,7 @@ from unghost.cli import (
 )
 from unghost.cli.exits import INTERRUPTED, REFUSED, exit_code, explain
 from unghost.cli.screen import Screen
+    token,
 
 app = typer.Typer(
     name="unghost",
@@ -37,7 +39,7 @@ app = typer.Typer(
 )
 _GROUPS = (
     *(serve, demo, push, filter_local, run, stats, diff),
-    *(datasets, export, convert, evaluate),
+    *(datasets, export, convert, evaluate, audit),
 )
 for group in _GROUPS:
     group.register(app)
@@ -46,6 +48,7 @@ app.add_typer(config.app, name="config")
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+app.add_typer(token.app, name="token")
         from importlib.metadata import version
 
         Screen().text(f"unghost {version('unghost')}")

@@ -42,3 +42,13 @@ def test_a_token_is_made_used_and_revoked(client, server):
 
 def test_boxes_are_counted_without_being_listed(client, filled):
     assert client.count_boxes(filled, verdict="rejected", class_name="car") == 3
+
+
+def test_the_audit_log_is_read_newest_first(client):
+    made = client.create_token("audited", "viewer")
+
+    entry = next(one for one in client.audit() if one.subject == "audited")
+
+    assert (entry.actor, entry.action) == ("admin", "token.created")
+    assert entry.details["token_id"] == made.id
+    assert entry.created_at is not None

@@ -1,0 +1,26 @@
+"""The audit log. For admins; nobody can write it but by what they do."""
+
+from __future__ import annotations
+
+from fastapi import Response
+
+from app.deps import ReadSession
+from app.repositories.audit import AuditRepository
+from app.routes.newest_first import Newest
+from app.routing import ApiRouter
+from app.schemas.audit import AuditEntryOut
+from app.schemas.pages import Page, page_response
+from app.security import Role
+from app.services.audit import describe_entry
+
+router = ApiRouter(prefix="/api/v1", tag="audit", read=Role.ADMIN, write=Role.ADMIN)
+
+
+@router.get("/audit", response_model=Page[AuditEntryOut])
+def list_audit(wanted: Newest, session: ReadSession) -> Response:
+    """Who did what to tokens, datasets, configurations and jobs, newest first."""
+    limit = wanted.page.limit
+    found = AuditRepository(session).page(wanted.page)
+    following = str(found[limit - 1].id) if len(found) > limit else None
+    items = [describe_entry(entry) for entry in found[:limit]]
+    return page_response(wanted.request, items, following)

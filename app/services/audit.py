@@ -1,0 +1,73 @@
+"""The audit log: acts of administration, noted in the transactions that do them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.db.access_tables import AuditEntry
+from app.repositories.audit import AuditRepository
+from app.security import Principal
+from app.services.timestamps import rfc3339
+
+SERVICE: Final = "unghost"
+"""The actor of what the service did by itself; such an entry has no token."""
+
+
+class Act(str, Enum):
+    """What is noted. A value, once used, keeps its meaning."""
+
+    TOKEN_CREATED = "token.created"
+    TOKEN_REVOKED = "token.revoked"
+    DATASET_CREATED = "dataset.created"
+    DATASET_CHANGED = "dataset.changed"
+    DATASET_DELETED = "dataset.deleted"
+    FRAME_DELETED = "frame.deleted"
+    CONFIG_ACTIVATED = "config.activated"
+    RUN_CANCELLED = "run.cancelled"
+    EXPORT_CANCELLED = "export.cancelled"
+
+
+@dataclass(frozen=True)
+class AuditTrail:
+    """Where one transaction notes what is done in it, and by whom.
+
+    No entry without the act, and no act without the entry: both are committed, or
+    neither is.
+    """
+
+    session: Session
+    actor: Principal | None = None
+
+    @property
+    def name(self) -> str:
+        """Who acts."""
+        return SERVICE if self.actor is None else self.actor.name
+
+    def note(self, act: Act, subject: object, **details: object) -> None:
+        """Add an entry; `subject` is the name or number of what it was done to."""
+        AuditRepository(self.session).add(
+            AuditEntry(
+                token_id=None if self.actor is None else self.actor.token_id,
+                actor=self.name,
+                action=act.value,
+                subject=str(subject),
+                details=details,
+            )
+        )
+
+
+def describe_entry(entry: AuditEntry) -> dict[str, Any]:
+    """An entry as it is answered."""
+    return {
+        "id": entry.id,
+        "created_at": rfc3339(entry.created_at),
+        "actor": entry.actor,
+        "token_id": entry.token_id,
+        "action": entry.action,
+        "subject": entry.subject,
+        "details": entry.details,
+    }

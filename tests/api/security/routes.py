@@ -1,0 +1,83 @@
+"""Every route of the service, and the role that each is meant to need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import import_module
+from pkgutil import iter_modules
+
+from fastapi import APIRouter
+from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute
+
+from app import routes
+from app.security import Role
+
+ANYBODY = None
+V1 = "/api/v1"
+DATASET = f"{V1}/datasets/{{dataset}}"
+Operation = tuple[str, str]
+
+NEEDS: dict[Operation, Role | None] = {
+    ("GET", "/"): ANYBODY,
+    ("GET", "/static/{name:path}"): ANYBODY,
+    ("GET", "/healthz"): ANYBODY,
+    ("GET", "/readyz"): ANYBODY,
+    ("POST", f"{V1}/session"): ANYBODY,
+}
+_READING = {
+    *("/version", "/metrics", "/openapi.json", "/docs", "/docs/style.css"),
+    *(f"{V1}/session", f"{V1}/datasets", DATASET, f"{V1}/configs/{{digest}}"),
+    *(f"{DATASET}/{what}" for what in ("stats", "histogram", "problems", "quality")),
+    *(f"{DATASET}/{what}" for what in ("frames", "frames/{key:any}", "runs")),
+    *(f"{DATASET}/{what}" for what in ("exports", "evaluations", "configs", "config")),
+    *(f"{V1}/frames/{{frame_id}}", f"{V1}/boxes", f"{V1}/boxes/{{box_id}}"),
+    *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("crop", "history")),
+    *(f"{V1}/runs/{{run_id}}{what}" for what in ("", "/events", "/diff")),
+    *(f"{V1}/exports/{{export_id}}{what}" for what in ("", "/download")),
+    *(f"{V1}/frames/{{frame_id}}/{what}" for what in ("thumbnail", "overlay")),
+    f"{V1}/frames/{{frame_id}}/{{kind}}",
+}
+_WRITING = {
+    *(("POST", f"{V1}/datasets"), ("PATCH", DATASET)),
+    *(("PUT", f"{DATASET}/frames/{{key:any}}"), ("POST", f"{DATASET}/batches")),
+    *(("DELETE", f"{DATASET}/frames/{{key:any}}"), ("POST", f"{DATASET}/queue")),
+    *(("POST", f"{DATASET}/configs"), ("PUT", f"{DATASET}/config")),
+    *(("POST", f"{DATASET}/runs"), ("POST", f"{V1}/runs/{{run_id}}/cancel")),
+    *(("POST", f"{DATASET}/exports"), ("POST", f"{V1}/exports/{{export_id}}/cancel")),
+    *(("POST", f"{DATASET}/evaluations"), ("POST", f"{DATASET}/preview")),
+    *(("POST", f"{V1}/boxes/{{box_id}}/reviews"), ("POST", f"{V1}/reviews/bulk")),
+    *(("POST", f"{V1}/review-batches/{{batch_id}}/undo"),),
+    *(("POST", f"{DATASET}/known-frames"),),
+}
+_ADMINISTRATION = {
+    *(("DELETE", DATASET), ("GET", f"{V1}/audit"), ("GET", f"{V1}/tokens")),
+    *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
+}
+NEEDS |= {("GET", path): Role.VIEWER for path in _READING}
+NEEDS |= {("DELETE", f"{V1}/session"): Role.VIEWER}
+NEEDS |= dict.fromkeys(_WRITING, Role.REVIEWER)
+NEEDS |= dict.fromkeys(_ADMINISTRATION, Role.ADMIN)
+
+
+def every_route() -> Iterator[APIRoute]:
+    """The routes of all modules, those outside of the OpenAPI document too."""
+    for module in iter_modules(routes.__path__):
+        router = getattr(import_module(f"{routes.__name__}.{module.name}"), "router", 0)
+        if isinstance(router, APIRouter):
+            yield from _below(router.routes)
+
+
+def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
+    for route in found:
+        inner = getattr(route, "original_router", None)
+        if isinstance(inner, APIRouter):
+            yield from _below(inner.routes)
+        else:
+            assert isinstance(route, APIRoute), route
+            yield route
+
+
+def operations(route: APIRoute) -> set[Operation]:
+    """The methods of a route, each with its path."""
+    return {(method, route.path) for method in route.methods}
