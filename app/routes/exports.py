@@ -24,8 +24,8 @@ from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Page
 from app.schemas.runs import ExportIn, ExportOut
-from app.services.exports import (
 from app.services.audit import Act
+from app.services.exports import (
     MEDIA_TYPE,
     ExportRequest,
     cancel_export,

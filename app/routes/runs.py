@@ -24,13 +24,13 @@ from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Cursor, Limit, Page, linked
 from app.schemas.runs import DiffOut, RunIn, RunOut
+from app.services.audit import Act
 from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.run_events import end_number, is_over, newest, run_events
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import describe_run, described_run
 from app.services.runs import cancel_run, start_after
 from filter_core.config import FilterConfig
-from app.services.audit import Act
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
 

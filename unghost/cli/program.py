@@ -23,10 +23,10 @@ from unghost.cli import (
     run,
     serve,
     stats,
+    token,
 )
 from unghost.cli.exits import INTERRUPTED, REFUSED, exit_code, explain
 from unghost.cli.screen import Screen
-    token,
 
 app = typer.Typer(
     name="unghost",
@@ -44,11 +44,11 @@ _GROUPS = (
 for group in _GROUPS:
     group.register(app)
 app.add_typer(config.app, name="config")
+app.add_typer(token.app, name="token")
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-app.add_typer(token.app, name="token")
         from importlib.metadata import version
 
         Screen().text(f"unghost {version('unghost')}")
