@@ -37,12 +37,28 @@ class LocalEngine:
         self._pixels: Executor = ThreadPoolExecutor(workers, "pixels")
         self._jobs = ThreadPoolExecutor(1, "jobs")
         self.stopping = threading.Event()
+        self._busy = 0
+        self._counting = threading.Lock()
         self._unwanted: set[Job] = set()
         self._done: dict[Job, int] = {}
 
     def start(self, work: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         """Work on one item beside everything else that is measured."""
-        return self._pixels.submit(work, item)
+        return self._pixels.submit(self._worked, work, item)
+
+    @property
+    def busy(self) -> int:
+        """How many threads work on an item right now."""
+        return self._busy
+
+    def _worked(self, work: Callable[[_Item], _Result], item: _Item) -> _Result:
+        with self._counting:
+            self._busy += 1
+        try:
+            return work(item)
+        finally:
+            with self._counting:
+                self._busy -= 1
 
     def map(
         self, work: Callable[[_Item], _Result], items: Iterable[_Item]
@@ -50,14 +66,13 @@ class LocalEngine:
         """Results in the order of the items, a bounded number of them in flight."""
         source = iter(items)
         waiting: list[Future[_Result]] = [
-            self._pixels.submit(work, item)
-            for item in islice(source, self.workers * WINDOW)
+            self.start(work, item) for item in islice(source, self.workers * WINDOW)
         ]
         try:
             while waiting:
                 yield waiting.pop(0).result()
                 for item in islice(source, 1):
-                    waiting.append(self._pixels.submit(work, item))
+                    waiting.append(self.start(work, item))
         finally:
             # Nobody will ask for what is left when a job ends early.
             for future in waiting:

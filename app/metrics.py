@@ -1,88 +1,90 @@
-"""How often and how fast each route answers, as Prometheus reads it."""
+"""What a process counts: requests for each service, and the work that all have done.
+
+Names follow Prometheus: base units, ``_total`` for what only grows. No label takes a
+value that somebody outside can make up, so there are never more than so many series.
+"""
 
 from __future__ import annotations
 
-import threading
-from bisect import bisect_left
-from collections import Counter
-from collections.abc import Iterator
-from typing import Final, NamedTuple
+import platform
+from typing import Final
+
+from app.instruments import Counter, Gauge, Histogram, Instrument
 
 BUCKETS_S: Final = (0.005, 0.025, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 60.0)
+WORK_BUCKETS_S: Final = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1.0)
 UNKNOWN: Final = "other"
-_METHODS: Final = frozenset({"GET", "POST", "PUT", "PATCH", "DELETE"})
+_METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"})
+_ROUTE: Final = ("method", "route", "status")
 
+FRAMES: Final = Counter("unghost_frames_stored_total", "Frames stored, revisions too.")
+BOXES: Final = Counter(
+    "unghost_boxes_stored_total", "Boxes of frames that were stored."
+)
+FRAME_BYTES: Final = Counter(
+    "unghost_frame_bytes_stored_total", "Bytes of files of frames stored.", ("kind",)
+)
+REFUSED: Final = Counter("unghost_frames_refused_total", "Frames with a fault.")
+DECISIONS: Final = Counter(
+    "unghost_decisions_total",
+    "Decisions on boxes that came in.",
+    ("verdict", "reason"),
+)
+REVIEWS: Final = Counter("unghost_reviews_total", "Answers of people.", ("verdict",))
+DECODE_SECONDS: Final = Histogram(
+    "unghost_decode_seconds",
+    "Time to decode the segmentation of a frame.",
+    buckets=WORK_BUCKETS_S,
+)
+MEASURE_SECONDS: Final = Histogram(
+    "unghost_measure_seconds",
+    "Time to measure the boxes of a decoded frame.",
+    buckets=WORK_BUCKETS_S,
+)
 
-class RouteKey(NamedTuple):
-    """What is counted apart: routes by their pattern, never by what was asked for."""
-
-    method: str
-    route: str
+WORK: Final[tuple[Instrument, ...]] = (
+    FRAMES,
+    BOXES,
+    FRAME_BYTES,
+    REFUSED,
+    DECISIONS,
+    REVIEWS,
+    DECODE_SECONDS,
+    MEASURE_SECONDS,
+)
+"""Of this process since it started; what is stored counts once it is committed."""
 
 
 class RequestMetrics:
-    """Counts since the process started; cheap enough for every request."""
+    """What one service was asked since it started; cheap enough for every request."""
 
     def __init__(self, version: str) -> None:
-        self._version = version
-        self._lock = threading.Lock()
-        self._requests: Counter[tuple[RouteKey, int]] = Counter()
-        self._buckets: Counter[tuple[RouteKey, int]] = Counter()
-        self._seconds: dict[RouteKey, float] = {}
-        self._batch_frames: Counter[int] = Counter()
+        about = {"version": version, "python": platform.python_version()}
+        self._info = Gauge("unghost_info", "Which version answers.", [(about, 1)])
+        self._requests = Counter("unghost_requests_total", "Requests answered.", _ROUTE)
+        self._seconds = Histogram(
+            "unghost_request_seconds",
+            "Time until an answer was complete.",
+            buckets=BUCKETS_S,
+            labels=_ROUTE,
+        )
+        self._batch_frames = Counter(
+            "unghost_batch_frames_total", "Frames of batches answered.", ("status",)
+        )
 
     def observe(
         self, method: str, route: str | None, status: int, seconds: float
     ) -> None:
-        """Count one answer."""
+        """Count one answer, by the pattern of its route and never by its path."""
         known = method if method in _METHODS else UNKNOWN
-        key = RouteKey(known, route or UNKNOWN)
-        with self._lock:
-            self._requests[key, status] += 1
-            self._buckets[key, bisect_left(BUCKETS_S, seconds)] += 1
-            self._seconds[key] = self._seconds.get(key, 0.0) + seconds
+        key = (known, route or UNKNOWN, str(status))
+        self._requests.add(1, *key)
+        self._seconds.observe(seconds, *key)
 
     def observe_frame(self, status: int) -> None:
         """Count a frame of a batch by the status of its line."""
-        with self._lock:
-            self._batch_frames[status] += 1
+        self._batch_frames.add(1, str(status))
 
-    def text(self) -> str:
-        """The counts in Prometheus' text format."""
-        with self._lock:
-            parts = (self._info(), self._counts(), self._durations(), self._frames())
-            return "\n".join((*(line for part in parts for line in part), ""))
-
-    def _info(self) -> Iterator[str]:
-        yield "# HELP unghost_info Which version answers."
-        yield "# TYPE unghost_info gauge"
-        yield f'unghost_info{{version="{self._version}"}} 1'
-
-    def _counts(self) -> Iterator[str]:
-        yield "# HELP unghost_requests_total Requests answered."
-        yield "# TYPE unghost_requests_total counter"
-        for (key, status), count in sorted(self._requests.items()):
-            labels = f'{_labels(key)},status="{status}"'
-            yield f"unghost_requests_total{{{labels}}} {count}"
-
-    def _frames(self) -> Iterator[str]:
-        yield "# HELP unghost_batch_frames_total Frames of batches answered."
-        yield "# TYPE unghost_batch_frames_total counter"
-        for status, count in sorted(self._batch_frames.items()):
-            yield f'unghost_batch_frames_total{{status="{status}"}} {count}'
-
-    def _durations(self) -> Iterator[str]:
-        yield "# HELP unghost_request_seconds Time until an answer was complete."
-        yield "# TYPE unghost_request_seconds histogram"
-        for key, seconds in sorted(self._seconds.items()):
-            count = 0
-            for index, bound in enumerate((*BUCKETS_S, "+Inf")):
-                count += self._buckets[key, index]
-                labels = f'{_labels(key)},le="{bound}"'
-                yield f"unghost_request_seconds_bucket{{{labels}}} {count}"
-            yield f"unghost_request_seconds_sum{{{_labels(key)}}} {seconds:.6f}"
-            yield f"unghost_request_seconds_count{{{_labels(key)}}} {count}"
-
-
-def _labels(key: RouteKey) -> str:
-    return f'method="{key.method}",route="{key.route}"'
+    def instruments(self) -> tuple[Instrument, ...]:
+        """All of them."""
+        return (self._info, self._requests, self._seconds, self._batch_frames)

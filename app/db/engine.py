@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,8 @@ CACHE_KIB: Final = 256 * 1024
 STREAM_CACHE_KIB: Final = 8 * 1024
 WAL_PAGES: Final = 16_384
 """Pages in the write-ahead log before it is folded back: 64 MiB."""
+
+_ONCE_COMMITTED: Final = "once committed"
 
 
 def sqlite_url(path: Path) -> str:
@@ -70,6 +72,11 @@ def _begin_postgres(connection: Connection) -> None:
         connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({WRITER})")
 
 
+def once_committed(session: Session, tell: Callable[[], None]) -> None:
+    """Call this once a session of `Database.write` is committed; never if it fails."""
+    session.info.setdefault(_ONCE_COMMITTED, []).append(tell)
+
+
 class Database:
     """The database of one service."""
 
@@ -94,6 +101,8 @@ class Database:
             session.begin(),
         ):
             yield session
+        for tell in session.info.get(_ONCE_COMMITTED, ()):
+            tell()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -114,6 +123,12 @@ class Database:
                 yield session
             finally:
                 connection.exec_driver_sql(f"PRAGMA cache_size=-{CACHE_KIB}")
+
+    @property
+    def file(self) -> Path | None:
+        """Where it lies, if it is a file."""
+        name = self.engine.url.database
+        return Path(name) if name and self.engine.dialect.name == "sqlite" else None
 
     def close(self) -> None:
         """Give back all connections."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from app.db.engine import once_committed
 from app.db.flip_record import find_flip
 from app.db.tables import ConfigVersion, Export, Flips, Problem, Run
 from app.errors import NotFound
+from app.metrics import REFUSED
 from app.repositories.newest import NewestPage, newest
 
 
@@ -181,6 +184,7 @@ class ProblemRepository:
         """Insert."""
         self._session.add(problem)
         self._session.flush()
+        once_committed(self._session, partial(REFUSED.add, 1))
 
     def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
         """Problems, newest first."""

@@ -9,10 +9,12 @@ from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel
 
-from app.deps import AppDatabase, AppSettings, WritersTurn
-from app.metrics import RequestMetrics
+from app.deps import AppDatabase, AppServices, AppSettings, WritersTurn
+from app.metrics import WORK, RequestMetrics
+from app.process_facts import process_facts
 from app.routing import ApiRouter, OpenRouter
 from app.services import readiness
+from app.services.gauges import gauges
 from app.version import VERSION
 
 PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
@@ -62,10 +64,12 @@ async def running_version() -> Version:
 
 
 @about.get("/metrics", response_class=PlainTextResponse)
-async def metrics(request: Request) -> PlainTextResponse:
-    """Counts and durations of requests, for Prometheus."""
+def metrics(request: Request, services: AppServices) -> PlainTextResponse:
+    """Requests, work, queues, verdicts and room, for Prometheus."""
     counts: RequestMetrics = request.app.state.metrics
-    return PlainTextResponse(counts.text(), media_type=PROMETHEUS_TYPE)
+    found = (*counts.instruments(), *WORK, *gauges(services), *process_facts())
+    lines = [line for one in found for line in one.lines()]
+    return PlainTextResponse("\n".join((*lines, "")), media_type=PROMETHEUS_TYPE)
 
 
 router = APIRouter(redirect_slashes=False)

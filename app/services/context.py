@@ -8,6 +8,7 @@ from functools import cached_property
 from app.db.engine import Database
 from app.engine import LocalEngine
 from app.services.active import PlanCache
+from app.services.blob_count import BlobCount
 from app.services.callers import RecentCallers
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
@@ -30,6 +31,7 @@ class ServiceContext:
     plans: PlanCache = field(default_factory=PlanCache)
     callers: RecentCallers = field(default_factory=RecentCallers)
     batches: OpenBatches = field(default_factory=OpenBatches)
+    blob_count: BlobCount = field(default_factory=BlobCount)
 
     @cached_property
     def looks(self) -> SharedLooks:

@@ -6,11 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from typing import Any
 
+import numpy as np
 from sqlalchemy.orm import Session
 
+from app import metrics
 from app.db.base import utc_now
+from app.db.engine import once_committed
 from app.db.tables import Frame
 from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
@@ -25,7 +29,7 @@ from app.services.statistics import tallies_of
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.decide import decide
 from filter_core.frame_filter import MeasuredFrame
-from filter_core.types import Decisions
+from filter_core.types import Decisions, Reason
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,21 @@ def write_frames(
     for content, known in work:
         if known.has_problem:
             frames.forget_problems(active.row.dataset_id, content.key)
+    once_committed(session, partial(_count, contents, written))
     return written
+
+
+def _count(contents: Sequence[FrameContent], written: Sequence[WrittenFrame]) -> None:
+    metrics.FRAMES.add(len(contents))
+    for content in contents:
+        for file in content.files.rows:
+            metrics.FRAME_BYTES.add(file.size_bytes, file.kind)
+    reasons = np.concatenate([row.decisions.reason for row in written])
+    metrics.BOXES.add(len(reasons))
+    for number, boxes in enumerate(np.bincount(reasons).tolist()):
+        if boxes:
+            reason = Reason(number)
+            metrics.DECISIONS.add(boxes, reason.verdict.value, reason.label)
 
 
 def _numbered(

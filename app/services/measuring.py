@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from base64 import b64decode
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -19,6 +20,7 @@ from app.db.evidence_record import (
     pack_tag_counts,
 )
 from app.db.tables import Dataset, Measurement
+from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from app.services.refusals import naming
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.channel_types import CHANNELS
@@ -225,6 +227,7 @@ def measure_files(
     FilterError
         Whatever is wrong with the frame, naming it.
     """
+    begun = time.perf_counter()
     segmentation = None
     if files.segmentation is not None:
         segmentation = read_segmentation(
@@ -233,6 +236,7 @@ def measure_files(
             expected_wh=files.image_wh,
             max_side=files.max_side_px,
         )
+        DECODE_SECONDS.observe(time.perf_counter() - begun)
     options = FrameOptions(
         image_wh=files.image_wh,
         dataset=plan.reading,
@@ -244,7 +248,10 @@ def measure_files(
             plan.channels.depth_tolerance,
         ),
     )
-    return measure_frame(annotation, segmentation, plan.config, options)
+    begun = time.perf_counter()
+    measured = measure_frame(annotation, segmentation, plan.config, options)
+    MEASURE_SECONDS.observe(time.perf_counter() - begun)
+    return measured
 
 
 def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:

@@ -17,6 +17,11 @@ class OpenBatches:
     def __init__(self) -> None:
         self._open = 0
 
+    @property
+    def open(self) -> int:
+        """How many there are."""
+        return self._open
+
     @contextmanager
     def enter(self, most: int) -> Iterator[None]:
         """A place for one more; TooManyRequests if there is none."""

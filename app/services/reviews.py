@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.engine import once_committed
 from app.db.tables import Dataset, ReviewBatch
 from app.errors import Conflict, CountChanged, NotFound, StaleReview, TooLarge
+from app.metrics import REVIEWS
 from app.repositories.claims import ClaimRepository
 from app.repositories.decisions import CurrentRow, DecisionRepository
 from app.repositories.review_batches import ReviewBatches
@@ -55,6 +58,7 @@ def review_box(
         raise StaleReview(box_id=box_id, seen=seen_revision, found=current.revision)
     dataset_id = DecisionRepository(session).dataset_of(box_id)
     (row,) = _store(session, dataset_id, [(current, answer)], batch_id=None)
+    once_committed(session, partial(REVIEWS.add, 1, answer.verdict))
     review = None if answer.verdict == "clear" else answer.verdict
     return StoredReview(row, effective_verdict(current.reason, review))
 
@@ -71,6 +75,7 @@ def review_many(
     )
     chosen = list(dict.fromkeys(box_ids))
     answered = batches.answer(batch, chosen, answer.comment)
+    once_committed(session, partial(REVIEWS.add, answered, answer.verdict))
     if answered == len(chosen):
         return batch, answered, []
     found = set(batches.boxes(batch.id))
@@ -104,6 +109,7 @@ def undo_batch(
         )
     )
     undone = batches.answer_as_before(undo, batch)
+    once_committed(session, partial(REVIEWS.add, undone, "undo"))
     skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
     return undo, undone, sorted(skipped)
 

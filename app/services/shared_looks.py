@@ -41,6 +41,11 @@ class SharedLooks:
         self._watched: dict[int, _Watched] = {}
         self._thread = CapacityLimiter(1)
 
+    @property
+    def watchers(self) -> int:
+        """How many watch a row."""
+        return sum(each.watchers for each in list(self._watched.values()))
+
     @contextmanager
     def watching(self, key: int) -> Iterator[None]:
         """Keep looks at this row for as long as the block lasts.
@@ -50,7 +55,7 @@ class SharedLooks:
         TooManyRequests
             As many watch already as may at the same time.
         """
-        if sum(each.watchers for each in self._watched.values()) >= self._most:
+        if self.watchers >= self._most:
             raise TooManyRequests(f"{self._most} streams are open already; try later")
         watched = self._watched.setdefault(key, _Watched())
         watched.watchers += 1

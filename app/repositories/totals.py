@@ -1,0 +1,63 @@
+"""Sums over everything, for those who watch the service: none looks at every box."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from app.db.tables import Blob, Dataset, Export, Run, Tally
+
+_STATES: Final = ("queued", "running", "done", "failed", "cancelled")
+
+
+class BlobTotals(NamedTuple):
+    """How many files are stored, and how large they are together."""
+
+    files: int
+    size_bytes: int
+
+
+class Totals:
+    """Sums that are cheap, and one (of the blobs) that is not."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def datasets(self) -> int:
+        """How many datasets there are."""
+        rows = select(func.count()).select_from(Dataset)
+        return self._session.scalar(rows) or 0
+
+    def boxes_by_reason(self) -> dict[int, int]:
+        """Current decisions of all datasets, from the tallies."""
+        rows = select(Tally.reason, func.sum(Tally.boxes)).group_by(Tally.reason)
+        return {row[0]: int(row[1]) for row in self._session.execute(rows)}
+
+    def boxes_by_review(self) -> dict[str, int]:
+        """Boxes that people answered on, by their answer."""
+        rows = select(Tally.review, func.sum(Tally.boxes)).where(Tally.review != "")
+        found = self._session.execute(rows.group_by(Tally.review))
+        return {row[0]: int(row[1]) for row in found}
+
+    def jobs(self) -> dict[tuple[str, str], int]:
+        """Runs and exports by kind and state, those that are over as well."""
+        found: dict[tuple[str, str], int] = {}
+        for kind, table in (("run", Run), ("export", Export)):
+            found |= {(kind, state): 0 for state in _STATES}
+            rows = select(table.state, func.count()).group_by(table.state)
+            for state, count in self._session.execute(rows):
+                found[kind, state] = count
+        return found
+
+    def database_bytes(self) -> int:
+        """The size of a database that is no file of ours."""
+        rows = select(func.pg_database_size(func.current_database()))
+        return self._session.scalar(rows) or 0
+
+    def blobs(self) -> BlobTotals:
+        """All stored files; looks at every row, a second for millions of them."""
+        rows = select(func.count(), func.coalesce(func.sum(Blob.size_bytes), 0))
+        files, size_bytes = self._session.execute(rows.select_from(Blob)).one()
+        return BlobTotals(files, int(size_bytes))
