@@ -44,8 +44,9 @@ PROBLEM_SCHEMA: Final = {
     },
 }
 _EVERYWHERE: Final = (400, 404, 421, 422, 500, 503)
-_WITH_TOKEN: Final = (401, 403)
-_WITH_BODY: Final = (409, 412, 413, 415, 429)
+_WITH_TOKEN: Final = (401, 403, 429)
+_WITH_BODY: Final = (401, 403, 409, 412, 413, 415, 429)
+_OF_SOME: Final = (416,)
 _BODY_METHODS: Final = ("post", "put", "patch", "delete")
 _FOREIGN_SCHEMAS: Final = ("HTTPValidationError", "ValidationError")
 IDEMPOTENCY_PARAMETER: Final = {
@@ -54,8 +55,9 @@ IDEMPOTENCY_PARAMETER: Final = {
     "required": False,
     "description": "Sent again with the same request, it gets the same answer and "
     "nothing is done twice.",
-    "schema": {"type": "string", "minLength": 1, "maxLength": 200},
+    "schema": {"type": "string", "pattern": "^[!-~]{1,200}$"},
 }
+_LARGEST: Final = 2**63 - 1
 
 
 def document(app: FastAPI) -> dict[str, Any]:
@@ -67,7 +69,7 @@ def document(app: FastAPI) -> dict[str, Any]:
             _add_problems(method, operation)
             if method == "post":
                 operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
-        app.openapi_schema = schema
+        app.openapi_schema = _with_whole_bounds(schema)
     return app.openapi_schema
 
 
@@ -84,7 +86,7 @@ def _add_components(schema: dict[str, Any]) -> None:
     schemas["Problem"] = PROBLEM_SCHEMA
     schemas["Fault"] = FAULT_SCHEMA
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    statuses = (*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY)
+    statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
     components["responses"] = {
         f"Problem{status}": {
             "description": HTTPStatus(status).phrase,
@@ -95,11 +97,29 @@ def _add_components(schema: dict[str, Any]) -> None:
 
 
 def _add_problems(method: str, operation: dict[str, Any]) -> None:
-    statuses = [*_EVERYWHERE]
+    responses = operation["responses"]
+    statuses = {*_EVERYWHERE, *(int(one) for one in responses if int(one) >= 400)}
     if "security" in operation:
-        statuses += _WITH_TOKEN
+        statuses.update(_WITH_TOKEN)
     if method in _BODY_METHODS:
-        statuses += _WITH_BODY
+        statuses.update(_WITH_BODY)
     for status in sorted(statuses):
         reference = f"#/components/responses/Problem{status}"
-        operation["responses"][str(status)] = {"$ref": reference}
+        responses[str(status)] = {"$ref": reference}
+
+
+def _with_whole_bounds(node: Any) -> Any:  # noqa: ANN401  # any JSON value
+    """The document with the bounds of integers as integers.
+
+    FastAPI writes them as floats, and 2**63 - 1 is none: read back, it allows more.
+    """
+    if isinstance(node, list):
+        return [_with_whole_bounds(one) for one in node]
+    if not isinstance(node, dict):
+        return node
+    changed = {key: _with_whole_bounds(value) for key, value in node.items()}
+    if changed.get("type") == "integer":
+        for bound in ("minimum", "maximum"):
+            if isinstance(changed.get(bound), float):
+                changed[bound] = min(int(changed[bound]), _LARGEST)
+    return changed

@@ -95,8 +95,10 @@ class ApiRoute(OpenRoute):
             if large:
                 allowance = request.scope[BODY_ALLOWANCE]
                 allowance.max_bytes = settings_of(request).max_batch_bytes
-            if repeatable and "idempotency-key" in request.headers:
-                return await _answer_once(endpoint, request)
+            if request.method == "POST" and "idempotency-key" in request.headers:
+                checked_key(request.headers["idempotency-key"])
+                if repeatable:
+                    return await _answer_once(endpoint, request)
             return await endpoint(request)
 
         return authorised

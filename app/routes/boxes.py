@@ -13,7 +13,7 @@ from app.routes.selections import selection_of
 from app.routing import ApiRouter
 from app.schemas.boxes import BoxListQuery, BoxOut, BoxPage
 from app.schemas.pages import page_response
-from app.schemas.pictures import JPEG, CropQuery
+from app.schemas.pictures import JPEG, TAGGED, CropQuery
 from app.schemas.reviews import HistoryOut
 from app.services import boxes
 from app.services.box_counts import count_boxes
@@ -54,7 +54,12 @@ def get_history(box_id: RowId, session: ReadSession) -> dict[str, Any]:
     return {"items": history(session, box_id)}
 
 
-@router.get("/boxes/{box_id}/crop", response_class=Response, responses=JPEG)
+@router.get(
+    "/boxes/{box_id}/crop",
+    response_class=Response,
+    responses=JPEG,
+    openapi_extra=TAGGED,
+)
 def get_crop(
     box_id: RowId,
     request: Request,

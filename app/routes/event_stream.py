@@ -17,6 +17,19 @@ from app.security import Role
 from app.services.run_events import NOTHING_SEEN, RunEvent
 
 EVENT_STREAM: Final = "text/event-stream"
+EVENT_SCHEMA: Final = {
+    "type": "object",
+    "required": ["data", "event", "id"],
+    "properties": {
+        "event": {"enum": ["progress", "end"]},
+        "id": {"type": "string", "pattern": "^[0-9]+$"},
+        "data": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/RunOut"},
+        },
+    },
+}
 _RETRY: Final = b"retry: 1000\n\n"
 """Milliseconds until a browser that lost the stream asks again."""
 _STILL_HERE: Final = b": still here\n\n"

@@ -23,6 +23,7 @@ from app.routes.datasets import DatasetName
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Page
+from app.schemas.pictures import RESUMABLE, file_of
 from app.schemas.runs import ExportIn, ExportOut
 from app.services.audit import Act
 from app.services.exports import (
@@ -37,7 +38,8 @@ from app.services.exports import (
 router = ApiRouter(prefix="/api/v1", tag="exports")
 
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
-    200: {"content": {MEDIA_TYPE: {}}, "description": "The archive."}
+    **file_of(MEDIA_TYPE),
+    409: {"description": "The export is not finished."},
 }
 
 
@@ -94,7 +96,10 @@ def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
 
 
 @router.get(
-    "/exports/{export_id}/download", response_class=Response, responses=_ARCHIVE
+    "/exports/{export_id}/download",
+    response_class=Response,
+    responses=_ARCHIVE,
+    openapi_extra=RESUMABLE,
 )
 def download_export(
     export_id: RowId, request: Request, session: ReadSession, services: AppServices

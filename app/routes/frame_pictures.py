@@ -11,7 +11,7 @@ from app.deps import AppServices, ReadSession, RowId
 from app.errors import NotFound
 from app.routes.blobs import drawn_response, file_response
 from app.routing import ApiRouter
-from app.schemas.pictures import FILE, JPEG, PICTURE, OverlayQuery
+from app.schemas.pictures import FILE, JPEG, PICTURE, RESUMABLE, TAGGED, OverlayQuery
 from app.services.frames import describe_frame, frame_file
 from app.services.pictures import frame_pictures, overlay, thumbnail
 
@@ -29,7 +29,12 @@ class FileKind(str, Enum):
     RADAR = "radar"
 
 
-@router.get("/frames/{frame_id}/thumbnail", response_class=Response, responses=JPEG)
+@router.get(
+    "/frames/{frame_id}/thumbnail",
+    response_class=Response,
+    responses=JPEG,
+    openapi_extra=TAGGED,
+)
 def get_thumbnail(
     frame_id: RowId, request: Request, session: ReadSession, services: AppServices
 ) -> Response:
@@ -46,7 +51,12 @@ def get_thumbnail(
     )
 
 
-@router.get("/frames/{frame_id}/overlay", response_class=Response, responses=PICTURE)
+@router.get(
+    "/frames/{frame_id}/overlay",
+    response_class=Response,
+    responses=PICTURE,
+    openapi_extra=TAGGED,
+)
 def get_overlay(
     frame_id: RowId,
     request: Request,
@@ -68,7 +78,12 @@ def get_overlay(
     )
 
 
-@router.get("/frames/{frame_id}/{kind}", response_class=Response, responses=FILE)
+@router.get(
+    "/frames/{frame_id}/{kind}",
+    response_class=Response,
+    responses=FILE,
+    openapi_extra=RESUMABLE,
+)
 def get_file(
     frame_id: RowId,
     kind: FileKind,

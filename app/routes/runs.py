@@ -19,7 +19,13 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.routes.accepted import accepted
 from app.routes.datasets import DatasetName
-from app.routes.event_stream import EVENT_STREAM, LastEventId, event_stream, number_of
+from app.routes.event_stream import (
+    EVENT_SCHEMA,
+    EVENT_STREAM,
+    LastEventId,
+    event_stream,
+    number_of,
+)
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Cursor, Limit, Page, linked
@@ -36,7 +42,7 @@ router = ApiRouter(prefix="/api/v1", tag="runs")
 
 _EVENTS: Final[dict[int | str, dict[str, Any]]] = {
     200: {
-        "content": {EVENT_STREAM: {"schema": {"type": "string"}}},
+        "content": {EVENT_STREAM: {"itemSchema": EVENT_SCHEMA}},
         "description": "`progress` events with the run as data, then one `end`.",
     },
     204: {"description": "You have the last event already; do not ask again."},
@@ -132,7 +138,11 @@ def compared(
     return compared_runs(session, run_id, against)
 
 
-@router.get("/runs/{run_id}/diff", response_model=DiffOut)
+@router.get(
+    "/runs/{run_id}/diff",
+    response_model=DiffOut,
+    responses={409: {"description": "One of the runs is not done."}},
+)
 def compare_runs(
     runs: Annotated[tuple[Run, Run], Depends(compared)],
     request: Request,

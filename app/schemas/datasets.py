@@ -84,10 +84,21 @@ class DatasetIn(BaseModel):
     ignore_mask: IgnoreMask | None = None
 
 
+def _without_null(schema: dict[str, Any]) -> None:
+    """Say what the validator asks for: null is no value of anything but a mask."""
+    for name, value in schema["properties"].items():
+        if name != "ignore_mask":
+            (value_schema,) = (
+                one for one in value.pop("anyOf") if one != {"type": "null"}
+            )
+            value.update(value_schema)
+            value.pop("default", None)
+
+
 class DatasetPatch(BaseModel):
     """What to change; how segmentations are read starts a run that measures again."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", json_schema_extra=_without_null)
 
     description: Description | None = None
     palette: Palette | None = None

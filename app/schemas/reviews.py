@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.repositories.box_filter import REVIEW_STATES
+
 Answer = Literal["keep", "reject", "unsure", "clear"]
 Comment = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
@@ -36,6 +38,10 @@ class ReviewOut(BaseModel):
     effective_verdict: str
 
 
+def _one_of_the_states(schema: dict[str, Any]) -> None:
+    schema["enum"] = ["", *REVIEW_STATES, None]
+
+
 class BoxSelection(BaseModel):
     """Boxes of a list, by the same filters that the list takes."""
 
@@ -43,9 +49,11 @@ class BoxSelection(BaseModel):
 
     verdict: Literal["kept", "rejected", "unmeasured"] | None = None
     effective: Literal["kept", "rejected", "unmeasured"] | None = None
-    reason: str | None = None
+    reason: Annotated[
+        str | None, Field(description="Reasons, separated by commas.")
+    ] = None
     class_name: str | None = Field(default=None, alias="class")
-    review: str | None = None
+    review: Annotated[str | None, Field(json_schema_extra=_one_of_the_states)] = None
     toss_up: bool | None = None
     conflict: bool | None = Field(
         default=None,

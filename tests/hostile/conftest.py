@@ -1,0 +1,24 @@
+"""A server that may be asked anything: the requests of these tests delete, too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.api.resources import Api
+from tests.hostile.openapi_cases import populate
+from tests.servers import running_server
+
+SETTINGS = {"UNGHOST_MAX_OPEN_RUNS": "1000", "UNGHOST_LOG_LEVEL": "warning"}
+
+
+@pytest.fixture(scope="session")
+def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
+    """An admin's client of it; the dataset of `populate` is there."""
+    folder = tmp_path_factory.mktemp("hostile") / "data"
+    with running_server(folder, SETTINGS) as server:
+        opened = Api.at(server.url, server.headers)
+        with opened.http:
+            populate(opened)
+            yield opened

@@ -1,0 +1,28 @@
+"""Requests made from the OpenAPI document, in its words and against them.
+
+No request gets a 5xx, and no answer has a status, a type or a form that the document
+does not give. A few requests per route here, hundreds with ``make test-long``.
+"""
+
+from __future__ import annotations
+
+from tests.hostile.openapi_cases import SCHEMA, restore, says_what_is_wrong, spared
+
+
+@SCHEMA.parametrize()
+def test_every_answer_to_an_admin_is_documented(case, api):
+    bearer = {"Authorization": api.http.headers["authorization"]}
+    spared(case).call_and_validate(
+        str(api.http.base_url), headers=bearer, additional_checks=[says_what_is_wrong]
+    )
+    if case.method == "DELETE":
+        restore(api)
+
+
+@SCHEMA.parametrize()
+def test_nobody_gets_more_than_a_documented_refusal(case, api):
+    answer = spared(case).call(str(api.http.base_url))
+
+    case.validate_response(answer, additional_checks=[says_what_is_wrong])
+    if "security" in case.operation.definition.raw:
+        assert answer.status_code in (400, 401), answer.text

@@ -1,0 +1,116 @@
+"""What no generated request reaches: parts of files, known files, streams, archives."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.schemas.runs import RunOut
+from tests.api import archives
+from tests.hostile.openapi_cases import DATASET, SCHEMA, populate
+
+BASE = "/api/v1"
+FILE = "/frames/{frame_id}/{kind}"
+THUMBNAIL = "/frames/{frame_id}/thumbnail"
+DOWNLOAD = "/exports/{export_id}/download"
+WHOLE, PART, SAME, NO_PART = 200, 206, 304, 416
+
+
+@pytest.fixture(scope="module")
+def ids(api):
+    """Of the dataset that the session's server has of these tests."""
+    populate(api)
+    frames = api.json(f"/datasets/{DATASET}/frames")["items"]
+    exports = api.json(f"/datasets/{DATASET}/exports")["items"]
+    runs = api.json(f"/datasets/{DATASET}/runs")["items"]
+    return {
+        "frame_id": frames[0]["id"],
+        "kind": "segmentation",
+        "export_id": exports[0]["id"],
+        "run_id": runs[0]["id"],
+    }
+
+
+def documented(answer, method, path):
+    """The answer, if the document knows its status, its type and its form."""
+    SCHEMA[BASE + path][method].validate_response(answer)
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        (FILE, {}, WHOLE),
+        (FILE, {"Range": "bytes=0-9"}, PART),
+        (FILE, {"Range": "bytes=999999-"}, NO_PART),
+        (FILE, {"If-None-Match": "*"}, SAME),
+        (THUMBNAIL, {}, WHOLE),
+        (THUMBNAIL, {"If-None-Match": "*"}, SAME),
+        (DOWNLOAD, {}, WHOLE),
+        (DOWNLOAD, {"Range": "bytes=-5"}, PART),
+        (DOWNLOAD, {"Range": "bytes=-5", "If-Range": '"other"'}, WHOLE),
+        (DOWNLOAD, {"Range": "bytes=999999-"}, NO_PART),
+        (DOWNLOAD, {"If-None-Match": "*"}, SAME),
+    ],
+)
+def test_files_and_parts_of_them_are_documented(api, ids, path, headers, status):
+    answer = api.http.get(BASE + path.format(**ids), headers=headers)
+
+    assert documented(answer, "GET", path).status_code == status
+
+
+def test_a_stream_of_events_is_documented_event_by_event(api, ids):
+    path = "/runs/{run_id}/events"
+    answer = documented(api.get(path.format(**ids)), "GET", path)
+
+    blocks = answer.text.strip().split("\n\n")[1:]
+    events = [dict(line.split(": ", 1) for line in one.splitlines()) for one in blocks]
+    assert events[-1]["event"] == "end"
+    known = documented(
+        api.http.get(
+            BASE + path.format(**ids), headers={"Last-Event-ID": events[-1]["id"]}
+        ),
+        "GET",
+        path,
+    )
+    assert known.status_code == 204
+    assert {RunOut.model_validate_json(event["data"]).id for event in events} == {
+        ids["run_id"]
+    }
+
+
+@pytest.mark.parametrize(
+    ("body", "media_type", "status"),
+    [
+        (archives.packed(archives.frame("a")), "application/x-tar", 200),
+        (archives.packed(archives.frame("a"))[:700], "application/x-tar", 200),
+        (b"no archive" * 100, "application/x-tar", 422),
+        (b"", "application/x-tar", 422),
+        (b"{}", "application/json", 415),
+    ],
+)
+def test_archives_are_answered_as_documented(api, ids, body, media_type, status):
+    path = "/datasets/{dataset}/batches"
+    answer = api.http.post(
+        BASE + path.format(dataset=DATASET),
+        content=body,
+        headers={"Content-Type": media_type},
+    )
+
+    assert documented(answer, "POST", path).status_code == status
+
+
+@pytest.mark.parametrize("path", ["known-frames", "preview", "queue", "configs"])
+def test_every_post_checks_its_idempotency_key(api, ids, path):
+    answer = api.http.post(
+        f"{BASE}/datasets/{DATASET}/{path}",
+        json={"keys": [], "config": {}},
+        headers={"Idempotency-Key": "no spaces"},
+    )
+
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad_idempotency_key")
+
+
+def test_bounds_of_whole_numbers_are_the_ones_that_count():
+    seed = SCHEMA.raw_schema["components"]["schemas"]["QueueIn"]["properties"]["seed"]
+
+    assert seed["anyOf"][0]["maximum"] == 2**63 - 1
