@@ -29,6 +29,7 @@ from app.page_files import content_security_policy
 from app.resources import static_dir
 from app.routing import repeat_answer
 from app.services.idempotency import AlreadyAnswered
+from app.services.readiness import Readiness
 from app.settings import Settings
 from app.version import VERSION
 
@@ -70,6 +71,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     # Opening and closing block (migrations, waiting for work to stop): off the loop.
     lifetime = running(app.state.settings)
     app.state.writers = CapacityLimiter(MAX_WRITERS)
+    app.state.readiness = Readiness()
     try:
         services = await run_in_threadpool(lifetime.__enter__)
     except Exception as exc:

@@ -9,12 +9,12 @@ from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel
 
-from app.deps import AppDatabase, AppServices, AppSettings, WritersTurn
+from app.deps import AppServices
 from app.metrics import WORK, RequestMetrics
 from app.process_facts import process_facts
 from app.routing import ApiRouter, OpenRouter
-from app.services import readiness
 from app.services.gauges import gauges
+from app.services.readiness import Readiness
 from app.version import VERSION
 
 PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
@@ -52,9 +52,10 @@ async def healthz() -> Alive:
 
 
 @probes.get("/readyz")
-def readyz(settings: AppSettings, database: AppDatabase, _turn: WritersTurn) -> Ready:
-    """The database takes writes, its schema is current, and there is room; else 503."""
-    return Ready(ready=True, checks=dict(readiness.check(settings, database)))
+async def readyz(request: Request, services: AppServices) -> Ready:
+    """It can store what is sent, and is not about to stop; else 503, and why."""
+    readiness: Readiness = request.app.state.readiness
+    return Ready(ready=True, checks=dict(await readiness.check(services)))
 
 
 @about.get("/version")

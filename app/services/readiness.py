@@ -1,68 +1,128 @@
-"""Whether this process can take work: database, schema, room on the disk."""
+"""Whether this process can take work: found out by doing a little of it."""
 
 from __future__ import annotations
 
 import shutil
+import tempfile
+import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
-from sqlalchemy.exc import SQLAlchemyError
+from anyio import Lock, to_thread
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-from app.db.engine import Database
 from app.db.migrate import current_revision, head_revision
+from app.db.probe import takes_writes
 from app.errors import Fault, NotReady
 from app.logs import error_log
 from app.resources import migrations_dir
-from app.settings import Settings
+from app.services.context import ServiceContext
 
 RETRY_S: Final = 5
+GOOD_FOR_S: Final = 1.0
+"""How long an answer is given again: anybody may ask, and asking writes to the disk."""
 
 
-def check(settings: Settings, database: Database) -> Mapping[str, str]:
-    """What each check found, all of them well.
+@dataclass
+class Found:
+    """What each check found, and the faults of those that failed."""
 
-    Raises
-    ------
-    NotReady
-        With one fault per check that failed.
-    """
-    checks: Mapping[str, Callable[[], str]] = {
-        "database": lambda: _database_takes_writes(database),
-        "migrations": lambda: _schema_is_current(database),
-        "disk": lambda: _disk_has_room(settings),
+    checks: dict[str, str] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+
+
+class Readiness:
+    """Checks a service, once for all who ask at about the same time."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._found = Found()
+        self._at = float("-inf")
+
+    async def check(self, context: ServiceContext) -> Mapping[str, str]:
+        """What each check found, all of them well.
+
+        Raises
+        ------
+        NotReady
+            With one fault per check that failed.
+        """
+        _goes_on(context)
+        async with self._lock:
+            if time.monotonic() - self._at >= GOOD_FOR_S:
+                self._found = await to_thread.run_sync(_look, context)
+                self._at = time.monotonic()
+            found = self._found
+        if found.faults:
+            raise _not_ready(found.faults)
+        return found.checks
+
+
+def _goes_on(context: ServiceContext) -> None:
+    if context.engine.stopping.is_set():
+        raise _not_ready([Fault("", "shutdown", "the service stops")])
+
+
+def _not_ready(faults: list[Fault]) -> NotReady:
+    text = "; ".join(f"{fault.code}: {fault.detail}" for fault in faults)
+    return NotReady(text, retry_after_s=RETRY_S, faults=faults)
+
+
+def _look(context: ServiceContext) -> Found:
+    checks: Mapping[str, Callable[[ServiceContext], str]] = {
+        "database": _database_takes_writes,
+        "migrations": _schema_is_current,
+        "disk": _disk_has_room,
+        "blobs": _folder_takes_files,
     }
-    found: dict[str, str] = {}
-    faults: list[Fault] = []
+    found = Found()
     for name, run in checks.items():
         try:
-            found[name] = run()
+            found.checks[name] = run(context)
         except (NotReady, SQLAlchemyError, OSError) as exc:
-            error_log.warning("not ready: %s", name, exc_info=exc)
-            known = isinstance(exc, NotReady)
-            faults.append(Fault("", name, str(exc) if known else "does not answer"))
-    if faults:
-        failed = "; ".join(f"{fault.code}: {fault.detail}" for fault in faults)
-        raise NotReady(failed, retry_after_s=RETRY_S, faults=faults)
+            detail = _reason(exc)
+            error_log.warning("not ready: %s: %s", name, detail)
+            found.faults.append(Fault("", name, detail))
     return found
 
 
-def _database_takes_writes(database: Database) -> str:
-    with database.write() as session:
-        session.connection()  # takes the writer's place, and gives it back
-    return "takes writes"
+def _reason(exc: Exception) -> str:
+    if isinstance(exc, NotReady):
+        return str(exc)
+    if isinstance(exc, OSError):
+        return exc.strerror or "cannot be used"
+    # Another database's words may name hosts and people; anybody may read this.
+    if isinstance(exc, DBAPIError) and "sqlite" in type(exc.orig).__module__:
+        return str(exc.orig)
+    return "does not answer"
 
 
-def _schema_is_current(database: Database) -> str:
-    current, head = current_revision(database.engine), head_revision(migrations_dir())
-    if current != head:
-        raise NotReady(f"the schema is at {current}, this version needs {head}")
-    return f"at {current}"
+def _database_takes_writes(context: ServiceContext) -> str:
+    return "takes writes" if takes_writes(context.database) else "is being written"
 
 
-def _disk_has_room(settings: Settings) -> str:
-    free = shutil.disk_usage(settings.data).free
-    if free < settings.min_free_bytes:
-        raise NotReady(
-            f"{free} bytes are free, {int(settings.min_free_bytes)} are needed"
-        )
+def _schema_is_current(context: ServiceContext) -> str:
+    current = current_revision(context.database.engine)
+    head = head_revision(migrations_dir())
+    if current == head:
+        return f"at {current}"
+    behind = (current or "") < (head or "")
+    advice = "restart to migrate it" if behind else "it is of a newer version"
+    raise NotReady(f"the schema is at {current}, this version needs {head}: {advice}")
+
+
+def _disk_has_room(context: ServiceContext) -> str:
+    folders = (context.settings.data, context.storage.temporary_folder())
+    free = min(shutil.disk_usage(folder).free for folder in folders)
+    needed = int(context.settings.min_free_bytes)
+    if free < needed:
+        raise NotReady(f"{free} bytes are free, {needed} are needed")
     return f"{free} bytes free"
+
+
+def _folder_takes_files(context: ServiceContext) -> str:
+    folder = context.storage.temporary_folder()
+    with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+        file.write(b"ready?")
+    return "take files"
