@@ -67,7 +67,7 @@ class BoxFilter:
     margin_max: float | None = None
     distance_min: float | None = None
     distance_max: float | None = None
-    thresholds: Sequence[ClassThresholds] = ()
+    thresholds: tuple[ClassThresholds, ...] = ()
 
     def conditions(self) -> list[ColumnElement[bool]]:
         """The selection as SQL."""
@@ -109,6 +109,12 @@ class BoxFilter:
             *(self.distance_min, self.distance_max),
         )
         return any(limit is not None for limit in ranges)
+
+    @property
+    def is_found_by_match(self) -> bool:
+        """Whether an index on matches leads to the boxes, in an order of its own."""
+        has_range = self.match_min is not None or self.match_max is not None
+        return has_range and not self.only_answered
 
     @property
     def only_answered(self) -> bool:
@@ -203,18 +209,24 @@ def is_near(
 def _is_near(
     thresholds: tuple[ClassThresholds, ...], margin: float
 ) -> ColumnElement[bool]:
-    # Kept: putting it together takes longer than asking for a page does.
+    # Kept: putting it together takes longer than asking for a page does. By class
+    # first, so that a row is held against the sides of its own class alone.
     near = [
         and_(
             Decision.class_id == wanted.class_id,
-            Decision.reason == int(side.reason),
-            Decision.large.is_(side.large),
-            Decision.match_percent.between(
-                side.threshold - margin, side.threshold + margin
-            ),
+            or_(*(_is_near_side(side, margin) for side in wanted.sides())),
         )
         for wanted in thresholds
-        for side in wanted.sides()
     ]
     with_margin = Decision.reason.in_([int(reason) for reason in THRESHOLD_REASONS])
     return and_(with_margin, or_(*near)) if near else false()
+
+
+def _is_near_side(side: Side, margin: float) -> ColumnElement[bool]:
+    return and_(
+        Decision.reason == int(side.reason),
+        Decision.large.is_(side.large),
+        Decision.match_percent.between(
+            side.threshold - margin, side.threshold + margin
+        ),
+    )

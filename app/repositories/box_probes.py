@@ -56,6 +56,7 @@ class BoxProbes:
 
     def every(self, wanted: BoxFilter) -> IntArray:
         """All boxes of the filter, in no order."""
-        conditions = [*wanted.conditions(), *wanted.unanswered()]
-        rows = select(Decision.box_id).where(*conditions)
+        # Of toss-ups there are far fewer than of boxes without an answer.
+        unanswered = [] if wanted.toss_up else wanted.unanswered()
+        rows = select(Decision.box_id).where(*wanted.conditions(), *unanswered)
         return np.fromiter(self._session.scalars(rows), np.int64)

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from app.db.bulk import run_each, upsert_in
 from app.db.tables import Decision, Tally
-from app.repositories.box_pages import Present
+from app.repositories.box_orders import Present
 
 
 class TallyKey(NamedTuple):

@@ -20,9 +20,11 @@ from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.number_filter import selected
+from app.services.numbers import DatasetNumbers
 from app.services.reviews import effective_verdict
 from app.services.run_requests import active_measurement
 from app.services.statistics import in_conflict
+from filter_core.config import FilterConfig
 
 ANSWERS_OF: Final = {
     "undecided": ("", "unsure"),
@@ -54,11 +56,19 @@ def count_boxes(
     measurement = active_measurement(session, dataset)
     numbers = context.numbers.load(session, dataset.id, measurement.id)
     config = config_of(active_version(session, dataset))
-    whole = int(np.count_nonzero(selected(numbers, numbers.decided(config), wanted)))
+    unreviewed = replace(wanted, review="")
+    whole = numbers.counted(
+        (config.digest, unreviewed), lambda: _selected(numbers, config, unreviewed)
+    )
     others = ANSWERED_OTHERWISE[wanted.review]
     if others is None:
         return whole
     return whole - BoxProbes(session).count(replace(wanted, review=others))
+
+
+def _selected(numbers: DatasetNumbers, config: FilterConfig, wanted: BoxFilter) -> int:
+    chosen = selected(numbers, numbers.decided(config), wanted)
+    return int(np.count_nonzero(chosen))
 
 
 def count_alike(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:

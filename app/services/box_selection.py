@@ -47,7 +47,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     config = config_of(active_version(session, dataset))
     limits = config.thresholds_for(list(classes))
     both = config.profile == "carlasimu"
-    thresholds = [
+    thresholds = tuple(
         ClassThresholds(class_id, small, large, max(small, large) if both else large)
         for class_id, small, large in zip(
             classes.values(),
@@ -55,7 +55,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
             limits.threshold_big_box.tolist(),
             strict=True,
         )
-    ]
+    )
     return BoxFilter(
         dataset_id=dataset.id,
         reasons=_reasons(wanted),

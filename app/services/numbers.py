@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -26,6 +27,8 @@ from filter_core.types import Decisions, Evidence, IntArray
 
 MAX_CACHED_BOXES: Final = 8_000_000
 """About 100 bytes each."""
+MAX_KEPT_COUNTS: Final = 64
+"""Filters whose number of boxes is kept: the queue and lists ask again and again."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,18 @@ class DatasetNumbers:
             held = (config.digest, decide(self.evidence, config))
             self._known["decided"] = held
         return held[1]
+
+    def counted(self, what: Hashable, count: Callable[[], int]) -> int:
+        """A count of these numbers, kept for whoever asks for the same again."""
+        held: OrderedDict[Hashable, int] = self._known.setdefault(
+            "counts", OrderedDict()
+        )
+        found = held.get(what)
+        if found is None:
+            found = held[what] = count()
+            while len(held) > MAX_KEPT_COUNTS:
+                held.popitem(last=False)
+        return found
 
     def match_counts(self, bins: int) -> IntArray:
         """Counts of matches per class; thresholds do not change them."""

@@ -11,7 +11,8 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.repositories.box_filter import BoxFilter
-from app.repositories.box_pages import BoxPages, Present
+from app.repositories.box_orders import Present
+from app.repositories.box_pages import BoxPages
 from app.repositories.box_probes import BoxProbes
 from app.services.shuffling import Shuffle
 
@@ -85,7 +86,9 @@ def _shuffled(
         return []
     shuffle = Shuffle(*span, order.seed)
     likely = order.limit * (span[1] - span[0] + 1) // order.expected
-    found = [] if likely > order.max_probes else _probed(probes, wanted, shuffle, order)
+    # Toss-ups are few and have an index: passing by all of them is soon quicker.
+    most = min(order.max_probes, order.expected) if wanted.toss_up else order.max_probes
+    found = [] if likely > most else _probed(probes, wanted, shuffle, order)
     if len(found) >= order.limit:
         return found[: order.limit]
     # The filter selects so few that reading all of them is quicker.

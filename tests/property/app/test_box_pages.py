@@ -16,7 +16,8 @@ from sqlalchemy.orm import Session
 from app.db.base import Base
 from app.db.tables import Decision, Tally
 from app.repositories.box_filter import BoxFilter, ClassThresholds
-from app.repositories.box_pages import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
+from app.repositories.box_orders import CROWDED_PERCENT, NEAR_PERCENT
+from app.repositories.box_pages import ORDERS, BoxPages
 from app.repositories.box_probes import BoxProbes
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.box_counts import count_alike
@@ -248,7 +249,7 @@ def test_pages_are_all_boxes_of_the_filter_in_order(
     thresholds = PUBLISHED if published else PAPER
     rows = data.draw(some_rows(published))
     fill(session, rows)
-    query = BoxFilter(DATASET, thresholds=thresholds, **wanted)
+    query = BoxFilter(DATASET, thresholds=tuple(thresholds), **wanted)
 
     found = page_by_page(session, query, order, limits)
 

@@ -121,6 +121,26 @@ def test_counts_are_what_counting_gives(street, chosen):
         )
 
 
+def test_counts_of_a_range_follow_new_frames_and_answers(services):
+    street = services.dataset()
+    selection = Selection(match_min=50, review="none")
+    counts = []
+
+    for number in range(3):
+        annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
+        street.put(f"{number}", annotation, segmentation=scene.segmentation())
+        for answered in range(2):
+            street.review(street.box_ids()[len(BOXES) * number + answered], "keep")
+            with street.context.database.read() as session:
+                dataset = street.row(session)
+                wanted = to_filter(session, dataset, selection)
+                found = count_boxes(street.context, session, dataset, wanted)
+                counts.append((found, BoxProbes(session).count(wanted)))
+
+    assert all(found == counted for found, counted in counts)
+    assert len({found for found, _ in counts}) > 2
+
+
 @settings(max_examples=60)
 @given(
     low=st.integers(0, 2**50),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Decision
 from app.repositories.box_pages import BoxPages
+from app.repositories.box_probes import BoxProbes
 from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
 from tests.api import frames as scene
@@ -41,9 +42,19 @@ def session(street) -> Iterator[Session]:
 
 def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str]:
     """What SQLite does for a page, statement by statement."""
-    statements: list[tuple[str, Any]] = []
     chosen = to_filter(session, street.row(session), wanted)
     present = TallyRepository(session).present(street.id)
+
+    def read() -> None:
+        ids, _ = BoxPages(session, chosen, present).page(order, "", 10)
+        assert ids
+
+    return noted(session, read)
+
+
+def noted(session: Session, read: Callable[[], object]) -> list[str]:
+    """What SQLite does for the statements of this, one after the other."""
+    statements: list[tuple[str, Any]] = []
     engine = session.get_bind()
 
     def note(_connection, _cursor, statement, parameters, *_rest):
@@ -51,10 +62,9 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
 
     event.listen(engine, "before_cursor_execute", note)
     try:
-        ids, _ = BoxPages(session, chosen, present).page(order, "", 10)
+        read()
     finally:
         event.remove(engine, "before_cursor_execute", note)
-    assert ids
     return explained(session, statements)
 
 
@@ -90,6 +100,10 @@ def explained(session: Session, statements: list[tuple[str, Any]]) -> list[str]:
         pytest.param(
             Selection(verdict="rejected"), "doubt", "by_match", id="verdict by doubt"
         ),
+        pytest.param(Selection(margin_max=100), "doubt", "by_match", id="margin"),
+        pytest.param(
+            Selection(match_min=1, match_max=100), "id", "PRIMARY KEY", id="range by id"
+        ),
     ],
 )
 def test_a_page_is_read_off_an_index(street, session, wanted, order, index):
@@ -116,6 +130,15 @@ def test_boxes_are_asked_about_by_their_ids(street, session, review):
     (step,) = explained(session, [(str(text_of), ())])
 
     assert "USING INTEGER PRIMARY KEY" in step
+
+
+def test_unanswered_toss_ups_are_found_by_being_toss_ups(street, session):
+    chosen = Selection(review="none", toss_up=True)
+    wanted = to_filter(session, street.row(session), chosen)
+
+    plan = noted(session, lambda: BoxProbes(session).every(wanted))
+
+    assert [step for step in plan if "ix_decisions_toss_up" in step], plan
 
 
 @pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
