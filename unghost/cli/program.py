@@ -11,6 +11,7 @@ import typer
 
 from unghost.cli import (
     audit,
+    capture,
     config,
     convert,
     datasets,
@@ -39,7 +40,7 @@ app = typer.Typer(
 )
 _GROUPS = (
     *(serve, demo, push, filter_local, run, stats, diff),
-    *(datasets, export, convert, evaluate, audit),
+    *(datasets, export, convert, evaluate, audit, capture),
 )
 for group in _GROUPS:
     group.register(app)

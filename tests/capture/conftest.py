@@ -1,0 +1,101 @@
+"""A fake simulator in place of CARLA's, watched for what is left behind."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+if importlib.util.find_spec("carla") is None:
+    # CARLA has no client library for this machine: nothing here can run.
+    collect_ignore_glob = ["test_*.py"]
+else:
+    from tests.capture.fake_carla.library import as_library
+    from tests.capture.fake_carla.simulator import Simulator
+    from tests.capture.street import street
+
+from unghost.capture.recording import Recorded, Request, record
+from unghost.capture.scenario import Scenario, parse_scenario
+
+Capture = Callable[..., Recorded]
+
+SMALL: dict[str, Any] = {
+    "frames": 3,
+    "delta_s": 0.05,
+    "interval_s": 0.1,
+    "warm_up_ticks": 10,
+    "sensor_wait_s": 2.0,
+    "ego": {"spawn_point": 0, "autopilot": False},
+    "camera": {"width": 160, "height": 96},
+    "vehicles": {"count": 4, "filter": "vehicle.tesla.*"},
+    "walkers": {"standing": 2},
+}
+
+
+def scenario(**changes: Any) -> Scenario:
+    """A small scenario of the street, with these keys changed."""
+    return parse_scenario({**SMALL, **changes}, "test.yaml")
+
+
+class Stage:
+    """A simulator, what it was before, and a folder to record into."""
+
+    def __init__(self, simulator: Simulator, folder: Path) -> None:
+        self.simulator, self.folder = simulator, folder
+        self.notes: list[str] = []
+        self._before = self._state()
+
+    def _state(self) -> dict[str, Any]:
+        server = self.simulator
+        return {
+            "actors": sorted(server.actors),
+            "synchronous": server.settings.synchronous_mode,
+            "delta": server.settings.fixed_delta_seconds,
+            "weather": str(server.weather),
+            "layers_off": list(server.layers_off),
+            "managers": [p for p, on in server.managers_synchronous.items() if on],
+        }
+
+    def capture(self, **changes: Any) -> Recorded:
+        """Record the small scenario."""
+        request = Request(
+            scenario(**changes), self.folder, self.notes.append, lambda *_: None
+        )
+        return record(as_library(self.simulator), request)
+
+    def left_behind(self) -> dict[str, Any]:
+        """What differs from before; empty: nothing."""
+        now = self._state()
+        return {k: v for k, v in now.items() if v != self._before[k]}
+
+
+@pytest.fixture
+def make_stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
+    """Stages, each with a street of its own; their threads end with the test."""
+    made: list[Stage] = []
+
+    def make(version: str = "0.9.16", client_version: str | None = None) -> Stage:
+        folder = tmp_path / f"captured{len(made)}"
+        made.append(Stage(street(version, client_version), folder))
+        return made[-1]
+
+    yield make
+    for stage in made:
+        stage.simulator.close()
+
+
+@pytest.fixture
+def stage(make_stage: Callable[..., Stage]) -> Stage:
+    """The street on CARLA 0.9.16."""
+    return make_stage()
+
+
+@pytest.fixture
+def as_carla(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> Stage:
+    """The stage, which `import carla` now finds."""
+    monkeypatch.setitem(sys.modules, "carla", as_library(stage.simulator))
+    return stage

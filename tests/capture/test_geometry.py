@@ -1,0 +1,104 @@
+"""Boxes as they are stored say what the real library says of them."""
+
+from __future__ import annotations
+
+import carla
+import numpy as np
+import pytest
+
+from filter_core.annotation import frame_boxes_2d, parse_annotation
+from filter_core.box3d import boxes3d_vertices
+from filter_core.pose import Transform
+from unghost.capture.objects import Named, SeenObject, local_box
+from unghost.capture.poses import as_transform
+from unghost.capture.rig import pose_of
+from unghost.capture.scenario_parts import Mount
+from unghost.capture.traffic import light_state
+from unghost.capture.weather import as_numbers, parameters
+
+CAR = Named("7", "actor", "car")
+POSES = [
+    carla.Transform(carla.Location(*place), carla.Rotation(*turn))
+    for place, turn in [
+        ((0, 0, 0), (0, 0, 0)),
+        ((12.5, -3.25, 0.1), (2, 37, -1)),
+        ((-140, 88, 5), (-9, -178.5, 12)),
+    ]
+]
+
+
+def given_box():
+    box = carla.BoundingBox(
+        carla.Location(0.1, -0.05, 0.8), carla.Vector3D(2.4, 1, 0.7)
+    )
+    box.rotation = carla.Rotation(yaw=4)
+    return box
+
+
+@pytest.mark.parametrize("pose", POSES, ids=str)
+def test_an_actors_box_has_the_librarys_corners(pose):
+    real = given_box().get_world_vertices(pose)
+
+    one = SeenObject(
+        Named("7", "actor", "car"), local_box(given_box()), as_transform(pose)
+    )
+    corners = boxes3d_vertices([one.row])[0]
+
+    np.testing.assert_allclose(corners, [[v.x, v.y, v.z] for v in real], atol=2e-4)
+
+
+@pytest.mark.parametrize("pose", POSES, ids=str)
+def test_a_box_of_the_map_is_in_the_world_already(pose):
+    box = given_box()
+    box.location, box.rotation = pose.location, pose.rotation
+    real = box.get_world_vertices(carla.Transform())
+
+    corners = boxes3d_vertices([SeenObject(CAR, local_box(box)).row])
+
+    np.testing.assert_allclose(corners[0], [[v.x, v.y, v.z] for v in real], atol=2e-4)
+
+
+@pytest.mark.parametrize("pose", POSES, ids=str)
+def test_what_is_annotated_is_projected_as_the_librarys_matrices_do(pose):
+    ahead = carla.Transform(pose.transform(carla.Location(15, 2, 0)), pose.rotation)
+    one = SeenObject(
+        Named("7", "actor", "car"), local_box(given_box()), as_transform(ahead)
+    )
+    camera = {"width": 800, "height": 600, "fov": 90}
+    annotation = {
+        "camera": {**camera, "transform": as_transform(pose).as_dict()},
+        "boxes": [one.as_annotation(15.0, (50,))],
+    }
+
+    read = frame_boxes_2d(parse_annotation(annotation), (800, 600))
+
+    to_camera = np.array(pose.get_inverse_matrix())
+    world = [[v.x, v.y, v.z, 1] for v in given_box().get_world_vertices(ahead)]
+    x, y, z, _ = to_camera @ np.array(world).T
+    u, v = 400 + 400 * y / x, 300 - 400 * z / x
+    expected = [u.min(), v.min(), u.max(), v.max()]
+    np.testing.assert_allclose(read.amodal_xyxy[0], expected, atol=0.05)
+
+
+def test_a_mount_becomes_the_same_transform():
+    mount = Mount(x=1.5, y=-0.4, z=2.4, pitch=-5, yaw=30, roll=1)
+
+    pose = as_transform(pose_of(carla, mount))
+
+    assert pose == Transform((1.5, -0.4, 2.4), (-5, 30, 1))
+
+
+def test_weather_survives_the_way_there_and_back():
+    for preset in (
+        carla.WeatherParameters.HardRainNoon,
+        carla.WeatherParameters.Default,
+    ):
+        assert parameters(carla, as_numbers(preset)) == preset
+
+
+def test_lights_add_up():
+    state = light_state(carla, ["LowBeam", "Fog"])
+
+    assert state == carla.VehicleLightState(
+        carla.VehicleLightState.LowBeam | carla.VehicleLightState.Fog
+    )

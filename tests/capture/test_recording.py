@@ -1,0 +1,243 @@
+"""A captured folder is read by everybody else, and says what is visible."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from typing import Any
+
+import carla
+import cv2
+import numpy as np
+import pytest
+
+from filter_core import FilterConfig
+from filter_core.channels.depth import read_depth
+from filter_core.channels.instances import read_instances
+from filter_core.channels.points import read_points
+from filter_core.formats.layouts import read_source
+from filter_core.local_filter import filter_source
+
+FAR = {"attributes": {"range": 50}}
+ALL: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
+ALL |= {"lidar": FAR, "semantic_lidar": FAR}
+
+
+def lines(stage):
+    """The frames of the manifest."""
+    text = (stage.folder / "manifest.jsonl").read_text("utf-8")
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def verdicts(stage, **config):
+    """What the filter says of each box of the first frame, by id."""
+    found = filter_source(read_source(stage.folder), FilterConfig(**config), workers=1)
+    first = next(iter(found))
+    assert first.decisions is not None
+    return {box["id"]: box["verdict"] for box in first.decisions}
+
+
+def picture(stage, name):
+    """A file of the folder as an array."""
+    read = cv2.imread(str(stage.folder / name), cv2.IMREAD_UNCHANGED)
+    assert read is not None
+    return read
+
+
+def by_place(stage):
+    """Ids of the first frame's actors by where they stand."""
+    boxes = lines(stage)[0]["boxes"]
+    placed = [box for box in boxes if "transform" in box["box3d"]]
+    return {
+        (box["box3d"]["transform"]["x"], box["box3d"]["transform"]["y"]): box["id"]
+        for box in placed
+    }
+
+
+@pytest.mark.parametrize("evidence", ["semantic", "depth", "instance"])
+def test_ghosts_are_rejected_and_what_is_seen_is_kept(stage, evidence):
+    stage.capture(sensors=ALL)
+
+    said, at = verdicts(stage, evidence=evidence), by_place(stage)
+
+    assert {place: said[one] for place, one in at.items()} == {
+        (15, -3): "kept",
+        (24, 5): "kept",
+        (35, -17): "rejected",
+        (-20, 0): "rejected",
+        (12, 4): "kept",
+        (30, -14): "rejected",
+    }
+    assert stage.left_behind() == {}
+
+
+def test_boxes_of_the_map_are_kept_and_none_is_there_twice(stage):
+    done = stage.capture()
+
+    said = {name: v for name, v in verdicts(stage).items() if "-" in name}
+
+    parked = {f"env-{2**40 + n}": "kept" for n in (1, 2)}
+    lights = {name: "kept" for name in said if name.startswith("light-")}
+    assert len(lights) == 2
+    assert said == parked | lights
+    assert done.left_out == {"impossible_box": 2}
+
+
+def test_every_frame_has_a_key_and_its_files(stage):
+    done = stage.capture(sensors=ALL, frames=4)
+
+    frames = lines(stage)
+    assert (done.frames, done.added, done.missed.total()) == (4, 4, 0)
+    assert [frame["key"] for frame in frames] == [f"Town10HD/{i:06d}" for i in range(4)]
+    ticks = [frame["extra"]["capture"]["frame"] for frame in frames]
+    assert {b - a for a, b in pairwise(ticks)} == {2}
+    for frame in frames:
+        for kind in ("image", "segmentation", "instances", "depth", "lidar", "radar"):
+            assert (stage.folder / frame[kind]).stat().st_size > 0
+
+
+def test_tags_depth_and_ids_are_stored_without_loss(stage):
+    stage.capture(sensors=ALL)
+
+    frame = lines(stage)[0]
+    tags = picture(stage, frame["segmentation"])
+    depth = read_depth((stage.folder / frame["depth"]).read_bytes())
+    ids = read_instances((stage.folder / frame["instances"]).read_bytes())
+    sky, road = (0, 80), (95, 80)
+    assert tags.shape == (96, 160)
+    assert set(np.unique(tags)) == {1, 3, 7, 11, 12, 14}
+    metres = depth.metres((slice(None), slice(None)))
+    assert metres[sky] == pytest.approx(1000)
+    # The last row looks down by half the image less half a pixel, from 2.4 m.
+    assert metres[road] == pytest.approx(2.4 * 80 / 47.5, abs=1e-3)
+    seen = {int(one) for one in np.unique(ids.ids[tags == 14])}
+    at = by_place(stage)
+    assert {int(at[15, -3]), int(at[24, 5])} <= seen
+
+
+def test_the_picture_is_in_true_colours(stage):
+    stage.capture(sensors=ALL)
+
+    frame = lines(stage)[0]
+    shown = picture(stage, frame["image"])
+    assert shown[0, 80].tolist() == [180, 130, 70]  # the sky, blue first
+
+
+def test_points_are_stored_as_measured(stage):
+    stage.capture(sensors=ALL)
+
+    frame = lines(stage)[0]
+    points = read_points((stage.folder / frame["lidar"]).read_bytes())
+    plain = frame["extra"]["files"]["lidar_intensity"]
+    radar = (stage.folder / frame["radar"]).read_bytes()
+    assert len(points) > 100
+    assert np.linalg.norm(points.xyz, axis=1).max() <= 50.001
+    assert {1, 14} <= set(points.tag.tolist())
+    assert b"property float intensity" in (stage.folder / plain).read_bytes()
+    header, body = radar.split(b"end_header\n")
+    assert b"element vertex 3" in header
+    x, y, z, velocity, *_ = np.frombuffer(body, "<f4").reshape(3, 7)[1]
+    assert (velocity, z) == (0, 0)
+    assert np.hypot(x, y) == pytest.approx(25)
+    assert np.arctan2(y, x) == pytest.approx(-0.2)
+
+
+def test_what_the_actor_says_of_itself_is_stored(stage):
+    stage.capture()
+
+    boxes = {box["id"]: box for box in lines(stage)[0]["boxes"]}
+    car = boxes[by_place(stage)[15, -3]]
+    assert car["type_id"] == "vehicle.tesla.model3"
+    assert (car["class"], car["base_type"]) == ("car", "car")
+    assert car["extra"]["semantic_tags"] == [14]
+    assert (car["extra"]["source"], car["extra"]["band"]) == ("actor", 50)
+    assert car["instance_id"] == int(car["id"])
+    walker = boxes[by_place(stage)[12, 4]]
+    assert walker["extra"]["flags"] == ["capsule", "widened"]
+    assert walker["extra"]["box_given"]["extent"]["x"] == pytest.approx(0.188)
+    assert walker["box3d"]["extent"]["x"] == pytest.approx(0.338)
+    lights = [box for name, box in boxes.items() if name.startswith("light-")]
+    assert all("semantic_tags" not in box["extra"] for box in lights)
+
+
+def test_a_two_wheeler_without_width_gets_a_usual_size_and_a_mark(stage):
+    stage.capture(vehicles={"count": 1, "filter": "vehicle.bh.*"}, walkers={})
+
+    box = next(b for b in lines(stage)[0]["boxes"] if b["class"] == "bicycle")
+    assert box["extra"]["flags"] == ["default_size"]
+    assert box["box3d"]["extent"] == {"x": 0.82, "y": 0.3, "z": 0.85}
+    assert box["box3d"]["location"] == {"x": 0, "y": 0, "z": 0.85}
+    assert box["extra"]["box_given"]["location"]["y"] == 40
+
+
+def test_a_two_wheeler_without_width_is_left_out_on_request(stage):
+    done = stage.capture(
+        vehicles={"count": 1, "filter": "vehicle.bh.*"},
+        walkers={},
+        boxes={"repair_two_wheelers": False, "parked_vehicles": False},
+        frames=1,
+    )
+
+    assert [box for box in lines(stage)[0]["boxes"] if box["class"] == "bicycle"] == []
+    assert done.left_out["impossible_box"] == 2  # a pedestrian's button, too
+
+
+def test_an_object_that_the_map_and_the_actors_both_have_is_there_once(stage):
+    for thing in stage.simulator.environment[:1]:
+        thing.bounding_box.location = carla.Location(24, 5, 0.75)
+
+    done = stage.capture(frames=1)
+
+    ids = [box["id"] for box in lines(stage)[0]["boxes"]]
+    assert f"env-{2**40 + 1}" not in ids
+    assert done.left_out["duplicate"] == 1
+
+
+def test_lights_that_the_map_does_not_know_come_from_the_level(stage):
+    stage.simulator.faults.no_light_boxes = True
+
+    stage.capture(frames=1)
+
+    boxes = [b for b in lines(stage)[0]["boxes"] if b["class"] == "traffic_light"]
+    assert [box["extra"]["source"] for box in boxes] == ["level", "level"]
+    assert boxes[1]["extra"]["flags"] == ["thickened"]
+
+
+def test_weather_lights_layers_and_classes_are_as_the_scenario_says(stage):
+    seen = []
+    stage.simulator.faults.on_tick = lambda server, _: seen.append(
+        (list(server.layers_off), server.weather.fog_density)
+    )
+
+    stage.capture(
+        frames=3,
+        map_layers={"ParkedVehicles": False},
+        weather={
+            "preset": "HardRainNoon",
+            "sweep": {"fog_density": {"first": 0, "last": 50}},
+        },
+        ego={"spawn_point": 0, "lights": ["LowBeam"]},
+        classes={"vehicle.tesla.model3": "taxi"},
+    )
+
+    frames = lines(stage)
+    assert [frame["weather"]["fog_density"] for frame in frames] == [0, 25, 50]
+    assert {frame["weather"]["precipitation"] for frame in frames} == {100}
+    assert {layers[0] for layers, _ in seen} == {"ParkedVehicles"}
+    classes = {box["class"] for box in frames[0]["boxes"]}
+    assert {"taxi", "walker"} <= classes
+    assert stage.left_behind() == {}
+
+
+def test_an_interrupted_capture_goes_on_where_it_was(stage):
+    stage.capture(frames=2)
+    with (stage.folder / "manifest.jsonl").open("ab") as file:
+        file.write(b'{"key": "Town10HD/000002", "ima')
+
+    done = stage.capture(frames=4)
+
+    assert (done.frames, done.added) == (4, 2)
+    assert [f["key"] for f in lines(stage)] == [f"Town10HD/{i:06d}" for i in range(4)]
+    again = stage.capture(frames=4)
+    assert (again.frames, again.added) == (4, 0)
+    assert stage.left_behind() == {}

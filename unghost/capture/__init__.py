@@ -1,0 +1,1 @@
+"""Records frames from a running CARLA simulator: synchronous, complete, restored."""

@@ -1,0 +1,156 @@
+"""The annotation of one recorded tick: camera, sensors, boxes, and its story."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from filter_core.box3d import boxes3d_vertices
+from filter_core.pose import Transform, Triple
+from filter_core.types import FloatArray
+from unghost.capture.actor_boxes import ActorBoxes
+from unghost.capture.map_boxes import map_boxes, without_duplicates
+from unghost.capture.objects import SeenObject
+from unghost.capture.poses import SensorPose, as_transform, sensor_pose
+from unghost.capture.rig import RunningSensor, main_camera
+from unghost.capture.session import Session
+from unghost.capture.simulator import Actor, Measurement, Snapshot
+from unghost.capture.weather import as_numbers
+
+_POINT_SENSORS = {
+    "semantic_lidar": "lidar",
+    "lidar": "lidar_intensity",
+    "radar": "radar",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Everything that was measured at one tick."""
+
+    snapshot: Snapshot
+    measured: Mapping[str, Measurement]
+    before: Snapshot | None = None
+    after: Snapshot | None = None
+
+
+@dataclass(eq=False)
+class Annotator:
+    """Makes annotations of moments; counts what got no box, and why."""
+
+    session: Session
+    ego: Actor
+    sensors: Sequence[RunningSensor]
+    left_out: Counter[str] = field(default_factory=Counter)
+    poses_differ: int = 0
+
+    def __post_init__(self) -> None:
+        session = self.session
+        version = session.server_version
+        self._actors = ActorBoxes(session.world, session.scenario, version)
+        self._static = map_boxes(
+            session.carla, session.world, session.scenario, self.left_out
+        )
+        self._static_centres = _centres(self._static)
+
+    def annotate(self, moment: Moment) -> dict[str, Any]:
+        """The frame's annotation."""
+        session, camera = self.session, self.session.scenario.camera
+        poses = self._poses(moment)
+        main = poses[main_camera(session.scenario)]
+        self.poses_differ += main.differs
+        shown = moment.measured[main_camera(session.scenario)]
+        return {
+            "carla_version": session.server_version,
+            "map": session.map_name,
+            "weather": as_numbers(session.world.get_weather()),
+            "camera": {
+                "width": int(shown.width),
+                "height": int(shown.height),
+                "fov": camera.fov,
+                "transform": main.used.as_dict(),
+            },
+            "sensors": {
+                called: {"transform": poses[name].used.as_dict()}
+                for name, called in _POINT_SENSORS.items()
+                if name in poses
+            },
+            "boxes": self._boxes(moment.snapshot, main.used),
+            "extra": {"capture": self._story(moment, main)},
+        }
+
+    def _poses(self, moment: Moment) -> dict[str, SensorPose]:
+        version, snapshot = self.session.server_version, moment.snapshot
+        return {
+            one.name: sensor_pose(
+                moment.measured[one.name], one.actor, snapshot, version
+            )
+            for one in self.sensors
+        }
+
+    def _boxes(self, snapshot: Snapshot, camera: Transform) -> list[dict[str, Any]]:
+        rules = self.session.scenario.boxes
+        actors = self._actors.seen(snapshot, int(self.ego.id), self.left_out)
+        taken = _centres(actors)
+        static = without_duplicates(
+            self._static, self._static_centres, taken, self.left_out
+        )
+        objects = [*actors, *static]
+        found = []
+        for one, distance in zip(objects, _distances(objects, camera), strict=True):
+            if rules.min_distance <= distance <= rules.max_distance:
+                found.append(one.as_annotation(distance, rules.bands))
+            else:
+                self.left_out["out_of_range"] += 1
+        return found
+
+    def _story(self, moment: Moment, main: SensorPose) -> dict[str, Any]:
+        snapshot, session = moment.snapshot, self.session
+        story: dict[str, Any] = {
+            "frame": int(snapshot.frame),
+            "elapsed_s": round(float(snapshot.timestamp.elapsed_seconds), 6),
+            "client_version": session.client_version,
+            "poses": {
+                "image": main.measured.as_dict(),
+                "snapshot": main.snapshot.as_dict(),
+                "used": "image" if main.used is main.measured else "snapshot",
+            },
+            "ego": self._pose_in(snapshot, self.ego.id),
+        }
+        for name, other in (("before", moment.before), ("after", moment.after)):
+            if other is not None:
+                story[name] = self._neighbour(other)
+        return story
+
+    def _neighbour(self, snapshot: Snapshot) -> dict[str, Any]:
+        """Poses one tick earlier or later, to find a lag of the images offline."""
+        camera = main_camera(self.session.scenario)
+        sensor = next(one.actor.id for one in self.sensors if one.name == camera)
+        actors = {
+            str(one.id): as_transform(one.get_transform()).as_dict()
+            for one in snapshot
+            if int(one.id) in self._actors.known_ids
+        }
+        return {"camera": self._pose_in(snapshot, sensor), "actors": actors}
+
+    def _pose_in(self, snapshot: Snapshot, actor_id: int) -> dict[str, float] | None:
+        found = snapshot.find(actor_id)
+        return None if found is None else as_transform(found.get_transform()).as_dict()
+
+
+def _corners(objects: Sequence[SeenObject]) -> FloatArray:
+    return boxes3d_vertices(np.array([one.row for one in objects]).reshape(-1, 15))
+
+
+def _centres(objects: Sequence[SeenObject]) -> list[Triple]:
+    return [(c[0], c[1], c[2]) for c in _corners(objects).mean(axis=1).tolist()]
+
+
+def _distances(objects: Sequence[SeenObject], camera: Transform) -> list[float]:
+    centres = _corners(objects).mean(axis=1)
+    metres: list[float] = np.linalg.norm(centres - camera.location, axis=1).tolist()
+    return metres

@@ -1,0 +1,90 @@
+"""Blueprints of the simulator: chosen, with attributes set, before anything spawns."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+
+from filter_core.config_values import nearest
+from unghost.capture.errors import CaptureError
+from unghost.capture.scenario_parts import AttributeValue, Generation
+from unghost.capture.simulator import Blueprint, World
+
+
+def find_blueprint(world: World, name: str, at: str) -> Blueprint:
+    """One blueprint by its id; `CaptureError` names the key and the nearest id."""
+    library = world.get_blueprint_library()
+    ids = [str(each.id) for each in library]
+    if name not in ids:
+        close = nearest(name, ids)
+        raise CaptureError(f"{at}: no blueprint {name!r}; the nearest is {close!r}")
+    return library.find(name)
+
+
+def choose_blueprints(
+    world: World, pattern: str, generation: Generation, at: str
+) -> list[Blueprint]:
+    """The blueprints of a pattern and a generation, in the order of their ids.
+
+    Raises
+    ------
+    CaptureError
+        There are none; names the key.
+    """
+    found = sorted(world.get_blueprint_library().filter(pattern), key=lambda b: b.id)
+    if not found:
+        raise CaptureError(f"{at}.filter: no blueprint matches {pattern!r}")
+    if generation != "all":
+        found = [each for each in found if _is(each, "generation", generation)]
+    if not found:
+        raise CaptureError(
+            f"{at}.generation: no blueprint of {pattern!r} is of generation "
+            f"{generation}"
+        )
+    return found
+
+
+def with_wheels(found: list[Blueprint], wheels: object, at: str) -> list[Blueprint]:
+    """Those with so many wheels; `CaptureError` if there are none."""
+    if wheels == "all":
+        return found
+    chosen = [each for each in found if _is(each, "number_of_wheels", wheels)]
+    if not chosen:
+        raise CaptureError(f"{at}.wheels: no blueprint has {wheels} wheels")
+    return chosen
+
+
+def set_attributes(
+    blueprint: Blueprint, attributes: Mapping[str, AttributeValue], at: str
+) -> None:
+    """Set attributes by name.
+
+    Raises
+    ------
+    CaptureError
+        The blueprint has no such attribute (names the nearest), or refuses the value.
+    """
+    for name, value in attributes.items():
+        if not blueprint.has_attribute(name):
+            known = [str(attribute.id) for attribute in blueprint]
+            hint = f"; the nearest is {nearest(name, known)!r}" if known else ""
+            raise CaptureError(f"{at}.{name}: {blueprint.id} has no such key{hint}")
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        try:
+            blueprint.set_attribute(name, text)
+        except (RuntimeError, ValueError) as error:
+            raise CaptureError(f"{at}.{name}: {error}") from error
+
+
+def randomise(blueprint: Blueprint, dice: random.Random) -> None:
+    """A colour and a driver of those that the blueprint recommends."""
+    for name in ("color", "driver_id"):
+        if blueprint.has_attribute(name):
+            offered = blueprint.get_attribute(name).recommended_values
+            if offered:
+                blueprint.set_attribute(name, dice.choice(list(offered)))
+
+
+def _is(blueprint: Blueprint, name: str, wanted: object) -> bool:
+    has = blueprint.has_attribute(name)
+    return bool(has and blueprint.get_attribute(name).as_str() == str(wanted))

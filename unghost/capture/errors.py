@@ -1,0 +1,15 @@
+"""What can go wrong with a capture, in words for people."""
+
+from __future__ import annotations
+
+
+class CaptureError(Exception):
+    """A capture cannot begin or go on; the text says why."""
+
+
+class ScenarioError(CaptureError):
+    """A scenario file is wrong; nothing was spawned."""
+
+
+class SimulatorAway(CaptureError):
+    """No simulator answers at the address."""

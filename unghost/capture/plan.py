@@ -1,0 +1,108 @@
+"""What a capture would do, before it does it: for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from unghost.capture.rig import BLUEPRINTS, CAMERAS, wanted_sensors
+from unghost.capture.scenario import Scenario
+from unghost.capture.scenario_parts import Weather
+
+_BYTES_PER_PIXEL: Final[Mapping[str, float]] = {
+    "rgb": 2.0,
+    "segmentation": 0.05,
+    "instances": 0.1,
+    "depth": 2.2,
+}
+"""Of PNG files of streets, by order of magnitude."""
+_BYTES_OF_POINTS: Final = {"lidar": 16, "semantic_lidar": 24, "radar": 28}
+_USUAL_POINTS_PER_S: Final = {"lidar": 56_000, "semantic_lidar": 56_000, "radar": 1500}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A capture in rows of what and how."""
+
+    rows: tuple[tuple[str, str], ...]
+    record: dict[str, Any]
+
+
+def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
+    """The plan of a scenario; nothing is asked of a simulator."""
+    sensors = wanted_sensors(scenario)
+    seconds = scenario.frames * scenario.ticks_per_frame * scenario.delta_s
+    ticks = scenario.warm_up_ticks + scenario.frames * scenario.ticks_per_frame
+    size = sum(_bytes_of(scenario, name) for name in sensors) * scenario.frames
+    camera, people = scenario.camera, scenario.walkers
+    rows = [
+        ("simulator", f"{scenario.host}:{scenario.port}"),
+        ("map", _map_words(scenario)),
+        ("seed", str(scenario.seed)),
+        ("weather", _weather_words(scenario.weather)),
+        ("ego", scenario.ego.blueprint),
+        ("vehicles", f"{scenario.vehicles.count} of {scenario.vehicles.filter}"),
+        (
+            "walkers",
+            f"{people.standing} standing, {people.walking} walking, "
+            f"{people.running} running",
+        ),
+        ("camera", f"{camera.width} x {camera.height} px, {camera.fov:g} degrees"),
+        *((f"sensor {name}", BLUEPRINTS[name]) for name in sensors),
+        ("boxes", _box_words(scenario)),
+        (
+            "frames",
+            f"{scenario.frames}, one every {scenario.ticks_per_frame} ticks of "
+            f"{scenario.delta_s:g} s: {seconds:g} s simulated",
+        ),
+        ("size", f"about {max(1, round(size / 1e6)):,} MB"),
+        ("output", str(output)),
+        *([("push to", dataset)] if dataset else []),
+    ]
+    record = {
+        "scenario": scenario.model_dump(mode="json"),
+        "digest": scenario.digest,
+        "sensors": {name: BLUEPRINTS[name] for name in sensors},
+        "ticks": ticks,
+        "simulated_s": seconds,
+        "bytes": round(size),
+        "output": str(output),
+        "dataset": dataset,
+    }
+    return Plan(tuple(rows), record)
+
+
+def _map_words(scenario: Scenario) -> str:
+    off = [name for name, wanted in scenario.map_layers.items() if not wanted]
+    without = f" without {', '.join(off)}" if off else ""
+    return f"{scenario.map or 'the one that is loaded'}{without}"
+
+
+def _weather_words(weather: Weather) -> str:
+    words = [weather.preset] if weather.preset else []
+    words += [", ".join(weather.presets)] if weather.presets else []
+    words += [f"{name} {value:g}" for name, value in weather.parameters.items()]
+    words += [
+        f"{name} {sweep.first:g} to {sweep.last:g}"
+        for name, sweep in weather.sweep.items()
+    ]
+    return ", ".join(words) or "as it is"
+
+
+def _box_words(scenario: Scenario) -> str:
+    rules = scenario.boxes
+    kinds = ("vehicles", "walkers", "parked_vehicles", "traffic_lights")
+    named = [kind.replace("_", " ") for kind in kinds if getattr(rules, kind)]
+    reach = f"{rules.min_distance:g} to {rules.max_distance:g} m"
+    return f"{', '.join(named) or 'none'}, {reach}"
+
+
+def _bytes_of(scenario: Scenario, name: str) -> float:
+    if name in CAMERAS:
+        pixels = scenario.camera.width * scenario.camera.height
+        return pixels * _BYTES_PER_PIXEL[name]
+    attributes = getattr(scenario.sensors, name).attributes
+    rate = float(attributes.get("points_per_second", _USUAL_POINTS_PER_S[name]))
+    return rate * scenario.delta_s * _BYTES_OF_POINTS[name]

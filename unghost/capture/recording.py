@@ -1,0 +1,244 @@
+"""One capture from the first tick to the last frame."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Final
+
+from unghost.capture.annotating import Annotator, Moment
+from unghost.capture.errors import CaptureError
+from unghost.capture.folder import CaptureFolder
+from unghost.capture.image_files import png
+from unghost.capture.point_files import POINTS, ply
+from unghost.capture.poses import has_wrong_metadata
+from unghost.capture.rig import CAMERAS, RunningSensor, prepare_rig, start_rig
+from unghost.capture.scenario import Scenario
+from unghost.capture.session import Note, Session, open_session
+from unghost.capture.simulator import Carla, Client, Measurement, Snapshot, connect
+from unghost.capture.stopping import StopRequest, listening_for_stop
+from unghost.capture.synchroniser import Missed, collect, drain
+from unghost.capture.traffic import choose_cast, spawn
+from unghost.capture.weather import WeatherPlan
+
+Advance = Callable[[int, "int | None"], None]
+
+_MOST_MISSED: Final = 50
+_SETTLING_TICKS: Final = 10
+"""After another preset the exposure of the cameras needs so long."""
+_ANOTHER_CLIENT: Final = "another client ticked the world"
+_KINDS: Final[Mapping[str, str]] = {
+    "rgb": "image",
+    "semantic_lidar": "lidar",
+    "lidar": "lidar_intensity",
+}
+"""What a sensor is called in the manifest, where that is another word."""
+
+
+@dataclass
+class Recorded:
+    """What a capture did.
+
+    Attributes
+    ----------
+    frames : int
+        In the folder, those of earlier captures included.
+    added : int
+    missed : Counter
+        Ticks that could not be recorded, by reason.
+    left_out : Counter
+        Objects that got no box in a frame, by reason.
+    vehicles, walkers : int
+        Spawned; fewer than asked for if the map had no room.
+    poses_differ : int
+        Frames whose image said another camera pose than the world did.
+    """
+
+    frames: int = 0
+    added: int = 0
+    missed: Counter[str] = field(default_factory=Counter)
+    left_out: Counter[str] = field(default_factory=Counter)
+    vehicles: int = 0
+    walkers: int = 0
+    poses_differ: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The counts as an object."""
+        plain = {**vars(self)}
+        return {**plain, "missed": dict(self.missed), "left_out": dict(self.left_out)}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to record, where to, and whom to tell."""
+
+    scenario: Scenario
+    output: Path
+    note: Note
+    advance: Advance
+
+
+def record(carla: Carla, request: Request) -> Recorded:
+    """Record a scenario's frames that the folder does not have yet.
+
+    Raises
+    ------
+    CaptureError
+        The scenario does not fit the simulator, or frames stay incomplete.
+    KeyboardInterrupt
+        Somebody asked to stop; what is recorded is whole, and the same call goes on.
+    """
+    scenario = request.scenario
+    client = connect(carla, scenario.host, scenario.port, scenario.timeout_s)
+    try:
+        return _record(carla, client, request)
+    except RuntimeError as error:
+        # The one class of error that the library has: time-outs, places taken.
+        raise CaptureError(f"the simulator said: {error}") from error
+
+
+def _record(carla: Carla, client: Client, request: Request) -> Recorded:
+    scenario = request.scenario
+    with (
+        listening_for_stop() as stop,
+        open_session(carla, client, scenario, request.note) as session,
+    ):
+        _compare_versions(session)
+        folder = CaptureFolder(request.output)
+        folder.open(_about(session))
+        recorded = Recorded(frames=len(folder.keys))
+        try:
+            if recorded.frames < scenario.frames:
+                _Recorder(session, folder, recorded, stop).run(request.advance)
+        finally:
+            folder.describe({**_about(session), "last": recorded.as_dict()})
+    return recorded
+
+
+def _compare_versions(session: Session) -> None:
+    if session.server_version != session.client_version:
+        session.note(
+            f"the simulator is CARLA {session.server_version}, the client library "
+            f"{session.client_version}: install the same version for both"
+        )
+
+
+def _about(session: Session) -> dict[str, Any]:
+    return {
+        "unghost": metadata.version("unghost"),
+        "carla_version": session.server_version,
+        "client_version": session.client_version,
+        "map": session.map_name,
+        "scenario_digest": session.scenario.digest,
+        "scenario": session.scenario.model_dump(mode="json"),
+    }
+
+
+class _Recorder:
+    """The loop: ticks, waits for all sensors, writes; counts what was missed."""
+
+    def __init__(
+        self,
+        session: Session,
+        folder: CaptureFolder,
+        recorded: Recorded,
+        stop: StopRequest,
+    ) -> None:
+        self._session, self._folder = session, folder
+        self._recorded, self._stop = recorded, stop
+        self._sensors: list[RunningSensor] = []
+        self._last: Snapshot | None = None
+
+    def run(self, advance: Advance) -> None:
+        """Everything: choose, spawn, warm up, record."""
+        session, scenario = self._session, self._session.scenario
+        # All of it is checked before any of it is spawned.
+        cast, rig = choose_cast(session), prepare_rig(session)
+        weather = WeatherPlan(session)
+        weather.set(self._recorded.frames)
+        spawned = spawn(session, cast, self._stop)
+        self._recorded.vehicles = spawned.vehicles
+        self._recorded.walkers = spawned.walkers
+        self._sensors = start_rig(session, rig, spawned.ego)
+        self._wait(scenario.warm_up_ticks)
+        annotator = Annotator(session, spawned.ego, self._sensors)
+        self._recorded.left_out = annotator.left_out
+        advance(self._recorded.frames, scenario.frames)
+        with ThreadPoolExecutor(len(self._sensors)) as encoders:
+            while self._recorded.frames < scenario.frames:
+                moment = self._shoot()
+                self._store(annotator, moment, encoders)
+                advance(self._recorded.frames, scenario.frames)
+                if self._recorded.frames < scenario.frames:
+                    changed = weather.set(self._recorded.frames)
+                    least = _SETTLING_TICKS if changed else 0
+                    self._wait(max(scenario.ticks_per_frame - 1, least))
+
+    def _wait(self, ticks: int) -> None:
+        """Ticks that nobody records."""
+        for _ in range(ticks):
+            self._stop.check()
+            self._last = self._session.tick()
+            drain(self._sensors)
+
+    def _shoot(self) -> Moment:
+        """The next tick that all sensors measured."""
+        missed: Counter[str] = Counter()
+        while missed.total() < _MOST_MISSED:
+            self._stop.check()
+            found = self._try_tick()
+            if isinstance(found, Moment):
+                return found
+            missed[str(found)] += 1
+            self._recorded.missed[str(found)] += 1
+            drain(self._sensors)
+        reason, count = missed.most_common(1)[0]
+        raise CaptureError(
+            f"no complete frame in {_MOST_MISSED} ticks, {count} times because {reason}"
+        )
+
+    def _try_tick(self) -> Moment | Missed:
+        session, scenario = self._session, self._session.scenario
+        before, snapshot = self._last, session.tick()
+        self._last = snapshot
+        if snapshot is None:
+            return Missed(_ANOTHER_CLIENT)
+        found = collect(self._sensors, session.frame, scenario.sensor_wait_s)
+        if isinstance(found, Missed):
+            return found
+        if not has_wrong_metadata(session.server_version):
+            return Moment(snapshot, found)
+        self._last = after = session.tick()
+        drain(self._sensors)
+        return Moment(snapshot, found, before, after)
+
+    def _store(
+        self, annotator: Annotator, moment: Moment, encoders: ThreadPoolExecutor
+    ) -> None:
+        frame = annotator.annotate(moment)
+        now = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        frame["captured_at"] = now.replace("+00:00", "Z")
+        frame["extra"]["capture"]["missed_before"] = self._recorded.missed.total()
+        encoded = encoders.map(_encoded, moment.measured.items())
+        key = f"{self._session.map_name}/{len(self._folder.keys):06d}"
+        self._folder.add(key, dict(encoded), frame)
+        if annotator.poses_differ and not self._recorded.poses_differ:
+            self._session.note(
+                "an image says another camera pose than the world does; both are stored"
+            )
+        self._recorded.poses_differ = annotator.poses_differ
+        self._recorded.added += 1
+        self._recorded.frames += 1
+
+
+def _encoded(item: tuple[str, Measurement]) -> tuple[str, tuple[str, bytes]]:
+    name, measured = item
+    kind = _KINDS.get(name, name)
+    if name in CAMERAS:
+        return kind, (".png", png(name, measured))
+    return kind, (".ply", ply(POINTS[name](measured)))

@@ -1,0 +1,112 @@
+"""The sensors on the ego vehicle: one place for all cameras, one queue for each."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from unghost.capture.blueprints import find_blueprint, set_attributes
+from unghost.capture.scenario import Scenario
+from unghost.capture.scenario_parts import (
+    AttributeValue,
+    CameraSensor,
+    Mount,
+    RangeSensor,
+)
+from unghost.capture.session import Session
+from unghost.capture.simulator import Actor, Blueprint, Carla, Measurement, Pose
+
+BLUEPRINTS: Final[Mapping[str, str]] = {
+    "rgb": "sensor.camera.rgb",
+    "segmentation": "sensor.camera.semantic_segmentation",
+    "instances": "sensor.camera.instance_segmentation",
+    "depth": "sensor.camera.depth",
+    "lidar": "sensor.lidar.ray_cast",
+    "semantic_lidar": "sensor.lidar.ray_cast_semantic",
+    "radar": "sensor.other.radar",
+}
+"""CARLA's sensor for each key of a scenario's `sensors`."""
+CAMERAS: Final = ("rgb", "segmentation", "instances", "depth")
+
+
+@dataclass(frozen=True, eq=False)
+class MountedSensor:
+    """A sensor that will be spawned: its blueprint and where it sits."""
+
+    name: str
+    blueprint: Blueprint
+    mount: Mount
+
+
+@dataclass(eq=False)
+class RunningSensor:
+    """A sensor that delivers into a queue."""
+
+    name: str
+    actor: Actor
+    inbox: queue.Queue[Measurement] = field(default_factory=queue.Queue)
+
+
+def wanted_sensors(scenario: Scenario) -> dict[str, CameraSensor | RangeSensor]:
+    """The sensors that a scenario records, by name, in one order."""
+    chosen = ((name, getattr(scenario.sensors, name)) for name in BLUEPRINTS)
+    return {name: sensor for name, sensor in chosen if sensor is not None}
+
+
+def main_camera(scenario: Scenario) -> str:
+    """The camera whose pose is the frame's."""
+    return "rgb" if scenario.sensors.rgb is not None else "segmentation"
+
+
+def prepare_rig(session: Session) -> list[MountedSensor]:
+    """Blueprints with all attributes set; `CaptureError` names a wrong key."""
+    scenario = session.scenario
+    return [
+        _prepared(session, name, sensor)
+        for name, sensor in wanted_sensors(scenario).items()
+    ]
+
+
+def _prepared(
+    session: Session, name: str, sensor: CameraSensor | RangeSensor
+) -> MountedSensor:
+    at = f"sensors.{name}"
+    blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
+    camera = session.scenario.camera
+    shared: dict[str, AttributeValue] = {"sensor_tick": 0.0}
+    mount = camera.mount
+    if isinstance(sensor, RangeSensor):
+        mount = sensor.mount
+    else:
+        shared["image_size_x"], shared["image_size_y"] = camera.width, camera.height
+        shared["fov"] = camera.fov
+        set_attributes(blueprint, camera.lens, "camera.lens")
+    set_attributes(blueprint, shared, at)
+    set_attributes(blueprint, sensor.attributes, f"{at}.attributes")
+    return MountedSensor(name, blueprint, mount)
+
+
+def start_rig(
+    session: Session, mounted: Sequence[MountedSensor], ego: Actor
+) -> list[RunningSensor]:
+    """Spawn the sensors and let them deliver."""
+    carla = session.carla
+    running = []
+    for one in mounted:
+        actor = session.world.spawn_actor(
+            one.blueprint, pose_of(carla, one.mount), ego, carla.AttachmentType.Rigid
+        )
+        sensor = RunningSensor(one.name, session.own(actor))
+        session.at_end(f"stop the sensor {one.name}", actor.stop)
+        # Called in a thread of the library: it must do nothing but put.
+        actor.listen(sensor.inbox.put)
+        running.append(sensor)
+    return running
+
+
+def pose_of(carla: Carla, mount: Mount) -> Pose:
+    """A `carla.Transform` of a mount."""
+    location = carla.Location(mount.x, mount.y, mount.z)
+    return carla.Transform(location, carla.Rotation(mount.pitch, mount.yaw, mount.roll))

@@ -1,0 +1,182 @@
+"""A world in synchronous mode that is put back as it was, whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
+
+from filter_core.config_values import nearest
+from unghost.capture.errors import CaptureError
+from unghost.capture.scenario import Scenario
+from unghost.capture.simulator import Actor, Carla, Client, Snapshot, World
+from unghost.capture.stopping import shielded
+
+Note = Callable[[str], None]
+_BATCH: Final = 100
+
+
+@dataclass(eq=False)
+class Session:
+    """What one capture has of the simulator, and has to give back.
+
+    Attributes
+    ----------
+    carla, client, world
+        Of CARLA's client library.
+    server_version, client_version : str
+    map_name : str
+        Without folders: ``Town10HD``.
+    """
+
+    carla: Carla
+    client: Client
+    world: World
+    scenario: Scenario
+    note: Note
+    server_version: str
+    client_version: str
+    map_name: str
+    frame: int = 0
+    _undo: list[tuple[str, Callable[[], object]]] = field(default_factory=list)
+    _actors: list[int] = field(default_factory=list)
+
+    def own(self, actor: Actor) -> Actor:
+        """An actor that this capture spawned and will destroy."""
+        self._actors.append(int(actor.id))
+        return actor
+
+    def at_end(self, what: str, step: Callable[[], object]) -> None:
+        """Something to be done when the capture ends; the last one comes first."""
+        self._undo.append((what, step))
+
+    def tick(self) -> Snapshot | None:
+        """The world one tick later; None if somebody else ticked it, too."""
+        before = self.frame
+        self.frame = int(self.world.tick(self.scenario.timeout_s))
+        snapshot = self.world.get_snapshot()
+        alone = before in (0, self.frame - 1) and int(snapshot.frame) == self.frame
+        return snapshot if alone else None
+
+    def put_back(self) -> None:
+        """Undo everything; a step that fails does not keep the others from it."""
+        while self._undo:
+            what, step = self._undo.pop()
+            try:
+                step()
+            except Exception as error:
+                self.note(f"could not {what}: {error}")
+
+    def destroy_actors(self) -> None:
+        """Destroy all that was spawned, the youngest first: sensors, then vehicles."""
+        destroy = self.carla.command.DestroyActor
+        while self._actors:
+            batch = [destroy(self._actors.pop()) for _ in self._actors[-_BATCH:]]
+            for answer in self.client.apply_batch_sync(batch, False):
+                # One that is gone already, as after a reload of the map, is no fault.
+                if answer.error and "not found" not in answer.error:
+                    self.note(f"an actor could not be destroyed: {answer.error}")
+
+
+@contextmanager
+def open_session(
+    carla: Carla, client: Client, scenario: Scenario, note: Note
+) -> Iterator[Session]:
+    """The scenario's map in synchronous mode, until the block ends.
+
+    Afterwards the settings are those of before, the traffic manager is asynchronous
+    again, and every actor that was spawned is gone: after an error and Ctrl-C too.
+
+    Raises
+    ------
+    CaptureError
+        The map is unknown; names the nearest.
+    """
+    before = client.get_world().get_settings()
+    if before.synchronous_mode:
+        note("the world is in synchronous mode already: does another client tick it?")
+    world = _world(client, scenario)
+    session = Session(
+        carla=carla,
+        client=client,
+        world=world,
+        scenario=scenario,
+        note=note,
+        server_version=str(client.get_server_version()),
+        client_version=str(client.get_client_version()),
+        map_name=str(world.get_map().name).rsplit("/", 1)[-1],
+    )
+    try:
+        session.at_end("restore the settings", lambda: world.apply_settings(before))
+        _synchronise(session)
+        session.at_end("destroy the actors", session.destroy_actors)
+        yield session
+    finally:
+        with shielded():
+            session.put_back()
+
+
+def _world(client: Client, scenario: Scenario) -> World:
+    world = client.get_world()
+    if scenario.map is None or _same_map(str(world.get_map().name), scenario.map):
+        return world
+    maps = [str(name) for name in client.get_available_maps()]
+    if not any(_same_map(name, scenario.map) for name in maps):
+        short = nearest(scenario.map, [name.rsplit("/", 1)[-1] for name in maps])
+        raise CaptureError(
+            f"map: the simulator has no {scenario.map!r}; the nearest is {short!r}"
+        )
+    return client.load_world(scenario.map)
+
+
+def _same_map(there: str, wanted: str) -> bool:
+    return there == wanted or there.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1]
+
+
+def _synchronise(session: Session) -> None:
+    scenario, carla = session.scenario, session.carla
+    settings = session.world.get_settings()
+    settings.synchronous_mode = True
+    settings.fixed_delta_seconds = scenario.delta_s
+    settings.no_rendering_mode = False
+    session.world.apply_settings(settings, scenario.timeout_s)
+    plan = scenario.traffic_manager
+    manager = session.client.get_trafficmanager(plan.port)
+    session.at_end(
+        "make the traffic manager asynchronous",
+        lambda: manager.set_synchronous_mode(False),
+    )
+    manager.set_synchronous_mode(True)
+    manager.set_random_device_seed(scenario.seed)
+    manager.set_global_distance_to_leading_vehicle(plan.distance_to_leading_vehicle)
+    manager.global_percentage_speed_difference(plan.slower_than_limit_percent)
+    manager.set_respawn_dormant_vehicles(plan.respawn_dormant)
+    manager.set_hybrid_physics_mode(plan.hybrid_physics)
+    if plan.hybrid_physics:
+        manager.set_hybrid_physics_radius(plan.hybrid_radius)
+    _choose_layers(session, carla)
+    _choose_glass(session)
+
+
+def _choose_layers(session: Session, carla: Carla) -> None:
+    world = session.world
+    for name, wanted in session.scenario.map_layers.items():
+        layer = getattr(carla.MapLayer, name)
+        if wanted:
+            world.load_map_layer(layer)
+        else:
+            again = partial(world.load_map_layer, layer)
+            session.at_end(f"load the map layer {name} again", again)
+            world.unload_map_layer(layer)
+
+
+def _choose_glass(session: Session) -> None:
+    see_through = session.scenario.see_through_glass
+    if see_through is None:
+        return
+    if not hasattr(session.world, "set_annotations_traverse_translucency"):
+        session.note("see_through_glass: only CARLA 0.9.16 can choose; left as it is")
+        return
+    session.world.set_annotations_traverse_translucency(see_through)

@@ -1,0 +1,234 @@
+"""The ego vehicle, the others, and people on foot: chosen first, then spawned."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+from unghost.capture.blueprints import (
+    choose_blueprints,
+    find_blueprint,
+    randomise,
+    set_attributes,
+    with_wheels,
+)
+from unghost.capture.errors import CaptureError
+from unghost.capture.session import Session
+from unghost.capture.simulator import Actor, Blueprint, Carla, Pose
+from unghost.capture.stopping import StopRequest
+
+_SAFE_BASE_TYPES = frozenset({"car"})
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """The blueprints that a scenario means; every key of it has been checked."""
+
+    ego: Blueprint
+    vehicles: Sequence[Blueprint]
+    walkers: Sequence[Blueprint]
+    spawn_points: Sequence[Pose]
+    controller: Blueprint | None
+
+
+@dataclass(frozen=True)
+class Spawned:
+    """How many came of what was asked; the rest found no free place."""
+
+    ego: Actor
+    vehicles: int
+    walkers: int
+
+
+def choose_cast(session: Session) -> Cast:
+    """The blueprints of a scenario; `CaptureError` before anything is spawned."""
+    world, scenario = session.world, session.scenario
+    ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
+    points = list(world.get_map().get_spawn_points())
+    if not points:
+        raise CaptureError("map: it has no spawn points for vehicles")
+    place = scenario.ego.spawn_point
+    if place is not None and place >= len(points):
+        raise CaptureError(
+            f"ego.spawn_point: {session.map_name} has 0 to {len(points) - 1}, "
+            f"found {place}"
+        )
+    if ego.has_attribute("role_name"):
+        set_attributes(ego, {"role_name": scenario.ego.role_name}, "ego")
+    people = scenario.walkers
+    walkers: list[Blueprint] = []
+    controller = None
+    if people.count:
+        walkers = choose_blueprints(world, people.filter, people.generation, "walkers")
+        controller = find_blueprint(world, "controller.ai.walker", "walkers")
+    return Cast(ego, _vehicles(session), walkers, points, controller)
+
+
+def _vehicles(session: Session) -> list[Blueprint]:
+    wanted = session.scenario.vehicles
+    if not wanted.count:
+        return []
+    generation = wanted.generation
+    found = choose_blueprints(session.world, wanted.filter, generation, "vehicles")
+    found = with_wheels(found, wanted.wheels, "vehicles")
+    if wanted.safe:
+        found = [each for each in found if _base_type(each) in _SAFE_BASE_TYPES]
+        if not found:
+            raise CaptureError("vehicles.safe: no blueprint that is left is a car")
+    return found
+
+
+def _base_type(blueprint: Blueprint) -> str:
+    has = blueprint.has_attribute("base_type")
+    return str(blueprint.get_attribute("base_type").as_str()) if has else ""
+
+
+def spawn(session: Session, cast: Cast, stop: StopRequest) -> Spawned:
+    """Put everybody into the world; the same seed tries the same places."""
+    dice = random.Random(session.scenario.seed)
+    points = list(cast.spawn_points)
+    chosen = session.scenario.ego.spawn_point
+    dice.shuffle(points)
+    ego = _spawn_ego(session, cast, points, chosen)
+    count = _spawn_vehicles(session, cast, (points, dice), stop)
+    people = _spawn_walkers(session, cast, dice, stop)
+    return Spawned(ego, count, people)
+
+
+def _spawn_ego(
+    session: Session, cast: Cast, points: list[Pose], chosen: int | None
+) -> Actor:
+    plan = session.scenario.ego
+    places = points if chosen is None else [cast.spawn_points[chosen]]
+    for place in places:
+        ego = session.world.try_spawn_actor(cast.ego, place)
+        if ego is not None:
+            session.own(ego)
+            if plan.autopilot:
+                _drive(session, ego)
+            _light(session, ego, plan.lights)
+            return ego
+    where = "spawn point" if chosen is None else f"spawn point {chosen}"
+    raise CaptureError(f"ego: no free {where} for {plan.blueprint}")
+
+
+def _spawn_vehicles(
+    session: Session,
+    cast: Cast,
+    places: tuple[list[Pose], random.Random],
+    stop: StopRequest,
+) -> int:
+    points, dice = places
+    wanted, count = session.scenario.vehicles, 0
+    for place in points:
+        stop.check()
+        if count == wanted.count:
+            break
+        blueprint = dice.choice(cast.vehicles)
+        randomise(blueprint, dice)
+        vehicle = session.world.try_spawn_actor(blueprint, place)
+        if vehicle is None:
+            continue
+        session.own(vehicle)
+        _drive(session, vehicle)
+        _light(session, vehicle, wanted.lights)
+        if wanted.automatic_lights:
+            manager = session.client.get_trafficmanager(_port(session))
+            manager.update_vehicle_lights(vehicle, True)
+        count += 1
+    return count
+
+
+def _port(session: Session) -> int:
+    return session.scenario.traffic_manager.port
+
+
+def _drive(session: Session, vehicle: Actor) -> None:
+    # The manager forgets a vehicle that is destroyed; the flag alone would stay.
+    vehicle.set_autopilot(True, _port(session))
+
+
+def _light(session: Session, vehicle: Actor, names: Sequence[str]) -> None:
+    if names:
+        vehicle.set_light_state(light_state(session.carla, names))
+
+
+def light_state(carla: Carla, names: Sequence[str]) -> object:
+    """`carla.VehicleLightState` with these lights on."""
+    known = carla.VehicleLightState
+    bits = reduce(lambda state, name: state | int(getattr(known, name)), names, 0)
+    return known(bits)
+
+
+def _spawn_walkers(
+    session: Session, cast: Cast, dice: random.Random, stop: StopRequest
+) -> int:
+    plan, world = session.scenario.walkers, session.world
+    if not plan.count:
+        return 0
+    world.set_pedestrians_seed(
+        session.scenario.seed if plan.seed is None else plan.seed
+    )
+    world.set_pedestrians_cross_factor(plan.cross_percent / 100)
+    gaits = (
+        *[0] * plan.standing,
+        *[1] * plan.walking,
+        *[2] * plan.running,
+    )
+    walkers = []
+    for gait in gaits:
+        stop.check()
+        walker = _spawn_walker(session, dice.choice(cast.walkers))
+        if walker is not None:
+            walkers.append((walker, gait))
+    # Controllers find their walkers only after a tick.
+    session.tick()
+    for walker, gait in walkers:
+        stop.check()
+        if gait:
+            _walk(session, cast.controller, walker, gait)
+    return len(walkers)
+
+
+_TRIES = 5
+
+
+def _spawn_walker(session: Session, blueprint: Blueprint) -> Actor | None:
+    if blueprint.has_attribute("is_invincible"):
+        blueprint.set_attribute("is_invincible", "false")
+    for _ in range(_TRIES):
+        location = session.world.get_random_location_from_navigation()
+        if location is None:
+            continue
+        place = session.carla.Transform(location)
+        walker = session.world.try_spawn_actor(blueprint, place)
+        if walker is not None:
+            return session.own(walker)
+    return None
+
+
+def _walk(session: Session, blueprint: Blueprint, walker: Actor, gait: int) -> None:
+    world, carla = session.world, session.carla
+    controller = world.try_spawn_actor(blueprint, carla.Transform(), walker)
+    if controller is None:
+        return
+    session.own(controller)
+    session.at_end("stop a walker", controller.stop)
+    controller.start()
+    destination = world.get_random_location_from_navigation()
+    if destination is not None:
+        controller.go_to_location(destination)
+    controller.set_max_speed(_speed(walker, gait))
+
+
+def _speed(walker: Actor, gait: int) -> float:
+    """The walker's own speed: its blueprint recommends standing, walking, running."""
+    usual = (0.0, 1.4, 3.0)[gait]
+    text = dict(walker.attributes).get("speed", "")
+    try:
+        own = float(text)
+    except ValueError:
+        return usual
+    return own if gait == 1 and own > 0 else usual

@@ -1,0 +1,82 @@
+"""The weather of each frame: a preset, parameters, presets in turn, sweeps."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from unghost.capture.carla_words import WEATHER_PARAMETERS
+from unghost.capture.scenario import Scenario
+from unghost.capture.scenario_parts import Weather
+from unghost.capture.session import Session
+from unghost.capture.simulator import Carla
+
+_DIGITS: Final = 6
+
+
+def weather_numbers(weather: Weather, index: int, frames: int) -> dict[str, float]:
+    """Parameters that a frame sets on top of its preset."""
+    share = index / (frames - 1) if frames > 1 else 0.0
+    swept = {
+        name: sweep.first + (sweep.last - sweep.first) * share
+        for name, sweep in weather.sweep.items()
+    }
+    return {**weather.parameters, **swept}
+
+
+def preset_of(weather: Weather, index: int) -> str | None:
+    """The preset of a frame, None if the simulator's weather is the ground."""
+    if weather.presets:
+        turn = index // weather.frames_per_preset
+        return weather.presets[turn % len(weather.presets)]
+    return weather.preset
+
+
+class WeatherPlan:
+    """Sets the weather of a session, frame by frame."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._before = session.world.get_weather()
+        self._last: dict[str, float] | None = None
+        self._preset: str | None = None
+        before, world = self._before, session.world
+        if session.scenario.weather.is_given:
+            session.at_end("restore the weather", lambda: world.set_weather(before))
+
+    def set(self, index: int) -> bool:
+        """Set the weather of frame `index`; whether another preset came."""
+        scenario: Scenario = self._session.scenario
+        if not scenario.weather.is_given:
+            return False
+        wanted = self._numbers(scenario, index)
+        if wanted == self._last:
+            return False
+        self._session.world.set_weather(parameters(self._session.carla, wanted))
+        self._last = wanted
+        turned, self._preset = self._preset, preset_of(scenario.weather, index)
+        return turned != self._preset
+
+    def _numbers(self, scenario: Scenario, index: int) -> dict[str, float]:
+        carla, weather = self._session.carla, scenario.weather
+        preset = preset_of(weather, index)
+        known = carla.WeatherParameters
+        ground = self._before if preset is None else getattr(known, preset)
+        base = as_numbers(ground)
+        return {**base, **weather_numbers(weather, index, scenario.frames)}
+
+
+def parameters(carla: Carla, numbers: dict[str, float]) -> object:
+    """`carla.WeatherParameters` with these numbers."""
+    weather = carla.WeatherParameters()
+    for name, value in numbers.items():
+        setattr(weather, name, float(value))
+    return weather
+
+
+def as_numbers(weather: object) -> dict[str, float]:
+    """All parameters that the library's version has, by name."""
+    return {
+        name: round(float(getattr(weather, name)), _DIGITS)
+        for name in WEATHER_PARAMETERS
+        if hasattr(weather, name)
+    }

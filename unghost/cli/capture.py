@@ -1,0 +1,168 @@
+"""`unghost capture`: frames from a running CARLA simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from unghost.cli.command import command
+from unghost.cli.exits import PARTLY, REFUSED, SERVER_AWAY, Refused
+from unghost.cli.options import ServerOptions
+from unghost.cli.push_report import PushReport
+
+if TYPE_CHECKING:
+    from unghost.capture.recording import Recorded
+    from unghost.capture.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureOptions(ServerOptions):
+    """Options of `unghost capture`."""
+
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENARIO]",
+            help="The scenario (YAML).",
+            exists=True,
+            dir_okay=False,
+            readable=True,
+        ),
+    ] = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="The folder to record into; else one named after the scenario. "
+            "A capture that is there goes on.",
+            file_okay=False,
+        ),
+    ] = None
+    push: Annotated[
+        str | None,
+        typer.Option(
+            "--push",
+            metavar="DATASET",
+            help="Upload what was recorded to this dataset; made if it is not there.",
+        ),
+    ] = None
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show the plan and do nothing.")
+    ] = False
+    from_carlasimu: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-carlasimu",
+            metavar="DIR",
+            help="Print carlasimu's YAML files as a scenario, instead of capturing.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    command(app, "capture")(capture)
+
+
+def capture(options: CaptureOptions) -> None:
+    """Record what a scenario says from a running CARLA simulator.
+
+    Safe to interrupt and to repeat: the simulator is put back as it was, and the same
+    command goes on. Exit code 69 if no simulator answers.
+    """
+    from unghost.capture.errors import CaptureError, SimulatorAway
+
+    try:
+        _capture(options)
+    except SimulatorAway as error:
+        options.screen.note(f"unghost: {error}")
+        raise typer.Exit(SERVER_AWAY) from error
+    except CaptureError as error:
+        raise Refused(str(error)) from error
+
+
+def _capture(options: CaptureOptions) -> None:
+    from unghost.capture.plan import plan_of
+    from unghost.capture.scenario import read_scenario
+
+    if options.from_carlasimu is not None:
+        _convert(options.from_carlasimu, options)
+        return
+    if options.scenario is None:
+        raise typer.BadParameter("SCENARIO or --from-carlasimu is needed")
+    scenario = read_scenario(options.scenario)
+    output = options.output or Path(f"capture-{options.scenario.stem}")
+    if options.dry_run:
+        plan = plan_of(scenario, output, options.push)
+        options.screen.record(plan.record)
+        options.screen.table(("what", "how"), plan.rows)
+        return
+    recorded = _record(scenario, output, options)
+    _tell(recorded, output, options)
+    if options.push is not None:
+        _push(output, options.push, options)
+
+
+def _convert(folder: Path, options: CaptureOptions) -> None:
+    from unghost.capture.carlasimu import convert_carlasimu
+
+    converted = convert_carlasimu(folder)
+    record = {"scenario": converted.scenario, "notes": converted.notes}
+    options.screen.record(record, converted.as_yaml().rstrip("\n"))
+
+
+def _record(scenario: Scenario, output: Path, options: CaptureOptions) -> Recorded:
+    from unghost.capture.recording import Request, record
+    from unghost.capture.simulator import load_carla
+
+    carla = load_carla()
+    screen = options.screen
+    with screen.progress("capture", "frames") as advance:
+        try:
+            return record(carla, Request(scenario, output, screen.note, advance))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                "interrupted; the simulator was put back, the same command goes on"
+            ) from None
+
+
+def _tell(recorded: Recorded, output: Path, options: CaptureOptions) -> None:
+    screen = options.screen
+    for reason, count in sorted(recorded.missed.items()):
+        screen.note(f"ticks not recorded: {count}: {reason}")
+    for reason, count in sorted(recorded.left_out.items()):
+        screen.note(f"objects without a box: {count}: {reason.replace('_', ' ')}")
+    screen.record(
+        {"output": str(output), **recorded.as_dict()},
+        f"{recorded.frames} frames\t{recorded.added} new\t"
+        f"{recorded.missed.total()} ticks missed",
+    )
+
+
+def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
+    from unghost.cli.push import PushOptions, ensure_dataset, send
+    from unghost.cli.sources import open_source
+
+    pushing = PushOptions(
+        source=folder,
+        dataset=dataset,
+        server=options.server,
+        token=options.token,
+        json=options.json,
+        layout="manifest",
+    )
+    report = PushReport(options.screen)
+    found = open_source(folder, pushing)
+    with pushing.connect() as client:
+        ensure_dataset(client, dataset, pushing.reading, ())
+        send(client, pushing, found, report)
+    report.print_summary(found.unmatched, dataset)
+    if report.refused:
+        raise typer.Exit(PARTLY if report.succeeded else REFUSED)
