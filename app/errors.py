@@ -18,10 +18,13 @@ AppError                     anything that the service says no to
 |-- RangeNotSatisfiable      a byte range outside the file
 |-- Unprocessable            understood, but the content cannot be used
 |   `-- IdempotencyKeyReuse  the key was used for another request
+|-- DamagedFile              a stored file is gone, or not what was stored
 `-- TryLater                 the same request may succeed later
     |-- TooManyRequests      a quota is used up
     |-- DatabaseBusy         the database did not take the work in time
     |-- StorageFull          no room for what was sent
+    |-- StorageReadOnly      the data folder does not take anything
+    |-- DatabaseDamaged      the database cannot be read any more
     `-- NotReady             the service is not (or no longer) able to work
 
 Messages name the thing, what was expected and what was found; never a path of the
@@ -196,6 +199,18 @@ class IdempotencyKeyReuse(Unprocessable):
     code = "idempotency_key_reuse"
 
 
+class DamagedFile(AppError):
+    """A stored file is gone, or not what was stored; nobody who asks can mend that."""
+
+    code = "damaged_file"
+
+    def __init__(self, digest: str, what: str) -> None:
+        super().__init__(
+            f"the stored file {digest} {what}; `unghost doctor --verify` on the "
+            "server lists all such files and says what to do"
+        )
+
+
 class TryLater(AppError):
     """The same request may succeed after `retry_after_s` seconds."""
 
@@ -229,6 +244,18 @@ class StorageFull(TryLater):
     """No room for what was sent."""
 
     code = "storage_full"
+
+
+class StorageReadOnly(TryLater):
+    """The data folder, or the disk that it is on, does not take anything."""
+
+    code = "storage_read_only"
+
+
+class DatabaseDamaged(TryLater):
+    """The database cannot be read any more, until somebody has restored it."""
+
+    code = "database_damaged"
 
 
 class NotReady(TryLater):

@@ -41,6 +41,7 @@ STATUS: Final[Mapping[type[Exception], HTTPStatus]] = {
     errors.Unprocessable: HTTPStatus.UNPROCESSABLE_ENTITY,
     errors.TooManyRequests: HTTPStatus.TOO_MANY_REQUESTS,
     errors.TryLater: HTTPStatus.SERVICE_UNAVAILABLE,
+    errors.DamagedFile: HTTPStatus.INTERNAL_SERVER_ERROR,
     AppError: HTTPStatus.INTERNAL_SERVER_ERROR,
     FilterError: HTTPStatus.UNPROCESSABLE_ENTITY,
 }
@@ -60,6 +61,9 @@ HTTP_CODES: Final[Mapping[int, str]] = {
 _LOCKED: Final = ("locked", "busy", "deadlock", "could not serialize", "lock timeout")
 _FULL: Final = ("disk is full", "no space left", "disk full")
 _FULL_ERRNO: Final = (errno.ENOSPC, errno.EDQUOT)
+_READ_ONLY: Final = ("readonly database", "read-only transaction")
+_READ_ONLY_ERRNO: Final = (errno.EROFS, errno.EACCES, errno.EPERM)
+_DAMAGED: Final = ("malformed", "not a database", "invalid page")
 
 
 @dataclass(frozen=True)
@@ -149,11 +153,27 @@ def problem_of(exc: Exception) -> Problem:
 
 def _translated(exc: Exception) -> Exception:
     """Failures of the database and the disk, in the service's own words."""
-    full = isinstance(exc, OSError) and exc.errno in _FULL_ERRNO
-    if full or _says(exc, _FULL):
+    number = exc.errno if isinstance(exc, OSError) else None
+    if number in _FULL_ERRNO or _says(exc, _FULL):
         error_log.error("no room left", exc_info=exc)
         return errors.StorageFull(
             "there is no room left to store this", retry_after_s=AWAY_RETRY_S
+        )
+    if number in _READ_ONLY_ERRNO or _says(exc, _READ_ONLY):
+        error_log.error("the data folder is read-only", exc_info=exc)
+        return errors.StorageReadOnly(
+            "nothing can be stored: the data folder is read-only",
+            retry_after_s=AWAY_RETRY_S,
+        )
+    return _translated_sql(exc)
+
+
+def _translated_sql(exc: Exception) -> Exception:
+    if _says(exc, _DAMAGED):
+        error_log.error("the database is damaged", exc_info=exc)
+        return errors.DatabaseDamaged(
+            "the database is damaged; `unghost doctor` on the server says more",
+            retry_after_s=AWAY_RETRY_S,
         )
     if isinstance(exc, sql.TimeoutError) or _says(exc, _LOCKED):
         return errors.DatabaseBusy(
@@ -171,7 +191,7 @@ def _translated(exc: Exception) -> Exception:
 
 
 def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
-    if not isinstance(exc, sql.OperationalError):
+    if not isinstance(exc, sql.DatabaseError):
         return False
     text = str(exc.orig).lower()
     return any(phrase in text for phrase in phrases)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import Final
 
 from app.db.engine import Database
 from app.db.migrate import migrate
@@ -14,26 +13,28 @@ from app.repositories.locks import migrating_alone
 from app.resources import migrations_dir
 from app.services import access
 from app.services.context import ServiceContext
+from app.services.data_folder import check_usable
 from app.services.export_jobs import start_exports
 from app.services.idempotency import forget_old_answers
 from app.services.runs import start_runs
+from app.services.safety_copies import keep_before_migrating
 from app.settings import Settings
-from app.storage import FolderStorage
+from app.storage import FolderStorage, make_folder
 from filter_core.config import FilterConfig
 from filter_core.config_file import load_config
 from filter_core.errors import FilterError
-
-_PRIVATE: Final = 0o700
 
 
 @contextmanager
 def running(settings: Settings) -> Iterator[ServiceContext]:
     """Bring the data folder up to date, open everything, and close it at the end."""
-    settings.data.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+    make_folder(settings.data)
     default_config = _default_config(settings)
     database = Database(settings.sqlalchemy_url)
     try:
         with migrating_alone(database.engine):
+            check_usable(settings, database.engine)
+            keep_before_migrating(settings, database.engine)
             migrate(database.engine, migrations_dir())
         with database.write() as session:
             access.ensure_first_token(session, settings.token_file)

@@ -14,6 +14,7 @@ from typing import Final
 
 import uvicorn
 from fastapi import FastAPI
+from sqlalchemy.exc import DatabaseError
 
 from app.http_protocol import ProblemProtocol
 from app.lifetime import UnusableConfig
@@ -21,6 +22,7 @@ from app.logs import configure_logging, error_log
 from app.main import create_app
 from app.memory import keep_freed_memory, settle
 from app.services.access import write_secret
+from app.services.data_folder import CannotMaintain
 from app.settings import Settings, bracketed
 
 STOP_WAIT_S: Final = 10
@@ -137,6 +139,13 @@ class _Server(uvicorn.Server):
 def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
     if isinstance(reason, UnusableConfig):
         return CannotServe(f"the configuration cannot be used: {reason}")
+    if isinstance(reason, CannotMaintain):
+        return CannotServe(str(reason))
+    if isinstance(reason, DatabaseError):
+        return CannotServe(
+            f"the service could not start with the data folder {str(settings.data)!r}: "
+            f"{reason.orig}; `unghost doctor` says more"
+        )
     if not isinstance(reason, OSError):
         error_log.error("could not start", exc_info=reason)
     text = getattr(reason, "strerror", None) or type(reason).__name__

@@ -42,6 +42,12 @@ def head_revision(scripts: Path) -> str | None:
     return ScriptDirectory.from_config(_config(scripts)).get_current_head()
 
 
+def is_known(scripts: Path, revision: str) -> bool:
+    """Whether this version has a migration of this name."""
+    known = ScriptDirectory.from_config(_config(scripts)).walk_revisions()
+    return any(script.revision == revision for script in known)
+
+
 def _run(connection: Connection, scripts: Path, revision: str) -> None:
     config = _config(scripts)
     config.attributes["connection"] = connection

@@ -128,7 +128,7 @@ def _store(
     with context.database.write() as session:
         active = context.plans.active(session, batch.dataset)
         ready = [work.ready for work in works if work.ready is not None]
-        lines = _insert(session, active, ready)
+        lines = _insert(context, session, active, ready)
         for work in works:
             if work.key not in lines:
                 lines[work.key] = _told(session, active, work)
@@ -137,7 +137,10 @@ def _store(
 
 
 def _insert(
-    session: Session, active: ActiveDataset, frames: Sequence[ReadyFrame]
+    context: ServiceContext,
+    session: Session,
+    active: ActiveDataset,
+    frames: Sequence[ReadyFrame],
 ) -> dict[str, FrameLine]:
     """Lines of the frames that are stored now, or were by somebody else meanwhile."""
     known = key_rows(session, active.row.dataset_id, [frame.key for frame in frames])
@@ -154,6 +157,9 @@ def _insert(
         else:
             lines[frame.key] = FrameLine(frame.key, same)
     if new:
+        context.storage.require(
+            file.sha256 for content, _ in new for file in content.files.rows
+        )
         written = write_frames(session, active, new)
         for (content, _), row in zip(new, written, strict=True):
             verdicts = verdict_counts(row.decisions.reason.tolist())

@@ -21,6 +21,7 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.tables import Dataset, Export
 from app.engine import Job, JobStopped
+from app.errors import AppError
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
@@ -61,7 +62,8 @@ def make_export(context: ServiceContext, export_id: int) -> None:
         _write(context, export_id)
     except JobStopped:
         return
-    except FilterError as error:
+    except (AppError, FilterError) as error:
+        log.warning("export %d failed: %s", export_id, error)
         _fail(context, export_id, {"code": error.kind, "detail": error.detail})
     except Exception:
         unexpected = {"code": "internal", "detail": "the export failed"}
@@ -95,6 +97,7 @@ def _write(context: ServiceContext, export_id: int) -> None:
         digest = context.storage.adopt(file)
     with context.database.write() as session:
         export = _at_work(session, export_id)
+        context.storage.require([digest])
         export.state, export.finished_at = "done", utc_now()
         export.sha256, export.size_bytes = digest, size_bytes
         export.counts, export.done = counts, export.total

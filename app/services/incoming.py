@@ -97,7 +97,10 @@ def received(
     )
     prepared = _prepare(context, upload)
     same = stored_already(known, prepared, dataset)
-    return _make_ready(context, active, prepared) if same is None else same
+    if same is None:
+        return _make_ready(context, active, prepared)
+    context.storage.mend(prepared.files.blobs())
+    return same
 
 
 def _prepare(context: ServiceContext, upload: FrameUpload) -> PreparedFrame:

@@ -83,6 +83,8 @@ def _insert(
     if same is not None:
         return StoredFrame(same, created=False)
     content = ready.content(active)
+    # Who collects garbage has its turn as a writer: what is there now stays there.
+    context.storage.require(file.sha256 for file in content.files.rows)
     (written,) = write_frames(session, active, [(content, known)])
     answer = None if known.frame_id else describe_new(active, content, written)
     return StoredFrame(written.frame_id, created=True, answer=answer)

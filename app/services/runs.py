@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.tables import Run
 from app.engine import Job, JobStopped
-from app.errors import Conflict
+from app.errors import AppError, Conflict
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, RunRepository
@@ -86,7 +86,8 @@ def carry_out(context: ServiceContext, run_id: int) -> None:
         _finish(context, _begin(context, run_id))
     except JobStopped:
         return
-    except FilterError as error:
+    except (AppError, FilterError) as error:
+        log.warning("run %d failed: %s", run_id, error)
         _fail(context, run_id, {"code": error.kind, "detail": error.detail})
     except Exception:
         if _fail(context, run_id, {"code": "internal", "detail": "the run failed"}):

@@ -11,12 +11,14 @@ import typer
 
 from unghost.cli import (
     audit,
+    backup,
     capture,
     config,
     convert,
     datasets,
     demo,
     diff,
+    doctor,
     evaluate,
     export,
     filter_local,
@@ -41,6 +43,7 @@ app = typer.Typer(
 _GROUPS = (
     *(serve, demo, push, filter_local, run, stats, diff),
     *(datasets, export, convert, evaluate, audit, capture),
+    *(backup, doctor),
 )
 for group in _GROUPS:
     group.register(app)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.storage import FolderStorage, sha256_of
+from app.errors import DamagedFile, TryLater
+from app.storage import FolderStorage, leftovers, make_folder, sha256_of, stored_files
 
 CONTENT = b"an image"
 DIGEST = sha256_of(CONTENT)
@@ -54,8 +55,20 @@ def test_file_then_name_then_folder_reach_the_disk(tmp_path, calls):
 def test_all_folders_reach_the_disk_before_the_first_file(tmp_path, calls):
     FolderStorage(tmp_path / "blobs").put({DIGEST: CONTENT})
 
-    assert [call for call, _ in calls] == ["fsync", "fsync", "rename", "fsync"]
-    assert calls[0] == ("fsync", "folder")
+    before = calls[: calls.index(("fsync", ".new-"))]
+    assert set(before) == {("fsync", "folder")}
+    # The folder's own name, those of the 256 in it, and its parent's.
+    assert len(before) == 3
+    assert [call for call, _ in calls[3:]] == ["fsync", "rename", "fsync"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
+def test_a_new_folder_is_lost_with_nothing_that_was_put_into_it(tmp_path, calls):
+    """The name of a folder is durable when the folder that it is in was flushed."""
+    make_folder(tmp_path / "a" / "b")
+    make_folder(tmp_path / "a" / "b")
+
+    assert calls == [("fsync", "folder"), ("fsync", "folder")]
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
@@ -96,6 +109,70 @@ def test_a_finished_file_is_adopted_under_its_digest(tmp_path):
 
     assert storage.adopt(file) == DIGEST
     assert (storage.read(DIGEST), file.exists()) == (CONTENT, False)
+
+
+@pytest.mark.parametrize("damage", [b"", CONTENT[:-1], b"am image"])
+def test_a_file_that_is_not_what_was_stored_is_never_read(tmp_path, damage):
+    storage = FolderStorage(tmp_path / "blobs")
+    storage.put({DIGEST: CONTENT})
+
+    storage.path(DIGEST).write_bytes(damage)
+
+    with pytest.raises(DamagedFile, match="is not what was stored"):
+        storage.read(DIGEST)
+
+
+def test_a_file_that_is_gone_is_said_by_its_digest(tmp_path):
+    with pytest.raises(DamagedFile, match=f"{DIGEST} is missing"):
+        FolderStorage(tmp_path / "blobs").read(DIGEST)
+
+
+@pytest.mark.parametrize("damage", [b"", CONTENT[:-1]])
+def test_half_a_file_is_written_anew_when_it_is_put_again(tmp_path, damage):
+    """A name alone said that the content is there."""
+    storage = FolderStorage(tmp_path / "blobs")
+    storage.put({DIGEST: CONTENT})
+    storage.path(DIGEST).write_bytes(damage)
+
+    storage.put({DIGEST: CONTENT})
+
+    assert storage.read(DIGEST) == CONTENT
+
+
+def test_a_file_that_is_put_again_is_not_removed_as_unused(tmp_path):
+    storage = FolderStorage(tmp_path / "blobs")
+    storage.put({DIGEST: CONTENT})
+    os.utime(storage.path(DIGEST), (1, 1))
+    long_ago = storage.path(DIGEST).stat().st_mtime
+
+    storage.put({DIGEST: CONTENT})
+
+    assert storage.remove(DIGEST, unused_since=long_ago) is None
+    storage.require([DIGEST])
+
+
+def test_nothing_refers_to_a_file_that_was_removed(tmp_path):
+    storage = FolderStorage(tmp_path / "blobs")
+    storage.put({DIGEST: CONTENT})
+
+    size = storage.remove(DIGEST, unused_since=float("inf"))
+
+    assert size == len(CONTENT)
+    with pytest.raises(TryLater, match="send the frame again"):
+        storage.require([DIGEST])
+
+
+def test_what_lies_there_is_listed_apart_from_what_was_left(tmp_path):
+    storage = FolderStorage(tmp_path / "blobs")
+    storage.put({DIGEST: CONTENT})
+    storage.draft({sha256_of(b"half"): b"half"})
+    (storage.temporary_folder() / "export-3").mkdir()
+
+    stored = [(file.digest, file.size_bytes) for file in stored_files(storage.folder)]
+    left = [path.name[:5] for path, _ in leftovers(storage.folder)]
+
+    assert stored == [(DIGEST, len(CONTENT))]
+    assert left == [".new-", "expor"]
 
 
 @pytest.mark.parametrize("name", ["", "..", "../" * 21 + "x", "A" * 64, DIGEST[:-1]])

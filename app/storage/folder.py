@@ -1,14 +1,19 @@
-"""Blobs: files named by their content, durable before anything refers to them."""
+"""A folder of blobs: putting them there, reading them, taking them away."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
+
+from app.errors import DamagedFile, TryLater
+from app.storage.durable import flush_file, flush_folder, make_folder
+from app.storage.listing import digest_of
 
 _PREFIX_LENGTH: Final = 2
 """Characters of the digest that name the sub-folder: 256 of them."""
@@ -32,7 +37,7 @@ class FolderStorage:
     """Blobs in a folder; safe for several writers, readable by any tool."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
         self._make_folders()
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
@@ -48,7 +53,7 @@ class FolderStorage:
         drafts = Drafts([self.path(digest) for digest in blobs])
         try:
             for path, data in zip(drafts.places, blobs.values(), strict=True):
-                if not path.exists():
+                if not _holds(path, len(data)):
                     drafts.files.append((self._write(path, data), path))
         except BaseException:
             self.discard([drafts])
@@ -63,14 +68,14 @@ class FolderStorage:
         """
         try:
             for draft, _ in _files(many):
-                _flush(draft)
+                flush_file(draft)
             for draft, path in _files(many):
                 draft.replace(path)
         except BaseException:
             self.discard(many)
             raise
         for folder in {path.parent for drafts in many for path in drafts.places}:
-            _flush_folder(folder)
+            flush_folder(folder)
 
     def discard(self, many: Sequence[Drafts]) -> None:
         """Take drafts away that nobody wants any more."""
@@ -81,28 +86,83 @@ class FolderStorage:
         """Where a blob lies; the name comes from its digest alone."""
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
             raise ValueError(f"not a SHA-256 digest: {digest!r}")
-        return self._folder / digest[:_PREFIX_LENGTH] / digest
+        return self.folder / digest[:_PREFIX_LENGTH] / digest
 
     def read(self, digest: str) -> bytes:
-        """A blob's bytes."""
-        return self.path(digest).read_bytes()
+        """A blob's bytes.
+
+        Raises
+        ------
+        DamagedFile
+            It is gone, or not what was stored.
+        """
+        try:
+            content = self.path(digest).read_bytes()
+        except FileNotFoundError as exc:
+            raise DamagedFile(digest, "is missing") from exc
+        if sha256_of(content) != digest:
+            raise DamagedFile(digest, "is not what was stored")
+        return content
+
+    def whole(self, digest: str, *, size_bytes: int | None) -> Path:
+        """Where a blob lies; DamagedFile if it is gone or of another size.
+
+        Its content is not looked at: whoever gets the file can do that.
+        """
+        path = self.path(digest)
+        try:
+            found = path.stat().st_size
+        except FileNotFoundError as exc:
+            raise DamagedFile(digest, "is missing") from exc
+        if size_bytes is not None and found != size_bytes:
+            raise DamagedFile(digest, f"has {found} of {size_bytes} bytes")
+        return path
+
+    def require(self, digests: Iterable[str]) -> None:
+        """Refuse to refer to a blob that somebody took away since it was put.
+
+        Raises
+        ------
+        TryLater
+            One is gone; sent again, it is put again.
+        """
+        if not all(self.path(digest).exists() for digest in digests):
+            raise TryLater("a file was cleared away meanwhile; send the frame again")
+
+    def mend(self, blobs: Mapping[str, bytes]) -> None:
+        """Put those of stored blobs again that are gone, or of another size."""
+        lost = {
+            digest: data
+            for digest, data in blobs.items()
+            if not _holds(self.path(digest), len(data))
+        }
+        if lost:
+            self.put(lost)
+
+    def remove(self, digest: str, *, unused_since: float) -> int | None:
+        """Take a blob away unless it was put again since; its size if it was."""
+        path = self.path(digest)
+        try:
+            found = path.stat()
+            if found.st_mtime > unused_since:
+                return None
+            path.unlink()
+        except FileNotFoundError:
+            return None
+        return found.st_size
 
     def adopt(self, file: Path) -> str:
         """Move a finished file of the same file system into the store."""
-        digest = hashlib.sha256()
-        with file.open("rb") as stream:
-            while chunk := stream.read(1 << 20):
-                digest.update(chunk)
-            os.fsync(stream.fileno())
-        name = digest.hexdigest()
+        flush_file(file)
+        name = digest_of(file)
         path = self.path(name)
         file.replace(path)
-        _flush_folder(path.parent)
+        flush_folder(path.parent)
         return name
 
     def temporary_folder(self) -> Path:
         """A folder on the same file system for files that are being written."""
-        folder = self._folder / "tmp"
+        folder = self.folder / "tmp"
         folder.mkdir(exist_ok=True)
         return folder
 
@@ -124,31 +184,28 @@ class FolderStorage:
     def _make_folders(self) -> None:
         # All of them now: later, a blob could find a folder that another writer has
         # made and not yet flushed, and would have to wait for two.
+        make_folder(self.folder)
         for number in range(16**_PREFIX_LENGTH):
             name = f"{number:0{_PREFIX_LENGTH}x}"
-            (self._folder / name).mkdir(parents=True, exist_ok=True)
-        _flush_folder(self._folder)
+            (self.folder / name).mkdir(exist_ok=True)
+        flush_folder(self.folder)
+        flush_folder(self.folder.parent)
 
 
 def _files(many: Sequence[Drafts]) -> list[tuple[Path, Path]]:
     return [one for drafts in many for one in drafts.files]
 
 
-def _flush(file: Path) -> None:
-    descriptor = os.open(file, os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _holds(path: Path, size_bytes: int) -> bool:
+    """Whether a blob is there and of its size: half of one is written anew.
 
-
-def _flush_folder(folder: Path) -> None:
-    # A rename is only durable once its folder is. Windows cannot open folders, and
-    # does not need to.
-    if os.name == "nt":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
+    From now on it counts as new, so that nobody collects it before its row is there.
+    """
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        if path.stat().st_size != size_bytes:
+            return False
+        with suppress(PermissionError):  # another user's; its row keeps it
+            os.utime(path)
+    except FileNotFoundError:
+        return False
+    return True

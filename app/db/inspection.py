@@ -1,0 +1,155 @@
+"""Looking at a database without changing it, and copying one that is in use."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import Engine, create_engine, event, make_url
+from sqlalchemy.exc import DBAPIError
+
+PAGES_AT_A_TIME: Final = 4096
+"""16 MiB: how often a copy tells how far it is."""
+MOST_PROBLEMS: Final = 20
+_WANTED: Final = (
+    "SELECT sha256 FROM frame_files "
+    "UNION SELECT sha256 FROM exports WHERE state = 'done' AND sha256 IS NOT NULL"
+)
+_MEMORY: Final = ("", ":memory:")
+
+Advance = Callable[[int, "int | None"], None]
+
+
+def sqlite_file(url: str) -> Path | None:
+    """The file of a SQLite database; None for a database on a server."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() != "sqlite" or (parsed.database or "") in _MEMORY:
+        return None
+    return Path(parsed.database or "")
+
+
+def copy_database(source: Path, target: Path, advance: Advance) -> None:
+    """Copy a SQLite database as it is now, while others go on writing to it.
+
+    The copy is one file that needs no log beside it.
+    """
+    with (
+        closing(sqlite3.connect(_uri(source, "rw"), uri=True)) as database,
+        closing(sqlite3.connect(target)) as copy,
+    ):
+        database.isolation_level = None
+        database.execute("PRAGMA busy_timeout=30000")
+        # One state for the whole copy: without it, each commit would begin it anew.
+        database.execute("BEGIN")
+        database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        database.backup(
+            copy,
+            pages=PAGES_AT_A_TIME,
+            progress=lambda _status, left, total: advance(total - left, total),
+            sleep=0,
+        )
+        copy.execute("PRAGMA journal_mode=DELETE")
+
+
+def problems_of(file: Path) -> list[str]:
+    """What is wrong with a SQLite file that nobody else uses; nothing, if all is well.
+
+    Raises
+    ------
+    sqlite3.DatabaseError
+        It cannot be read at all.
+    """
+    with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
+        return list(_problems(lambda text: database.execute(text).fetchall()))
+
+
+def revision_of(file: Path) -> str | None:
+    """The schema of a SQLite file that nobody else uses; None if it has none."""
+    with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
+        try:
+            row = database.execute("SELECT version_num FROM alembic_version").fetchone()
+        except sqlite3.OperationalError:
+            return None
+    return None if row is None else str(row[0])
+
+
+def wanted_files(file: Path) -> set[str]:
+    """Digests of all blobs that a SQLite file refers to, whatever its schema."""
+    with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
+        return {row[0] for row in database.execute(_WANTED)}
+
+
+def problems_in(engine: Engine) -> list[str]:
+    """What is wrong with a database in use, as far as it can tell itself.
+
+    PostgreSQL keeps its own keys; there, only whether it answers is asked.
+    """
+    try:
+        with engine.connect() as connection:
+            if engine.dialect.name != "sqlite":
+                connection.exec_driver_sql("SELECT 1")
+                return []
+            return list(
+                _problems(
+                    lambda text: [
+                        tuple(row) for row in connection.exec_driver_sql(text)
+                    ]
+                )
+            )
+    except DBAPIError as exc:
+        return [str(exc.orig)]
+
+
+def _problems(ask: Callable[[str], list[tuple[object, ...]]]) -> Iterator[str]:
+    for (text,) in ask(f"PRAGMA integrity_check({MOST_PROBLEMS})"):
+        if text != "ok":
+            yield str(text)
+    orphans = ask("PRAGMA foreign_key_check")
+    for table, row, parent, _ in orphans[:MOST_PROBLEMS]:
+        yield f"row {row} of {table} has no parent in {parent}"
+
+
+@contextmanager
+def looking_at(url: str) -> Iterator[Engine]:
+    """An engine that changes nothing, and makes no database that is not there.
+
+    Where nothing can be written, a SQLite file is taken as it is, without its log.
+    """
+    file = sqlite_file(url)
+    if file is not None:
+        mode = "mode=rw" if _opens(file) else "mode=ro&immutable=1"
+        url = f"sqlite:///file:{_quoted(file)}?{mode}&uri=true"
+    engine = create_engine(url)
+    if file is not None:
+        event.listen(engine, "connect", _only_ask)
+    try:
+        yield engine
+    finally:
+        engine.dispose()
+
+
+def _opens(file: Path) -> bool:
+    try:
+        with closing(sqlite3.connect(_uri(file, "rw"), uri=True)) as database:
+            database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError:
+        return False
+    except sqlite3.DatabaseError:
+        return True  # damaged: whoever looks at it will say so
+    return True
+
+
+def _only_ask(connection: sqlite3.Connection, _record: object) -> None:
+    connection.execute("PRAGMA query_only=ON")
+    connection.execute("PRAGMA busy_timeout=30000")
+
+
+def _uri(file: Path, mode: str) -> str:
+    return f"file:{_quoted(file)}?mode={mode}"
+
+
+def _quoted(file: Path) -> str:
+    return file.resolve().as_posix().replace("%", "%25").replace("?", "%3f")

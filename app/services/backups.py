@@ -1,0 +1,222 @@
+"""Copies of a whole data folder, made while it is served.
+
+A backup is a folder, or a tar of the same: the database, the files under `blobs/`, and
+at last a label. The database is copied first, at one instant; while a backup is made,
+files are only added, so each that the copy refers to is there.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tarfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Final
+
+from app.db.inspection import copy_database, revision_of, wanted_files
+from app.errors import DamagedFile
+from app.services.backup_reading import (
+    DATABASE,
+    FORMAT,
+    LABEL,
+    BackupLabel,
+    blob_name,
+    size_of,
+    unpack,
+)
+from app.services.data_folder import (
+    BLOBS,
+    CannotMaintain,
+    Steps,
+    alone,
+    database_file,
+    no_database,
+)
+from app.settings import Settings
+from app.storage import (
+    FolderStorage,
+    digest_of,
+    flush_everything,
+    flush_file,
+    flush_folder,
+    make_folder,
+)
+from app.version import VERSION
+
+TAR: Final = ".tar"
+_PRIVATE: Final = 0o600
+
+
+@dataclass(frozen=True)
+class Backup:
+    """A backup that was made and read again; `left_out` are damaged files."""
+
+    path: Path
+    files: int
+    size_bytes: int
+    schema: str
+    left_out: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As it is printed."""
+        return {**vars(self), "path": str(self.path)}
+
+
+@dataclass
+class _Writing:
+    """A backup that is being written."""
+
+    folder: Path
+    archive: tarfile.TarFile | None
+    files: int = 0
+    left_out: list[str] = field(default_factory=list)
+
+    def add(self, name: str, file: Path) -> None:
+        """Put a finished file in."""
+        if self.archive is None:
+            target = self.folder / name
+            if target == file:
+                return
+            target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            shutil.copyfile(file, target)
+            target.chmod(_PRIVATE)
+            return
+        entry = tarfile.TarInfo(name)
+        entry.size, entry.mode = file.stat().st_size, _PRIVATE
+        entry.mtime = int(file.stat().st_mtime)
+        with file.open("rb") as stream:
+            self.archive.addfile(entry, stream)
+
+
+def make_backup(
+    settings: Settings, target: Path, *, incomplete: bool, steps: Steps
+) -> Backup:
+    """Copy a data folder into a folder, or into a file if the name ends in ``.tar``.
+
+    It gets its name when it is complete, was read again and is on the disk.
+
+    Raises
+    ------
+    CannotMaintain
+        There is something of this name, or files are damaged and may not be left out.
+    """
+    source = _source(settings)
+    target = target.absolute()
+    if target.exists():
+        raise CannotMaintain(f"{target} exists already; a backup replaces nothing")
+    if settings.data.resolve() in target.resolve().parents:
+        raise CannotMaintain("a backup inside the data folder would be lost with it")
+    with alone(settings), _draft_of(target) as draft:
+        with _writing(target, draft) as writing:
+            database = writing.folder / DATABASE
+            with steps("copy the database", "pages") as advance:
+                copy_database(source, database, advance)
+            database.chmod(_PRIVATE)
+            writing.add(DATABASE, database)
+            _add_files(settings, writing, steps, incomplete=incomplete)
+            label = _label(writing)
+            text = writing.folder / LABEL
+            text.write_text(label.text(), "utf-8")
+            text.chmod(_PRIVATE)
+            writing.add(LABEL, text)
+        written = draft / target.name
+        _check(written, draft, steps)
+        size_bytes = size_of(written)
+        _flush(written)
+        written.rename(target)
+        flush_folder(target.parent)
+    return Backup(target, label.files, size_bytes, label.schema, label.left_out)
+
+
+def _source(settings: Settings) -> Path:
+    file = database_file(settings)
+    if file is None:
+        raise CannotMaintain(
+            "the database is on a PostgreSQL server: save it with `pg_dump "
+            "--format=custom`, and after that copy the folder "
+            f"{str(settings.data / BLOBS)!r}; run no `unghost gc` in between. "
+            "`pg_restore` and copying the folder back restore both"
+        )
+    if not file.is_file():
+        raise CannotMaintain(no_database(settings))
+    return file
+
+
+@contextmanager
+def _draft_of(target: Path) -> Iterator[Path]:
+    """A folder beside the target for what is not complete, gone at the end."""
+    draft = target.with_name(f".{target.name}.partial")
+    # Whatever a killed backup left: no other one is at work on this data folder.
+    shutil.rmtree(draft, ignore_errors=True)
+    make_folder(target.parent)
+    draft.mkdir(mode=0o700)
+    try:
+        yield draft
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def _writing(target: Path, draft: Path) -> Iterator[_Writing]:
+    written = draft / target.name
+    if target.suffix != TAR:
+        written.mkdir(mode=0o700)
+        yield _Writing(written, None)
+        return
+    with tarfile.open(written, "x:", format=tarfile.PAX_FORMAT) as archive:
+        written.chmod(_PRIVATE)
+        yield _Writing(draft, archive)
+
+
+def _add_files(
+    settings: Settings, writing: _Writing, steps: Steps, *, incomplete: bool
+) -> None:
+    storage = FolderStorage(settings.data / BLOBS)
+    digests = sorted(wanted_files(writing.folder / DATABASE))
+    with steps("copy the files", "files") as advance:
+        for done, digest in enumerate(digests, 1):
+            try:
+                file = storage.whole(digest, size_bytes=None)
+                if digest_of(file) != digest:
+                    raise DamagedFile(digest, "is not what was stored")
+                writing.add(blob_name(digest), file)
+                writing.files += 1
+            except DamagedFile as exc:
+                if not incomplete:
+                    raise CannotMaintain(
+                        f"{exc}; --incomplete makes a backup without them"
+                    ) from exc
+                writing.left_out.append(digest)
+            advance(done, len(digests))
+
+
+def _label(writing: _Writing) -> BackupLabel:
+    database = writing.folder / DATABASE
+    return BackupLabel(
+        format=FORMAT,
+        version=VERSION,
+        schema=revision_of(database) or "",
+        created_at=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        files=writing.files,
+        database_sha256=digest_of(database),
+        left_out=tuple(writing.left_out),
+    )
+
+
+def _check(written: Path, draft: Path, steps: Steps) -> None:
+    again = draft / ".again"
+    again.mkdir()
+    with steps("read the backup again", "MB") as advance:
+        unpack(written, again, advance, keep=False)
+
+
+def _flush(written: Path) -> None:
+    if written.is_file():
+        flush_file(written)
+        return
+    for name in (DATABASE, LABEL):
+        flush_file(written / name)
+    flush_everything(written)

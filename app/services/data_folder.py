@@ -1,0 +1,125 @@
+"""The data folder as commands beside the server find it, without changing it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import Engine
+from sqlalchemy import exc as sql
+
+from app.db.engine import Database
+from app.db.inspection import sqlite_file
+from app.db.migrate import current_revision, head_revision, is_known
+from app.resources import migrations_dir
+from app.settings import Settings
+from app.storage import FolderInUse, alone_in, stored_files
+
+BLOBS: Final = "blobs"
+RESTORING: Final = ".restoring"
+"""Holds a restore until it is complete."""
+
+Advance = Callable[[int, "int | None"], None]
+Steps = Callable[[str, str], AbstractContextManager[Advance]]
+"""Opens a progress bar: what is done, and the unit it is counted in."""
+
+
+class CannotMaintain(Exception):
+    """A command cannot do what was asked of it; the text says why and what to do."""
+
+
+def database_file(settings: Settings) -> Path | None:
+    """The file of the database; None if it is on a server."""
+    return sqlite_file(settings.sqlalchemy_url)
+
+
+def check_usable(settings: Settings, engine: Engine) -> None:
+    """Refuse to open, as the service, what would hide or destroy what is there.
+
+    Raises
+    ------
+    CannotMaintain
+        The database is gone while its files are there, was half restored, or belongs
+        to a newer version.
+    """
+    file = database_file(settings)
+    # Asked for, a database that is not there would be made.
+    there = file is None or file.exists()
+    revision = current_revision(engine) if there else None
+    if revision is None and (settings.data / RESTORING).exists():
+        raise CannotMaintain(
+            f"a restore into {str(settings.data)!r} was interrupted; "
+            "run `unghost restore` again"
+        )
+    if revision is None and any(stored_files(settings.data / BLOBS)):
+        raise CannotMaintain(
+            f"the database of {str(settings.data)!r} is missing, but its files are "
+            "there; put it back, restore a backup into another folder, or begin anew "
+            "in another folder"
+        )
+    if revision is not None and not is_known(migrations_dir(), revision):
+        raise CannotMaintain(newer(revision))
+
+
+def newer(revision: str) -> str:
+    """What to say of a database that this version does not know."""
+    return (
+        f"the database is at schema {revision}, this version knows only up to "
+        f"{head_revision(migrations_dir())}: a newer Unghost wrote it; install that "
+        "one, or restore a backup from before"
+    )
+
+
+@contextmanager
+def opened(settings: Settings) -> Iterator[Database]:
+    """The database of an existing data folder, at the schema of this version.
+
+    Raises
+    ------
+    CannotMaintain
+        There is none, or it is at another schema.
+    """
+    file = database_file(settings)
+    if file is not None and not file.is_file():
+        raise CannotMaintain(no_database(settings))
+    database = Database(settings.sqlalchemy_url)
+    try:
+        try:
+            revision = current_revision(database.engine)
+        except sql.DatabaseError as exc:
+            raise CannotMaintain(
+                f"the database cannot be read: {exc.orig}; `unghost doctor` says more"
+            ) from exc
+        if revision is None or not is_known(migrations_dir(), revision):
+            raise CannotMaintain(newer(revision) if revision else no_database(settings))
+        if revision != head_revision(migrations_dir()):
+            raise CannotMaintain(
+                f"the database is at schema {revision}; start `unghost serve` once, "
+                "which brings it up to date"
+            )
+        yield database
+    finally:
+        database.close()
+
+
+def no_database(settings: Settings) -> str:
+    """What to say of a folder that is no data folder."""
+    return (
+        f"there is no database in {str(settings.data)!r}; name the data folder with "
+        "--data DIR or UNGHOST_DATA"
+    )
+
+
+@contextmanager
+def alone(settings: Settings) -> Iterator[None]:
+    """Hold the data folder against other backups and collections of garbage."""
+    try:
+        with alone_in(settings.data):
+            yield
+    except FolderInUse as exc:
+        raise CannotMaintain(
+            "a backup, or a collection of garbage, is at work already in "
+            f"{str(settings.data)!r}; try again when it is over"
+        ) from exc

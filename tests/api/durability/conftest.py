@@ -1,0 +1,85 @@
+"""A data folder that was served and is left alone, and commands that work on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from app.services.backups import make_backup
+from app.services.data_folder import Advance
+from app.services.doctor import Finding, Severity, examine
+from app.services.restoring import Restored, restore
+from app.settings import Settings
+from tests.api import frames as scene
+from tests.api.command_line import CommandLine
+from tests.api.resources import Api
+from tests.servers import RunningServer, running_server
+from tests.services import running_services
+
+
+@contextmanager
+def served(data: Path, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
+    """A server of a data folder, and an admin's client of it."""
+    with running_server(data, settings) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api
+
+
+@contextmanager
+def silently(_title: str, _unit: str) -> Iterator[Advance]:
+    """Progress that nobody watches."""
+    yield lambda _done, _total: None
+
+
+def backed_up(data: Path, target: Path, *, incomplete: bool = False) -> Path:
+    """A backup of a data folder."""
+    settings = Settings(data=data)
+    return make_backup(settings, target, incomplete=incomplete, steps=silently).path
+
+
+def restored(backup: Path, data: Path) -> Restored:
+    """A data folder of a backup."""
+    return restore(Settings(data=data), backup, silently)
+
+
+def examined(data: Path, **settings: object) -> dict[str, Finding]:
+    """What the doctor finds that is not as it should be, files read and all."""
+    chosen = Settings.model_validate({"data": data, **settings})
+    return {
+        finding.check: finding
+        for finding in examine(chosen, verify=True, steps=silently)
+        if finding.severity is not Severity.OK
+    }
+
+
+@pytest.fixture
+def unghost(tmp_path: Path) -> CommandLine:
+    """The command line, with the test's data folder as its own."""
+    return CommandLine(tmp_path, {"UNGHOST_DATA": str(tmp_path / "data")})
+
+
+@pytest.fixture
+def filled(tmp_path: Path) -> Path:
+    """A data folder of two frames with an image and a segmentation each."""
+    data = tmp_path / "data"
+    with running_services(data) as services:
+        street = services.dataset()
+        for number in range(2):
+            street.put(
+                f"f/{number}",
+                scene.annotation(),
+                image=scene.image(number),
+                segmentation=scene.segmentation(number),
+            )
+    return data
+
+
+def blobs(data: Path) -> list[Path]:
+    """The stored files of a data folder."""
+    return sorted(
+        path for path in (data / "blobs").glob("??/*") if len(path.name) == 64
+    )
