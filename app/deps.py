@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from typing import Annotated, Final, TypeVar
 
 from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
@@ -91,7 +92,9 @@ async def _identify(request: Request) -> Principal:
     principal = callers.find(shown)
     if principal is None:
         before = callers.taken_back
-        principal = await run_in_threadpool(_look_up, request, header, cookie or "")
+        secret = (cookie if header is None else bearer_token(header)) or ""
+        with unless_guessing(request, secret):
+            principal = await run_in_threadpool(_look_up, request, header, secret)
         callers.remember(shown, principal, before)
     by_page = header is None and request.method not in SAFE_METHODS
     if by_page and not comes_from_own_page(request.headers):
@@ -99,11 +102,25 @@ async def _identify(request: Request) -> Principal:
     return principal
 
 
-def _look_up(request: Request, header: str | None, cookie: str) -> Principal:
+@contextmanager
+def unless_guessing(request: Request, secret: str) -> Iterator[None]:
+    """Around looking a secret up: TooManyRequests if too many came from there."""
+    guesses = services_of(request).failed_logins
+    address = request.client.host if request.client else None
+    guesses.check(address, secret)
+    try:
+        yield
+    except Unauthorised:
+        guesses.failed(address, secret)
+        raise
+    guesses.succeeded(address, secret)
+
+
+def _look_up(request: Request, header: str | None, secret: str) -> Principal:
     with database_of(request).read() as session:
         if header is not None:
-            return access.by_token(session, bearer_token(header) or "")
-        return access.by_session(session, cookie)
+            return access.by_token(session, secret)
+        return access.by_session(session, secret)
 
 
 def current_principal(request: Request) -> Principal:

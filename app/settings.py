@@ -51,6 +51,11 @@ class Settings(BaseSettings):
         description="Host names under which the service may be asked, separated by "
         "commas, beside localhost and the address it listens on; * allows any.",
     )
+    trusted_proxies: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(),
+        description="Addresses or networks, separated by commas, of proxies whose "
+        "X-Forwarded-For and X-Forwarded-Proto are believed.",
+    )
     log_level: LogLevel = Field(
         default="info", description="debug, info, warning or error."
     )
@@ -75,6 +80,8 @@ class Settings(BaseSettings):
         default=ByteSize(256 * 1024**2),
         ge=0,
         description="Free disk space below which the service says it is not ready.",
+    )
+        default=20,
     )
     idempotency_hours: int = Field(
         default=72,
@@ -140,8 +147,18 @@ class Settings(BaseSettings):
         ge=1,
         description="Most runs and exports that may wait or work at the same time.",
     )
+    max_open_jobs_per_token: int = Field(
+        default=20,
+        ge=1,
+        description="Most runs and exports of one token that may wait or work.",
+    )
     max_event_streams: int = Field(
         default=64, ge=1, description="Most progress streams open at the same time."
+    )
+    max_event_streams_per_token: int = Field(
+        default=16,
+        ge=1,
+        description="Most progress streams that one token may have open.",
     )
     event_heartbeat_s: float = Field(
         default=15,
@@ -149,7 +166,14 @@ class Settings(BaseSettings):
         description="Seconds after which a silent progress stream shows that it lives.",
     )
 
-    @field_validator("allowed_hosts", mode="before")
+    max_failed_logins: int = Field(
+        default=20,
+        ge=1,
+        description="Different wrong tokens from one address within a minute, after "
+        "which more of them have to wait.",
+    )
+
+    @field_validator("allowed_hosts", "trusted_proxies", mode="before")
     @classmethod
     def _split_hosts(cls, value: object) -> object:
         if isinstance(value, str):

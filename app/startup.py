@@ -156,12 +156,19 @@ def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
 
 
 def server_config(app: FastAPI) -> uvicorn.Config:
-    """How uvicorn serves the app: quietly, our own access log says it better."""
+    """How uvicorn serves the app: quietly, our own access log says it better.
+
+    Where a request comes from is what its connection says, unless that is a proxy that
+    the settings trust: anybody can write a header.
+    """
+    proxies = app.state.settings.trusted_proxies
     return uvicorn.Config(
         app,
         access_log=False,
         log_config=None,
         server_header=False,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=list(proxies),
         timeout_graceful_shutdown=STOP_WAIT_S,
         lifespan="on",
         ws="none",

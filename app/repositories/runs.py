@@ -104,13 +104,15 @@ class RunRepository:
         )
         return self._session.scalar(rows.order_by(Run.id.desc()).limit(1))
 
-    def open_count(self) -> int:
-        """How many runs wait or work."""
+    def open_count(self, author: str | None = None) -> int:
+        """How many runs wait or work: all, or those of one token."""
         rows = (
             select(func.count())
             .select_from(Run)
             .where(Run.state.in_(("queued", "running")))
         )
+        if author is not None:
+            rows = rows.where(Run.created_by == author)
         return self._session.scalar(rows) or 0
 
     def that_flipped(self, dataset_id: int, box_id: int) -> list[Run]:
@@ -164,13 +166,15 @@ class ExportRepository:
         rows = select(Export).where(Export.state.in_(("queued", "running")))
         return list(self._session.scalars(rows.order_by(Export.id)))
 
-    def open_count(self) -> int:
-        """How many exports wait or work."""
+    def open_count(self, author: str | None = None) -> int:
+        """How many exports wait or work: all, or those of one token."""
         rows = (
             select(func.count())
             .select_from(Export)
             .where(Export.state.in_(("queued", "running")))
         )
+        if author is not None:
+            rows = rows.where(Export.created_by == author)
         return self._session.scalar(rows) or 0
 
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Final
 from fastapi import Depends, Request
 
 from app.deps import settings_of
-from app.errors import TooLarge, UnsupportedMedia
+from app.errors import UnsupportedMedia
+from app.middleware import BODY_ALLOWANCE
 from filter_core.config_file import LoadedConfig, load_config
 
 _MEDIA_TYPES: Final = (
@@ -27,12 +28,8 @@ async def config_body(request: Request) -> LoadedConfig:
             f"it says {media_type or 'nothing'!r}"
         )
     limit = settings_of(request).max_config_bytes
-    content = await request.body()
-    if len(content) > limit:
-        raise TooLarge(
-            f"the configuration has {len(content)} bytes, expected at most {limit}"
-        )
-    return load_config(content)
+    request.scope[BODY_ALLOWANCE].max_bytes = int(limit)
+    return load_config(await request.body())
 
 
 ConfigBody = Annotated[LoadedConfig, Depends(config_body)]

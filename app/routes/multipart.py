@@ -42,9 +42,9 @@ async def read_parts(
     Raises
     ------
     BadRequest
-        ``bad_multipart``: not a form, more parts than allowed, or one cut short.
+        ``bad_multipart``: not a form, or one cut short.
     TooLarge
-        A part grew beyond its limit; the rest is not read.
+        More parts than allowed, or one grew beyond its limit; the rest is not read.
     """
     form = _Form(limits)
     try:
@@ -95,7 +95,7 @@ class _Form:
 
     def _begin(self) -> None:
         if len(self.parts) == self.limits.max_parts:
-            raise _unreadable(f"it has more than {self.limits.max_parts} parts")
+            raise TooLarge(f"the form has more than {self.limits.max_parts} parts")
         self._name = ""
         self._disposition = self._header = self._value = b""
         self._chunks: list[memoryview] = []

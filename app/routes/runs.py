@@ -14,6 +14,7 @@ from app.deps import (
     ReadSession,
     RowId,
     WriteSession,
+    current_principal,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
@@ -105,10 +106,11 @@ async def watch_run(
     last_event_id: LastEventId = None,
 ) -> Response:
     """How a run goes on, as server-sent events; the last one is `end`."""
-    run, after = await newest(services, run_id), number_of(last_event_id)
+    token_id, after = current_principal(request).token_id, number_of(last_event_id)
+    run = await newest(services, run_id, token_id)
     if is_over(run) and after >= end_number(run):
         return Response(status_code=204)
-    return event_stream(request, run_events(services, run_id, after))
+    return event_stream(request, run_events(services, run_id, after, token_id))
 
 
 @router.post("/runs/{run_id}/cancel", status_code=202, response_model=RunOut)

@@ -14,6 +14,7 @@ from app.deps import (
     CurrentPrincipal,
     ReadSession,
     WriteSession,
+    unless_guessing,
 )
 from app.errors import Forbidden
 from app.routing import ApiRouter, OpenRouter
@@ -55,7 +56,8 @@ def log_in(
     if not comes_from_no_other_page(request.headers):
         raise Forbidden("only the service's own page may log in")
     # Guessing tokens must not keep others from writing.
-    principal = access.by_token(reading, body.token)
+    with unless_guessing(request, body.token):
+        principal = access.by_token(reading, body.token)
     lifetime = timedelta(hours=settings.session_hours)
     response = Response(status_code=204)
     response.set_cookie(

@@ -10,6 +10,7 @@ from app.engine import LocalEngine
 from app.services.active import PlanCache
 from app.services.blob_count import BlobCount
 from app.services.callers import RecentCallers
+from app.services.failed_logins import FailedLogins
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
 from app.services.shared_looks import SharedLooks
@@ -36,7 +37,15 @@ class ServiceContext:
     @cached_property
     def looks(self) -> SharedLooks:
         """Looks at runs that are watched, shared by all who watch them."""
-        return SharedLooks(self.settings.max_event_streams)
+        settings = self.settings
+        return SharedLooks(
+            settings.max_event_streams, settings.max_event_streams_per_token
+        )
+
+    @cached_property
+    def failed_logins(self) -> FailedLogins:
+        """Wrong tokens by where they came from."""
+        return FailedLogins(self.settings.max_failed_logins)
 
     def close(self) -> None:
         """Stop the work; the database is closed by who opened it."""

@@ -30,7 +30,7 @@ class RunEvent(NamedTuple):
 
 
 async def run_events(
-    context: ServiceContext, run_id: int, after: int
+    context: ServiceContext, run_id: int, after: int, token_id: int
 ) -> AsyncGenerator[RunEvent | None, None]:
     """Each change of a run that comes after an event, and at last its end.
 
@@ -39,7 +39,7 @@ async def run_events(
     """
     read = partial(_look, context)
     # Somebody may have taken the last place since `newest` found one: ask again.
-    with suppress(TooManyRequests), context.looks.watching(run_id):
+    with suppress(TooManyRequests), context.looks.watching(run_id, token_id):
         while not context.engine.stopping.is_set():
             run = await context.looks.look(run_id, read)
             if run is None:
@@ -53,9 +53,9 @@ async def run_events(
             await sleep(INTERVAL_S)
 
 
-async def newest(context: ServiceContext, run_id: int) -> dict[str, Any]:
+async def newest(context: ServiceContext, run_id: int, token_id: int) -> dict[str, Any]:
     """A run as it is now; NotFound."""
-    with context.looks.watching(run_id):
+    with context.looks.watching(run_id, token_id):
         run = await context.looks.look(run_id, partial(_look, context))
     if run is None:
         raise NotFound("run", run_id)

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from sqlalchemy.orm import Session
 
 from app.db.tables import ConfigVersion, Dataset, Measurement, Run
-from app.errors import NotFound, TooManyRequests
+from app.errors import NotFound
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import active_version, add_version, config_of
 from app.services.context import ServiceContext
+from app.services.job_quota import require_a_place
 from app.services.measuring import DatasetReading, MeasurePlan, plan_for
 from app.version import FILTER_CORE_VERSION
 from filter_core.config import FilterConfig
@@ -36,16 +37,13 @@ def request_run(
     context: ServiceContext, session: Session, dataset: Dataset, wanted: RunRequest
 ) -> Run:
     """Store a queued run; start it when the transaction is over (`start_runs`)."""
-    runs = RunRepository(session)
-    limit = context.settings.max_open_runs
-    if runs.open_count() >= limit:
-        raise TooManyRequests(f"{limit} runs wait or work already; try later")
+    require_a_place(session, context.settings, wanted.author)
     version = _version(session, dataset, wanted)
     config = config_of(version)
     reading = wanted.reading or coming_settings(session, dataset)[0]
     plan = plan_for(reading, config).with_channels(wanted.channels)
     measurement = _measurement_for(session, dataset, reading, plan)
-    return runs.add(
+    return RunRepository(session).add(
         Run(
             dataset_id=dataset.id,
             config_id=version.id,

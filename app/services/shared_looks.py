@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -36,8 +37,10 @@ class SharedLooks:
     thread of its own: those that requests share may all be waiting for a transaction.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, most_of_one: int) -> None:
         self._most = most
+        self._most_of_one = most_of_one
+        self._by_token: Counter[int] = Counter()
         self._watched: dict[int, _Watched] = {}
         self._thread = CapacityLimiter(1)
 
@@ -47,22 +50,30 @@ class SharedLooks:
         return sum(each.watchers for each in list(self._watched.values()))
 
     @contextmanager
-    def watching(self, key: int) -> Iterator[None]:
+    def watching(self, key: int, token_id: int) -> Iterator[None]:
         """Keep looks at this row for as long as the block lasts.
 
         Raises
         ------
         TooManyRequests
-            As many watch already as may at the same time.
+            As many watch already as may at the same time, by all tokens or by this.
         """
+        if self._by_token[token_id] >= self._most_of_one:
+            raise TooManyRequests(
+                f"{self._most_of_one} streams of this token are open already; close one"
+            )
         if self.watchers >= self._most:
             raise TooManyRequests(f"{self._most} streams are open already; try later")
         watched = self._watched.setdefault(key, _Watched())
         watched.watchers += 1
+        self._by_token[token_id] += 1
         try:
             yield
         finally:
             watched.watchers -= 1
+            self._by_token[token_id] -= 1
+            if not self._by_token[token_id]:
+                del self._by_token[token_id]
             if not watched.watchers:
                 del self._watched[key]
 

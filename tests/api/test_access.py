@@ -158,11 +158,13 @@ def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(service, anybody)
     }
 
 
-def test_the_cookie_is_for_tls_only_where_there_is_tls(service):
+@pytest.mark.parametrize("proxies", [(), ("127.0.0.0/8",), ("192.0.2.1",)])
+def test_the_cookie_is_for_tls_only_where_a_trusted_proxy_says_so(serve, proxies):
+    service = serve(trusted_proxies=proxies)
     with service.client(**{"X-Forwarded-Proto": "https"}) as browser:
         cookie = log_in(service, browser).headers["set-cookie"]
 
-    assert "secure" in cookie.lower()
+    assert ("secure" in cookie.lower()) == (proxies == ("127.0.0.0/8",))
 
 
 def test_a_session_reads_and_outlives_a_restart(serve):

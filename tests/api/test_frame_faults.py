@@ -292,5 +292,5 @@ def test_limits_are_those_of_the_settings(start_api):
     assert "2" in boxes.json()["detail"]
     assert side.json()["code"] == "image_too_large"
     assert (file.status_code, field.status_code) == (413, 413)
-    assert (parts.status_code, parts.json()["code"]) == (400, "bad_multipart")
+    assert (parts.status_code, parts.json()["code"]) == (413, "too_large")
     nothing_is_stored(api, dataset)

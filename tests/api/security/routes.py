@@ -80,4 +80,4 @@ def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
 
 def operations(route: APIRoute) -> set[Operation]:
     """The methods of a route, each with its path."""
-    return {(method, route.path) for method in route.methods}
+    return {(method, route.path) for method in route.methods or ()}
