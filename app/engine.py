@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from itertools import islice
 from typing import Final, NamedTuple, TypeVar
 
@@ -29,6 +30,33 @@ class Job(NamedTuple):
     id: int
 
 
+class Stop:
+    """Whether the service stops; who waits for something else is told at once."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+        self._told: list[Callable[[], None]] = []
+
+    def is_set(self) -> bool:
+        """True from the moment on at which the service was asked to stop."""
+        return self._event.is_set()
+
+    def set(self) -> None:
+        """It is to stop. Called by the thread of those who want to be told."""
+        self._event.set()
+        for tell in list(self._told):
+            tell()
+
+    @contextmanager
+    def telling(self, tell: Callable[[], None]) -> Iterator[None]:
+        """Call this when the service stops, for as long as the block lasts."""
+        self._told.append(tell)
+        try:
+            yield
+        finally:
+            self._told.remove(tell)
+
+
 class LocalEngine:
     """The embedded engine. OpenCV lets go of the interpreter: threads suffice."""
 
@@ -36,7 +64,7 @@ class LocalEngine:
         self.workers = workers
         self._pixels: Executor = ThreadPoolExecutor(workers, "pixels")
         self._jobs = ThreadPoolExecutor(1, "jobs")
-        self.stopping = threading.Event()
+        self.stopping = Stop()
         self._busy = 0
         self._counting = threading.Lock()
         self._unwanted: set[Job] = set()
@@ -63,15 +91,21 @@ class LocalEngine:
     def map(
         self, work: Callable[[_Item], _Result], items: Iterable[_Item]
     ) -> Generator[_Result, None, None]:
-        """Results in the order of the items, a bounded number of them in flight."""
+        """Results in the order of the items, a bounded number of them in flight.
+
+        They end early when the service stops: what was begun is given, the rest is not.
+        """
         source = iter(items)
         waiting: list[Future[_Result]] = [
             self.start(work, item) for item in islice(source, self.workers * WINDOW)
         ]
         try:
             while waiting:
-                yield waiting.pop(0).result()
-                for item in islice(source, 1):
+                future = waiting.pop(0)
+                if self.stopping.is_set() and future.cancel():
+                    continue
+                yield future.result()
+                for item in () if self.stopping.is_set() else islice(source, 1):
                     waiting.append(self.start(work, item))
         finally:
             # Nobody will ask for what is left when a job ends early.
@@ -100,7 +134,13 @@ class LocalEngine:
 
     def check(self, job: Job) -> None:
         """Raise `JobStopped` where a job that goes on would work in vain."""
-        if self.stopping.is_set() or job in self._unwanted:
+        if self.stopping.is_set():
+            raise JobStopped(job)
+        self.check_wanted(job)
+
+    def check_wanted(self, job: Job) -> None:
+        """Raise `JobStopped` only if nobody wants what the job has done so far."""
+        if job in self._unwanted:
             raise JobStopped(job)
 
     def report(self, job: Job, done: int) -> None:
@@ -117,7 +157,8 @@ class LocalEngine:
 
     def close(self) -> None:
         """Let the running job notice, then wait for it."""
-        self.stopping.set()
+        if not self.stopping.is_set():
+            self.stopping.set()
         self._jobs.shutdown(cancel_futures=True)
         self._pixels.shutdown(cancel_futures=True)
 

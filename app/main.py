@@ -15,6 +15,7 @@ from starlette.middleware import Middleware
 
 from app import http_errors, openapi, routes
 from app.deps import MAX_WRITERS
+from app.draining import NoNewWork
 from app.lifetime import running
 from app.metrics import RequestMetrics
 from app.middleware import (
@@ -91,6 +92,7 @@ def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middlewar
         Middleware(AccessLog, metrics=metrics),
         Middleware(SecurityHeaders, content_security_policy=policy),
         Middleware(Problems),
+        Middleware(NoNewWork),
         Middleware(KnownHosts, hosts=settings.served_hosts),
         Middleware(BodyLimit, max_body_bytes=int(settings.max_body_bytes)),
     ]

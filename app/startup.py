@@ -16,14 +16,16 @@ import uvicorn
 from fastapi import FastAPI
 from sqlalchemy.exc import DatabaseError
 
+from app.graceful import GracefulServer, exit_on_sigterm
 from app.http_protocol import ProblemProtocol
 from app.lifetime import UnusableConfig
-from app.logs import configure_logging, error_log
+from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
 from app.memory import keep_freed_memory, settle
 from app.services.access import write_secret
 from app.services.data_folder import CannotMaintain
 from app.settings import Settings, bracketed
+from app.version import VERSION
 
 STOP_WAIT_S: Final = 10
 _BACKLOG: Final = 2048
@@ -60,6 +62,7 @@ def serve(
         def ready() -> None:
             settle()
             note.write()
+            server_log.info("ready at %s, version %s", url, VERSION)
             link = f"{url}/#token={settings.token_file.read_text('utf-8').strip()}"
             (on_ready or _print_link)(link)
             if open_browser:
@@ -69,10 +72,16 @@ def serve(
 
         def stopping() -> None:
             note.remove()
-            # Streams of events would keep the server waiting for their end.
+            # Jobs pause, batches end, and so do streams of events.
             app.state.services.engine.stopping.set()
 
-        server = _Server(server_config(app), ready, stopping)
+        server = GracefulServer(
+            server_config(app),
+            ready=ready,
+            stopping=stopping,
+            wait_s=settings.shutdown_wait_s,
+        )
+        exit_on_sigterm()
         # The usual way to end it, and uvicorn's way to say that it never started.
         with suppress(KeyboardInterrupt, SystemExit):
             server.run(sockets=[listener])
@@ -110,30 +119,6 @@ class ServerNote:
                 self.path.unlink()
         except (OSError, ValueError, KeyError, TypeError):
             return
-
-
-class _Server(uvicorn.Server):
-    """Uvicorn, saying when it is ready and when it stops."""
-
-    def __init__(
-        self,
-        config: uvicorn.Config,
-        ready: Callable[[], None],
-        stopping: Callable[[], None],
-    ) -> None:
-        super().__init__(config)
-        self._ready = ready
-        self._stopping = stopping
-
-    async def main_loop(self) -> None:
-        """Say that it has started, and serve: a stop from here on is a clean one."""
-        self._ready()
-        await super().main_loop()
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Say so, then stop: afterwards a SIGTERM may end the process at once."""
-        self._stopping()
-        await super().shutdown(sockets)
 
 
 def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:

@@ -107,12 +107,13 @@ def _needed(evidence: Evidence, config: FilterConfig) -> NDArray[np.int64]:
 
 
 def _by_order(
-    numbers: ChannelNumbers, config: FilterConfig, _: NDArray[np.int64]
+    numbers: ChannelNumbers, config: FilterConfig, needed: NDArray[np.int64]
 ) -> Codes:
-    """Without anything nearer to name, nothing of the class is there at all."""
+    """Where nothing nearer explains any pixel, few are as good as many."""
     explained = numbers.explained_by >= 0
     missing = np.where(explained, Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS)
-    return _kept_from(numbers.owned_pixels >= config.ordered_min_pixels, missing)
+    enough = np.where(explained, config.ordered_min_pixels, np.maximum(needed, 1))
+    return _kept_from(numbers.owned_pixels >= enough, missing)
 
 
 def _by_depth(

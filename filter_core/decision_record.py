@@ -291,11 +291,10 @@ def _channel_judgement(
     if facts.used == SEMANTIC or box.reason not in DECIDED_BY_CHANNELS:
         return None
     nearer = frame.names.get(_position(facts.explained_by))
-    by_order, by_lidar = facts.used == "ordered", facts.used == "lidar"
     needed = config.limit_of(box.class_name, "min_visible_pixels") or 0
-    if by_order:
+    if facts.used == "ordered" and facts.explained_by is not None:
         needed = config.ordered_min_pixels
-    elif by_lidar:
+    elif facts.used == "lidar":
         needed = config.lidar_min_points
     return ChannelJudgement(
         channel=facts.used,

@@ -52,7 +52,7 @@ def _ordered(box: ChannelJudgement) -> str:
     if box.kept:
         return f"{_many(count, f'of its {names} pixels')} not explained by nearer boxes"
     if box.explained_by is None:
-        return f"none of its pixels are {names}"
+        return _none_or_few(count, names, box.needed)
     left = f"; {count} of its pixels {_is(count)} left, {box.needed} are needed"
     return f"explained by the nearer {box.explained_by}{left if count else ''}"
 
@@ -93,6 +93,12 @@ def _lidar(box: ChannelJudgement) -> str:
         return f"{count:,} {points} {lies} inside it, {box.needed} are needed"
     found = f"only {count:,}" if count else "no"
     return f"{found} {points} {lies} inside it, {box.needed} are needed"
+
+
+def _none_or_few(count: int, names: str, needed: int) -> str:
+    if not count:
+        return f"none of its pixels are {names}"
+    return f"only {count} of its pixels {_is(count)} {names}, {needed} are needed"
 
 
 def _many(count: int, of: str) -> str:

@@ -66,11 +66,16 @@ class StreetScene:
     seed : int
     raw : bool
         Write raw tags instead of palette colours into the segmentation.
+    actors : float
+        The share of vehicles, people and lights that are there: all of them crowd the
+        street far beyond what is usually recorded.
     """
 
-    def __init__(self, seed: int = 0, *, raw: bool = False) -> None:
+    def __init__(
+        self, seed: int = 0, *, raw: bool = False, actors: float = 1.0
+    ) -> None:
         self._seed, self._raw = seed, raw
-        self._sets = [_Set(number, seed) for number in range(len(STYLES))]
+        self._sets = [_Set(number, seed, actors) for number in range(len(STYLES))]
 
     def frames(self, count: int, threads: int = THREADS) -> Iterator[StreetFrame]:
         """The first `count` frames, in order; a few are rendered ahead."""
@@ -95,13 +100,13 @@ class StreetScene:
 class _Set:
     """A town with what is computed once for all of its frames."""
 
-    def __init__(self, number: int, seed: int) -> None:
-        self._number, self._seed = number, seed
+    def __init__(self, number: int, seed: int, actors: float) -> None:
+        self._number, self._seed, self._actors = number, seed, actors
         self._lock = Lock()
 
     @cached_property
     def _town(self) -> Town:
-        return build_town(STYLES[self._number], self._seed)
+        return build_town(STYLES[self._number], self._seed, self._actors)
 
     @cached_property
     def _stage(self) -> Stage:

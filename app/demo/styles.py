@@ -97,11 +97,16 @@ STYLES: Final = (
 )
 
 
-def build_town(style: TownStyle, seed: int) -> Town:
-    """The town of a style; another seed is another town of the same style."""
+def build_town(style: TownStyle, seed: int, actors: float = 1.0) -> Town:
+    """The town of a style; another seed is another town of the same style.
+
+    `actors` is the share of vehicles, people and lights that are there, 0 to 1.
+    """
     builder = TownBuilder(style, seed)
     build_blocks(builder)
     park_along_kerbs(builder)
     park_behind_houses(builder)
     run_traffic(builder)
+    if actors < 1:
+        builder.thin_out(actors)
     return builder.town

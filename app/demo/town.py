@@ -125,6 +125,16 @@ class TownBuilder:
             return grown[-1]
         return self.pick(grown)
 
+    def thin_out(self, share: float) -> None:
+        """Leave about a share of what has a box, and all of the scenery."""
+        things = self.town.things
+        stays = self.rng.random(len(things)) < share
+        self.town.things = [
+            thing
+            for thing, chosen in zip(things, stays, strict=True)
+            if chosen or not thing.has_box
+        ]
+
     def pick(self, choices: Sequence[T]) -> T:
         """Any of several."""
         return choices[int(self.rng.integers(len(choices)))]

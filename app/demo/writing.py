@@ -18,16 +18,20 @@ def write_street(
     frames: int = 48,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    actors: float = 1.0,
 ) -> Path:
     """Render a street into a folder and return its manifest.
 
     The manifest appears last and at once, so that a folder with one is complete.
     `progress` is called after each frame with how many are done, and of how many.
+    `actors` is the share of vehicles, people and lights that are there.
     """
     folder.mkdir(parents=True, exist_ok=True)
     manifest: list[dict[str, Any]] = []
     truth: list[dict[str, Any]] = []
-    for number, frame in enumerate(StreetScene(seed).frames(frames), start=1):
+    scene = StreetScene(seed, actors=actors)
+    for number, frame in enumerate(scene.frames(frames), start=1):
         manifest.append(_write_frame(folder, frame))
         truth.extend({"key": frame.key, **line} for line in frame.truth)
         if progress is not None:

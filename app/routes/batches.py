@@ -13,6 +13,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
 from app.deps import AppServices, CurrentPrincipal
+from app.draining import UntilStopped
 from app.errors import UnsupportedMedia
 from app.http_errors import problem_of
 from app.logs import current_request_id
@@ -93,20 +94,24 @@ class BatchAnswer(Response):
         most = services.settings.max_open_batches
         with services.batches.enter(most):
             await run_in_threadpool(self._require_dataset)
-            frames = ArchiveFrames(services.settings, self._request.stream())
-            await frames.begin()
-            await send(
-                {
-                    "type": "http.response.start",
-                    "status": self.status_code,
-                    "headers": self.raw_headers,
-                }
-            )
-            async for line in self._lines(frames):
-                await send(
-                    {"type": "http.response.body", "body": line, "more_body": True}
-                )
-            await send({"type": "http.response.body", "body": b""})
+            stop = services.engine.stopping
+            pieces = UntilStopped(self._request.stream(), stop)
+            with stop.telling(pieces.wake):
+                frames = ArchiveFrames(services.settings, pieces)
+                await frames.begin()
+                await self._answer(frames, send)
+
+    async def _answer(self, frames: ArchiveFrames, send: Send) -> None:
+        await send(
+            {
+                "type": "http.response.start",
+                "status": self.status_code,
+                "headers": self.raw_headers,
+            }
+        )
+        async for line in self._lines(frames):
+            await send({"type": "http.response.body", "body": line, "more_body": True})
+        await send({"type": "http.response.body", "body": b""})
 
     def _require_dataset(self) -> None:
         with self._services.database.read() as session:

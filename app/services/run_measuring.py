@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, Protocol
 
 from sqlalchemy.orm import Session
@@ -100,7 +101,9 @@ def _measure_chunk(context: ServiceContext, scope: Scope) -> bool:
         return _remeasured(context, source, frames[frame_id], files[frame_id])
 
     with closing(context.engine.map(work, missing)) as measured:
-        for rows in _portions(measured, lambda: context.engine.check(scope.job)):
+        # When the service stops, what is measured by then is kept for the next start.
+        wanted = partial(context.engine.check_wanted, scope.job)
+        for rows in _portions(measured, wanted):
             _keep(context, scope, rows)
     return True
 

@@ -16,15 +16,36 @@ from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray, Mask
 
 @dataclass(frozen=True, eq=False)
 class AcceptedPixels:
-    """Of one box: its silhouette, and which pixels of its region are accepted in it."""
+    """Of one box: its silhouette, and which pixels of its region are accepted in it.
+
+    Attributes
+    ----------
+    silhouette : Silhouette
+    mask : (h, w) bool
+        Accepted, and inside the silhouette.
+    around : (h, w) bool, or None
+        Accepted, inside the silhouette or beside it; None: as `mask`.
+    """
 
     silhouette: Silhouette
     mask: Mask
+    around: Mask | None = None
 
     @cached_property
     def count(self) -> int:
         """How many there are, px."""
         return int(np.count_nonzero(self.mask))
+
+    @cached_property
+    def own(self) -> Mask:
+        """Those that the box itself can be seen in.
+
+        Their centres lie within its outline; of a box too thin for that, all.
+        """
+        if self.silhouette.centred is None:
+            return self.mask
+        centred = self.mask & self.silhouette.centred
+        return centred if centred.any() else self.mask
 
 
 def accepted_pixels(
@@ -52,10 +73,10 @@ def accepted_pixels(
     for outline in outlines:
         table = tables[int(accept_mask[outline.row])]
         box = outline.x0, outline.y0, outline.x1, outline.y1
-        mask = outline.of(table[codes.crop(*box)])
+        around = table[codes.crop(*box)]
         if ignore is not None:
-            mask = mask & ~ignore[outline.region]
-        found.append(AcceptedPixels(outline, mask))
+            around = around & ~ignore[outline.region]
+        found.append(AcceptedPixels(outline, outline.of(around), around))
     return found
 
 

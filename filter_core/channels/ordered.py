@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from filter_core.channel_types import NOT_MEASURED
 from filter_core.channels.accepted import AcceptedPixels
+from filter_core.channels.patches import bounds_of, islands
 from filter_core.types import FloatArray, IntArray
 
 _FREE: Final = -1
@@ -44,12 +45,15 @@ def owned_pixels(
     Notes
     -----
     A box that claims nothing takes nothing from those behind it, so a ghost in front
-    does not hide what is seen through it.
+    does not hide what is seen through it. Nor does a box take from others what it
+    cannot show, pixels whose centres are outside of its outline, or islands that a
+    box behind it holds completely (`filter_core.channels.patches.islands`).
     """
     owned = np.full(len(distance), NOT_MEASURED, np.int64)
     explained_by = np.full(len(distance), NOT_MEASURED, np.int64)
     claims = np.full(image_wh[::-1], _FREE, np.int32)
     ranked = near_to_far(accepted, distance, ids)
+    bounds = bounds_of(ranked)
     for rank, pixels in enumerate(ranked):
         row = pixels.silhouette.row
         claimed = claims[pixels.silhouette.region]
@@ -57,7 +61,10 @@ def owned_pixels(
         owned[row] = np.count_nonzero(free)
         if owned[row] < pixels.count:
             explained_by[row] = _commonest(claimed[pixels.mask & ~free])
-        claimed[free] = rank
+        if owned[row]:
+            taken = free & pixels.own
+            left = islands(pixels, ranked[rank + 1 :], bounds[rank + 1 :])
+            claimed[taken if left is None else taken & ~left] = rank
     row_of_rank = np.array([one.silhouette.row for one in ranked], np.int64)
     known = explained_by != NOT_MEASURED
     explained_by[known] = row_of_rank[explained_by[known]]

@@ -100,7 +100,13 @@ def measure_channels(
     ChannelNumbers of N boxes
     """
     numbers = ChannelNumbers.absent(len(boxes.ids))
-    outlines = silhouettes(boxes.xyxy, boxes.vertices, sensors.camera, boxes.image_wh)
+    outlines = silhouettes(
+        boxes.xyxy,
+        boxes.vertices,
+        sensors.camera,
+        boxes.image_wh,
+        centres="ordered" in channels,
+    )
     if "instance" in channels and sensors.instances is not None:
         wanted = InstanceBoxes(
             boxes.xyxy, boxes.accept_mask, boxes.distance, boxes.instance_id

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import cv2
 import numpy as np
@@ -12,8 +12,11 @@ import numpy as np
 from filter_core.boxes import pixel_bounds
 from filter_core.camera import Camera
 from filter_core.projection import hull_points
-from filter_core.types import BoolArray, BoxesXYXY, FloatArray, IntArray, Mask
+from filter_core.types import BoxesXYXY, FloatArray, IntArray, Mask
 
+_Spans: TypeAlias = Callable[
+    [FloatArray, IntArray, FloatArray], tuple[FloatArray, FloatArray]
+]
 _ROWS_AT_ONCE: Final = 1 << 13
 """Temporaries of a few hundred KiB, however many boxes there are."""
 
@@ -30,6 +33,9 @@ class Silhouette:
         Columns ``x0 .. x1 - 1`` and rows ``y0 .. y1 - 1``.
     inside : (y1 - y0, x1 - x0) bool, or None
         None: the whole rectangle.
+    centred : (y1 - y0, x1 - x0) bool, or None
+        Those whose centre lies within the outline: an image has one sample per pixel,
+        so no other pixel can show the box. None where nobody asked.
     """
 
     row: int
@@ -38,6 +44,7 @@ class Silhouette:
     x1: int
     y1: int
     inside: Mask | None = None
+    centred: Mask | None = None
 
     @property
     def region(self) -> tuple[slice, slice]:
@@ -61,6 +68,8 @@ def silhouettes(
     vertices: FloatArray,
     camera: Camera | None,
     image_wh: tuple[int, int],
+    *,
+    centres: bool = False,
 ) -> list[Silhouette]:
     """The silhouettes of a frame's boxes.
 
@@ -73,6 +82,8 @@ def silhouettes(
     camera : Camera or None
         Needed if any box has corners.
     image_wh : (width, height), px
+    centres : bool
+        Whether `Silhouette.centred` is wanted.
 
     Returns
     -------
@@ -89,29 +100,42 @@ def silhouettes(
     outlines: list[FloatArray | None] = [None] * len(xyxy)
     if camera is not None and solid.any():
         rows = np.flatnonzero(solid)
-        hulls = hull_points(vertices[rows], camera)
-        for row, points in zip(rows.tolist(), hulls, strict=True):
+        solids = hull_points(vertices[rows], camera)
+        for row, points in zip(rows.tolist(), solids, strict=True):
             outlines[row] = points
     there = ~np.isnan(xyxy[:, 0])
     there &= (bounds[:, 0] < bounds[:, 2]) & (bounds[:, 1] < bounds[:, 3])
-    inside = _insides(outlines, bounds, there)
-    return [
-        Silhouette(row, x0, y0, x1, y1, inside.get(row))
-        for row, (x0, y0, x1, y1) in enumerate(bounds.tolist())
-        if there[row]
-    ]
-
-
-def _insides(
-    outlines: Sequence[FloatArray | None], bounds: IntArray, there: BoolArray
-) -> dict[int, Mask]:
-    """The masks of boxes that are there and have an outline, by row."""
     hulls = {
         row: outline
         for row, outline in enumerate(outlines)
         if there[row] and outline is not None and len(outline)
     }
-    masks = touched_pixels(list(hulls.values()), bounds[list(hulls)])
+    inside = _by_row(touched_pixels, hulls, bounds)
+    centred: dict[int, Mask] = {}
+    if centres:
+        for row in np.flatnonzero(there).tolist():
+            hulls.setdefault(row, _corners(xyxy[row]))
+        centred = _by_row(centred_pixels, hulls, bounds)
+    return [
+        Silhouette(row, x0, y0, x1, y1, inside.get(row), centred.get(row))
+        for row, (x0, y0, x1, y1) in enumerate(bounds.tolist())
+        if there[row]
+    ]
+
+
+def _corners(xyxy: FloatArray) -> FloatArray:
+    """(4, 2) px."""
+    x0, y0, x1, y1 = xyxy.tolist()
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def _by_row(
+    masks_of: Callable[[Sequence[FloatArray], IntArray], list[Mask]],
+    hulls: Mapping[int, FloatArray],
+    bounds: IntArray,
+) -> dict[int, Mask]:
+    """The masks of some boxes' outlines."""
+    masks = masks_of(list(hulls.values()), bounds[list(hulls)])
     return dict(zip(hulls, masks, strict=True))
 
 
@@ -134,13 +158,28 @@ def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mas
     highest x that its edges have within that row. The rows of all shapes are looked at
     together: most boxes are small, and each alone would be mostly overhead.
     """
+    return _filled(_row_spans, outlines, bounds)
+
+
+def centred_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
+    """The pixels whose centres lie in the convex hull of some points, or on its edge.
+
+    Parameters and result are those of `touched_pixels`.
+    """
+    return _filled(_centre_spans, outlines, bounds)
+
+
+def _filled(
+    spans_of: _Spans, outlines: Sequence[FloatArray], bounds: IntArray
+) -> list[Mask]:
+    """Masks of N hulls, of which each row of pixels has one interval."""
     if not len(outlines):
         return []
     heights = bounds[:, 3] - bounds[:, 1]
     ends = np.cumsum(heights)
     owner = np.repeat(np.arange(len(outlines)), heights)
     top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
-    left, right = _row_spans(_hulls(outlines), owner, top.astype(np.float64))
+    left, right = spans_of(_hulls(outlines), owner, top.astype(np.float64))
     masks: list[Mask] = []
     for (x0, _, x1, _), end, height in zip(
         bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
@@ -188,4 +227,28 @@ def _row_spans(
         farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
         left[part] = np.floor(nearest)
         right[part] = np.maximum(np.ceil(farthest), left[part] + 1)
+    return left, right
+
+
+def _centre_spans(
+    hulls: FloatArray, owner: IntArray, top: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """As `_row_spans`, of the centres: an interval may be empty."""
+    left, right = np.empty(len(top)), np.empty(len(top))
+    ends = np.roll(hulls, -1, axis=1)
+    height = ends[..., 1] - hulls[..., 1]
+    slope = (ends[..., 0] - hulls[..., 0]) / np.where(height == 0, 1.0, height)
+    low_y = np.minimum(hulls[..., 1], ends[..., 1])
+    high_y = np.maximum(hulls[..., 1], ends[..., 1])
+    for start in range(0, len(top), _ROWS_AT_ONCE):
+        part = np.s_[start : start + _ROWS_AT_ONCE]
+        of, middle = owner[part], top[part, None] + 0.5
+        passed = (low_y[of] <= middle) & (high_y[of] >= middle)
+        first = hulls[of, :, 0] + (middle - hulls[of, :, 1]) * slope[of]
+        # A level edge is passed from one end to the other.
+        second = np.where(height[of] == 0, ends[of, :, 0], first)
+        nearest = np.where(passed, np.minimum(first, second), np.inf).min(axis=1)
+        farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
+        left[part] = np.ceil(nearest - 0.5)
+        right[part] = np.floor(farthest - 0.5) + 1
     return left, right

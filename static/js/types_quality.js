@@ -31,7 +31,9 @@
  */
 
 /**
+ * @typedef {"people" | "instances"} Truth
  * @typedef {object} Quality
+ * @property {Truth} truth
  * @property {number} reviewed
  * @property {number} unsure
  * @property {Confusion} confusion
@@ -44,7 +46,7 @@
 
 /**
  * @typedef {Record<"kept_visible" | "kept_hidden" | "rejected_visible" | "rejected_hidden", number> & {precision: Measure | null, recall: Measure | null, f1: Measure | null}} Score
- * @typedef {Score & {judged: number, by_class: Record<string, Score>, by_distance: (Score & {band: string})[]}} ChannelScore  the segmentation judged the boxes that it did not
+ * @typedef {Score & {judged: number, by_class: Record<string, Score>, by_distance: (Score & {band: string})[], worst: {box_id: number, frame_id: number, error: string, pixels: number}[]}} ChannelScore  the segmentation judged the boxes that it did not
  * @typedef {{truth: string, not_measured: string[], frames: number, boxes: number, channels: Record<string, ChannelScore>}} Evaluation  every measured channel on the same boxes
  */
 

@@ -3,9 +3,9 @@
 
 import { post, request, segment, urlOf } from "../api.js";
 
-/** @param {string} dataset @param {string} target  what thresholds are suggested for: f1 or recall @param {AbortSignal} [signal] @returns {Promise<import("../types_quality.js").Quality>} */
-export const loadQuality = (dataset, target, signal) =>
-  request(urlOf(`/datasets/${segment(dataset)}/quality`, { target }), { signal });
+/** @param {string} dataset @param {{truth: string, target: string}} asked  people or instances; f1 or recall @param {AbortSignal} [signal] @returns {Promise<import("../types_quality.js").Quality>} */
+export const loadQuality = (dataset, asked, signal) =>
+  request(urlOf(`/datasets/${segment(dataset)}/quality`, asked), { signal });
 
 /** @param {string} dataset @param {string} truth  instances or people @param {AbortSignal} [signal] @returns {Promise<import("../types_quality.js").Evaluation>} */
 export const loadEvaluation = (dataset, truth, signal) =>

@@ -2,13 +2,14 @@
 // One sitting at the queue: boxes fetched ahead, answers counted, the place kept. It lives on
 // while one looks at something else and comes back.
 
-import { nextBoxes } from "../calls/queue.js";
+import { listedBoxes, nextBoxes } from "../calls/queue.js";
 import { selectionOf } from "../grid/filters.js";
 import { withAnswer } from "../reviews.js";
 import { LOCAL, REMOTE, UNDO, createStore, createValue } from "../store.js";
 import { REASONS } from "../wording.js";
 import { compared } from "./blind.js";
 import { EMPTY, ahead, answered, inHand, joined, takenBack } from "./line.js";
+import { listedOf } from "./listed.js";
 
 /** @typedef {import("../app.js").App} App */
 /** @typedef {import("../types.js").Answer} Answer */
@@ -49,6 +50,7 @@ export function createSitting(app, dataset, query) {
   /** Times of the answers, ms; what was answered. */
   const tally = createValue({ times: /** @type {number[]} */ ([]), verdicts: /** @type {ReadonlyMap<number, Answer>} */ (new Map()) });
   const order = orderOf(query);
+  const listed = listedOf(query);
   let isAsking = false;
   store.observe((change) => (app.undo.notice(change), app.saver.notice(change)));
 
@@ -64,11 +66,13 @@ export function createSitting(app, dataset, query) {
     const waiting = app.saver.state.get().waiting;
     const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
     try {
-      const out = await nextBoxes(dataset, { order, filters: { reason: LOOKABLE, ...selectionOf(query) }, limit, exclude });
+      const out = await (listed.length > 0
+        ? listedBoxes(app.api, listed)
+        : nextBoxes(dataset, { order, filters: { reason: LOOKABLE, ...selectionOf(query) }, limit, exclude }));
       store.add(out.items);
       line.set(joined(line.get(), out.items.map(({ box_id }) => box_id)));
       counts.set({ left: Math.max(0, out.remaining - unsent()), unsure: out.unsure, elsewhere: out.claimed_by_others });
-      supply.set({ state: "ready", error: null, isEnd: out.items.length === 0 });
+      supply.set({ state: "ready", error: null, isEnd: out.items.length === 0 || listed.length > 0 });
     } catch (error) {
       app.notice(error);
       supply.set({ state: "error", error: error instanceof Error ? error : new Error(String(error)), isEnd: false });
@@ -93,6 +97,7 @@ export function createSitting(app, dataset, query) {
     dataset,
     query,
     order,
+    listed,
     store,
     line,
     counts,
@@ -167,7 +172,7 @@ const PAUSE_MS = 5 * 60_000;
 
 /** The sitting of these filters, gone on with if one was away for a moment. @param {App} app @param {string} dataset @param {import("../router.js").Query} query */
 export function sittingOf(app, dataset, query) {
-  const key = JSON.stringify([dataset, orderOf(query), selectionOf(query)]);
+  const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
   const last = sittings.get(app);
   if (last?.key === key && Date.now() - last.seen < PAUSE_MS) return last.sitting;
   const sitting = createSitting(app, dataset, query);

@@ -7,6 +7,7 @@ import { withoutFilters } from "../grid/filters.js";
 import { createQueueActions } from "../queue/actions.js";
 import { isBlind } from "../queue/blind.js";
 import { ahead, currentOf } from "../queue/line.js";
+import { withoutList } from "../queue/listed.js";
 import { createMedia } from "../queue/media.js";
 import { sittingOf, touch } from "../queue/sitting.js";
 import { linkTo } from "../router.js";
@@ -100,7 +101,7 @@ function NoBox({ app, sitting, query, actions, onQuery }) {
   const { state, error, isEnd } = useValue(sitting.supply);
   if (state === "error" && error) return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void sitting.refill()} /></div>`;
   if (!isEnd) return html`<${Fetching} />`;
-  return html`<${AllDone} app=${app} sitting=${sitting} query=${query} actions=${actions} onAll=${() => onQuery(withoutFilters(query))} />`;
+  return html`<${AllDone} app=${app} sitting=${sitting} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
 
 /** Boxes, frames and pictures are here before they are looked at. @param {App} app @param {Sitting} sitting @param {import("../queue/media.js").MediaCache} media */

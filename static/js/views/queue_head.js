@@ -6,8 +6,9 @@ import { REVIEW_CHOICES } from "../boxfilter.js";
 import { isFiltered, withoutFilters } from "../grid/filters.js";
 import { isBlind } from "../queue/blind.js";
 import { paceOf } from "../queue/line.js";
+import { withoutList } from "../queue/listed.js";
 import { ORDERS, orderOf } from "../queue/sitting.js";
-import { REASONS, countText } from "../wording.js";
+import { REASONS, countOf, countText } from "../wording.js";
 import { VERDICT_CHOICES } from "./filters.js";
 import { useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
@@ -21,12 +22,25 @@ const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, 
 
 /** @param {{app: App, sitting: Sitting, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
 export function QueueHead({ app, sitting, classes, query, onChange }) {
-  const [isOpen, setOpen] = useState(false);
   const prefs = useValue(app.prefs);
   /** @param {string} key */
   const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
   return html`<div class="queue__head">
-    <${Segments} label="Order" value=${orderOf(query)} choices=${ORDERS} onChange=${set("order")} />
+    ${sitting.listed.length > 0
+      ? html`<p class="queue__listed">${countOf(sitting.listed.length, "chosen box", "chosen boxes")} <button class="button button--small" onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
+      : html`<${Choices} classes=${classes} query=${query} set=${set} onChange=${onChange} />`}
+    <label class="switch queue__blind" title="Hide the filter's verdict and earlier answers until you have answered">
+      <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => set("blind")(event.currentTarget.checked ? "on" : "off")} /><span>Blind</span>
+    </label>
+    <span class="queue__middle"></span>
+    <${Progress} sitting=${sitting} />
+  </div>`;
+}
+
+/** Which boxes, and which first. @param {{classes: readonly string[], query: Query, set: (key: string) => (value: string) => void, onChange: (query: Query) => void}} props */
+function Choices({ classes, query, set, onChange }) {
+  const [isOpen, setOpen] = useState(false);
+  return html`<${Segments} label="Order" value=${orderOf(query)} choices=${ORDERS} onChange=${set("order")} />
     <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
       <${Select} label="Verdict" any="Any verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES.slice(1)} onChange=${set("verdict")} />
@@ -34,13 +48,7 @@ export function QueueHead({ app, sitting, classes, query, onChange }) {
       <${Select} label="Reason" any="Any reason in the image" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
       <${Select} label="Review" any=${orderOf(query) === "audit" ? "Decided" : "Undecided"} value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
       ${isFiltered(query) && html`<button class="button button--quiet" onClick=${() => onChange(withoutFilters(query))}><${Icon} name="cross" />Clear</button>`}
-    </div>
-    <label class="switch queue__blind" title="Hide the filter's verdict and earlier answers until you have answered">
-      <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => set("blind")(event.currentTarget.checked ? "on" : "off")} /><span>Blind</span>
-    </label>
-    <span class="queue__middle"></span>
-    <${Progress} sitting=${sitting} />
-  </div>`;
+    </div>`;
 }
 
 /** @param {{sitting: Sitting}} props */

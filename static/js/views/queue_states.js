@@ -38,7 +38,7 @@ export function AllDone({ app, sitting, query, actions, onAll }) {
 function Ways({ dataset, order, query, open, elsewhere, sitting, actions, onAll }) {
   return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Go through ${open === 1 ? "it" : "them"}</button>`}
     ${elsewhere > 0 && html`<button class="button" onClick=${sitting.lookAgain}>Look again</button>`}
-    ${isFiltered(query) && html`<button class="button" onClick=${onAll}>Without the filters</button>`}
+    ${(isFiltered(query) || sitting.listed.length > 0) && html`<button class="button" onClick=${onAll}>${sitting.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
     ${order !== "audit" && html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`}
     <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
     <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;

@@ -131,8 +131,10 @@ class Simulator:
         step = self.speed * (self.settings.fixed_delta_seconds or 0.05)
         for actor in self.actors.values():
             if isinstance(actor, Vehicle) and actor.autopilot:
-                forward = actor.pose.get_forward_vector()
-                actor.pose.location += forward * step
+                ahead = actor.pose.transform(carla.Location(x=step))
+                actor.pose = carla.Transform(
+                    carla.Location(ahead.x, ahead.y, ahead.z), actor.pose.rotation
+                )
 
     def _measure(self, sensor, mail):
         word = sensor.type_id.rsplit(".", 1)[-1]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from itertools import permutations
+from typing import Any
 
+import cv2
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -15,8 +17,13 @@ from filter_core.channels.assign import assign_instances
 from filter_core.channels.depth import depth_interval
 from filter_core.channels.lidar import points_inside
 from filter_core.channels.ordered import owned_pixels
+from filter_core.channels.patches import bounds_of, islands
 from filter_core.channels.points import LidarPoints
-from filter_core.channels.silhouettes import Silhouette, touched_pixels
+from filter_core.channels.silhouettes import (
+    Silhouette,
+    centred_pixels,
+    touched_pixels,
+)
 from filter_core.pose import Transform, transform_matrices
 from tests.unit.filter_core.channels.scene import box_ahead
 
@@ -56,25 +63,77 @@ def frames(draw):
         y0 = draw(st.integers(0, WH[1] - 1))
         x1, y1 = draw(st.integers(x0 + 1, WH[0])), draw(st.integers(y0 + 1, WH[1]))
         # Mostly accepted: boxes that share no pixel have nothing to share out.
-        mask = draw(hnp.arrays(np.bool_, (y1 - y0, x1 - x0), fill=st.just(True)))
-        boxes.append(AcceptedPixels(Silhouette(row, x0, y0, x1, y1), mask))
+        pixels = hnp.arrays(np.bool_, (y1 - y0, x1 - x0), fill=st.just(True))
+        around, inside, centred = draw(pixels), draw(pixels), draw(pixels)
+        outline = Silhouette(row, x0, y0, x1, y1, inside, centred & inside)
+        boxes.append(AcceptedPixels(outline, around & inside, around))
     metres = st.sampled_from([5.0, 10.0, 20.0, float("nan")])
     return boxes, np.array(draw(st.lists(metres, min_size=count, max_size=count)))
+
+
+def in_image(box, mask):
+    """The pixels of a mask of the box's region, in the image."""
+    outline = box.silhouette
+    return {(int(x) + outline.x0, int(y) + outline.y0) for y, x in np.argwhere(mask)}
+
+
+def patches(pixels):
+    """Sets of pixels that touch each other, at a corner at least."""
+    left = set(pixels)
+    while left:
+        found, edge = set(), {left.pop()}
+        while edge:
+            found |= edge
+            near = {
+                (x + dx, y + dy)
+                for x, y in edge
+                for dx in (-1, 0, 1)
+                for dy in (-1, 0, 1)
+            }
+            edge = near & left
+            left -= edge
+        yield found
+
+
+def slow_islands(box, behind):
+    """Small patches that end within the rectangle and that one box behind holds."""
+    outline = box.silhouette
+    own = in_image(box, box.own)
+    all_of_them = list(patches(in_image(box, box.around)))
+    most = max(len(patch & own) for patch in all_of_them)
+    inner = {
+        (x, y)
+        for x in range(outline.x0 + 1, outline.x1 - 1)
+        for y in range(outline.y0 + 1, outline.y1 - 1)
+    }
+    return [
+        patch
+        for patch in all_of_them
+        if len(patch) <= most / 2
+        and patch <= inner
+        and any(
+            patch <= in_image(other, other.mask)
+            and len(patch) >= other.silhouette.pixels / 50
+            for other in behind
+        )
+    ]
 
 
 def slow_owned(boxes, distance, ids):
     """The definition, pixel by pixel."""
     owner: dict[tuple[int, int], int] = {}
     tested = [row for row in range(len(boxes)) if not np.isnan(distance[row])]
+    ranked = sorted(tested, key=lambda row: (distance[row], ids[row]))
     counts = [-1] * len(boxes)
-    for row in sorted(tested, key=lambda row: (distance[row], ids[row])):
-        outline = boxes[row].silhouette
-        pixels = {
-            (x + outline.x0, y + outline.y0) for y, x in np.argwhere(boxes[row].mask)
-        }
-        free = pixels - owner.keys()
+    for rank, row in enumerate(ranked):
+        box = boxes[row]
+        free = in_image(box, box.mask) - owner.keys()
         counts[row] = len(free)
-        owner.update(dict.fromkeys(free, row))
+        if free:
+            behind = [boxes[other] for other in ranked[rank + 1 :]]
+            left = set().union(*slow_islands(box, behind))
+            taken = (free & in_image(box, box.own)) - left
+            owner.update(dict.fromkeys(taken, row))
     return counts
 
 
@@ -92,6 +151,23 @@ def test_pixels_are_owned_as_defined_whatever_the_order_of_the_boxes(frame, dice
     assert owned.tolist() == slow_owned(boxes, distance, ids)
     assert again.tolist() == owned.tolist()
     assert explained_again.tolist() == explained.tolist()
+
+
+@given(
+    hnp.arrays(np.bool_, (8, 12), elements=st.booleans()),
+    st.integers(1, 11),
+    st.integers(1, 7),
+)
+def test_islands_are_found_as_defined(scattered, width, height):
+    whole = AcceptedPixels(Silhouette(0, 0, 0, *WH), scattered, scattered)
+    part = scattered[:height, 12 - width :]
+    outline = Silhouette(1, 12 - width, 0, 12, height)
+    behind = [AcceptedPixels(outline, part, part)]
+
+    found = islands(whole, behind, bounds_of(behind))
+
+    expected = set().union(*slow_islands(whole, behind)) if scattered.any() else set()
+    assert (set() if found is None else in_image(whole, found)) == expected
 
 
 angles = st.floats(-180, 180)
@@ -128,6 +204,25 @@ def test_a_silhouette_touches_every_pixel_that_a_point_of_the_hull_is_in(points)
     clear = (np.abs(inside - np.round(inside)) > 1e-4).all(axis=1)
     seen = clear & ((inside >= 0) & (inside < WH)).all(axis=1)
     assert all(mask[y, x] for x, y in np.floor(inside[seen]).astype(int))
+
+
+@given(
+    hnp.arrays(
+        np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
+    )
+)
+def test_a_centre_lies_in_the_hull_or_its_pixel_is_left_out(points):
+    (mask,) = centred_pixels([points], np.array([[0, 0, *WH]]))
+    (touched,) = touched_pixels([points], np.array([[0, 0, *WH]]))
+
+    hull: Any = cv2.convexHull(points.astype(np.float32))
+    assume(hull is not None)
+    for y, x in np.ndindex(mask.shape):
+        depth = cv2.pointPolygonTest(hull, (x + 0.5, y + 0.5), measureDist=True)
+        # Next to the edge, 32 bits cannot tell.
+        if abs(depth) > 1e-4:
+            assert mask[y, x] == (depth > 0)
+    assert not (mask & ~touched).any()
 
 
 @st.composite

@@ -30,6 +30,10 @@ def said(channel, *, kept=False, **more):
         ),
         (said("ordered", count=0), "none of its pixels are Car or Truck"),
         (
+            said("ordered", count=2, needed=5),
+            "only 2 of its pixels are Car or Truck, 5 are needed",
+        ),
+        (
             said("depth", kept=True, count=1),
             "1 of its Car or Truck pixels is at its own distance",
         ),

@@ -161,3 +161,30 @@ def test_depth_that_is_too_coarse_refuses_the_frame_that_asks_for_it():
 
 def test_what_no_channel_asks_for_is_not_read():
     assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
+
+
+@pytest.mark.parametrize(
+    ("config", "boxes", "explanation"),
+    [
+        ({}, [FAR], "kept: 1 of its Car pixels is not explained by nearer boxes"),
+        (
+            {"min_visible_pixels": 2},
+            [FAR],
+            "rejected: only 1 of its pixels is Car, 2 are needed",
+        ),
+        ({}, [NEAR, FAR], "rejected: explained by the nearer car 0"),
+    ],
+    ids=["nothing nearer", "more are asked for", "something nearer"],
+)
+def test_one_pixel_is_enough_where_nothing_nearer_explains_it(
+    config, boxes, explanation
+):
+    tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
+    tags[HEIGHT // 2, WIDTH // 2] = CAR
+    cubes = [cube(str(place), distance) for place, distance in enumerate(boxes)]
+
+    found = filter_frame(
+        {**ANNOTATION, "boxes": cubes}, tags, FilterConfig(evidence="ordered", **config)
+    )
+
+    assert found.decisions[-1]["explanation"] == explanation

@@ -3,6 +3,8 @@
 
 import { html } from "../../html.js";
 import { bandText } from "../../measures.js";
+import { listQuery } from "../../queue/listed.js";
+import { linkTo } from "../../router.js";
 import { countText, percentText } from "../../wording.js";
 import { MeasureCell } from "./whisker.js";
 
@@ -23,10 +25,10 @@ const CHANNELS = {
 /** @param {string} name */
 export const channelText = (name) => CHANNELS[name]?.text ?? name.replaceAll("_", " ");
 
-/** @param {{found: Evaluation, by: string, active: string}} props */
-export function ChannelTable({ found, by, active }) {
+/** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
+export function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
-  if (by === "all") return html`<${Whole} channels=${channels} boxes=${found.boxes} active=${active} />`;
+  if (by === "all") return html`<${Whole} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
   return html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels channels--matrix">
     <caption class="sr-only">F1 of each channel by ${by}</caption>
     <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${channelText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
@@ -45,10 +47,10 @@ function groupsOf(channels, by) {
   return first.by_distance.map(({ band }) => ({ key: band, text: bandText(band), scores: channels.map(([, one]) => one.by_distance.find((score) => score.band === band)) }));
 }
 
-/** @param {{channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
-const Whole = ({ channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels">
+/** @param {{dataset: string, channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
+const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels">
   <caption class="sr-only">Precision, recall and F1 of each channel</caption>
-  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes that it had a number for">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th></tr></thead>
+  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes that it had a number for">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th><th scope="col">Worst</th></tr></thead>
   <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
     <th scope="row">${channelText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${CHANNELS[name]?.about}</span></th>
     <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>
@@ -57,5 +59,13 @@ const Whole = ({ channels, boxes, active }) => html`<div class="tablewrap" role=
     <td><${MeasureCell} measure=${score.f1} name="F1" /></td>
     <td class="is-num num">${countText(score.kept_hidden)}</td>
     <td class="is-num num">${countText(score.rejected_visible)}</td>
+    <td><${WorstLink} dataset=${dataset} name=${name} worst=${score.worst} /></td>
   </tr>`)}</tbody>
 </table></div>`;
+
+/** What a channel got wrong most visibly, one after the other. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
+function WorstLink({ dataset, name, worst }) {
+  if (worst.length === 0) return html`<span class="faint">none</span>`;
+  const link = linkTo("queue", { dataset }, listQuery(worst.map(({ box_id }) => box_id)));
+  return html`<a class="channels__worst" href=${link}>Look at ${countText(worst.length)}<span class="sr-only"> that ${channelText(name)} got wrong</span></a>`;
+}

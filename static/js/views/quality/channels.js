@@ -28,10 +28,10 @@ const BY = [
   { value: "distance", text: "Distance" },
 ];
 
-/** @param {{app: App, dataset: string, active: string, truth: string, onTruth: (truth: string) => void}} props */
-export function Channels({ app, dataset, active, truth, onTruth }) {
+/** @param {{app: App, dataset: string, active: string, truth: string, onTruth: (truth: string) => void, onMeasured: () => void}} props */
+export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   const loaded = useLoaded(app, (signal) => loadEvaluation(dataset, truth, signal), [dataset, truth]);
-  const measuring = useMeasuring(app, dataset, loaded.reload);
+  const measuring = useMeasuring(app, dataset, () => (loaded.reload(), onMeasured()));
   const [by, setBy] = useState("all");
   const found = loaded.value;
   const isCounted = found !== null && found.boxes > 0;
@@ -46,12 +46,12 @@ export function Channels({ app, dataset, active, truth, onTruth }) {
     ${measuring.run && html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`}
     ${loaded.state === "error" && !found && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
     ${!found && loaded.state === "loading" && html`<div class="bone bone--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
-    ${found && (isCounted ? html`<${Compared} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
+    ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
   </section>`;
 }
 
-/** @param {{found: Evaluation, by: string, active: string}} props */
-const Compared = ({ found, by, active }) => html`<${ChannelTable} found=${found} by=${by} active=${active} />
+/** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
+const Compared = ({ dataset, found, by, active }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
   <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Where a channel has no number for a box, the segmentation judges.
     ${found.truth === "instances" && found.channels.instance ? " The instance channel reads the image that says what is visible, so it is the ceiling rather than a rival." : ""}
     ${found.not_measured.length > 0 ? ` Not measured: ${found.not_measured.map((name) => channelText(name)).join(", ")}.` : ""}</p>`;

@@ -1,15 +1,16 @@
 // @ts-check
-// Thresholds that would agree better with people: how sure that is, and one click to have them.
+// Thresholds that would agree better with the truth: how sure that is, and one click to have them.
 
 import { html, useState } from "../../html.js";
 import { jobs } from "../../calls/jobs.js";
 import { FEW_ANSWERS, shareText, worthTrying } from "../../measures.js";
 import { linkTo } from "../../router.js";
 import { classPath, queryOf, withEdits } from "../../tuning.js";
-import { countOf, percentText } from "../../wording.js";
+import { percentText } from "../../wording.js";
 import { Icon } from "../icons.js";
 import { Segments } from "../parts.js";
 import { Curve } from "./curve.js";
+import { WORDS } from "./truths.js";
 
 /** @typedef {import("../../types_quality.js").Suggestion} Suggestion */
 /** @typedef {import("../../types_jobs.js").ConfigVersion} ConfigVersion */
@@ -24,21 +25,22 @@ const TARGETS = [
 ];
 
 /**
- * @param {{app: App, dataset: string, suggested: readonly Suggestion[], active: ConfigVersion, target: string, onTarget: (target: string) => void}} props
+ * @param {{app: App, dataset: string, truth: import("../../types_quality.js").Truth, suggested: readonly Suggestion[], active: ConfigVersion, target: string, onTarget: (target: string) => void}} props
  */
-export function Suggestions({ app, dataset, suggested, active, target, onTarget }) {
+export function Suggestions({ app, dataset, truth, suggested, active, target, onTarget }) {
+  const words = WORDS[truth];
   const better = worthTrying(suggested, target);
   return html`<section class="panelbox quality__wide" aria-labelledby="suggested-title">
     <header class="panelbox__head"><h2 id="suggested-title">Suggested thresholds</h2>
-      <span class="faint">${target === "f1" ? "the ones that agree best with the answers of people" : "the highest ones that keep what people keep"}</span>
+      <span class="faint">${words.goals[target]}</span>
       <span class="panelbox__tools"><${Segments} label="What to suggest for" value=${target} choices=${TARGETS} onChange=${onTarget} />
       ${better.length > 0 &&
       html`<a class="button" href=${linkTo("thresholds", { dataset }, queryOf(editsFor(better)))}>Try all ${better.length}</a>
         <${SaveButton} app=${app} dataset=${dataset} active=${active} suggested=${better} text="Save all as a version" isLarge />`}</span>
     </header>
-    ${suggested.length === 0 && html`<p class="panelbox__empty">Answers on both sides are needed before a threshold can be suggested: some boxes to keep and some to reject, of the same class.</p>`}
+    ${suggested.length === 0 && html`<p class="panelbox__empty">${words.both}</p>`}
     ${suggested.length > 0 && html`<${CurveLegend} />`}
-    <ul class="suggestions">${suggested.map((one) => html`<li key=${one.class}><${Card} app=${app} dataset=${dataset} active=${active} suggestion=${one} isBetter=${better.includes(one)} /></li>`)}</ul>
+    <ul class="suggestions">${suggested.map((one) => html`<li key=${one.class}><${Card} app=${app} dataset=${dataset} active=${active} suggestion=${one} known=${words.some(one.answers)} isBetter=${better.includes(one)} /></li>`)}</ul>
   </section>`;
 }
 
@@ -47,11 +49,11 @@ const CurveLegend = () => html`<p class="chartlegend">
   <span><i class="line line--current"></i>active</span><span><i class="line line--suggested"></i>suggested, with its 95 % interval</span>
 </p>`;
 
-/** @param {{app: App, dataset: string, active: ConfigVersion, suggestion: Suggestion, isBetter: boolean}} props */
-function Card({ app, dataset, active, suggestion, isBetter }) {
+/** @param {{app: App, dataset: string, active: ConfigVersion, suggestion: Suggestion, known: string, isBetter: boolean}} props */
+function Card({ app, dataset, active, suggestion, known, isBetter }) {
   const { class: name, current, suggested, interval, answers, f1_current: before, f1_suggested: after } = suggestion;
   return html`<article class="suggestion" aria-label=${name}>
-    <header class="suggestion__head"><h3>${name}</h3><span class="faint">${countOf(answers, "answer")}${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span></header>
+    <header class="suggestion__head"><h3>${name}</h3><span class="faint">${known}${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span></header>
     <p class="suggestion__change num"><span>${percentText(current)}</span>${isBetter ? html`<${Icon} name="right" /><strong>${percentText(suggested)}</strong>` : html`<span class="faint">stays</span>`}
       ${isBetter && interval && html`<span class="faint suggestion__interval">${percentText(interval[0])} to ${percentText(interval[1])}</span>`}</p>
     <p class="suggestion__f1 num faint">F1 ${shareText(before)}${isBetter ? html` → <strong>${shareText(after)}</strong>` : ""}</p>

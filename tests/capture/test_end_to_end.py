@@ -1,0 +1,113 @@
+"""The command itself, in a process of its own, up to a live service."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+
+from tests.api.command_line import CommandLine
+from tests.capture.conftest import SMALL
+from tests.servers import RunningServer
+from unghost import Client
+
+ALL = {"instances": True, "depth": True, "semantic_lidar": True, "radar": True}
+WAIT_S = 120
+
+
+class CaptureLine(CommandLine):
+    """`unghost` before a fake street; what is left of it is in `state`."""
+
+    @property
+    def left(self):
+        return json.loads((self.folder / "state.json").read_text())
+
+    def program(self, *words):
+        module = [sys.executable, "-m", "tests.capture.program"]
+        return [*module, str(self.folder / "state.json"), *map(str, words)]
+
+    def start(self, *words):
+        path = os.pathsep.join(p for p in sys.path if p)
+        return subprocess.Popen(
+            self.program(*words),
+            cwd=self.folder,
+            env={**self.environ, "PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def scenario(self, **changes):
+        path = self.folder / "street.yaml"
+        path.write_text(yaml.safe_dump({**SMALL, **changes}))
+        return path
+
+
+@pytest.fixture
+def line(tmp_path):
+    return CaptureLine(tmp_path, {})
+
+
+def finished(process):
+    out, err = process.communicate(timeout=WAIT_S)
+    return process.returncode, out, err
+
+
+def test_a_hundred_frames_reach_a_live_service(tmp_path, server: RunningServer):
+    line = CaptureLine(
+        tmp_path, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    )
+    scenario = line.scenario(frames=100, interval_s=0.05, sensors=ALL)
+
+    command = ("capture", scenario, "--push", "captured-street", "--output", "out")
+    code, out, err = finished(line.start(*command))
+
+    assert code == 0, err
+    assert "100 frames\t100 new\t0 ticks missed" in out
+    assert line.left["actors"] == ["traffic.traffic_light"]
+    assert not line.left["synchronous"]
+    with Client(server.url, server.token) as client:
+        stats = client.stats("captured-street")
+        assert stats.frames == 100
+        assert stats.boxes == 1000
+        # Of the ten boxes a car and a walker are hidden, and a car is behind.
+        assert stats.by_verdict == {"kept": 700, "rejected": 300, "unmeasured": 0}
+        first = json.loads(
+            (tmp_path / "out/manifest.jsonl").read_text().splitlines()[0]
+        )
+        stored = client.frame("captured-street", first["key"])
+        for kind in ("lidar", "radar", "depth", "instances"):
+            content = client._http.get(
+                f"/api/v1/frames/{stored.frame.id}/{kind}"
+            ).content
+            assert content == (tmp_path / "out" / first[kind]).read_bytes()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_ends_the_command_with_130_and_it_goes_on_later(line, number):
+    scenario = line.scenario(frames=2000, interval_s=0.05)
+    process = line.start("capture", scenario, "--output", "out")
+    manifest = line.folder / "out" / "manifest.jsonl"
+    deadline = time.monotonic() + WAIT_S
+    while not manifest.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+
+    process.send_signal(number)
+    code, _, err = finished(process)
+
+    assert code == 130, err
+    assert "the same command goes on" in err
+    assert line.left["actors"] == ["traffic.traffic_light"]
+    assert line.left["managers"] == [False]
+    there = len(manifest.read_text().splitlines())
+    line.scenario(frames=there + 2, interval_s=0.05)
+    code, out, err = finished(line.start("capture", scenario, "--output", "out"))
+    assert code == 0, err
+    assert f"{there + 2} frames\t2 new" in out

@@ -1,0 +1,357 @@
+"""Whatever goes wrong: frames are right or counted, and nothing is left behind."""
+
+from __future__ import annotations
+
+import json
+import signal
+from itertools import pairwise
+
+import pytest
+
+from tests.capture.fake_carla.simulator import at
+from unghost.capture.errors import CaptureError
+
+
+def frames(stage):
+    """The frames of the manifest."""
+    path = stage.folder / "manifest.jsonl"
+    return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+
+
+def ticks(stage):
+    """The ticks that were recorded, counted from the world's first."""
+    return [frame["extra"]["capture"]["frame"] - 1000 for frame in frames(stage)]
+
+
+# One tick when walkers get their controllers, ten of warm-up; then every second one.
+FIRST = 12
+TINY = {"width": 48, "height": 32}
+CALM = {"frames": 3, "interval_s": 0.1, "camera": TINY}
+
+
+def test_without_faults_the_ticks_are_those_of_the_plan(stage):
+    done = stage.capture(**CALM)
+
+    assert ticks(stage) == [FIRST, FIRST + 2, FIRST + 4]
+    assert done.missed.total() == 0
+
+
+def test_a_lost_measurement_costs_its_tick_and_is_counted(stage):
+    stage.simulator.faults.lost = {("semantic_segmentation", FIRST)}
+
+    done = stage.capture(**CALM, sensor_wait_s=1.5)
+
+    assert ticks(stage) == [FIRST + 1, FIRST + 3, FIRST + 5]
+    assert done.missed == {"segmentation sent nothing in time": 1}
+    assert frames(stage)[0]["extra"]["capture"]["missed_before"] == 1
+    assert stage.left_behind() == {}
+
+
+def test_a_late_measurement_never_meets_those_of_another_tick(stage):
+    stage.simulator.speed = 40.0
+    stage.simulator.faults.late = {("rgb", FIRST)}
+
+    done = stage.capture(**CALM, sensor_wait_s=1.5)
+
+    assert ticks(stage)[0] == FIRST + 1
+    assert done.missed == {"rgb sent nothing in time": 1}
+    assert stage.left_behind() == {}
+
+
+def test_a_sensor_that_stays_silent_ends_the_capture_with_its_name(stage):
+    stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
+
+    with pytest.raises(CaptureError, match=r"no complete frame in 50 ticks.*rgb sent"):
+        stage.capture(camera=TINY, sensor_wait_s=0.02)
+
+    assert stage.left_behind() == {}
+
+
+def test_measurements_of_a_later_tick_are_not_taken(stage):
+    tampered = []
+
+    def renumber(server, tick):
+        sensor = next((a for a in server.actors.values() if "rgb" in a.type_id), None)
+        if tick == FIRST and sensor is not None:
+            deliver = sensor.receive
+
+            def receive(shot):
+                if not tampered:
+                    tampered.append(shot)
+                    shot.frame += 3
+                deliver(shot)
+
+            sensor.receive = receive
+
+    stage.simulator.faults.on_tick = renumber
+
+    done = stage.capture(**CALM)
+
+    assert done.missed == {"rgb sent a later tick": 1}
+    assert ticks(stage)[0] == FIRST + 1
+
+
+@pytest.mark.parametrize(
+    ("version", "used", "x"), [("0.9.15", "snapshot", 1.5), ("0.9.16", "image", 2.5)]
+)
+def test_both_poses_are_stored_and_the_right_one_is_used(make_stage, version, used, x):
+    stage = make_stage(version)
+    stage.simulator.faults.pose_shift = 1.0
+
+    done = stage.capture(**CALM)
+
+    frame = frames(stage)[0]
+    poses = frame["extra"]["capture"]["poses"]
+    assert (poses["image"]["x"], poses["snapshot"]["x"]) == (2.5, 1.5)
+    assert poses["used"] == used
+    assert frame["camera"]["transform"]["x"] == x
+    assert done.poses_differ == 3
+    assert [note for note in stage.notes if "another camera pose" in note]
+
+
+def test_where_images_can_lag_the_ticks_around_are_stored_as_well(make_stage):
+    stage = make_stage("0.9.15")
+    stage.simulator.speed = 20.0
+
+    stage.capture(**CALM, ego={"spawn_point": 0})
+
+    story = frames(stage)[0]["extra"]["capture"]
+    xs = [story["before"]["camera"]["x"], story["poses"]["snapshot"]["x"]]
+    xs.append(story["after"]["camera"]["x"])
+    assert [b - a for a, b in pairwise(xs)] == pytest.approx([1, 1])
+    assert set(story["before"]["actors"]) == set(story["after"]["actors"])
+    assert len(story["before"]["actors"]) == 6
+
+
+def test_the_newest_version_needs_no_neighbours(stage):
+    stage.capture(**CALM)
+
+    assert not {"before", "after"} & set(frames(stage)[0]["extra"]["capture"])
+
+
+def test_an_actor_that_vanishes_costs_its_box_alone(stage):
+    def vanish(server, tick):
+        if tick == FIRST + 1:
+            cars = [a for a in server.actors.values() if "tesla" in a.type_id]
+            server.remove(cars[0].id)
+
+    stage.simulator.faults.on_tick = vanish
+
+    done = stage.capture(**CALM)
+
+    counts = [len(frame["boxes"]) for frame in frames(stage)]
+    assert counts == [10, 9, 9]
+    assert done.missed.total() == 0
+    assert stage.left_behind() == {}
+
+
+def test_an_actor_of_the_list_that_the_snapshot_lacks_is_counted(stage):
+    def appear(server, tick):
+        if tick == FIRST:
+            ghost = server.add("vehicle.late", {"base_type": "car"}, at(50, 0))
+            server.faults.boxless.add(ghost.id)
+
+    stage.simulator.faults.on_tick = appear
+
+    done = stage.capture(**CALM)
+
+    assert done.left_out["no_answer"] == 3
+    assert [len(frame["boxes"]) for frame in frames(stage)] == [10, 10, 10]
+
+
+def test_dormant_actors_have_no_box(stage):
+    def sleep(server, tick):
+        if tick == FIRST:
+            cars = [a for a in server.actors.values() if "tesla" in a.type_id]
+            cars[0].is_dormant = True
+
+    stage.simulator.faults.on_tick = sleep
+
+    done = stage.capture(**CALM)
+
+    assert done.left_out["dormant"] == 3
+
+
+def test_ticks_that_another_client_made_are_not_recorded(stage):
+    stage.simulator.faults.foreign_ticks = {FIRST}
+
+    done = stage.capture(**CALM)
+
+    # The one that was overtaken, and the one after it, whose step was too long.
+    assert done.missed == {"another client ticked the world": 2}
+    assert done.frames == 3
+    assert stage.left_behind() == {}
+
+
+def test_a_client_that_always_ticks_ends_the_capture(stage):
+    stage.simulator.faults.foreign_ticks = set(range(500))
+
+    with pytest.raises(CaptureError, match="another client ticked the world"):
+        stage.capture(**CALM)
+
+    assert stage.left_behind() == {}
+
+
+@pytest.mark.parametrize("tick", [1, 5, FIRST, FIRST + 3])
+@pytest.mark.parametrize("error", [RuntimeError, KeyError], ids=lambda e: e.__name__)
+def test_an_error_in_the_middle_leaves_nothing_behind(stage, tick, error):
+    def fail(_server, now):
+        if now == tick:
+            raise error("time-out of 30000ms while waiting for the simulator")
+
+    stage.simulator.faults.on_tick = fail
+
+    expected = CaptureError if error is RuntimeError else KeyError
+    with pytest.raises(expected, match="time-out"):
+        stage.capture(
+            **CALM, map_layers={"Props": False}, weather={"preset": "WetNoon"}
+        )
+
+    assert stage.left_behind() == {}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("tick", [1, 5, FIRST, FIRST + 3])
+def test_a_stop_leaves_nothing_behind_and_the_frames_whole(stage, tick, number):
+    before = signal.getsignal(number)
+
+    def stop(_server, now):
+        if now == tick:
+            signal.raise_signal(number)
+
+    stage.simulator.faults.on_tick = stop
+
+    with pytest.raises(KeyboardInterrupt):
+        stage.capture(**CALM)
+
+    assert stage.left_behind() == {}
+    assert signal.getsignal(number) is before
+    stage.simulator.faults.on_tick = lambda *_: None
+    assert stage.capture(**CALM).frames == 3
+
+
+def test_a_second_ctrl_c_does_not_cut_the_putting_back_short(stage, monkeypatch):
+    def stop(_server, now):
+        if now == FIRST:
+            signal.raise_signal(signal.SIGINT)
+
+    remove = stage.simulator.remove
+
+    def remove_slowly(actor_id):
+        signal.raise_signal(signal.SIGINT)
+        return remove(actor_id)
+
+    stage.simulator.faults.on_tick = stop
+    monkeypatch.setattr(stage.simulator, "remove", remove_slowly)
+
+    with pytest.raises(KeyboardInterrupt):
+        stage.capture(**CALM)
+
+    assert stage.left_behind() == {}
+
+
+def test_a_step_back_that_fails_keeps_no_other_from_being_taken(stage, monkeypatch):
+    def fail(_actor_id):
+        raise RuntimeError("no answer")
+
+    monkeypatch.setattr(stage.simulator, "remove", fail)
+
+    stage.capture(**CALM)
+
+    assert set(stage.left_behind()) == {"actors"}
+    assert [note for note in stage.notes if "could not destroy" in note]
+
+
+def test_different_versions_are_told_and_both_stored(make_stage):
+    stage = make_stage("0.9.15", client_version="0.9.16")
+
+    stage.capture(**CALM)
+
+    assert "CARLA 0.9.15, the client library 0.9.16" in stage.notes[0]
+    frame = frames(stage)[0]
+    assert frame["carla_version"] == "0.9.15"
+    assert frame["extra"]["capture"]["client_version"] == "0.9.16"
+
+
+def test_a_world_that_somebody_drives_already_is_told_and_left_synchronous(make_stage):
+    stage = make_stage()
+    stage.simulator.settings.synchronous_mode = True
+
+    stage.capture(**CALM)
+
+    assert "in synchronous mode already" in stage.notes[0]
+    assert stage.simulator.settings.synchronous_mode
+
+
+WRONG = [
+    ({"map": "Town10HDD"}, "map: .*the nearest is 'Town10HD'"),
+    (
+        {"ego": {"blueprint": "vehicle.tesla.modl3"}},
+        "ego.blueprint: .*'vehicle.tesla.m",
+    ),
+    ({"ego": {"spawn_point": 9}}, "ego.spawn_point: Town10HD has 0 to 4, found 9"),
+    ({"vehicles": {"count": 1, "filter": "vehicle.x.*"}}, "vehicles.filter: no bluep"),
+    (
+        {"vehicles": {"count": 1, "filter": "vehicle.bh.*", "wheels": 4}},
+        "vehicles.wheels: no blueprint has 4 wheels",
+    ),
+    (
+        {"vehicles": {"count": 1, "filter": "vehicle.tesla.*", "generation": 1}},
+        "vehicles.generation: ",
+    ),
+    (
+        {"sensors": {"rgb": {"attributes": {"gama": 2}}}},
+        "sensors.rgb.attributes.gama: .*the nearest is 'gamma'",
+    ),
+    ({"sensors": {"lidar": {"attributes": {"rnge": 2}}}}, "nearest is 'range'"),
+    ({"camera": {"lens": {"lens_kk": 2}}}, "camera.lens.lens_kk: .*'lens_k'"),
+]
+
+
+@pytest.mark.parametrize(("changes", "words"), WRONG, ids=lambda v: str(v)[:40])
+def test_what_does_not_fit_is_refused_before_anything_is_spawned(stage, changes, words):
+    before = len(stage.simulator.spawned)
+
+    with pytest.raises(CaptureError, match=words):
+        stage.capture(**changes)
+
+    assert len(stage.simulator.spawned) == before
+    assert stage.left_behind() == {}
+
+
+def test_vehicles_that_find_no_place_are_counted(stage):
+    done = stage.capture(vehicles={"count": 50}, frames=1)
+
+    assert done.vehicles == 4
+
+
+def test_a_folder_of_something_else_is_left_alone(stage):
+    stage.folder.mkdir()
+    (stage.folder / "thesis.tex").write_text("x")
+
+    with pytest.raises(CaptureError, match="is not empty and holds no capture"):
+        stage.capture(**CALM)
+
+    assert [path.name for path in stage.folder.iterdir()] == ["thesis.tex"]
+    assert stage.left_behind() == {}
+
+
+def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
+    stage.capture(**CALM)
+
+    with pytest.raises(CaptureError, match="another scenario"):
+        stage.capture(**CALM, seed=5)
+
+    assert len(frames(stage)) == 3
+
+
+def test_parked_props_of_large_maps_are_straightened(stage):
+    attributes = {"mesh_path": "/Game/Carla/Static/Car/4Wheeled/ParkedVehicles/Mini"}
+    made = stage.simulator.add("vehicle.parked", attributes, at(60, 3, yaw=40))
+    made.type_id = "static.prop.mesh"
+    stage.capture(**CALM)
+
+    box = next(b for b in frames(stage)[0]["boxes"] if b["id"] == str(made.id))
+    assert box["class"] == "car"
+    assert box["extra"]["flags"] == ["straightened", "default_size"]
+    assert box["box3d"]["transform"]["yaw"] == pytest.approx(40, abs=1e-4)
