@@ -81,6 +81,12 @@ class Settings(BaseSettings):
         ge=0,
         description="Free disk space below which the service says it is not ready.",
     )
+    shutdown_wait_s: float = Field(
+        default=20,
+        ge=0,
+        le=3600,
+        description="Seconds that requests get to finish when the service is to stop.",
+    )
     idempotency_hours: int = Field(
         default=72,
         ge=1,
