@@ -14,13 +14,14 @@ from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.tables import Dataset, Export
-from app.errors import Conflict, TooManyRequests
+from app.errors import Conflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ExportRepository
 from app.services.cancelling import interrupt_until_written
 from app.services.context import ServiceContext
 from app.services.export_jobs import OPEN, job_of, start_exports
+from app.services.job_quota import require_a_place
 from app.services.timestamps import rfc3339
 from filter_core.formats.export_options import ExportOptions
 from filter_core.formats.writers import format_of
@@ -45,10 +46,8 @@ def request_export(
     From now on the dataset's classes keep their order: labels refer to it.
     """
     format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
+    require_a_place(session, context.settings, wanted.author)
     exports = ExportRepository(session)
-    limit = context.settings.max_open_runs
-    if exports.open_count() >= limit:
-        raise TooManyRequests(f"{limit} exports wait or work already; try later")
     DatasetRepository(session).freeze_classes(dataset.id)
     export = exports.add(
         Export(

@@ -38,7 +38,9 @@ class Live:
 
     def client(self, **headers: str) -> httpx.Client:
         """A client that shows these headers only."""
-        return httpx.Client(base_url=self.url, headers=headers, trust_env=False)
+        return httpx.Client(
+            base_url=self.url, headers=headers, trust_env=False, timeout=60
+        )
 
     def admin(self) -> httpx.Client:
         """A client that shows the first token."""
