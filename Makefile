@@ -13,6 +13,7 @@ CODE := app filter_core unghost migrations tests benchmarks tools setup.py
 PROGRAM := $(VENV)/.program
 DEVELOPMENT := $(VENV)/.development
 CHROMIUM := $(VENV)/.chromium
+STRACE := $(VENV)/.strace
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -25,7 +26,7 @@ serve: $(PROGRAM) ## Serve your own data folder (./unghost-data, or UNGHOST_DATA
 
 setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 
-test: check $(CHROMIUM) ## Set up and pass everything: checks, all tests, the browser's too
+test: check $(CHROMIUM) $(STRACE) ## Set up and pass everything: checks, all tests, the browser's too
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else
@@ -85,6 +86,10 @@ screenshots: $(CHROMIUM) ## Take the pictures of the review page anew, from a de
 clean: ## Remove what make made; the data folders stay
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STRACE): $(DEVELOPMENT) tools/ensure_strace.py
+	$(BIN)/python -m tools.ensure_strace
+	@touch $@
 
 # Order-only: an environment that is there is never thrown away because a script changed.
 $(VENV)/pyvenv.cfg:

@@ -1,0 +1,95 @@
+"""What a server asks of the operating system, in the order in which it does."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.servers import RunningServer, start, wait_for_link
+
+TRACED = ",".join(
+    ("openat", "write", "pwrite64", "writev", "sendto", "sendmsg")
+    + ("fsync", "fdatasync", "rename", "renameat", "renameat2")
+)
+STOP_WAIT_S = 120
+# 123 fsync(7</data/blobs/ab>) = 0
+_CALL = re.compile(
+    r"^(?P<pid>\d+) +(?P<name>\w+)\((?P<words>.*)\) += (?P<result>-?\d+)"
+)
+_BEGUN = re.compile(r"^(?P<pid>\d+) +(?P<begun>.*) <unfinished \.\.\.>$")
+_RESUMED = re.compile(r"^(?P<pid>\d+) +<\.\.\. \w+ resumed>(?P<rest>.*)$")
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call that succeeded; `words` are its arguments, with paths for numbers."""
+
+    name: str
+    words: str
+
+
+def require_strace() -> str:
+    """Where strace is; a skip without it, but never in continuous testing."""
+    found = shutil.which("strace")
+    if found is None and os.environ.get("CI") != "true":
+        pytest.skip("strace is not installed: `make test` installs it with apt")
+    assert found is not None, "continuous testing needs strace"
+    return found
+
+
+@contextmanager
+def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
+    """A server whose system calls are written to a file, complete after the block."""
+    log, trace = data.with_name("traced.log"), data.with_name("trace")
+    strace = [require_strace(), "--follow-forks", "--decode-fds=path"]
+    strace += ["--seccomp-bpf", "--string-limit=48", "--signal=none"]
+    strace += [f"--trace={TRACED}", f"--output={trace}"]
+    process = start([*strace, sys.executable, "-m", "app"], data, log, {})
+    try:
+        url, token = wait_for_link(process, log)
+        yield RunningServer(url, token, data, log, process), trace
+    finally:
+        # strace passes no signals on: the server itself is asked to stop.
+        for child in _children(process.pid):
+            os.kill(child, signal.SIGTERM)
+        try:
+            process.wait(STOP_WAIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def calls_of(trace: Path) -> list[Call]:
+    """The calls that succeeded, in the order in which they returned.
+
+    A call that others overlapped is written in two halves; it is over with the second.
+    """
+    begun: dict[str, str] = {}
+    found = []
+    for line in trace.read_text("utf-8", "replace").splitlines():
+        if half := _BEGUN.match(line):
+            begun[half["pid"]] = half["begun"]
+            continue
+        if rest := _RESUMED.match(line):
+            line = f"{rest['pid']} {begun.pop(rest['pid'], '')}{rest['rest']}"
+        call = _CALL.match(line)
+        if call and int(call["result"]) >= 0:
+            found.append(Call(call["name"], call["words"]))
+    return found
+
+
+def _children(pid: int) -> list[int]:
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
+    return [int(child) for child in text.split()]
