@@ -1,0 +1,79 @@
+"""docs/operations.md names what there is: metrics, checks, log keys, settings."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+
+import httpx
+import yaml
+from prometheus_client.parser import text_string_to_metric_families
+
+from app.logs import Answered, JsonLines, access_log, log_answer
+from app.settings import Settings
+from tests.api.resources import MOST_LOOKS
+from tests.docs.documents import blocks, read
+
+METRIC = re.compile(r"\b(?:unghost|process)_[a-z_]+\b")
+SETTING = re.compile(r"\bUNGHOST_[A-Z_]+\b")
+BUCKETS = re.compile(r"_(bucket|sum|count)$")
+
+
+def section(title):
+    """A section of the document, up to the next heading."""
+    return read("docs/operations.md").partition(f"\n## {title}\n")[2].split("\n## ")[0]
+
+
+def first_cells(text):
+    """What is named in the first column of the section's tables."""
+    rows = [line for line in text.splitlines() if line.startswith("| `")]
+    return {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+
+
+def exposed(server):
+    """The names of all metrics, once the blobs were counted as well."""
+    for _ in range(MOST_LOOKS):
+        answer = httpx.get(f"{server.url}/metrics", headers=server.headers)
+        found = list(text_string_to_metric_families(answer.text))
+        # The reader takes the ending off the names of counters.
+        ends = {"counter": "_total"}
+        names = {family.name + ends.get(family.type, "") for family in found}
+        if "unghost_blobs" in names:
+            return names
+    raise AssertionError(answer.text)
+
+
+def test_every_metric_is_explained_and_none_that_is_not_there(server):
+    assert first_cells(section("Metrics")) == exposed(server)
+
+
+def test_alerts_ask_for_metrics_that_there_are(server):
+    (rules,) = (yaml.safe_load(text) for text in blocks(section("Alerts"), "yaml"))
+    asked = [rule["expr"] for group in rules["groups"] for rule in group["rules"]]
+
+    names = {BUCKETS.sub("", name) for text in asked for name in METRIC.findall(text)}
+    assert len(asked) >= 5
+    assert names <= exposed(server)
+
+
+def test_every_check_of_readiness_is_explained(server):
+    checks = httpx.get(f"{server.url}/readyz").json()["checks"]
+
+    assert first_cells(section("Alive and ready")) == {*checks, "shutdown"}
+
+
+def test_the_line_of_the_log_is_one_that_is_written(caplog):
+    with caplog.at_level(logging.INFO, access_log.name):
+        log_answer(Answered("GET", "/", "/", 200, 0.1, "ada", "127.0.0.1"))
+    (record,) = caplog.records
+    (shown,) = (json.loads(text) for text in blocks(section("Logs"), "json"))
+
+    assert list(shown) == list(json.loads(JsonLines().format(record)))
+    assert first_cells(section("Logs")) <= {*shown, "traceback"}
+
+
+def test_every_setting_that_is_named_is_one():
+    known = {f"UNGHOST_{name.upper()}" for name in Settings.model_fields}
+
+    assert set(SETTING.findall(read("docs/operations.md"))) <= known
