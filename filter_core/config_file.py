@@ -87,8 +87,9 @@ def parse_yaml(text: str | bytes) -> object:
         raise ConfigError(f"{place}{exc.problem}", code="bad_yaml") from exc
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise ConfigError(f"not readable as YAML: {exc}", code="bad_yaml") from exc
-    except ValueError as exc:
-        # A date that no calendar has, a number of a million digits.
+    except (ValueError, LookupError, AttributeError) as exc:
+        # A date that no calendar has, a number of a million digits; and what PyYAML
+        # stumbles over if a tag is written out: `!!int _`, `!!bool x`, `!!timestamp x`.
         raise ConfigError(f"not a value: {exc}", code="bad_yaml") from exc
 
 
