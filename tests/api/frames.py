@@ -46,6 +46,11 @@ def image(number: int = 0) -> bytes:
     return png(np.full((HEIGHT, WIDTH, 3), number % 256, np.uint8))
 
 
+def as_json(value: object) -> bytes:
+    """An annotation as it is sent."""
+    return json.dumps(value).encode()
+
+
 def annotation() -> dict[str, object]:
     return {
         "carla_version": "0.9.15",

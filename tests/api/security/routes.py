@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 
@@ -81,3 +82,8 @@ def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
 def operations(route: APIRoute) -> set[Operation]:
     """The methods of a route, each with its path."""
     return {(method, route.path) for method in route.methods or ()}
+
+
+def at(path: str, values: Mapping[str, object]) -> str:
+    """A path with its parameters filled in."""
+    return re.sub(r"{(.*?)}", lambda found: str(values[found[1]]), path)

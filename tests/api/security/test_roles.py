@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from datetime import datetime, timedelta, timezone
 
@@ -12,7 +11,7 @@ from app.db.access_tables import Token
 from app.routing import ApiRoute, OpenRoute
 from app.security import Role
 from tests.api import frames as scene
-from tests.api.security.routes import ANYBODY, NEEDS, every_route, operations
+from tests.api.security.routes import ANYBODY, NEEDS, at, every_route, operations
 
 GUARDED = {one: role for one, role in NEEDS.items() if role is not ANYBODY}
 NO_ENTRY = {401}
@@ -27,7 +26,7 @@ def filled(service):
         frame = admin.put(
             "/api/v1/datasets/hers/frames/a",
             files={
-                "annotation": json.dumps(scene.annotation()),
+                "annotation": scene.as_json(scene.annotation()),
                 "image": scene.image(),
             },
         ).json()
@@ -42,10 +41,6 @@ def filled(service):
         }
     names = {"dataset": "hers", "key:any": "a", "kind": "image", "name:path": "x"}
     return {**names, "token_id": 1, "batch_id": 1, **answers}
-
-
-def at(path, values):
-    return re.sub(r"{(.*?)}", lambda found: str(values[found[1]]), path)
 
 
 def answered(client, values, operations=GUARDED):

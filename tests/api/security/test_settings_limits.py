@@ -55,7 +55,7 @@ def service(tmp_path_factory):
 
 
 def put(client, **files):
-    files = {"annotation": json.dumps(scene.annotation()), **files}
+    files = {"annotation": scene.as_json(scene.annotation()), **files}
     return client.put(f"{STREET}/frames/a", files=files)
 
 
