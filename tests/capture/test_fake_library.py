@@ -20,7 +20,7 @@ from unghost.capture.rig import BLUEPRINTS
 # What the fakes have for the tests alone, beside what the library has.
 OWN = {
     *("kind", "pose", "solid", "receive", "heads", "autopilot", "light_state"),
-    *("speed", "walking", "attributes", "solids", "true_pose"),
+    *("speed", "walking", "attributes", "shared", "solids", "true_pose"),
 }
 
 

@@ -28,7 +28,7 @@ from unghost.capture.weather import WeatherPlan
 
 Advance = Callable[[int, "int | None"], None]
 
-_MOST_MISSED: Final = 50
+_MOST_MISSED: Final = 20
 _SETTLING_TICKS: Final = 10
 """After another preset the exposure of the cameras needs so long."""
 _ANOTHER_CLIENT: Final = "another client ticked the world"

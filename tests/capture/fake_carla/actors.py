@@ -50,7 +50,9 @@ class Actor:
             return carla.Transform(self.pose.location, self.pose.rotation)
         # All mounts of the tests are level and look forward.
         under = self.parent.get_transform()
-        place = under.transform(self.pose.location)
+        here = self.pose.location
+        # The library moves the point that it is given, so it gets one of its own.
+        place = under.transform(carla.Location(here.x, here.y, here.z))
         return carla.Transform(
             carla.Location(place.x, place.y, place.z), under.rotation
         )

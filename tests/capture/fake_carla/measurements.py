@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from threading import Lock
 
 import carla
 import numpy as np
@@ -11,6 +12,14 @@ import numpy as np
 from tests.capture.fake_carla.scene import FAR_M, cast, rays
 
 _COLORS = {1: (128, 64, 128), 3: (70, 70, 70), 11: (70, 130, 180), 12: (220, 20, 60)}
+
+
+@dataclass
+class Shared:
+    """What the measurements of one tick have in common."""
+
+    lock: Lock = field(default_factory=Lock)
+    views: dict = field(default_factory=dict)
 
 
 @dataclass
@@ -23,6 +32,7 @@ class Shot:
     solids: tuple
     attributes: dict
     kind: str
+    shared: Shared
 
     @property
     def _pose(self):
@@ -46,9 +56,13 @@ class Image(Shot):
 
     @cached_property
     def raw_data(self):
-        depth, tag, owner = cast(
-            self.solids, self._pose, rays(self.width, self.height, self.fov)
-        )
+        # All cameras of a tick sit at one place: what they see is computed once.
+        with self.shared.lock:
+            key = (self.width, self.height, self.fov, *self._pose.get_matrix()[0])
+            if key not in self.shared.views:
+                directions = rays(self.width, self.height, self.fov)
+                self.shared.views[key] = cast(self.solids, self._pose, directions)
+            depth, tag, owner = self.shared.views[key]
         pixels = np.full((self.height, self.width, 4), 255, np.uint8)
         pixels[..., :3] = self._bgr(depth, tag, owner)
         return memoryview(pixels.tobytes())

@@ -17,7 +17,7 @@ from tests.capture.fake_carla.actors import (
     Walker,
     WalkerAIController,
 )
-from tests.capture.fake_carla.measurements import MEASUREMENTS, Image
+from tests.capture.fake_carla.measurements import MEASUREMENTS, Image, Shared
 from tests.capture.fake_carla.scene import Solid
 
 _CLASSES = (
@@ -116,10 +116,10 @@ class Simulator:
         self.faults.on_tick(self, self.ticks)
         self.frame += 1
         self._move()
-        mail, self._held = self._held, []
+        mail, self._held, shared = self._held, [], Shared()
         for sensor in [a for a in self.actors.values() if isinstance(a, Sensor)]:
             if sensor.is_listening():
-                self._measure(sensor, mail)
+                self._measure(sensor, mail, shared)
         for one in mail:
             self._mail.put(one)
         frame = self.frame
@@ -136,7 +136,7 @@ class Simulator:
                     carla.Location(ahead.x, ahead.y, ahead.z), actor.pose.rotation
                 )
 
-    def _measure(self, sensor, mail):
+    def _measure(self, sensor, mail, shared):
         word = sensor.type_id.rsplit(".", 1)[-1]
         if (word, self.ticks) in self.faults.lost:
             return
@@ -153,6 +153,7 @@ class Simulator:
             attributes=sensor.attributes,
             kind=sensor.type_id,
             true_pose=true,
+            shared=shared,
         )
         late = (word, self.ticks) in self.faults.late
         (self._held if late else mail).append((sensor, shot))
