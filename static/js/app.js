@@ -16,6 +16,7 @@ import { createToasts } from "./toasts.js";
 import { createUndo } from "./undo.js";
 import { uploadCalls } from "./calls/uploads.js";
 import { createUploads } from "./upload/uploads.js";
+import { endedText } from "./wording.js";
 
 /** @typedef {import("./types.js").Decision} Decision */
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
@@ -36,6 +37,8 @@ export async function createApp(api, storage) {
   const toasts = createToasts();
   const undo = createUndo();
   const isSignedIn = createValue(true);
+  /** Why one is not any more; empty for whoever never was. */
+  const ended = createValue("");
   /** Whose answers these are. */
   const person = createValue(/** @type {import("./types.js").Person | null} */ (null));
   const greet = () => api.whoAmI().then(person.set, () => person.set(null));
@@ -75,7 +78,9 @@ export async function createApp(api, storage) {
   });
   /** Signed out is a state of the page, not an error of a view. @param {unknown} error */
   const notice = (error) => {
-    if (error instanceof ApiError && error.status === 401) isSignedIn.set(false);
+    if (!(error instanceof ApiError) || error.status !== 401) return;
+    ended.set(endedText(error.problem.code));
+    isSignedIn.set(false);
   };
   const bulk = createBulkActs({ storage, tab, openTabs, stores, frames, toasts, undo, notice });
   saver.state.observe(({ phase }) => phase === "signed-out" && isSignedIn.set(false));
@@ -97,6 +102,7 @@ export async function createApp(api, storage) {
     announcement,
     zoom,
     isSignedIn,
+    ended,
     person,
     greet,
     uploads: createUploads(uploadCalls, isSignedIn),
@@ -118,6 +124,7 @@ export async function createApp(api, storage) {
     /** @param {string} token */
     async signIn(token) {
       await api.signIn(token);
+      ended.set("");
       isSignedIn.set(true);
       void greet();
       void saver.resume();

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
+import sqlite3
+from collections.abc import Iterator
+
 import pytest
 from playwright.sync_api import expect
 
 from tests.browser.conftest import Visit
+from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    """A server that has no patience with who guesses."""
+    data = tmp_path_factory.mktemp("strict") / "data"
+    with running_server(data, {"UNGHOST_MAX_FAILED_LOGINS": "2"}) as server:
+        yield server
 
 
 def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
@@ -87,3 +100,62 @@ def test_login_link_works_in_a_window_that_is_open_already(visit, server):
 
     expect(page.locator("[data-view=datasets]")).to_be_visible()
     assert "token" not in page.url
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("expires_at = '2001-01-01 00:00:00'", "this token expired on 2001-01-01"),
+        ("revoked_at = '2001-01-01 00:00:00'", "this token was taken back"),
+    ],
+)
+def test_login_link_that_is_over_says_why(visit, server, api, change, words):
+    token = a_token(server, api, change)
+    page = visit(sign_in=False).page
+
+    page.goto(f"{server.url}/#token={token}")
+
+    expect(page.get_by_role("alert")).to_contain_text(words)
+
+
+def test_page_whose_token_expires_says_so(visit, server, api, scene):
+    token = a_token(server, api)
+    page = visit(sign_in=False).page
+    page.goto(f"{server.url}/#token={token}")
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+
+    change(server, token, "expires_at = '2001-01-01 00:00:00'")
+    while page.request.get(f"{server.url}/api/v1/session").ok:
+        pass  # who was let in is known for a second
+    page.goto(f"{server.url}/{scene.link()}")
+
+    expect(page.get_by_label("Token")).to_be_visible()
+    expect(page.get_by_text("Your token has expired.")).to_be_visible()
+
+
+def test_who_guesses_is_told_how_long_to_wait(visit, strict):
+    page = visit(sign_in=False).page
+    page.goto(f"{strict.url}/#token=ug_first")
+    for guess in ("ug_second", strict.token):
+        expect(page.get_by_role("alert")).not_to_be_empty()
+        page.get_by_label("Token").fill(guess)
+        page.get_by_role("button", name="Sign in").click()
+
+    expect(page.get_by_role("alert")).to_contain_text("try again in")
+    expect(page.get_by_label("Token")).to_be_visible()
+
+
+def a_token(server, api, change_to=""):
+    name = f"visitor-{len(api.get('/tokens').json()['items'])}"
+    token = api.post("/tokens", json={"name": name}).json()["token"]
+    if change_to:
+        change(server, token, change_to)
+    return token
+
+
+def change(server, token, to):
+    """What only time or an admin does to a token."""
+    digest = hashlib.sha256(token.encode()).hexdigest()
+    with sqlite3.connect(server.data / "unghost.db", timeout=30) as database:
+        database.execute(f"update tokens set {to} where hash = ?", (digest,))
+    database.close()

@@ -11,6 +11,7 @@ import { Mark } from "./icons.js";
 export function SignIn({ app, linkError }) {
   useTitle("Sign in");
   const { waiting } = useValue(app.saver.state);
+  const ended = useValue(app.ended);
   const [error, setError] = useState(linkError);
   const [isBusy, setBusy] = useState(false);
 
@@ -29,6 +30,7 @@ export function SignIn({ app, linkError }) {
     <form class="signin__card" onSubmit=${submit} novalidate>
       <${Mark} />
       <h1>Sign in to Unghost</h1>
+      ${ended && html`<p class="signin__note" role="status">${ended}</p>`}
       <p>Open the login link that the server printed when it started, or paste its token here.</p>
       ${waiting.size > 0 && html`<p class="signin__note" role="status">${countOf(waiting.size, "answer")} kept in this browser will be saved once you are in.</p>`}
       <label class="field">

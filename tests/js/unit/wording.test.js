@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { agoText, countOf, labelText, percentText, matchText, reasonText, shortText, spokenText } from "../../../static/js/wording.js";
+import { agoText, countOf, endedText, labelText, percentText, matchText, reasonText, shortText, spokenText } from "../../../static/js/wording.js";
 import { decision } from "./builders.js";
 
 test("the label says the number, what was needed, and what hides the box", () => {
@@ -75,4 +75,12 @@ test("times are told as people do", () => {
 test("lists show the share where it decided, and nothing where nothing was measured", () => {
   assert.equal(matchText(decision()), "4.1 %");
   assert.equal(matchText(decision({ evidence: null, match_percent: null, threshold: null })), "");
+});
+
+test("why one is signed out is said where it is known", () => {
+  assert.match(endedText("token_expired"), /has expired/);
+  assert.match(endedText("token_revoked"), /taken back/);
+  assert.match(endedText("session_expired"), /has ended/);
+  assert.equal(endedText("unauthorised"), "");
+  assert.equal(endedText(undefined), "");
 });
