@@ -8,6 +8,7 @@ from typing import Final
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from app.http_errors import PROBLEM_TYPE, Problem
+from app.logs import Answered, known_as, log_answer
 
 _PROBLEM: Final = Problem(
     400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
@@ -21,6 +22,9 @@ class ProblemProtocol(HttpToolsProtocol):
         """Answer and hang up. No request exists yet, so no middleware sees this."""
         request_id = uuid.uuid4().hex
         answer = _PROBLEM.response(instance="", request_id=request_id)
+        client = self.client[0] if self.client else None
+        with known_as(request_id):
+            log_answer(Answered("-", "-", None, _PROBLEM.status, 0.0, None, client))
         head = (
             "HTTP/1.1 400 Bad Request",
             f"content-type: {PROBLEM_TYPE}",

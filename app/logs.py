@@ -10,6 +10,8 @@ import logging
 import re
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar
 from datetime import datetime, timezone
 from typing import Any, Final, NamedTuple, TextIO
@@ -24,6 +26,16 @@ TEXT: Final = "%(asctime)s %(levelname)s %(name)s [%(request_id)s] %(message)s"
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 # Nothing here logs a token; somebody may put one into an address all the same.
 _TOKEN: Final = re.compile(r"ug_[A-Za-z0-9_-]{20,}")
+
+
+@contextmanager
+def known_as(request_id: str) -> Iterator[None]:
+    """What is written within the block belongs to this request."""
+    reset = current_request_id.set(request_id)
+    try:
+        yield
+    finally:
+        current_request_id.reset(reset)
 
 
 def one_line(text: str) -> str:

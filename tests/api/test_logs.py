@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import time
 from urllib.parse import urlsplit
@@ -177,7 +178,11 @@ def malformed(server):
     place = urlsplit(server.url)
     with socket.create_connection((place.hostname, place.port)) as connection:
         connection.sendall(f"GET /{SECRET}\r\nnot http at all\r\n\r\n".encode())
-        assert b"400" in connection.recv(4096)
+        with connection.makefile("rb") as stream:
+            answer = stream.read().decode()
+    (request_id,) = re.findall(r"^x-request-id: (\w+)\r$", answer, re.MULTILINE)
+    assert answer.startswith("HTTP/1.1 400 ")
+    log_with(server, f'"request_id":"{request_id}"')
 
 
 def test_an_error_of_the_database_does_not_tell_what_was_written(service, caplog):
