@@ -1,11 +1,13 @@
 """How close does filtering a folder come to only decoding and measuring its pixels?
 
-    python -m benchmarks.bench_local [--frames 400] [--rounds 5] [--json] [--check]
+    python -m benchmarks.bench_local [--frames 400] [--rounds 5] [--workers N]
+        [--json] [--check]
 
 A manifest of frames like CARLA's (a 1.3 MB image, `bench_filter`'s segmentation, 30
 boxes) is filtered as `unghost filter` does, from its lines to decisions on the disk.
-Beside it as many threads only decode and measure the same segmentations, which are in
-memory already. Both in turns within one run; the ratio is of the medians.
+Beside it as many threads as there are cores only decode and measure the same
+segmentations, which are in memory already. Both in turns within one run; the ratio is
+of the medians.
 """
 
 from __future__ import annotations
@@ -35,33 +37,35 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--workers", type=int, help="else the filter chooses")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--check", action="store_true", help="fail below the promise")
     options = parser.parse_args()
     scenes = [street(seed) for seed in range(SCENES)]
-    workers = os.cpu_count() or 1
+    cores = os.cpu_count() or 1
     with tempfile.TemporaryDirectory() as folder:
         source = write_frames(Path(folder), scenes, options.frames)
         output = Path(folder) / "decisions.jsonl"
-        command = FilterOptions(source=source, output=output, workers=workers)
+        command = FilterOptions(source=source, output=output, workers=options.workers)
         pixels, whole = in_turns(
             options.rounds,
-            lambda: only_pixels(scenes, options.frames, workers),
+            lambda: only_pixels(scenes, options.frames, cores),
             lambda: filter_local(command),
         )
     ratio = pixels / whole
     figures = {
         "frames": options.frames,
-        "threads": workers,
+        "threads that only decode and measure": cores,
         "decode and measure [frames/s]": options.frames / pixels,
         "unghost filter [frames/s]": options.frames / whole,
-        "rate, against decode and measure": ratio,
+        "rate, against decode and measure: measured": ratio,
+        "rate, against decode and measure: asked": PROMISE,
     }
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
         for name, value in figures.items():
-            print(f"{name:36} {value:10.2f}")
+            print(f"{name:44} {value:10.2f}")
     return int(options.check and ratio < PROMISE)
 
 

@@ -163,15 +163,19 @@ def decision_dicts(
     if not len(ids):
         return []
     frames = [frame] * len(ids) if isinstance(frame, FrameFacts) else frame
-    columns = {
+    columns: dict[str, Sequence[Any]] = {
         "id": ids,
         **_columns(evidence, decisions),
         **_geometry_columns(geometry),
         "channel": _channel_facts(evidence, frames[0].config),
     }
-    rows = zip(*columns.values(), strict=True)
+    missing = BoxFacts._field_defaults
+    rows = zip(
+        *(columns.get(name) or [missing[name]] * len(ids) for name in BoxFacts._fields),
+        strict=True,
+    )
     return [
-        decision_dict(facts, BoxFacts(**dict(zip(columns, row, strict=True))))
+        decision_dict(facts, BoxFacts._make(row))
         for facts, row in zip(frames, rows, strict=True)
     ]
 
@@ -327,7 +331,8 @@ def _position(explained_by: int | None) -> int:
 
 
 def _number(value: float | None) -> float | None:
-    return None if value is None or math.isnan(value) else value
+    # NaN alone differs from itself; this is asked six times for every box.
+    return None if value is None or value != value else value
 
 
 def _rectangle(xyxy: Sequence[float] | None) -> list[float] | None:

@@ -121,14 +121,21 @@ def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
     """With the fewest digits that leave the value on its side of every mark."""
     shown = value
     for count in range(digits, 10):
-        shown = float(f"{value:.{count}f}")
-        if all(_side(value, mark) == _side(shown, mark) for mark in marks):
+        text = f"{value:.{count}f}"
+        shown = float(text)
+        if _keeps_sides(value, shown, marks):
             break
-    return f"{shown:.9f}".rstrip("0").rstrip(".")
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _side(value: float, mark: float) -> int:
-    return (value > mark) - (value < mark)
+def _keeps_sides(value: float, shown: float, marks: Sequence[float]) -> bool:
+    if value == shown:
+        return True
+    # A loop: as a generator it costs more than everything else a sentence is made of.
+    for mark in marks:
+        if (value > mark) != (shown > mark) or (value < mark) != (shown < mark):
+            return False
+    return True
 
 
 def _exact_percent(value: float) -> str:

@@ -68,7 +68,8 @@ def filter_source(
     dataset : SegmentationOptions, optional
         How the segmentations are to be read, above what the config says.
     workers : int, optional
-        Threads; as many as there are cores. Pixel work runs outside Python's lock.
+        Threads; one more than there are cores. Pixel work runs outside Python's lock,
+        and while one thread waits for the lock, another keeps its core at work.
 
     Yields
     ------
@@ -87,7 +88,7 @@ def in_order(
 
     Only a few items are taken ahead, so that their number does not matter.
     """
-    count = workers or os.cpu_count() or 1
+    count = workers or (os.cpu_count() or 1) + 1
     waiting: deque[Future[Made]] = deque()
     with ThreadPoolExecutor(count, thread_name_prefix="filter") as pool:
         try:

@@ -85,12 +85,12 @@ class Reason(IntEnum):
             raise ValueError(f"unknown reason {label!r}; known: {known}") from None
 
 
-# By number: both are asked several times for every box that is shown.
-_LABELS: Final = {int(reason): reason.name.lower() for reason in Reason}
-_VERDICTS: Final = {int(reason): Verdict.REJECTED for reason in Reason} | {
-    int(Reason.VISIBLE): Verdict.KEPT,
-    int(Reason.NO_SEGMENTATION): Verdict.UNMEASURED,
-}
+# By place, not by key: both are asked several times for every box that is shown, and to
+# hash a reason takes longer than to do anything else with it. Reasons count from 1.
+_LABELS: Final = ["", *(reason.name.lower() for reason in Reason)]
+_VERDICTS: Final = [Verdict.REJECTED for _ in _LABELS]
+_VERDICTS[Reason.VISIBLE] = Verdict.KEPT
+_VERDICTS[Reason.NO_SEGMENTATION] = Verdict.UNMEASURED
 
 
 @dataclass(frozen=True)
