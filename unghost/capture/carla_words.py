@@ -35,3 +35,12 @@ MAP_LAYERS: Final = (
     "Buildings", "Decals", "Foliage", "Ground", "ParkedVehicles", "Particles", "Props",
     "StreetLights", "Walls", "All",
 )  # fmt: skip
+LENS_ATTRIBUTES: Final = (
+    "lens_circle_falloff",
+    "lens_circle_multiplier",
+    "lens_k",
+    "lens_kcube",
+    "lens_x_size",
+    "lens_y_size",
+)
+"""What bends the picture; `lens_flare_intensity` only adds light to it."""

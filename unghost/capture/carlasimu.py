@@ -38,6 +38,7 @@ _DATA_KEYS: Final = frozenset(
         "wait_for_tick", "fixed_delta_seconds",
     }
 )  # fmt: skip
+_WITHOUT_MEANING: Final = ("apply_settings", "hero", "physics_mode", "wait_for_tick")
 _BOX_KEYS: Final = frozenset(
     {
         "cam_rgb", "image_segmentation", "radar_sensor", "lidar_sensor",
@@ -141,6 +142,9 @@ def _data(given: Mapping[str, Any], result: Conversion) -> None:
     vehicles["lights"] = _lights(states)
     scenario["vehicles"] = vehicles
     scenario["walkers"] = _walkers(given)
+    unused = [name for name in _WITHOUT_MEANING if name in given]
+    if unused:
+        result.notes.append(f"data.yaml: not used here: {', '.join(unused)}")
     if given.get("asynch") or given.get("synchronous") is False:
         result.notes.append("always synchronous: asynch and synchronous are not used")
     if given.get("no_rendering"):

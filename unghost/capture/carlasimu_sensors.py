@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from unghost.capture.carla_words import LENS_ATTRIBUTES
 from unghost.capture.errors import ScenarioError
 
 Refuse = Callable[[Mapping[str, Any], frozenset[str], str], None]
@@ -55,12 +56,7 @@ def _geometry(camera: Mapping[str, Any]) -> tuple[object, ...]:
 
 
 def _lens(camera: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: value
-        for name, value in camera.items()
-        if name.startswith("lens_c")
-        or name in ("lens_k", "lens_kcube", "lens_x_size", "lens_y_size")
-    }
+    return {name: value for name, value in camera.items() if name in LENS_ATTRIBUTES}
 
 
 def _mount(sensor: Mapping[str, Any], name: str) -> dict[str, float]:

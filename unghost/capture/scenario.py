@@ -122,7 +122,7 @@ def _words(fault: Mapping[str, object], name: str) -> str:
     key = ".".join(str(part) for part in place)
     if fault["type"] == "extra_forbidden":
         valid = valid_keys(place[:-1])
-        hint = nearest(place[-1], valid)
+        hint = nearest(str(place[-1]).casefold(), valid)
         return f"{name}: {key}: unknown key; the nearest valid key is {hint!r}"
     said = str(fault["msg"]).removeprefix("Value error, ")
     given = fault["input"]

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from filter_core.config_values import nearest
 from unghost.capture.carla_words import (
+    LENS_ATTRIBUTES,
     MAP_LAYERS,
     VEHICLE_LIGHTS,
     WEATHER_PARAMETERS,
@@ -40,6 +41,10 @@ def _light(word: str) -> str:
     return _one_of(word, VEHICLE_LIGHTS, "light")
 
 
+def _lens(word: str) -> str:
+    return _one_of(word, LENS_ATTRIBUTES, "attribute of the lens")
+
+
 def _layer(word: str) -> str:
     return _one_of(word, MAP_LAYERS, "map layer")
 
@@ -47,6 +52,7 @@ def _layer(word: str) -> str:
 Preset: TypeAlias = Annotated[str, AfterValidator(_preset)]
 WeatherParameter: TypeAlias = Annotated[str, AfterValidator(_parameter)]
 VehicleLight: TypeAlias = Annotated[str, AfterValidator(_light)]
+LensAttribute: TypeAlias = Annotated[str, AfterValidator(_lens)]
 MapLayer: TypeAlias = Annotated[str, AfterValidator(_layer)]
 Port: TypeAlias = Annotated[int, Field(ge=1, le=65535)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=2000)]
@@ -154,17 +160,7 @@ class Camera(Part):
     height: int = Field(default=720, ge=16, le=16384)
     fov: float = Field(default=90.0, gt=0, lt=180)
     mount: Mount = Mount()
-    lens: dict[str, AttributeValue] = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _lens_only(self) -> Camera:
-        for name in self.lens:
-            if not name.startswith("lens_"):
-                raise ValueError(
-                    f"lens.{name}: attributes of the lens begin with lens_; others "
-                    "belong to one sensor's attributes"
-                )
-        return self
+    lens: dict[LensAttribute, AttributeValue] = Field(default_factory=dict)
 
 
 class CameraSensor(Part):
@@ -176,7 +172,7 @@ class CameraSensor(Part):
     def _nothing_shared(self) -> CameraSensor:
         shared = {"image_size_x", "image_size_y", "fov", "sensor_tick"}
         for name in self.attributes:
-            if name in shared or name.startswith("lens_"):
+            if name in shared or name in LENS_ATTRIBUTES:
                 raise ValueError(
                     f"attributes.{name} is the same for all cameras: see the key camera"
                     if name != "sensor_tick"

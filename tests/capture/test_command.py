@@ -1,0 +1,126 @@
+"""The command without a simulator, and with one that is not there."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from tests.api.command_line import CommandLine
+from tests.capture.conftest import SMALL
+from unghost.cli.program import app
+
+
+@pytest.fixture
+def unghost(tmp_path):
+    return CommandLine(tmp_path, {})
+
+
+def written(folder, **changes):
+    path = folder / "street.yaml"
+    path.write_text(yaml.safe_dump({**SMALL, **changes}))
+    return path
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["capture", *map(str, words)])
+
+
+def test_a_dry_run_shows_the_plan_and_touches_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scenario = written(tmp_path, map="Town05", sensors={"radar": True, "lidar": True})
+
+    done = run(scenario, "--dry-run", "--push", "street")
+
+    rows = dict(line.split("\t") for line in done.stdout.splitlines())
+    assert rows["map"] == "Town05"
+    assert rows["vehicles"] == "4 of vehicle.tesla.*"
+    assert rows["frames"] == "3, one every 2 ticks of 0.05 s: 0.3 s simulated"
+    assert rows["sensor radar"] == "sensor.other.radar"
+    assert (rows["output"], rows["push to"]) == ("capture-street", "street")
+    assert [path.name for path in tmp_path.iterdir()] == ["street.yaml"]
+
+
+def test_a_dry_run_is_a_record_for_programs(tmp_path):
+    done = run(written(tmp_path), "--dry-run", "--json")
+
+    plan = json.loads(done.stdout)
+    assert plan["ticks"] == 16
+    assert plan["scenario"]["vehicles"]["count"] == 4
+    assert set(plan["sensors"]) == {"rgb", "segmentation"}
+
+
+def test_a_mistake_ends_with_1_and_its_words(unghost, tmp_path):
+    said = unghost("capture", written(tmp_path, vehicls={}), "--dry-run")
+
+    assert said.code == 1
+    assert said.err == (
+        "unghost: street.yaml: vehicls: unknown key; the nearest valid key is "
+        "'vehicles'\n"
+    )
+
+
+def test_without_a_simulator_it_ends_with_69(unghost, tmp_path):
+    with socket.socket() as taken:
+        # Bound but not listening: nobody else can answer there meanwhile.
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        said = unghost("capture", written(tmp_path, port=port, timeout_s=1))
+
+    assert said.code == 69, said.err
+    assert f"no simulator at 127.0.0.1:{port}" in said.err
+    assert not (tmp_path / "capture-street").exists()
+
+
+def test_without_a_scenario_it_ends_with_2(unghost):
+    assert unghost("capture").code == 2
+
+
+def test_carlasimus_files_are_printed_as_a_scenario(unghost, tmp_path):
+    (tmp_path / "weather.yaml").write_text("sitting: {fog_density: 3}")
+
+    said = unghost("capture", "--from-carlasimu", tmp_path)
+
+    assert said.code == 0
+    assert yaml.safe_load(said.out) == {"weather": {"parameters": {"fog_density": 3}}}
+
+
+def test_a_capture_is_told_in_a_record(as_carla, tmp_path):
+    scenario = written(tmp_path, frames=2, camera={"width": 48, "height": 32})
+
+    done = run(scenario, "--output", tmp_path / "out", "--json")
+
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert (told["frames"], told["added"], told["missed"]) == (2, 2, {})
+    assert told["left_out"] == {"impossible_box": 2}
+    about = json.loads((tmp_path / "out" / "capture.json").read_text())
+    assert about["last"]["frames"] == 2
+    assert about["carla_version"] == "0.9.16"
+    assert as_carla.left_behind() == {}
+
+
+def test_what_was_missed_is_said(as_carla, tmp_path):
+    as_carla.simulator.faults.foreign_ticks = {12}
+    scenario = written(tmp_path, frames=1, camera={"width": 48, "height": 32})
+
+    done = run(scenario, "--output", tmp_path / "out")
+
+    assert "1 frames\t1 new\t2 ticks missed" in done.stdout
+    assert "ticks not recorded: 2: another client ticked the world" in done.stderr
+    assert "objects without a box: 2: impossible box" in done.stderr
+
+
+def test_an_installation_without_the_library_says_what_to_install(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "carla", None)
+
+    done = run(written(tmp_path))
+
+    assert done.exit_code == 1
+    assert "pip install 'unghost[carla]'" in str(done.exception)

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from unghost.capture.box_checks import (
+    LocalBox,
+    checked_light,
+    checked_parked,
+    checked_prop,
+    checked_vehicle,
+    checked_walker,
+    is_sane,
+)
+
+ORIGIN = (0.0, 0.0, 0.0)
+CAR = LocalBox((0.0, 0.0, 0.75), (2.4, 1.0, 0.75))
+
+
+@pytest.mark.parametrize(
+    ("box", "sane"),
+    [
+        pytest.param(CAR, True, id="a car"),
+        pytest.param(LocalBox(ORIGIN, (0.8, 0.0, 0.8)), False, id="no width"),
+        pytest.param(LocalBox(ORIGIN, (0.8, 0.05, 0.8)), True, id="just wide enough"),
+        pytest.param(LocalBox(ORIGIN, (0.8, 0.3, 250)), False, id="a tower"),
+        pytest.param(LocalBox((0, 40, 0), (0.8, 0.3, 0.8)), False, id="elsewhere"),
+        pytest.param(LocalBox((0, 0, 9), (0.8, 0.3, 0.8)), True, id="high up"),
+        pytest.param(LocalBox(ORIGIN, (-0.8, 0.3, 0.8)), False, id="negative"),
+        pytest.param(LocalBox(ORIGIN, (math.nan, 1, 1)), False, id="no number"),
+    ],
+)
+def test_boxes_that_cannot_be_are_recognised(box, sane):
+    assert is_sane(box) is sane
+
+
+@pytest.mark.parametrize("kind", ["bicycle", "motorcycle"])
+def test_a_two_wheeler_without_width_is_repaired_or_left_out(kind):
+    flat = LocalBox((0, 40, 0), (0.8, 0.0, 0.8), (0, 30, 0))
+
+    repaired = checked_vehicle(flat, kind, repair=True)
+
+    assert repaired is not None
+    assert is_sane(repaired)
+    assert repaired.flags == ("default_size",)
+    assert repaired.given == ((0, 40, 0), (0.8, 0.0, 0.8))
+    assert repaired.rotation == ORIGIN
+    assert repaired.location[2] == repaired.extent[2]
+    assert checked_vehicle(flat, kind, repair=False) is None
+    assert checked_vehicle(flat, "car", repair=True) is None
+
+
+def test_a_sane_vehicle_is_left_as_it_is():
+    assert checked_vehicle(CAR, "bicycle", repair=True) is CAR
+
+
+def test_a_capsule_is_marked_and_widened_sideways():
+    capsule = LocalBox(ORIGIN, (0.188, 0.188, 0.93))
+
+    box = checked_walker(capsule, 0.15)
+
+    assert box is not None
+    assert box.flags == ("capsule", "widened")
+    assert box.extent == pytest.approx((0.338, 0.338, 0.93))
+    unwidened = checked_walker(capsule, 0)
+    assert unwidened is not None
+    assert (unwidened.flags, unwidened.extent) == (("capsule",), capsule.extent)
+
+
+def test_a_walker_with_a_box_of_its_own_is_left_as_it_is():
+    own = LocalBox((0.0, 0.05, 0.0), (0.3, 0.25, 0.9))
+
+    assert checked_walker(own, 0.15) is own
+    assert checked_walker(LocalBox(ORIGIN, ORIGIN), 0.15) is None
+
+
+def test_a_mirrored_mesh_becomes_a_box_turned_round():
+    mirrored = LocalBox((50, 60, 0.75), (-2.4, 1.0, 0.75), (0, 10, 0))
+
+    box = checked_parked(mirrored, "car")
+
+    assert box is not None
+    assert box.flags == ("mirrored",)
+    assert box.extent == (2.4, 1.0, 0.75)
+    assert box.rotation == (0, -170, 0)
+
+
+@pytest.mark.parametrize(
+    ("half", "kind", "kept"),
+    [
+        ((0.3, 0.3, 0.2), "car", False),
+        ((2.4, 1.0, 0.49), "truck", False),
+        ((0.8, 0.3, 0.45), "bicycle", True),
+        ((2.4, 1.0, 0.75), "car", True),
+        ((80, 1.0, 0.75), "car", False),
+    ],
+)
+def test_parts_of_vehicles_are_no_vehicles(half, kind, kept):
+    assert (checked_parked(LocalBox((50, 60, 0), half), kind) is not None) is kept
+
+
+def test_a_parked_prop_loses_its_turn_and_an_impossible_size():
+    good = checked_prop(LocalBox((0, 0, 0.7), (2.2, 0.9, 0.7), (0, 40, 0)))
+    bad = checked_prop(LocalBox((0, 0, 0.7), (2.2, 0.01, 0.7), (0, 40, 0)))
+
+    assert (good.flags, good.rotation) == (("straightened",), ORIGIN)
+    assert good.extent == (2.2, 0.9, 0.7)
+    assert bad.flags == ("straightened", "default_size")
+    assert is_sane(bad)
+    assert bad.given == ((0, 0, 0.7), (2.2, 0.01, 0.7))
+
+
+@pytest.mark.parametrize(
+    ("half", "expected", "flags"),
+    [
+        ((0.2, 0.3, 0.5), (0.2, 0.3, 0.5), ()),
+        ((0.05, 0.3, 0.5), (0.2, 0.3, 0.5), ("thickened",)),
+        ((0.05, 0.02, 0.5), (0.2, 0.2, 0.5), ("thickened",)),
+    ],
+)
+def test_slim_heads_of_lights_are_thickened(half, expected, flags):
+    box = checked_light(LocalBox((22, 8, 4.5), half))
+
+    assert box is not None
+    assert (box.extent, box.flags) == (expected, flags)
+
+
+@pytest.mark.parametrize("half", [(0.1, 0.1, 0.19), (20, 0.2, 0.5), (math.inf, 1, 1)])
+def test_what_is_no_head_of_a_light_is_left_out(half):
+    assert checked_light(LocalBox((22, 8, 1), half)) is None

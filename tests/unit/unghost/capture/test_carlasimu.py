@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import yaml
+
+from unghost.capture.carlasimu import convert_carlasimu
+from unghost.capture.errors import ScenarioError
+from unghost.capture.scenario import parse_scenario
+
+CAMERA = {
+    "fov": 100.0,
+    "image_size_x": 640,
+    "image_size_y": 360,
+    "sensor_tick": 0.0,
+    "lens_k": -1.0,
+    "location": [1.2, 2.1],
+}
+FILES: dict[str, dict[str, Any]] = {
+    "data.yaml": {
+        "host": "10.0.0.9", "port": 2002, "tm_port": 8002, "hybrid": True,
+        "safe": False, "filterv": "vehicle.*", "number_of_wheels": "4",
+        "generationv": "All", "generationw": "2", "number_of_vehicles": 42,
+        "number_of_walkers": {"stand": 1, "walk": 2, "run": 3},
+        "light_state": {"ALL": False, "Fog": True, "LowBeam": True},
+        "seed": None, "seedw": 5, "set_timeout": 12.0, "fixed_delta_seconds": 0.04,
+        "asynch": False, "synchronous": True, "respawn": True, "wait_for_tick": 10,
+    },
+    "sensors.yaml": {
+        "rgb_camera": {**CAMERA, "iso": 90.0, "lens_flare_intensity": 0.2},
+        "semantic_segmentation_camera": CAMERA,
+        "lidar_sensor": {"range": 30.0, "sensor_tick": 0.0, "location": [0.5, 2.2]},
+        "radar_sensor": {"points_per_second": 900, "location": [2.0, 1.0]},
+    },
+    "weather.yaml": {"fog_density": 7, "wetness": 0},
+    "mapLayer.yaml": {"building": False, "ParkedVehicles": True},
+    "boundingBox.yaml": {
+        "cam_rgb": {
+            "save_to_file": True, "max_distance": 60, "min_distance": 2,
+            "actors": {"vehicles": True, "walkers": False}, "num_image": 77,
+        },
+        "image_segmentation": {"save_to_file": True},
+        "lidar_sensor": {"save_to_file": True},
+        "radar_sensor": {"save_to_file": False},
+        "threshold_small_box": 10, "time_screen_shot": 2,
+    },
+    "vehicles_name.yaml": {
+        "car": ["vehicle.audi.a2"], "lorry": ["vehicle.carlamotors.carlacola"],
+    },
+    "color_segmentation.yaml": {"car": [142, 0, 0]},
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """carlasimu's seven files."""
+    for name, content in FILES.items():
+        write(tmp_path, name, content)
+    return tmp_path
+
+
+def write(folder, name, content):
+    (folder / name).write_text(yaml.safe_dump({"sitting": content}))
+
+
+def test_the_seven_files_become_one_scenario(folder):
+    converted = convert_carlasimu(folder)
+
+    scenario = parse_scenario(yaml.safe_load(converted.as_yaml()), "x")
+    assert (scenario.host, scenario.port, scenario.timeout_s) == ("10.0.0.9", 2002, 12)
+    assert (scenario.delta_s, scenario.interval_s, scenario.frames) == (0.04, 2, 77)
+    assert (scenario.seed, scenario.walkers.seed) == (0, 5)
+    assert scenario.traffic_manager.port == 8002
+    assert (scenario.vehicles.count, scenario.vehicles.wheels) == (42, 4)
+    assert set(scenario.vehicles.lights) == {"LowBeam", "Fog"}
+    people = scenario.walkers
+    assert (people.standing, people.walking, people.running) == (1, 2, 3)
+    assert people.generation == 2
+    assert scenario.weather.parameters == {"fog_density": 7, "wetness": 0}
+    assert scenario.map_layers == {"Buildings": False}
+    boxes = scenario.boxes
+    assert (boxes.vehicles, boxes.walkers, boxes.parked_vehicles) == (1, 0, 0)
+    assert (boxes.min_distance, boxes.max_distance) == (2, 60)
+    assert scenario.classes == {"vehicle.carlamotors.carlacola": "lorry"}
+
+
+def test_sensors_keep_their_attributes_and_their_places(folder):
+    scenario = parse_scenario(convert_carlasimu(folder).scenario, "x")
+
+    camera, sensors = scenario.camera, scenario.sensors
+    assert (camera.width, camera.height, camera.fov) == (640, 360, 100)
+    assert (camera.mount.x, camera.mount.z) == (1.2, 2.1)
+    assert camera.lens == {"lens_k": -1.0}
+    assert sensors.rgb is not None
+    assert sensors.rgb.attributes == {"iso": 90.0, "lens_flare_intensity": 0.2}
+    assert sensors.lidar is not None
+    assert sensors.lidar.attributes == {"range": 30.0}
+    assert (sensors.lidar.mount.x, sensors.lidar.mount.z) == (0.5, 2.2)
+    assert sensors.radar is None  # not saved there either
+
+
+def test_what_does_not_come_along_is_said_in_comments(folder):
+    text = convert_carlasimu(folder).as_yaml()
+
+    comments = [line for line in text.splitlines() if line.startswith("#")]
+    assert any("thresholds" in line for line in comments)
+    assert any("color_segmentation.yaml" in line for line in comments)
+    assert any("not used here: wait_for_tick" in line for line in comments)
+
+
+def test_cameras_that_differ_are_told(folder):
+    other = {**FILES["sensors.yaml"], "depth_camera": {**CAMERA, "fov": 60}}
+    write(folder, "sensors.yaml", other)
+
+    notes = convert_carlasimu(folder).notes
+
+    assert any("depth_camera differs" in note for note in notes)
+
+
+def test_some_of_the_files_are_enough(tmp_path):
+    write(tmp_path, "weather.yaml", {"fog_density": 3})
+
+    converted = convert_carlasimu(tmp_path)
+
+    assert converted.scenario == {"weather": {"parameters": {"fog_density": 3.0}}}
+
+
+WRONG = [
+    ("data.yaml", {"number_of_vehicle": 3}, "is 'number_of_vehicles'"),
+    ("data.yaml", {"light_state": {"LowBean": True}}, "nearest is 'LowBeam'"),
+    ("data.yaml", {"number_of_walkers": {"jog": 1}}, "number_of_walkers: jog"),
+    ("sensors.yaml", {"rgb_cam": {}}, "is 'rgb_camera'"),
+    ("sensors.yaml", {"rgb_camera": {"location": [1]}}, "expected x and z"),
+    ("mapLayer.yaml", {"buildings": True}, "is 'building"),
+    ("boundingBox.yaml", {"treshold": 3}, "is 'threshold"),
+    ("weather.yaml", {"fog": 3}, "weather.parameters.fog: .*'fog_"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "words"), WRONG)
+def test_a_mistake_is_named(tmp_path, name, content, words):
+    write(tmp_path, name, content)
+
+    with pytest.raises(ScenarioError, match=f"(?i){words}"):
+        convert_carlasimu(tmp_path)
+
+
+def test_a_folder_without_any_of_them_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match=r"none of data\.yaml"):
+        convert_carlasimu(tmp_path)
+
+
+def test_a_file_without_their_top_key_is_refused(tmp_path):
+    (tmp_path / "data.yaml").write_text("host: 127.0.0.1")
+
+    with pytest.raises(ScenarioError, match="expected keys under 'sitting'"):
+        convert_carlasimu(tmp_path)

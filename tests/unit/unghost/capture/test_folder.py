@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from unghost.capture.errors import CaptureError
+from unghost.capture.folder import CaptureFolder
+
+ABOUT = {"scenario_digest": "d", "carla_version": "0.9.16", "map": "Town01"}
+FILES = {"image": (".png", b"picture"), "lidar_intensity": (".ply", b"points")}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = CaptureFolder(tmp_path / "out")
+    made.open(ABOUT)
+    return made
+
+
+def lines(folder):
+    text = (folder.path / "manifest.jsonl").read_text("utf-8")
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_a_frame_is_its_files_and_a_line(folder):
+    folder.add("Town01/000000", FILES, {"boxes": [], "extra": {}})
+
+    assert lines(folder) == [
+        {
+            "key": "Town01/000000",
+            "image": "rgb/000000.png",
+            "boxes": [],
+            "extra": {"files": {"lidar_intensity": "lidar/000000.ply"}},
+        }
+    ]
+    assert (folder.path / "rgb/000000.png").read_bytes() == b"picture"
+    assert (folder.path / "lidar/000000.ply").read_bytes() == b"points"
+    assert list(folder.path.rglob("*.part")) == []
+
+
+def test_a_folder_goes_on_behind_its_last_whole_line(folder):
+    folder.add("Town01/000000", FILES, {"extra": {}})
+    with (folder.path / "manifest.jsonl").open("ab") as file:
+        file.write(b'{"key": "Town01/0000')
+
+    again = CaptureFolder(folder.path)
+    again.open(ABOUT)
+    again.add("Town01/000001", FILES, {"extra": {}})
+
+    assert [line["key"] for line in lines(again)] == ["Town01/000000", "Town01/000001"]
+
+
+@pytest.mark.parametrize("name", ABOUT)
+def test_another_capture_does_not_go_on(folder, name):
+    word = "scenario" if name == "scenario_digest" else name
+
+    with pytest.raises(CaptureError, match=f"another {word}"):
+        CaptureFolder(folder.path).open({**ABOUT, name: "other"})
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("x")
+
+    with pytest.raises(CaptureError, match="holds no capture"):
+        CaptureFolder(tmp_path).open(ABOUT)
+
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_numbers_that_json_does_not_have_are_not_written(folder):
+    with pytest.raises(ValueError, match="JSON"):
+        folder.add("k", {}, {"extra": {}, "x": float("nan")})
+
+    assert not (folder.path / "manifest.jsonl").exists()

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import pytest
+
+from unghost.capture.errors import ScenarioError
+from unghost.capture.scenario import Scenario, parse_scenario, read_scenario
+
+WRONG = [
+    (
+        "vehicles: {cuont: 5}",
+        "vehicles.cuont: unknown key; .* is 'count'",
+    ),
+    ("wether: {}", "wether: unknown key; the nearest valid key is 'weather'"),
+    ("sensors: {lidra: true}", "sensors.lidra: .* is 'lidar'"),
+    ("ego: {spawnpoint: 3}", "ego.spawnpoint: .* is 'spawn_point'"),
+    ("camera: {mount: {X: 1}}", "camera.mount.X: .* is 'x'"),
+    ("weather: {preset: ClearNon}", "weather.preset: .*'ClearNoon'"),
+    ("weather: {presets: [WetNoon, WetNon]}", "weather.presets.1: .*'WetNoon'"),
+    ("weather: {parameters: {fog_densty: 3}}", "fog_densty: .*'fog_density'"),
+    (
+        "weather: {sweep: {wetness: {first: 1, lst: 3}}}",
+        "weather.sweep.wetness.lst: .* is 'last'",
+    ),
+    ("weather: {preset: WetNoon, presets: [WetNoon]}", "exclude each other"),
+    (
+        "weather: {parameters: {wetness: 1}, sweep: {wetness: {first: 1, last: 3}}}",
+        "wetness stands in parameters and in sweep",
+    ),
+    ("vehicles: {lights: [LowBean]}", "vehicles.lights.0: .*'LowBeam'"),
+    (
+        "vehicles: {wheels: 3}",
+        "vehicles.wheels: .* 2, 4 or 'all', found 3",
+    ),
+    ("vehicles: {count: many}", "vehicles.count: .*found 'many'"),
+    (
+        "map_layers: {ParkedVehicle: false}",
+        "ParkedVehicle: .*'ParkedVehicles'",
+    ),
+    ("frames: 0", "frames: .*greater than or equal to 1, found 0"),
+    ("delta_s: 0.2", "delta_s: .*less than or equal to 0.1, found 0.2"),
+    ("interval_s: 0.01", "interval_s 0.01 is shorter than a tick"),
+    ("warm_up_ticks: 3", "warm_up_ticks: .*greater than or equal to 10"),
+    ("camera: {lens: {lens_kk: 1}}", "camera.lens.lens_kk: .*'lens_k'"),
+    ("sensors: {rgb: {attributes: {fov: 3}}}", "the same for all cameras"),
+    ("sensors: {depth: {attributes: {lens_k: 3}}}", "the same for all cameras"),
+    ("sensors: {rgb: {attributes: {sensor_tick: 1}}}", "must stay 0"),
+    ("sensors: {radar: {attributes: {sensor_tick: 1}}}", "must stay 0"),
+    ("sensors: {rgb: false, segmentation: false}", "a frame needs rgb or segmentation"),
+    ("boxes: {min_distance: 50, max_distance: 50}", "min_distance must be below"),
+    ("boxes: {bands: [100, 50]}", "bands must rise"),
+    ("frames: [", "not YAML"),
+    ("- 1", "expected keys and values"),
+    ("frames: .nan", "frames: "),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), WRONG, ids=[text for text, _ in WRONG])
+def test_a_mistake_is_named_with_file_key_and_nearest_key(tmp_path, text, words):
+    path = tmp_path / "street.yaml"
+    path.write_text(text)
+
+    with pytest.raises(ScenarioError, match=words) as told:
+        read_scenario(path)
+
+    assert str(told.value).startswith("street.yaml: ")
+
+
+def test_all_mistakes_are_told_at_once():
+    wrong = {"frames": 0, "vehicles": {"cuont": 1}, "sensors": {"lidra": True}}
+
+    with pytest.raises(ScenarioError) as told:
+        parse_scenario(wrong, "x.yaml")
+
+    assert len(str(told.value).splitlines()) == 3
+
+
+def test_an_empty_file_is_a_scenario_of_defaults(tmp_path):
+    path = tmp_path / "street.yaml"
+    path.write_text("")
+
+    assert read_scenario(path) == Scenario()
+
+
+def test_yes_no_and_details_say_which_sensors_there_are():
+    given = {"depth": True, "segmentation": False, "radar": {"mount": {"x": 2}}}
+
+    sensors = parse_scenario({"sensors": given}, "x").sensors
+
+    assert sensors.rgb is not None
+    assert sensors.depth is not None
+    assert sensors.segmentation is None
+    assert sensors.lidar is None
+    assert sensors.radar is not None
+    assert sensors.radar.mount.x == 2
+
+
+def test_a_light_effect_of_one_camera_is_no_lens():
+    given = {"rgb": {"attributes": {"lens_flare_intensity": 0.1}}}
+
+    assert parse_scenario({"sensors": given}, "x").sensors.rgb is not None
+
+
+@pytest.mark.parametrize(
+    ("interval", "ticks"), [(0.05, 1), (0.1, 2), (1.0, 20), (0.12, 2)]
+)
+def test_frames_come_every_so_many_ticks(interval, ticks):
+    assert parse_scenario({"interval_s": interval}, "x").ticks_per_frame == ticks
+
+
+def test_the_digest_is_of_what_frames_depend_on():
+    plain = Scenario().digest
+
+    assert parse_scenario({"host": "10.0.0.5", "frames": 9}, "x").digest == plain
+    assert parse_scenario({"seed": 1}, "x").digest != plain
+    assert parse_scenario({"camera": {"fov": 91}}, "x").digest != plain
