@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import sqlite3
@@ -209,6 +210,29 @@ def test_a_request_that_takes_too_long_is_told_so(start_api):
     assert (status, json.loads(body)["code"]) == (503, "not_ready")
     assert ended(server) == 0
     assert rows(server, "SELECT count(*) FROM frames") == [(0,)]
+
+
+@pytest.mark.skipif(
+    "KILL_ROUNDS" not in os.environ, reason="waits for 15 seconds: make test-long"
+)
+def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
+    first, api = start_api(UNGHOST_WORKERS="1", UNGHOST_SHUTDOWN_WAIT_S="0")
+    name = fill(api, FRAMES)
+    accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
+    while not api.http.get(accepted.headers["location"]).json()["done"]:
+        time.sleep(0.01)
+
+    with closing(sqlite3.connect(first.data / "unghost.db")) as database:
+        database.execute("BEGIN IMMEDIATE")  # the run cannot store what it measures
+        first.process.send_signal(signal.SIGTERM)
+        code = ended(first)
+        database.rollback()
+    _, api = start_api()
+    run = api.finished(accepted)
+
+    assert code == 1
+    assert "did not end in time" in first.log.read_text("utf-8")
+    assert (run["state"], run["done"]) == ("done", FRAMES)
 
 
 @pytest.mark.parametrize("sig", [signal.SIGTERM, signal.SIGINT])
