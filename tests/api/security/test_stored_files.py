@@ -165,6 +165,20 @@ def test_an_archive_in_an_archive_is_a_file_of_no_frame(admin):
     assert end["stored"] <= 1
 
 
+def test_leftovers_in_an_archive_are_told_and_stop_nothing(admin):
+    leftovers = [("__MACOSX/._tidy.json", b"\0\5\26\7"), (".DS_Store", b"\0\0\0\1")]
+
+    answer = admin.post(
+        "/api/v1/datasets/files/batches",
+        content=packed([*leftovers, *frame("tidy")]),
+        headers=TAR,
+    )
+
+    *lines, end = lines_of(answer.text)
+    assert {line["status"] for line in lines} == {201, 422}
+    assert (end["stored"], "problem" in end) == (1, False)
+
+
 def test_a_member_that_comes_twice_is_one_frame(admin):
     archive = packed([*frame("twice"), *frame("twice")])
 

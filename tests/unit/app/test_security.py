@@ -12,7 +12,9 @@ from app.security import (
     hash_secret,
     host_name,
     new_token,
+    same_hash,
 )
+from app.services import access
 
 OWN = {"host": "127.0.0.1:8000"}
 
@@ -27,6 +29,15 @@ def test_tokens_are_long_recognisable_and_different():
 def test_a_hash_says_nothing_and_is_always_the_same():
     assert hash_secret("ug_a") == hash_secret("ug_a") != hash_secret("ug_b")
     assert len(hash_secret("\ud800")) == 64
+
+
+def test_hashes_are_compared_in_constant_time():
+    """By the one function that is made for it, and nowhere without it."""
+    assert "compare_digest" in same_hash.__code__.co_names
+    for look_up in (access.by_token, access.by_session):
+        assert "same_hash" in look_up.__code__.co_names
+    assert same_hash("a" * 64, "a" * 64)
+    assert not same_hash("a" * 64, "a" * 63 + "b")
 
 
 @pytest.mark.parametrize(

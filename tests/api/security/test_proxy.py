@@ -1,0 +1,39 @@
+"""Behind a proxy that speaks TLS: the page works, and nobody can pretend to be one."""
+
+from __future__ import annotations
+
+import pytest
+
+HOST = "boxes.example"
+PAGE = {"Host": HOST, "X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.1"}
+
+
+@pytest.fixture
+def service(serve):
+    return serve(allowed_hosts=(HOST,), trusted_proxies=("127.0.0.1",))
+
+
+def logged_in(service, client):
+    answer = client.post("/api/v1/session", json={"token": service.token})
+    assert answer.status_code == 204, answer.text
+    # httpx keeps a cookie for TLS to itself: the connection to the service has none.
+    return answer.headers["set-cookie"]
+
+
+def test_behind_a_proxy_with_tls_the_page_works_and_its_cookie_is_for_tls(service):
+    with service.client(**PAGE, Origin=f"https://{HOST}") as browser:
+        cookie = logged_in(service, browser)
+        session = {"Cookie": cookie.partition(";")[0]}
+
+        written = browser.post("/probe/echo", headers=session)
+        elsewhere = browser.post(
+            "/probe/echo", headers={**session, "Origin": "https://evil.example"}
+        )
+
+    assert "; secure" in cookie.lower()
+    assert (written.status_code, elsewhere.status_code) == (200, 403)
+
+
+def test_a_forwarded_host_is_not_believed(service):
+    with service.client(Host="evil.example", **{"X-Forwarded-Host": HOST}) as client:
+        assert client.get("/healthz").status_code == 421
