@@ -229,6 +229,45 @@ def test_weather_lights_layers_and_classes_are_as_the_scenario_says(stage):
     assert stage.left_behind() == {}
 
 
+def test_a_lidar_turns_once_per_tick_unless_told_otherwise(stage):
+    turns = {}
+
+    def look(server, _tick):
+        for actor in server.actors.values():
+            if "lidar" in actor.type_id:
+                turns[actor.type_id] = float(actor.attributes["rotation_frequency"])
+
+    stage.simulator.faults.on_tick = look
+    slow = {"attributes": {"rotation_frequency": 5}}
+
+    stage.capture(frames=1, sensors={"semantic_lidar": True, "lidar": slow})
+
+    assert turns == {"sensor.lidar.ray_cast_semantic": 20, "sensor.lidar.ray_cast": 5}
+
+
+def test_a_capture_that_goes_on_does_not_repeat_its_traffic(stage):
+    def placed():
+        boxes = lines(stage)[-1]["boxes"]
+        return {
+            b["id"]: b["box3d"]["transform"]
+            for b in boxes
+            if b["class"] == "car" and "transform" in b["box3d"]
+        }
+
+    stage.capture(frames=1)
+    first = list(placed().values())
+    stage.capture(frames=2)
+
+    assert list(placed().values()) != first
+
+
+def test_parked_cars_that_were_taken_away_get_no_boxes(stage):
+    stage.capture(frames=1, map_layers={"ParkedVehicles": False})
+
+    ids = [box["id"] for box in lines(stage)[0]["boxes"]]
+    assert [one for one in ids if one.startswith("env-")] == []
+
+
 def test_an_interrupted_capture_goes_on_where_it_was(stage):
     stage.capture(frames=2)
     with (stage.folder / "manifest.jsonl").open("ab") as file:

@@ -29,7 +29,9 @@ def map_boxes(
 ) -> list[SeenObject]:
     """Everything of the map that has a box, in the world's frame, each thing once."""
     found: list[SeenObject] = []
-    if scenario.boxes.parked_vehicles:
+    # Where their layer is taken away, their boxes may still be told.
+    there = scenario.map_layers.get("ParkedVehicles", True)
+    if scenario.boxes.parked_vehicles and there:
         found += _unique(_parked(carla, world, left_out), left_out)
     if scenario.boxes.traffic_lights:
         found += _unique(_lights(carla, world, left_out), left_out)

@@ -157,6 +157,8 @@ class _Recorder:
     def run(self, advance: Advance) -> None:
         """Everything: choose, spawn, warm up, record."""
         session, scenario = self._session, self._session.scenario
+        before = self._recorded.frames
+        session.seed += before
         # All of it is checked before any of it is spawned.
         cast, rig = choose_cast(session), prepare_rig(session)
         weather = WeatherPlan(session)
@@ -168,12 +170,12 @@ class _Recorder:
         self._wait(scenario.warm_up_ticks)
         annotator = Annotator(session, spawned.ego, self._sensors)
         self._recorded.left_out = annotator.left_out
-        advance(self._recorded.frames, scenario.frames)
+        advance(0, scenario.frames - before)
         with ThreadPoolExecutor(len(self._sensors)) as encoders:
             while self._recorded.frames < scenario.frames:
                 moment = self._shoot()
                 self._store(annotator, moment, encoders)
-                advance(self._recorded.frames, scenario.frames)
+                advance(self._recorded.added, scenario.frames - before)
                 if self._recorded.frames < scenario.frames:
                     changed = weather.set(self._recorded.frames)
                     least = _SETTLING_TICKS if changed else 0

@@ -28,6 +28,8 @@ BLUEPRINTS: Final[Mapping[str, str]] = {
     "radar": "sensor.other.radar",
 }
 """CARLA's sensor for each key of a scenario's `sensors`."""
+_TURNING: Final = ("lidar", "semantic_lidar")
+"""By default one turn per tick: with fewer, a measurement is a part of the circle."""
 CAMERAS: Final = ("rgb", "segmentation", "instances", "depth")
 
 
@@ -79,6 +81,8 @@ def _prepared(
     mount = camera.mount
     if isinstance(sensor, RangeSensor):
         mount = sensor.mount
+        if name in _TURNING:
+            shared["rotation_frequency"] = 1 / session.scenario.delta_s
     else:
         shared["image_size_x"], shared["image_size_y"] = camera.width, camera.height
         shared["fov"] = camera.fov

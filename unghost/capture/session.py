@@ -29,6 +29,11 @@ class Session:
     server_version, client_version : str
     map_name : str
         Without folders: ``Town10HD``.
+    seed : int
+        The scenario's, moved on by the frames that are there already: a capture that
+        goes on must not show the same traffic again.
+    frame : int
+        The world's last tick.
     """
 
     carla: Carla
@@ -39,6 +44,7 @@ class Session:
     server_version: str
     client_version: str
     map_name: str
+    seed: int = 0
     frame: int = 0
     _undo: list[tuple[str, Callable[[], object]]] = field(default_factory=list)
     _actors: list[int] = field(default_factory=list)
@@ -107,6 +113,7 @@ def open_session(
         server_version=str(client.get_server_version()),
         client_version=str(client.get_client_version()),
         map_name=str(world.get_map().name).rsplit("/", 1)[-1],
+        seed=scenario.seed,
     )
     try:
         session.at_end("restore the settings", lambda: world.apply_settings(before))
@@ -149,7 +156,6 @@ def _synchronise(session: Session) -> None:
         lambda: manager.set_synchronous_mode(False),
     )
     manager.set_synchronous_mode(True)
-    manager.set_random_device_seed(scenario.seed)
     manager.set_global_distance_to_leading_vehicle(plan.distance_to_leading_vehicle)
     manager.global_percentage_speed_difference(plan.slower_than_limit_percent)
     manager.set_respawn_dormant_vehicles(plan.respawn_dormant)

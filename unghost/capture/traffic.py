@@ -87,7 +87,9 @@ def _base_type(blueprint: Blueprint) -> str:
 
 def spawn(session: Session, cast: Cast, stop: StopRequest) -> Spawned:
     """Put everybody into the world; the same seed tries the same places."""
-    dice = random.Random(session.scenario.seed)
+    dice = random.Random(session.seed)
+    manager = session.client.get_trafficmanager(_port(session))
+    manager.set_random_device_seed(session.seed)
     points = list(cast.spawn_points)
     chosen = session.scenario.ego.spawn_point
     dice.shuffle(points)
@@ -168,9 +170,7 @@ def _spawn_walkers(
     plan, world = session.scenario.walkers, session.world
     if not plan.count:
         return 0
-    world.set_pedestrians_seed(
-        session.scenario.seed if plan.seed is None else plan.seed
-    )
+    world.set_pedestrians_seed(session.seed if plan.seed is None else plan.seed)
     world.set_pedestrians_cross_factor(plan.cross_percent / 100)
     gaits = (
         *[0] * plan.standing,
