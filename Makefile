@@ -8,6 +8,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
+LONG := $(PYTEST) --capture=no --timeout=14400
 CODE := app filter_core unghost migrations tests benchmarks tools setup.py
 # Each stamp says that a step is done; touching what it depends on does it again.
 PROGRAM := $(VENV)/.program
@@ -55,8 +56,13 @@ js: ## Types and tests of the page's modules (where Node is installed)
 unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
 	$(PYTEST) tests/unit tests/property $(ARGS)
 
-test-long: $(DEVELOPMENT) ## Kill servers and clients in the middle, fifty times; takes minutes
-	KILL_ROUNDS=50 $(PYTEST) tests/api/test_kills.py tests/api/test_push_kills.py --timeout=3600 $(ARGS)
+test-long: $(DEVELOPMENT) ## Kill, fuzz and compare with a model for hours; docs/reliability.md has the figures
+	FAILPOINTS=all GARBAGE_ROUNDS=100 $(LONG) tests/api/durability $(ARGS)
+	KILL_ROUNDS=50 $(LONG) tests/api/test_kills.py tests/api/test_push_kills.py $(ARGS)
+	KILL_ROUNDS=200 $(LONG) tests/hostile/test_kill_oracle.py $(ARGS)
+	MACHINE_RUNS=500 $(LONG) tests/hostile/test_state_machine.py $(ARGS)
+	OPENAPI_EXAMPLES=100 $(LONG) tests/hostile/test_openapi.py $(ARGS)
+	FUZZ_EXAMPLES=5000 $(LONG) -k fuzz tests/hostile $(ARGS)
 
 browser: $(CHROMIUM) ## The review page in a real Chromium
 	$(PYTEST) tests/browser $(ARGS)

@@ -51,18 +51,23 @@ sitting:
   cam_rgb: {3D: true, width: 1280}
 """
 CONFIG = yaml.safe_load(YAML)
-CAMERA = {"width": 80, "height": 60, "fov": 90}
-CAMERA |= {"transform": dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)}
+STILL = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
+CAMERA = {"width": 80, "height": 60, "fov": 90, "transform": STILL}
 PLACE = {"x": 10, "y": 0, "z": 1}
-BOX3D = {"transform": {**PLACE, "pitch": 0, "yaw": 5, "roll": 0}, "extent": PLACE}
-BOX3D |= {"location": PLACE, "rotation": {"pitch": 0, "yaw": 0, "roll": 0}}
+LEVEL = {"pitch": 0, "yaw": 0, "roll": 0}
+BOX3D = {
+    "transform": {**PLACE, **LEVEL},
+    "extent": PLACE,
+    "location": PLACE,
+    "rotation": LEVEL,
+}
 CORNERS = [[x, y, z] for x in (8, 12) for y in (-1, 1) for z in (0, 2)]
 ANNOTATION = {
     "key": "a",
     "carla_version": "0.9.15",
     "captured_at": "2026-01-01T00:00:00Z",
     "camera": CAMERA,
-    "sensors": {"lidar": {"transform": CAMERA["transform"]}},
+    "sensors": {"lidar": {"transform": STILL}},
     "boxes": [
         {"id": "1", "class": "car", "xyxy": [1, 2, 30, 40], "distance": 12.5},
         {"id": 2, "type_id": "vehicle.ford.ambulance", "xywh": [10, 20, 30, 40]},

@@ -1,0 +1,201 @@
+"""What arrives by the wire: archives, forms, cursors, ranges and entity tags.
+
+Parsers by themselves, then a real server that is sent the worst of it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import tarfile
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from itertools import pairwise
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from app.errors import AppError
+from app.routes.multipart import PartLimits, read_parts
+from app.services.tar_stream import TarLimits, TarStream
+from tests.api import archives
+from tests.api import frames as scene
+from tests.hostile.mutations import EXAMPLES, damaged, little_memory, many
+from tests.hostile.openapi_cases import DATASET
+
+LIMITS = TarLimits(max_archive_bytes=10**7, max_member_bytes=20_000, max_members=50)
+FRAMES = archives.frame("a") + archives.frame("b/ü", number=1)
+ARCHIVES = [
+    archives.packed(FRAMES),
+    archives.packed([(f"{'long/' * 30}a.json", b"{}")], tarfile.GNU_FORMAT),
+    archives.pieces(FRAMES) + archives.END,
+    archives.header_of("././@LongLink", 200, b"L") + b"a" * 512 + archives.END,
+    archives.header_of("x", 60, b"x") + b"30 mtime=1\n19 path=a/b.json\n" + bytes(483),
+    archives.header_of("a", 0, tarfile.SYMTYPE) + archives.END,
+]
+BOUNDARY = b"b0undary"
+FORM = b"".join(
+    b'--%b\r\nContent-Disposition: form-data; name="%b"; filename="a"\r\n'
+    b"Content-Type: image/png\r\n\r\n%b\r\n" % (BOUNDARY, name, content)
+    for name, content in (
+        (b"annotation", b'{"boxes": []}'),
+        (b"image", FRAMES[1][1]),
+        (b"segmentation", FRAMES[2][1]),
+    )
+) + (b"--%b--\r\n" % BOUNDARY)
+MEDIA_TYPE = f"multipart/form-data; boundary={BOUNDARY.decode()}"
+on_a_server = settings(
+    max_examples=max(EXAMPLES // 2, 1),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+@many
+@given(content=damaged(ARCHIVES), cut=st.integers(1, 5000))
+def test_any_archive_is_read_or_refused_however_it_is_cut(content, cut):
+    stream = TarStream(LIMITS)
+    with little_memory(), suppress(AppError):
+        for start in range(0, len(content), cut):
+            for member in stream.feed(content[start : start + cut]):
+                assert ".." not in member.name.split("/")
+        stream.close()
+
+
+media_types = damaged(
+    [MEDIA_TYPE.encode(), b'multipart/form-data; boundary="a\\"b"']
+).map(lambda content: content.decode("latin-1"))
+
+
+@many
+@given(content=damaged([FORM]), media_type=st.one_of(st.just(MEDIA_TYPE), media_types))
+@example(FORM, "multipart/form-data; boundary*=utf-8''%ff")
+@example(FORM, "multipart/form-data; boundary=" + "x" * 5000)
+@example(FORM, "multipart/form-data; boundary=ü")
+def test_any_form_is_read_or_refused(content, media_type):
+    limits = PartLimits(max_parts=16, max_part_bytes=20_000)
+
+    async def stream():
+        for start, end in pairwise([*range(0, len(content), 500), len(content)]):
+            yield content[start:end]
+
+    # In a thread: tests of a browser may keep a loop in this one.
+    with ThreadPoolExecutor(1) as thread, little_memory(), suppress(AppError):
+        thread.submit(asyncio.run, read_parts(media_type, stream(), limits)).result()
+
+
+def refused_or_answered(answer):
+    """Never an error of the service, and always in its own words."""
+    assert answer.status_code < 500, answer.text
+    if answer.status_code >= 400:
+        problem = answer.json()
+        assert problem["status"] == answer.status_code
+        assert problem["code"] != "internal"
+    return answer
+
+
+CURSORS = [
+    base64.urlsafe_b64encode(json.dumps(place).encode())
+    for place in ([0, 12.5, 1, 7], [1, 1e308, 3, 2**62], [0, -1, 0, 1])
+]
+cursors = st.one_of(
+    damaged([*CURSORS, b"12.5~7", b"run/1", b"17", b"nan~1", b"inf~9"]),
+    st.lists(
+        st.one_of(st.integers(), st.floats(), st.text(max_size=3)), max_size=5
+    ).map(lambda place: base64.urlsafe_b64encode(json.dumps(place).encode())),
+).map(lambda content: content.decode("latin-1"))
+LISTS = (
+    "/boxes?dataset={name}&sort=id",
+    "/boxes?dataset={name}&sort=doubt",
+    "/boxes?dataset={name}&sort=match_percent",
+    "/boxes?dataset={name}&sort=-match_percent",
+    "/boxes?dataset={name}&sort=crowding",
+    "/datasets/{name}/frames?sort=key",
+    "/datasets/{name}/frames?sort=-id",
+    "/datasets/{name}/runs?limit=1",
+    "/runs/{run}/diff?limit=1",
+    "/tokens?limit=1",
+    "/datasets?limit=1",
+)
+
+
+@on_a_server
+@given(cursor=cursors, path=st.sampled_from(LISTS))
+@example("=" * 3, LISTS[1])
+@example(base64.urlsafe_b64encode(b"[" * 1400).decode(), LISTS[1])
+@example(base64.urlsafe_b64encode(b"[1e999,1,1,1]").decode(), LISTS[1])
+@example("9" * 1999, LISTS[6])
+@example("\x00", LISTS[5])
+def test_any_cursor_gives_a_page_or_is_refused(api, last_run, cursor, path):
+    url = "/api/v1" + path.format(name=DATASET, run=last_run)
+    refused_or_answered(api.http.get(f"{url}", params={"cursor": cursor}))
+
+
+@pytest.fixture(scope="module")
+def last_run(api):
+    return api.json(f"/datasets/{DATASET}/runs", limit=1)["items"][0]["id"]
+
+
+visible = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=40)
+ranges = st.one_of(
+    visible,
+    visible.map("bytes={}".format),
+    st.tuples(st.integers(), st.integers()).map("bytes={0[0]}-{0[1]}".format),
+    st.sampled_from(
+        [
+            "bytes=0-0,2-3",
+            "bytes=--1",
+            "bytes=-0",
+            "bytes=0-" + "9" * 4999,
+            "bytes= 1 - 2",
+        ]
+    ),
+)
+TAGS = st.one_of(visible, st.sampled_from(["*", "W/*", '"', '"a", W/"b"', ",,,"]))
+
+
+@on_a_server
+@given(wanted=ranges, known=st.one_of(st.none(), TAGS), of=st.one_of(st.none(), TAGS))
+def test_any_range_and_tag_gives_a_part_or_a_refusal(api, wanted, known, of):
+    chosen = {"Range": wanted, "If-None-Match": known, "If-Range": of}
+    headers = {name: text.strip() for name, text in chosen.items() if text is not None}
+    frame = api.json(f"/datasets/{DATASET}/frames", limit=1)["items"][0]["id"]
+    answer = refused_or_answered(
+        api.http.get(f"/api/v1/frames/{frame}/image", headers=headers)
+    )
+    whole = scene.image()
+    if answer.status_code == 200:
+        assert answer.content == whole
+    if answer.status_code == 206:
+        assert answer.content in whole
+
+
+@on_a_server
+@given(content=damaged(ARCHIVES))
+def test_any_archive_is_answered_by_the_server(api, content):
+    answer = refused_or_answered(
+        api.http.post(
+            f"/api/v1/datasets/{DATASET}/batches?replace=true",
+            content=content,
+            headers={"Content-Type": "application/x-tar"},
+        )
+    )
+    if answer.status_code == 200:
+        *lines, end = archives.lines_of(answer.text)
+        assert end["end"]
+        assert end["frames"] == len(lines)
+        assert {line["status"] for line in lines} <= {200, 201, 409, 413, 422}
+        assert end.get("problem", {"status": 422})["status"] < 500
+
+
+@on_a_server
+@given(content=damaged([FORM]))
+def test_any_form_is_answered_by_the_server(api, content):
+    refused_or_answered(
+        api.http.put(
+            f"/api/v1/datasets/{DATASET}/frames/fuzzed?replace=true",
+            content=content,
+            headers={"Content-Type": MEDIA_TYPE},
+        )
+    )

@@ -1,0 +1,220 @@
+"""Several clients write everything there is to write, and the server is killed.
+
+What was acknowledged is there afterwards, whole and exactly once; what was not is there
+whole or not at all. Two hundred rounds with ``make test-long`` (KILL_ROUNDS).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import sqlite3
+import threading
+import time
+from contextlib import ExitStack, closing
+from typing import Any
+
+import pytest
+
+from tests.api.resources import Api
+from tests.hostile.ledger import Ledger, Writer, digest, files
+from tests.servers import running_server
+
+ROUNDS = int(os.environ.get("KILL_ROUNDS", "3"))
+SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
+WRITERS = (
+    "uploads 1",
+    "uploads 2",
+    "batches",
+    "reviews 1",
+    "reviews 2",
+    "bulk",
+    "configs",
+)
+FRAMES = 12
+SETTINGS = {"UNGHOST_MAX_OPEN_RUNS": "100000", "UNGHOST_LOG_LEVEL": "warning"}
+RECOUNT = """
+    SELECT dataset_id, class_id, reason, toss_up, review, sum(boxes) FROM (
+        SELECT dataset_id, class_id, reason, toss_up, review, boxes FROM tallies
+        UNION ALL
+        SELECT dataset_id, class_id, reason, toss_up, coalesce(review, ''), -1
+        FROM decisions
+    ) GROUP BY 1, 2, 3, 4, 5 HAVING sum(boxes) <> 0
+"""
+
+
+@pytest.mark.timeout(7200)
+def test_what_was_acknowledged_survives_any_kill_exactly_once(tmp_path):
+    print(f"KILL_SEED={SEED}")
+    dice, folder = random.Random(SEED), tmp_path / "data"
+    ledger, promised = None, 0
+    for number in range(ROUNDS + 1):
+        with running_server(folder, SETTINGS) as server, ExitStack() as opened:
+            api = Api.at(server.url, server.headers)
+            opened.enter_context(api.http)
+            if ledger is not None:
+                check(api, ledger)
+                promised += ledger.promises()
+            if number < ROUNDS:
+                ledger = begun(api, number)
+                write_until_killed(server, ledger, dice)
+        check_database(folder)
+    print(f"{ROUNDS} kills, {promised} acknowledged writes")
+    assert promised > 10 * ROUNDS
+
+
+def begun(api, number):
+    """A dataset with some frames, whose boxes the reviewers share out."""
+    ledger = Ledger(f"round-{number}")
+    assert api.post("/datasets", {"name": ledger.dataset}).status_code == 201
+    for place in range(FRAMES):
+        answer = api.put(ledger.dataset, f"first/{place}", **files(place))
+        assert answer.status_code == 201
+        for decision in answer.json()["decisions"]:
+            ledger.answers[decision["box_id"]] = []
+    return ledger
+
+
+def write_until_killed(server, ledger, dice):
+    box_ids = sorted(ledger.answers)
+    shares = {
+        "reviews 1": box_ids[:8],
+        "reviews 2": box_ids[8:16],
+        "bulk": box_ids[16:],
+    }
+    faults: list[BaseException] = []
+    with ExitStack() as opened:
+        threads = []
+        for name in WRITERS:
+            api = Api.at(server.url, server.headers)
+            opened.enter_context(api.http)
+            own = random.Random(dice.random())
+            writer = Writer(api, ledger, own, name, tuple(shares.get(name, ())))
+            threads.append(
+                threading.Thread(target=noting, args=(writer.write, faults), name=name)
+            )
+        for thread in threads:
+            thread.start()
+        # By what was promised, not by the clock: a busy machine is slow to promise.
+        wanted = dice.randrange(20, 100)
+        while ledger.promises() < wanted and not faults:
+            time.sleep(0.001)
+        time.sleep(dice.uniform(0, 0.03))
+        server.process.kill()
+        server.process.wait()
+        for thread in threads:
+            thread.join()
+    assert not faults, faults
+
+
+def noting(work, faults):
+    """What goes wrong in a thread must not go unseen."""
+    try:
+        work()
+    except BaseException as fault:
+        faults.append(fault)
+
+
+def check(api, ledger):
+    check_frames(api, ledger)
+    check_answers(api, ledger)
+    check_jobs(api, ledger)
+
+
+def check_frames(api, ledger):
+    listed = everything(api, f"/datasets/{ledger.dataset}/frames")
+    keys = [one["key"] for one in listed]
+    ours = [key for key in keys if not key.startswith("first/")]
+    assert len(set(keys)) == len(keys)
+    assert len(keys) - len(ours) == FRAMES
+    assert (
+        ledger.stored.keys()
+        <= set(ours)
+        <= ledger.stored.keys() | ledger.sending.keys()
+    )
+    known: dict[str, str] = {}
+    for start in range(0, len(ours), 1000):
+        body = {"keys": ours[start : start + 1000]}
+        answer = api.post(f"/datasets/{ledger.dataset}/known-frames", body)
+        known |= {item["key"]: item["digest"] for item in answer.json()["items"]}
+    for key in ours:
+        possible = {ledger.stored[key]} if key in ledger.stored else set()
+        possible |= ledger.sending.get(key, set())
+        assert known[key] in {digest(number) for number in possible}, key
+    for frame in listed[-5:]:
+        check_whole(api, frame["id"])
+    stats = api.json(f"/datasets/{ledger.dataset}/stats")
+    assert (stats["frames"], stats["boxes"]) == (len(keys), 2 * len(keys))
+    assert stats["kept"] + stats["rejected"] == stats["boxes"]
+
+
+def check_whole(api, frame_id):
+    """Every file has the bytes that its digest says, every box a verdict."""
+    frame = api.json(f"/frames/{frame_id}")
+    assert [box["verdict"] for box in frame["boxes"]] == ["kept", "rejected"]
+    assert sorted(frame["files"]) == ["image", "segmentation"]
+    for kind, file in frame["files"].items():
+        content = api.get(f"/frames/{frame_id}/{kind}").content
+        assert hashlib.sha256(content).hexdigest() == file["sha256"]
+
+
+def check_answers(api, ledger):
+    """Of each box all promised answers in their order, and of an act all or nothing."""
+    more = {}
+    for box_id, said in ledger.answers.items():
+        items = api.json(f"/boxes/{box_id}/history")["items"]
+        reviews = sorted(
+            (one["revision"], one["verdict"])
+            for one in items
+            if one["kind"] == "review"
+        )
+        assert [revision for revision, _ in reviews] == list(range(1, len(reviews) + 1))
+        verdicts = [verdict for _, verdict in reviews]
+        assert verdicts[: len(said)] == said
+        if len(verdicts) > len(said):
+            (more[box_id],) = verdicts[len(said) :]
+    in_flight = [boxes for boxes, _ in ledger.maybe_answers] + ledger.maybe_undone
+    for boxes in in_flight:
+        assert boxes <= more.keys() or not boxes & more.keys()
+    for boxes, verdict in ledger.maybe_answers:
+        assert {more[one] for one in boxes if one in more} <= {verdict}
+    assert more.keys() <= set().union(*in_flight)
+
+
+def check_jobs(api, ledger):
+    """Versions and runs that were promised are there once; and the runs end."""
+    path = f"/datasets/{ledger.dataset}"
+    digests = [one["digest"] for one in everything(api, f"{path}/configs")]
+    assert len(set(digests)) == len(digests)
+    assert ledger.digests <= set(digests)
+    assert len(digests) <= 1 + len(ledger.digests) + ledger.maybe_configs
+    runs = [one["id"] for one in everything(api, f"{path}/runs")]
+    assert len(set(runs)) == len(runs)
+    assert ledger.runs <= set(runs)
+    assert len(runs) <= 1 + len(ledger.runs) + ledger.maybe_runs
+    for run_id in runs:
+        with api.http.stream("GET", f"/api/v1/runs/{run_id}/events") as events:
+            events.read()
+        run = api.json(f"/runs/{run_id}")
+        assert (run["state"], run["error"]) == ("done", None)
+
+
+def everything(api, path):
+    """All items of a list, page by page."""
+    items: list[dict[str, Any]] = []
+    cursor = None
+    while True:
+        page = api.json(path, limit=1000, **({} if cursor is None else cursor))
+        items += page["items"]
+        if page["next_cursor"] is None:
+            return items
+        cursor = {"cursor": page["next_cursor"]}
+
+
+def check_database(folder):
+    """By the file itself, while nobody serves it: the journal is not yet gone over."""
+    with closing(sqlite3.connect(folder / "unghost.db")) as database:
+        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        assert database.execute("PRAGMA foreign_key_check").fetchall() == []
+        assert database.execute(RECOUNT).fetchall() == []
