@@ -280,68 +280,6 @@ def test_a_world_that_somebody_drives_already_is_told_and_left_synchronous(make_
     assert stage.simulator.settings.synchronous_mode
 
 
-WRONG = [
-    ({"map": "Town10HDD"}, "map: .*the nearest is 'Town10HD'"),
-    (
-        {"ego": {"blueprint": "vehicle.tesla.modl3"}},
-        "ego.blueprint: .*'vehicle.tesla.m",
-    ),
-    ({"ego": {"spawn_point": 9}}, "ego.spawn_point: Town10HD has 0 to 4, found 9"),
-    ({"vehicles": {"count": 1, "filter": "vehicle.x.*"}}, "vehicles.filter: no bluep"),
-    (
-        {"vehicles": {"count": 1, "filter": "vehicle.bh.*", "wheels": 4}},
-        "vehicles.wheels: no blueprint has 4 wheels",
-    ),
-    (
-        {"vehicles": {"count": 1, "filter": "vehicle.tesla.*", "generation": 1}},
-        "vehicles.generation: ",
-    ),
-    (
-        {"sensors": {"rgb": {"attributes": {"gama": 2}}}},
-        "sensors.rgb.attributes.gama: .*the nearest is 'gamma'",
-    ),
-    ({"sensors": {"lidar": {"attributes": {"rnge": 2}}}}, "nearest is 'range'"),
-    ({"camera": {"lens": {"lens_kk": 2}}}, "camera.lens.lens_kk: .*'lens_k'"),
-]
-
-
-@pytest.mark.parametrize(("changes", "words"), WRONG, ids=lambda v: str(v)[:40])
-def test_what_does_not_fit_is_refused_before_anything_is_spawned(stage, changes, words):
-    before = len(stage.simulator.spawned)
-
-    with pytest.raises(CaptureError, match=words):
-        stage.capture(**changes)
-
-    assert len(stage.simulator.spawned) == before
-    assert stage.left_behind() == {}
-
-
-def test_vehicles_that_find_no_place_are_counted(stage):
-    done = stage.capture(vehicles={"count": 50}, frames=1)
-
-    assert done.vehicles == 4
-
-
-def test_a_folder_of_something_else_is_left_alone(stage):
-    stage.folder.mkdir()
-    (stage.folder / "thesis.tex").write_text("x")
-
-    with pytest.raises(CaptureError, match="is not empty and holds no capture"):
-        stage.capture(**CALM)
-
-    assert [path.name for path in stage.folder.iterdir()] == ["thesis.tex"]
-    assert stage.left_behind() == {}
-
-
-def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
-    stage.capture(**CALM)
-
-    with pytest.raises(CaptureError, match="another scenario"):
-        stage.capture(**CALM, seed=5)
-
-    assert len(frames(stage)) == 3
-
-
 def test_parked_props_of_large_maps_are_straightened(stage):
     attributes = {"mesh_path": "/Game/Carla/Static/Car/4Wheeled/ParkedVehicles/Mini"}
     made = stage.simulator.add("vehicle.parked", attributes, at(60, 3, yaw=40))

@@ -38,6 +38,26 @@ _DATA_KEYS: Final = frozenset(
         "wait_for_tick", "fixed_delta_seconds",
     }
 )  # fmt: skip
+_PLAIN: Final = {
+    "host": "host",
+    "port": "port",
+    "set_timeout": "timeout_s",
+    "fixed_delta_seconds": "delta_s",
+    "seed": "seed",
+}
+_MANAGER: Final = {
+    "tm_port": "port",
+    "hybrid": "hybrid_physics",
+    "physics_radius": "hybrid_radius",
+    "global_distance_to_leading_vehicle": "distance_to_leading_vehicle",
+    "respawn": "respawn_dormant",
+}
+_VEHICLES: Final = {
+    "number_of_vehicles": "count",
+    "filterv": "filter",
+    "safe": "safe",
+    "car_lights_on": "automatic_lights",
+}
 _WITHOUT_MEANING: Final = ("apply_settings", "hero", "physics_mode", "wait_for_tick")
 _BOX_KEYS: Final = frozenset(
     {
@@ -108,38 +128,13 @@ def refuse_unknown(given: Mapping[str, Any], known: frozenset[str], at: str) -> 
 def _data(given: Mapping[str, Any], result: Conversion) -> None:
     refuse_unknown(given, _DATA_KEYS, "data.yaml")
     scenario = result.scenario
-    renamed = {
-        "host": "host",
-        "port": "port",
-        "set_timeout": "timeout_s",
-        "fixed_delta_seconds": "delta_s",
-        "seed": "seed",
-    }
-    scenario.update(_taken(given, renamed))
-    scenario["traffic_manager"] = _taken(
-        given,
-        {
-            "tm_port": "port",
-            "hybrid": "hybrid_physics",
-            "physics_radius": "hybrid_radius",
-            "global_distance_to_leading_vehicle": "distance_to_leading_vehicle",
-            "respawn": "respawn_dormant",
-        },
-    )
-    vehicles = _taken(
-        given,
-        {
-            "number_of_vehicles": "count",
-            "filterv": "filter",
-            "safe": "safe",
-            "car_lights_on": "automatic_lights",
-        },
-    )
+    scenario.update(_taken(given, _PLAIN))
+    scenario["traffic_manager"] = _taken(given, _MANAGER)
+    vehicles = _taken(given, _VEHICLES)
     for name, key in (("number_of_wheels", "wheels"), ("generationv", "generation")):
         if name in given:
             vehicles[key] = _number_or_all(given[name])
-    states = given.get("light_state") or {}
-    vehicles["lights"] = _lights(states)
+    vehicles["lights"] = _lights(given.get("light_state") or {})
     scenario["vehicles"] = vehicles
     scenario["walkers"] = _walkers(given)
     unused = [name for name in _WITHOUT_MEANING if name in given]
