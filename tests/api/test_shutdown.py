@@ -12,6 +12,7 @@ from contextlib import closing
 from urllib.parse import urlsplit
 
 import httpx
+import numpy as np
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -209,7 +210,40 @@ def test_a_request_that_takes_too_long_is_told_so(start_api):
 
     assert (status, json.loads(body)["code"]) == (503, "not_ready")
     assert ended(server) == 0
+    assert "1 requests are cut off" in server.log.read_text("utf-8")
     assert rows(server, "SELECT count(*) FROM frames") == [(0,)]
+
+
+def test_a_download_is_finished_for_who_reads_slowly(start_api):
+    server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
+    noise = np.random.default_rng(7).integers(0, 256, (2000, 3000, 3), np.uint8)
+    image = scene.png(noise)
+    stored = api.stored(api.dataset(), "a", {"boxes": []}, image=image)
+    url = stored["frame"]["files"]["image"]["url"]
+
+    with (
+        reading_little_by_little(server) as client,
+        client.stream("GET", url) as answer,
+    ):
+        pieces = answer.iter_bytes(1000)
+        got = [next(pieces)]
+        terminate(server)
+        got += pieces
+
+    assert b"".join(got) == image
+    assert ended(server) == 0
+
+
+def reading_little_by_little(server):
+    """A client for whom next to nothing waits but in the server."""
+    little = (socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)
+    transport = httpx.HTTPTransport(socket_options=[little])
+    return httpx.Client(
+        base_url=server.url,
+        headers=server.headers,
+        transport=transport,
+        timeout=PATIENCE_S,
+    )
 
 
 @pytest.mark.skipif(
