@@ -31,6 +31,7 @@
  * @property {Verdict} verdict
  * @property {string} reason
  * @property {string | null} evidence  the channel used
+ * @property {number | null} [visible_pixels]  known to be the object's own
  * @property {string} [explanation]
  * @property {number | null} match_percent
  * @property {number | null} threshold

@@ -89,12 +89,25 @@ export const matchText = (box) => (isMeasured(box) && isByShare(box) ? percentTe
 
 /** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
 export function labelText(box) {
-  if (!isByShare(box)) return channelText(box);
+  if (!isByShare(box)) return sentenceText(box);
   return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
 }
 
+/** Kinds of evidence, and what each looks at. @type {Record<string, {text: string, about: string}>} */
+export const CHANNELS = {
+  semantic: { text: "Segmentation", about: "pixels of the class in the box" },
+  ordered: { text: "Order", about: "the nearest box takes its pixels first" },
+  depth: { text: "Depth", about: "pixels as far away as the box" },
+  depth_center: { text: "Depth at the centre", about: "what is seen in the middle" },
+  instance: { text: "Instances", about: "pixels of the object itself" },
+  lidar: { text: "LiDAR", about: "points in the 3D box" },
+};
+
+/** @param {string} name */
+export const channelText = (name) => CHANNELS[name]?.text ?? name.replaceAll("_", " ");
+
 /** The server's sentence after its verdict: "explained by the nearer car 122". @param {Decision} box */
-const channelText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
+const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
 
 /** @param {Decision} box */
 function measureText(box) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 
 import httpx
 import pytest
@@ -56,6 +57,74 @@ def test_every_channel_is_measured_by_a_click_and_compared(ada, api, dataset):
     expect(found.get_by_role("button", name="Measure every channel")).to_have_count(0)
     boxes = api.get("/boxes", params={"dataset": dataset}).json()["items"]
     assert [box["verdict"] for box in boxes] == ["kept", "kept"]
+
+
+def test_the_worst_boxes_of_a_channel_are_a_queue(ada, api, dataset):
+    found = measured(ada, dataset)
+    expect(found.get_by_role("link", name=re.compile("that Depth got"))).to_have_count(
+        0
+    )
+
+    found.get_by_role("link", name="Look at 1 that Segmentation got wrong").click()
+
+    page = ada.page
+    expect(page).to_have_url(re.compile(rf"/{dataset}/queue\?boxes=\d+$"))
+    expect(page.locator(".queue__listed")).to_contain_text("1 chosen box")
+    expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"218 ?$"))
+    ada.press("x")
+    ada.saved()
+    expect(page.locator(".queue__message")).to_contain_text("1 rejected")
+    answers = api.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
+    assert [box["id"] for box in answers["items"]] == ["218"]
+
+    page.locator(".queue__head").get_by_role("button", name="The whole queue").click()
+    expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"217 ?$"))
+
+
+def test_the_filter_is_compared_with_instances_without_an_answer(ada, dataset):
+    page = ada.open(f"#/datasets/{dataset}/quality")
+    page.get_by_role("button", name="Compare with instances").click()
+    expect(page).to_have_url(re.compile("against=instances$"))
+    expect(page.get_by_text("No instances have been measured")).to_be_visible()
+
+    panel(page).get_by_role("button", name="Measure every channel").click()
+
+    expect(page.locator(".field2__count")).to_have_text(
+        ["1", "1", "0", "0"], timeout=20_000
+    )
+    expect(page.locator("a.field2")).to_have_count(0)
+    expect(page.locator(".matrix")).to_contain_text("is not visible")
+    card = page.get_by_role("article", name="car")
+    expect(card).to_contain_text("2 boxes")
+    assert findings(page) == []
+
+
+def test_a_box_that_another_channel_judged_says_what_decided(ada, api, dataset):
+    body = {"config": {"evidence": "depth"}, "activate": True}
+    started = api.post(f"/datasets/{dataset}/runs", json=body)
+    assert started.is_success, started.text
+    ghost = rejected(api, dataset)
+
+    page = ada.open(f"#/frames/{ghost['frame_id']}?box={ghost['box_id']}")
+
+    decided = page.locator(".match--other")
+    expect(decided).to_contain_text("Decided by Depth")
+    expect(decided).to_contain_text("0 pixels seen")
+    expect(decided).to_contain_text("which did not decide")
+    expect(page.locator(".match__track")).to_have_count(0)
+
+
+def rejected(api: httpx.Client, dataset: str) -> dict[str, int]:
+    """The one box that is rejected, once the run that measures is done."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        asked = {"dataset": dataset, "verdict": "rejected"}
+        items = api.get("/boxes", params=asked).json()["items"]
+        if items:
+            (box,) = items
+            return {key: int(box[key]) for key in ("frame_id", "box_id")}
+        time.sleep(0.1)
+    raise AssertionError("nothing was rejected")
 
 
 def test_classes_and_distances_are_compared_too(ada, dataset):

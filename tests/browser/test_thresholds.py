@@ -204,6 +204,22 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
     expect(figure(page, "kept")).to_be_visible()
 
 
+def test_the_numbers_that_other_channels_need_can_be_tried(ada, street):
+    body = {"config": {"evidence": "ordered"}, "activate": True}
+    street.api.post(f"/datasets/{street.dataset}/runs", json=body)
+    page = opened(ada, street)
+    expect(page.locator(".tuning__channel")).to_be_visible()
+    kept = figure(page, "kept")
+    before = int(kept.inner_text())
+
+    page.get_by_role("spinbutton", name="ordered_min_pixels").fill("100000")
+
+    expect(page).to_have_url(re.compile("ordered_min_pixels=100000"))
+    expect(kept).not_to_have_text(str(before))
+    points = page.get_by_role("spinbutton", name="lidar_min_points")
+    expect(points).to_have_value("5")
+
+
 def test_reasons_and_flips_can_be_those_of_one_class(ada, street):
     page = opened(ada, street, "?threshold_small_box=60")
     expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()

@@ -6,7 +6,7 @@ import { boundKeys } from "../keymap.js";
 import { isVeiled } from "../blind.js";
 import { answerOf } from "../reviews.js";
 import { swatchOf } from "../palette.js";
-import { acceptedText, countText, isByShare, labelText, percentText, unbroken } from "../wording.js";
+import { acceptedText, channelText, countOf, countText, isByShare, labelText, percentText, unbroken } from "../wording.js";
 import { AnswerSign } from "./boxlist.js";
 import { Comment } from "./comment.js";
 import { History } from "./history.js";
@@ -77,9 +77,10 @@ function AnswerLine({ box, isWaiting }) {
   </p>`;
 }
 
-/** How much matched, against what was needed. @param {{box: Decision}} props */
+/** What decided: how much matched, against what was needed, or another channel. @param {{box: Decision}} props */
 function MatchBar({ box }) {
   const { match_percent: match, threshold } = box;
+  if (!isByShare(box) && !isVeiled(box)) return html`<${OtherChannel} box=${box} />`;
   if (match === null || match === undefined) return null;
   const text = `${percentText(match)} of the box is ${acceptedText(box)}${threshold === null ? "" : `, ${percentText(threshold)} needed`}`;
   return html`<div class="match">
@@ -90,6 +91,16 @@ function MatchBar({ box }) {
     </div>
     ${threshold !== null && html`<div class="match__scale"><span style=${{ left: `${Math.min(92, Math.max(0, threshold))}%` }}>${percentText(threshold)} needed</span></div>`}
     ${box.toss_up && html`<p class="match__note"><${Icon} name="warn" />A toss-up: too few pixels to tell from the threshold.</p>`}
+  </div>`;
+}
+
+/** Another channel decided; what it says is the sentence above, and the share is beside the point. @param {{box: Decision}} props */
+function OtherChannel({ box }) {
+  const { match_percent: match, visible_pixels: seen } = box;
+  return html`<div class="match match--other">
+    <div class="match__text"><span>Decided by ${channelText(box.evidence ?? "")}</span>
+      ${typeof seen === "number" && html`<span class="num">${countOf(seen, "pixel")} seen</span>`}</div>
+    ${typeof match === "number" && html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`}
   </div>`;
 }
 

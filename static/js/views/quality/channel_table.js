@@ -5,25 +5,12 @@ import { html } from "../../html.js";
 import { bandText } from "../../measures.js";
 import { listQuery } from "../../queue/listed.js";
 import { linkTo } from "../../router.js";
-import { countText, percentText } from "../../wording.js";
+import { CHANNELS, channelText, countText, percentText } from "../../wording.js";
 import { MeasureCell } from "./whisker.js";
 
 /** @typedef {import("../../types_quality.js").Evaluation} Evaluation */
 /** @typedef {import("../../types_quality.js").ChannelScore} ChannelScore */
 /** @typedef {import("../../types_quality.js").Score} Score */
-
-/** @type {Record<string, {text: string, about: string}>} */
-const CHANNELS = {
-  semantic: { text: "Segmentation", about: "pixels of the class in the box" },
-  ordered: { text: "Order", about: "the nearest box takes its pixels first" },
-  depth: { text: "Depth", about: "pixels as far away as the box" },
-  depth_center: { text: "Depth at the centre", about: "what is seen in the middle" },
-  instance: { text: "Instances", about: "pixels of the object itself" },
-  lidar: { text: "LiDAR", about: "points in the 3D box" },
-};
-
-/** @param {string} name */
-export const channelText = (name) => CHANNELS[name]?.text ?? name.replaceAll("_", " ");
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
 export function ChannelTable({ dataset, found, by, active }) {

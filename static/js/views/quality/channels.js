@@ -6,13 +6,13 @@ import { jobs } from "../../calls/jobs.js";
 import { loadEvaluation, startEvaluation } from "../../calls/quality.js";
 import { linkTo } from "../../router.js";
 import { isOver } from "../../watch.js";
-import { countOf } from "../../wording.js";
+import { channelText, countOf } from "../../wording.js";
 import { useLoaded } from "../hooks.js";
 import { Icon } from "../icons.js";
 import { useWatched } from "../jobs/progress.js";
 import { Segments } from "../parts.js";
 import { RunStrip } from "../tuning/run_strip.js";
-import { ChannelTable, channelText } from "./channel_table.js";
+import { ChannelTable } from "./channel_table.js";
 
 /** @typedef {import("../../app.js").App} App */
 /** @typedef {import("../../types_jobs.js").Run} Run */
