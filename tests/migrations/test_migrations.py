@@ -6,7 +6,7 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, select, text
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db import access_tables, tables
@@ -112,3 +112,38 @@ def test_constraints_have_names_that_say_what_is_wrong(engine, name):
     checks = inspect(engine).get_check_constraints(name.split("_")[1])
 
     assert name in {check["name"] for check in checks}
+
+
+@pytest.mark.parametrize(
+    "change", ["UPDATE audit_log SET actor = 'nobody'", "DELETE FROM audit_log"]
+)
+def test_no_database_changes_its_audit_log(engine, change):
+    migrate(engine, SCRIPTS)
+    entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
+    with Session(engine) as session, session.begin():
+        session.add(access_tables.AuditEntry(**entry, details={}))
+
+    with Session(engine) as session:
+        with pytest.raises(DBAPIError, match="the audit log is only added to"):
+            session.execute(text(change))
+        session.rollback()
+        (left,) = session.scalars(select(access_tables.AuditEntry))
+
+    assert (left.actor, left.token_id) == ("ada", None)
+
+
+def test_what_is_done_is_noted_again_after_going_down_and_up(engine):
+    migrate(engine, SCRIPTS)
+    migrate(engine, SCRIPTS, "0004")
+    assert "audit_log" not in inspect(engine).get_table_names()
+
+    migrate(engine, SCRIPTS)
+
+    with Session(engine) as session, session.begin():
+        session.add(
+            access_tables.AuditEntry(
+                actor="ada", action="token.created", subject="bob", details={}
+            )
+        )
+    with engine.connect() as connection, pytest.raises(DBAPIError, match="only added"):
+        connection.execute(text("DELETE FROM audit_log"))

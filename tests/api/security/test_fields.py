@@ -15,7 +15,7 @@ CRAFTED = (
     *("hash", "token__hash", "tokens.hash", "-hash", "id; drop table tokens"),
     *("id'", 'id"', "id)--", "(select hash from tokens)", "created_by", "\x00"),
 )
-INJECTED = ("'", "' or 1=1 --", '"; drop table tokens; --', "%", "_", "\\", "{}", "$1")
+INJECTED = ("' or 1=1 --", '"; drop table tokens; --', "%_\\{}$1")
 
 
 @pytest.fixture(scope="module")
