@@ -76,17 +76,19 @@ def test_without_a_simulator_it_ends_with_69(unghost, tmp_path):
     assert not (tmp_path / "capture-street").exists()
 
 
-def test_without_a_scenario_it_ends_with_2(unghost):
-    assert unghost("capture").code == 2
+def test_without_a_scenario_it_ends_with_2():
+    assert run().exit_code == 2
 
 
-def test_carlasimus_files_are_printed_as_a_scenario(unghost, tmp_path):
+def test_carlasimus_files_are_printed_as_a_scenario(tmp_path):
     (tmp_path / "weather.yaml").write_text("sitting: {fog_density: 3}")
 
-    said = unghost("capture", "--from-carlasimu", tmp_path)
+    done = run("--from-carlasimu", tmp_path)
 
-    assert said.code == 0
-    assert yaml.safe_load(said.out) == {"weather": {"parameters": {"fog_density": 3}}}
+    assert done.exit_code == 0
+    assert yaml.safe_load(done.stdout) == {
+        "weather": {"parameters": {"fog_density": 3}}
+    }
 
 
 def test_a_capture_is_told_in_a_record(as_carla, tmp_path):
@@ -102,6 +104,17 @@ def test_a_capture_is_told_in_a_record(as_carla, tmp_path):
     assert about["last"]["frames"] == 2
     assert about["carla_version"] == "0.9.16"
     assert as_carla.left_behind() == {}
+
+
+def test_a_captured_folder_is_filtered_as_it_is(unghost, stage):
+    stage.capture(frames=2)
+
+    said = unghost("filter", stage.folder, "--output", "decisions.jsonl", "--json")
+
+    assert said.code == 0, said.err
+    told = said.records[0]
+    assert (told["decided"], told["failed"]) == (2, 0)
+    assert (told["kept"], told["rejected"], told["unmeasured"]) == (14, 6, 0)
 
 
 def test_what_was_missed_is_said(as_carla, tmp_path):

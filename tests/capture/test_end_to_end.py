@@ -80,6 +80,11 @@ def test_a_hundred_frames_reach_a_live_service(tmp_path, server: RunningServer):
         stored = client.frame_by_key("captured-street", first["key"])
         # Of the ten boxes a car and a walker are hidden, and a car is behind.
         assert (stats.kept, stats.rejected, stats.unmeasured) == (700, 300, 0)
+        again = line("push", "out", "--dataset", "captured-street")
+        assert (again.code, again.out.split("\t")[:2]) == (
+            0,
+            ["0 stored", "100 already_there"],
+        )
         for kind in ("lidar", "radar", "depth", "instances"):
             content = client.frame_file(stored.id, kind)
             assert content == (tmp_path / "out" / first[kind]).read_bytes()

@@ -118,6 +118,7 @@ def test_where_images_can_lag_the_ticks_around_are_stored_as_well(make_stage):
     assert [b - a for a, b in pairwise(xs)] == pytest.approx([1, 1])
     assert set(story["before"]["actors"]) == set(story["after"]["actors"])
     assert len(story["before"]["actors"]) == 6
+    assert ticks(stage) == [FIRST, FIRST + 2, FIRST + 4]
 
 
 def test_the_newest_version_needs_no_neighbours(stage):

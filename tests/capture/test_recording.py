@@ -229,6 +229,24 @@ def test_weather_lights_layers_and_classes_are_as_the_scenario_says(stage):
     assert stage.left_behind() == {}
 
 
+def test_walkers_stand_walk_and_run_as_asked(stage):
+    seen = {}
+
+    def look(server, _tick):
+        for actor in server.actors.values():
+            if actor.type_id.startswith("controller."):
+                seen[actor.id] = (actor.walking, actor.speed)
+
+    stage.simulator.sidewalk += [carla.Location(8, 9, 1), carla.Location(9, -9, 1)]
+    stage.simulator.faults.on_tick = look
+
+    done = stage.capture(frames=1, walkers={"standing": 1, "walking": 2, "running": 1})
+
+    assert done.walkers == 4
+    assert sorted(seen.values()) == [(True, 1.4), (True, 1.4), (True, 3.0)]
+    assert stage.left_behind() == {}
+
+
 def test_a_lidar_turns_once_per_tick_unless_told_otherwise(stage):
     turns = {}
 

@@ -179,7 +179,13 @@ class _Recorder:
                 if self._recorded.frames < scenario.frames:
                     changed = weather.set(self._recorded.frames)
                     least = _SETTLING_TICKS if changed else 0
-                    self._wait(max(scenario.ticks_per_frame - 1, least))
+                    self._wait(max(self._ticks_between, least))
+
+    @property
+    def _ticks_between(self) -> int:
+        """Ticks that are not those of a frame, or of the look after one."""
+        used = 2 if has_wrong_metadata(self._session.server_version) else 1
+        return max(0, self._session.scenario.ticks_per_frame - used)
 
     def _wait(self, ticks: int) -> None:
         """Ticks that nobody records."""

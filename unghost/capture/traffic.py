@@ -148,7 +148,6 @@ def _port(session: Session) -> int:
 
 
 def _drive(session: Session, vehicle: Actor) -> None:
-    # The manager forgets a vehicle that is destroyed; the flag alone would stay.
     vehicle.set_autopilot(True, _port(session))
 
 
@@ -177,19 +176,22 @@ def _spawn_walkers(
         *[1] * plan.walking,
         *[2] * plan.running,
     )
-    walkers = []
+    count, walking = 0, []
     for gait in gaits:
         stop.check()
         walker = _spawn_walker(session, dice.choice(cast.walkers))
-        if walker is not None:
-            walkers.append((walker, gait))
+        if walker is None:
+            continue
+        count += 1
+        controller = _spawn_controller(session, cast, walker) if gait else None
+        if controller is not None:
+            walking.append((controller, _speed(walker, gait)))
     # Controllers find their walkers only after a tick.
     session.tick()
-    for walker, gait in walkers:
+    for controller, speed in walking:
         stop.check()
-        if gait:
-            _walk(session, cast.controller, walker, gait)
-    return len(walkers)
+        _walk(session, controller, speed)
+    return count
 
 
 _TRIES = 5
@@ -209,18 +211,19 @@ def _spawn_walker(session: Session, blueprint: Blueprint) -> Actor | None:
     return None
 
 
-def _walk(session: Session, blueprint: Blueprint, walker: Actor, gait: int) -> None:
-    world, carla = session.world, session.carla
-    controller = world.try_spawn_actor(blueprint, carla.Transform(), walker)
-    if controller is None:
-        return
-    session.own(controller)
+def _spawn_controller(session: Session, cast: Cast, walker: Actor) -> Actor | None:
+    place = session.carla.Transform()
+    controller = session.world.try_spawn_actor(cast.controller, place, walker)
+    return None if controller is None else session.own(controller)
+
+
+def _walk(session: Session, controller: Actor, speed: float) -> None:
     session.at_end("stop a walker", controller.stop)
     controller.start()
-    destination = world.get_random_location_from_navigation()
+    destination = session.world.get_random_location_from_navigation()
     if destination is not None:
         controller.go_to_location(destination)
-    controller.set_max_speed(_speed(walker, gait))
+    controller.set_max_speed(speed)
 
 
 def _speed(walker: Actor, gait: int) -> float:
