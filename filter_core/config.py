@@ -209,20 +209,7 @@ class FilterConfig:
 
     def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
         """The numbers that apply to each class, in the order given."""
-        names = tuple(class_names)
-
-        def column(key: str, absent: float = np.nan) -> FloatArray:
-            values = [self.limit_of(name, key) for name in names]
-            return np.array([absent if v is None else v for v in values], np.float64)
-
-        return Thresholds(
-            threshold_small_box=column("threshold_small_box"),
-            size_big_box=column("size_big_box"),
-            threshold_big_box=column("threshold_big_box"),
-            min_visible_pixels=column("min_visible_pixels").astype(np.int64),
-            min_distance=column("min_distance", -np.inf),
-            max_distance=column("max_distance", np.inf),
-        )
+        return _thresholds_for(self, tuple(class_names))
 
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.
@@ -306,6 +293,25 @@ def _limit_of(config: FilterConfig, class_name: str, key: str) -> Number | None:
     own: Number | Inherit | None = getattr(config.of_class(class_name), key)
     applies: Number | None = getattr(config, key) if own is INHERIT else own
     return applies
+
+
+# Asked for every frame, of the same classes as the frame before.
+@lru_cache(maxsize=256)
+def _thresholds_for(config: FilterConfig, names: tuple[str, ...]) -> Thresholds:
+    def column(key: str, absent: float = np.nan) -> FloatArray:
+        values = [config.limit_of(name, key) for name in names]
+        limits = np.array([absent if v is None else v for v in values], np.float64)
+        limits.setflags(write=False)
+        return limits
+
+    return Thresholds(
+        threshold_small_box=column("threshold_small_box"),
+        size_big_box=column("size_big_box"),
+        threshold_big_box=column("threshold_big_box"),
+        min_visible_pixels=column("min_visible_pixels").astype(np.int64),
+        min_distance=column("min_distance", -np.inf),
+        max_distance=column("max_distance", np.inf),
+    )
 
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:

@@ -109,8 +109,8 @@ class BatchAnswer(Response):
                 "headers": self.raw_headers,
             }
         )
-        async for line in self._lines(frames):
-            await send({"type": "http.response.body", "body": line, "more_body": True})
+        async for lines in self._lines(frames):
+            await send({"type": "http.response.body", "body": lines, "more_body": True})
         await send({"type": "http.response.body", "body": b""})
 
     def _require_dataset(self) -> None:
@@ -123,16 +123,19 @@ class BatchAnswer(Response):
         told: Counter[str] = Counter(stored=0, same=0, refused=0)
         end: dict[str, Any] = {"end": True}
         try:
-            async for line in intake.lines(aiter(frames)):
-                status = self._status(line)
-                self._request.app.state.metrics.observe_frame(status)
-                told[_KINDS.get(status, "refused")] += 1
-                yield _line(self._described(line, status))
+            async for lines in intake.lines(aiter(frames)):
+                yield b"".join([self._told(line, told) for line in lines])
         except ClientDisconnect:
             return  # nobody is left to be told
         except Exception as error:
             end["problem"] = self._problem(error)
         yield _line({**end, "frames": told.total(), **told})
+
+    def _told(self, line: FrameLine, told: Counter[str]) -> bytes:
+        status = self._status(line)
+        self._request.app.state.metrics.observe_frame(status)
+        told[_KINDS.get(status, "refused")] += 1
+        return _line(self._described(line, status))
 
     def _status(self, line: FrameLine) -> int:
         if line.error is not None:

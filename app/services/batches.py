@@ -106,8 +106,10 @@ class BatchIntake:
 
     async def lines(
         self, frames: AsyncIterator[IncomingFrame]
-    ) -> AsyncIterator[FrameLine]:
+    ) -> AsyncIterator[list[FrameLine]]:
         """What became of each frame, in their order, as soon as it is durable.
+
+        Frames that share a transaction are durable, and told, together.
 
         Raises what ended the frames before their time, after all that came before.
         """
@@ -115,9 +117,10 @@ class BatchIntake:
         try:
             while works := await self._some():
                 for together in _of_different_keys(works):
-                    for line in await self._store(together):
+                    lines = await self._store(together)
+                    yield lines
+                    for _ in lines:
                         self._places.release()
-                        yield line
             await receiving
         finally:
             receiving.cancel()

@@ -73,7 +73,7 @@ async def at_once(street, frames, replace):
 
     batch = BatchOf(street.name, "ada", replace)
     intake = BatchIntake(street.context, batch, CapacityLimiter(1))
-    return [line async for line in intake.lines(incoming())]
+    return [line async for lines in intake.lines(incoming()) for line in lines]
 
 
 def status(line):
