@@ -29,6 +29,8 @@ from tests.servers import RunningServer, running_server
 ANSWERED = {"margin_max": 0.65, "review": "none"}
 BULK = {"class": "car", "distance_max": 155, "review": "none"}
 """A little less than the hundred thousand boxes that one act may change."""
+ASKED = {"queue by": 50, "total": 50, "preview": 100, "quality": 200}
+"""Milliseconds that the figures of these names may have at most."""
 ORDERS = ("doubt", "random", "class", "audit")
 FILTERS: dict[str, dict[str, Any]] = {
     "": {},
@@ -58,7 +60,9 @@ def main() -> int:
         print(json.dumps(figures, indent=1))
     else:
         for name, value in figures.items():
-            print(f"{name:58} {value:10.2f}")
+            asked = next((most for part, most in ASKED.items() if part in name), None)
+            note = f"   asked: at most {asked}" if asked else ""
+            print(f"{name:58} {value:10.2f}{note}")
     return 0
 
 

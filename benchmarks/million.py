@@ -1,8 +1,9 @@
-"""A dataset of a million stored boxes, made as rows: no pixel is measured for it."""
+"""Datasets of many stored boxes, made as rows: no pixel is measured for them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,19 +28,39 @@ from filter_core.types import Evidence
 BOXES_PER_FRAME = 25
 FRAMES_PER_TRANSACTION = 400
 NAME = "million"
+RECTANGLE = [10.0, 10.0, 60.0, 50.0]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A dataset to be made; `annotated`: its boxes were sent with all they need."""
+
+    name: str
+    frames: int
+    boxes_per_frame: int = BOXES_PER_FRAME
+    annotated: bool = False
+    seed: int = 20240401
 
 
 def fill(context: ServiceContext, boxes: int, progress: Callable[[int], None]) -> int:
-    """Store the dataset; its id."""
+    """Store the dataset of a million boxes, or of as many; its id."""
+    return make(context, Wanted(NAME, boxes // BOXES_PER_FRAME), progress)
+
+
+def make(
+    context: ServiceContext, wanted: Wanted, progress: Callable[[int], None]
+) -> int:
+    """Store a dataset as rows, telling how many boxes it has by now; its id."""
     with context.database.write() as session:
-        wanted = NewDataset(DatasetReading(NAME), "", None, FilterConfig(), "benchmark")
-        dataset_id = create_dataset(session, wanted).id
-    rng = np.random.default_rng(20240401)
+        reading = DatasetReading(wanted.name)
+        new = NewDataset(reading, "", None, FilterConfig(), "benchmark")
+        dataset_id = create_dataset(session, new).id
+    rng = np.random.default_rng(wanted.seed)
     done = 0
-    for size in _portions(boxes // BOXES_PER_FRAME):
+    for frames in _portions(wanted.frames):
         with context.database.write() as session:
-            _store(session, dataset_id, size, rng)
-        done += size * BOXES_PER_FRAME
+            _store(session, dataset_id, replace(wanted, frames=frames), rng)
+        done += frames * wanted.boxes_per_frame
         progress(done)
     return dataset_id
 
@@ -50,41 +71,44 @@ def _portions(frames: int) -> Iterator[int]:
         frames -= FRAMES_PER_TRANSACTION
 
 
-def _store(session: Session, dataset_id: int, count: int, rng: Generator) -> None:
+def _store(session: Session, dataset_id: int, wanted: Wanted, rng: Generator) -> None:
     dataset = DatasetRepository(session).with_id(dataset_id)
     classes = DatasetRepository(session).classes(dataset_id)
-    frames = FrameRepository(session)
-    first_frame, first_box = frames.take_ids(count, count * BOXES_PER_FRAME)
-    evidence = numbers(count * BOXES_PER_FRAME, tuple(classes), rng)
+    each, count = wanted.boxes_per_frame, wanted.frames * wanted.boxes_per_frame
+    first = FrameRepository(session).take_ids(wanted.frames, count)
+    evidence = numbers(count, tuple(classes), rng)
     class_ids = list(classes.values())
     rows, packed = [], []
-    for index in range(count):
-        part = np.arange(index * BOXES_PER_FRAME, (index + 1) * BOXES_PER_FRAME)
-        frame_id = first_frame + index
-        rows.append(_frame(dataset, frame_id, first_box + int(part[0])))
-        packed.append(
-            {
-                "frame_id": frame_id,
-                "measurement_id": dataset.active_measurement_id,
-                "numbers": pack_numbers(evidence.take(part), class_ids),
-                "tag_counts": b"",
-                "geometry": b"",
-                "segmentation": {"palette": "carla-0.9.14", "lossy": False},
-                "lossy": False,
-            }
-        )
+    for index in range(wanted.frames):
+        part = evidence.take(np.arange(index * each, (index + 1) * each))
+        ids = first[0] + index, first[1] + index * each
+        rows.append(_frame(dataset, ids, _annotation(part, wanted.annotated)))
+        numbers_of = pack_numbers(part, class_ids)
+        packed.append(_evidence(dataset, ids[0], numbers_of))
     session.execute(insert(Frame), rows)
     session.execute(insert(FrameEvidence), packed)
-    boxes, current = _box_rows(
-        dataset_id, (first_frame, first_box), class_ids, evidence
-    )
+    class_of = [class_ids[index] for index in evidence.class_index.tolist()]
+    boxes = _boxes(first, class_of, each)
     session.execute(insert(Box), boxes)
+    current = _current(dataset_id, boxes, evidence)
     session.execute(insert(Decision), current)
     alike = ((r["class_id"], r["reason"], r["toss_up"], None) for r in current)
     TallyRepository(session).add(dataset_id, tallies_of(alike))
 
 
-def _frame(dataset: Dataset, frame_id: int, first_box: int) -> dict[str, Any]:
+def _annotation(part: Evidence, annotated: bool) -> list[dict[str, Any]]:
+    if not annotated:
+        return [{"id": str(at)} for at in range(len(part))]
+    return [
+        {"id": str(at), "class": part.class_names[index], "xyxy": RECTANGLE}
+        for at, index in enumerate(part.class_index.tolist())
+    ]
+
+
+def _frame(
+    dataset: Dataset, ids: tuple[int, int], boxes: list[dict[str, Any]]
+) -> dict[str, Any]:
+    frame_id, first_box = ids
     return {
         "id": frame_id,
         "dataset_id": dataset.id,
@@ -94,12 +118,24 @@ def _frame(dataset: Dataset, frame_id: int, first_box: int) -> dict[str, Any]:
         "config_id": dataset.active_config_id,
         "run_id": dataset.active_run_id,
         "first_box_id": first_box,
-        "box_count": BOXES_PER_FRAME,
+        "box_count": len(boxes),
         "width": 1280,
         "height": 720,
-        "annotation": {"boxes": [{"id": str(n)} for n in range(BOXES_PER_FRAME)]},
+        "annotation": {"boxes": boxes},
         "created_by": "benchmark",
         "created_at": utc_now(),
+    }
+
+
+def _evidence(dataset: Dataset, frame_id: int, packed: bytes) -> dict[str, Any]:
+    return {
+        "frame_id": frame_id,
+        "measurement_id": dataset.active_measurement_id,
+        "numbers": packed,
+        "tag_counts": b"",
+        "geometry": b"",
+        "segmentation": {"palette": "carla-0.9.14", "lossy": False},
+        "lossy": False,
     }
 
 
@@ -122,40 +158,42 @@ def numbers(count: int, names: tuple[str, ...], rng: Generator) -> Evidence:
         area_percent=100.0 * box_pixels / (1280 * 720),
         crowding=np.where(rng.random(count) < 0.7, 0.0, 100 * rng.random(count)),
         distance=200 * rng.random(count),
-        xyxy=np.tile([10.0, 10.0, 60.0, 50.0], (count, 1)),
+        xyxy=np.tile(RECTANGLE, (count, 1)),
     )
 
 
-def _box_rows(
-    dataset_id: int, first: tuple[int, int], class_ids: list[int], evidence: Evidence
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def _boxes(
+    first: tuple[int, int], class_of: list[int], each: int
+) -> list[dict[str, Any]]:
     first_frame, first_box = first
+    return [
+        {
+            "id": first_box + row,
+            "frame_id": first_frame + row // each,
+            "class_id": class_id,
+            "source_id": str(row % each),
+        }
+        for row, class_id in enumerate(class_of)
+    ]
+
+
+def _current(
+    dataset_id: int, boxes: list[dict[str, Any]], evidence: Evidence
+) -> list[dict[str, Any]]:
     decisions = decide(evidence, FilterConfig())
-    class_of = [class_ids[index] for index in evidence.class_index.tolist()]
-    boxes, rows = [], []
-    for index in range(len(evidence)):
-        frame_id = first_frame + index // BOXES_PER_FRAME
-        boxes.append(
-            {
-                "id": first_box + index,
-                "frame_id": frame_id,
-                "class_id": class_of[index],
-                "source_id": str(index % BOXES_PER_FRAME),
-            }
-        )
-        rows.append(
-            {
-                "box_id": first_box + index,
-                "dataset_id": dataset_id,
-                "frame_id": frame_id,
-                "class_id": class_of[index],
-                "match_percent": float(evidence.match_percent[index]),
-                "crowding": float(evidence.crowding[index]),
-                "distance": float(evidence.distance[index]),
-                "reason": int(decisions.reason[index]),
-                "large": bool(decisions.large[index]),
-                "toss_up": bool(decisions.toss_up[index]),
-                "revision": 0,
-            }
-        )
-    return boxes, rows
+    return [
+        {
+            "box_id": box["id"],
+            "dataset_id": dataset_id,
+            "frame_id": box["frame_id"],
+            "class_id": box["class_id"],
+            "match_percent": float(evidence.match_percent[row]),
+            "crowding": float(evidence.crowding[row]),
+            "distance": float(evidence.distance[row]),
+            "reason": int(decisions.reason[row]),
+            "large": bool(decisions.large[row]),
+            "toss_up": bool(decisions.toss_up[row]),
+            "revision": 0,
+        }
+        for row, box in enumerate(boxes)
+    ]
