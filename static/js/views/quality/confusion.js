@@ -66,7 +66,7 @@ function Matrix({ dataset, truth, confusion }) {
 function Field({ confusion, cell, href }) {
   const count = confusion[cell.cell];
   const share = shareOf(confusion, cell.cell);
-  const inner = html`<span class="field2__fill" style=${{ opacity: count ? 0.12 + 0.5 * share : 0 }}></span>
+  const inner = html`<span class="field2__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
     <span class="field2__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
     <span class="field2__count num">${countText(count)}</span>
     <span class="field2__share num">${percentOf(share)} %</span>
