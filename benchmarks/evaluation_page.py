@@ -25,34 +25,35 @@ def write_page(found: dict[str, Any]) -> None:
     template = Template(
         (Path(__file__).with_name("evaluation.md.in")).read_text("utf-8")
     )
-    channels = found["solid"]["channels"]
-    named = found["named"]["channels"]["instance"]
-    rows = [
-        (title, channels[name], found["cost"][name]) for name, title in NAMES.items()
-    ]
-    rows.append(("instance, ids recorded", named, found["cost"]["instance"]))
+    recorded, crowded = found["recorded"], found["crowded"]
+    channels = recorded["solid"]["channels"]
+    rows = _rows(recorded)
     page = template.substitute(
-        frames=found["street"]["frames"],
-        seed=found["street"]["seed"],
-        solid_frames=found["solid"]["frames"],
-        solid_boxes=f"{found['solid']['boxes']:,}",
-        flat_frames=found["flat"]["frames"],
+        frames=found["frames"],
+        seed=found["seed"],
+        solid=_counts(recorded["solid"]),
+        crowd=_counts(crowded["solid"]),
+        per_frame=_per_frame(recorded["solid"]),
+        crowd_per_frame=_per_frame(crowded["solid"]),
+        flat_frames=recorded["flat"]["frames"],
         main=_table(rows),
         bands=_bands(rows),
+        crowd_main=_table(_rows(crowded)),
+        crowd_bands=_bands(_rows(crowded)),
+        lost=_lost(recorded["lost"], crowded["lost"]),
         flat=_table(
             [
-                (title, found["flat"]["channels"][name], None)
+                (title, recorded["flat"]["channels"][name], None)
                 for name, title in NAMES.items()
             ]
         ),
         projection=_table(
             [
                 ("clipped", channels["semantic"], None),
-                ("naive", found["naive"]["channels"]["semantic"], None),
+                ("naive", recorded["naive"]["channels"]["semantic"], None),
             ]
         ),
-        one_pixel=_percent(found["one_pixel"]["channels"]["ordered"]["f1"]["value"]),
-        near=_percent(_band(channels["ordered"], "0-50")),
+        **_one_pixel(recorded, crowded),
     )
     (DOCS / "evaluation.md").write_text(page, "utf-8")
     (DOCS / PICTURE).parent.mkdir(exist_ok=True)
@@ -61,7 +62,49 @@ def write_page(found: dict[str, Any]) -> None:
     )
 
 
-def _table(rows: list[tuple[str, dict[str, Any], float | None]]) -> str:
+_Row = tuple[str, dict[str, Any], float | None]
+
+
+def _rows(street: dict[str, Any]) -> list[_Row]:
+    """The channels of one street with their costs."""
+    channels, cost = street["solid"]["channels"], street["cost"]
+    rows: list[_Row] = [
+        (title, channels[name], cost[name]) for name, title in NAMES.items()
+    ]
+    named = street["named"]["channels"]["instance"]
+    return [*rows, ("instance, ids recorded", named, cost["instance"])]
+
+
+def _counts(evaluation: dict[str, Any]) -> str:
+    return f"{evaluation['frames']} frames, {evaluation['boxes']:,} boxes"
+
+
+def _per_frame(evaluation: dict[str, Any]) -> str:
+    return f"{evaluation['boxes'] / evaluation['frames']:.0f}"
+
+
+def _one_pixel(recorded: dict[str, Any], crowded: dict[str, Any]) -> dict[str, str]:
+    found = {"one_pixel": recorded, "crowd_one_pixel": crowded}
+    return {
+        name: _percent(street["one_pixel"]["channels"]["ordered"]["f1"]["value"])
+        for name, street in found.items()
+    }
+
+
+def _lost(recorded: list[dict[str, int]], crowded: list[dict[str, int]]) -> str:
+    lines = [
+        "| pixels seen | visible | lost | visible, crowded | lost, crowded |",
+        "|---|--:|--:|--:|--:|",
+    ]
+    ends = [f"-{group['from'] - 1}" for group in recorded[1:]] + [" and more"]
+    for end, here, there in zip(ends, recorded, crowded, strict=True):
+        cells = (here["visible"], here["lost"], there["visible"], there["lost"])
+        counts = " | ".join(f"{count:,}" for count in cells)
+        lines.append(f"| {here['from']}{end} | {counts} |")
+    return "\n".join(lines)
+
+
+def _table(rows: list[_Row]) -> str:
     with_cost = any(cost is not None for *_, cost in rows)
     head = "| channel | precision | recall | F1 (95 %) | ghosts kept | visible lost |"
     lines = [head + (" cost |" if with_cost else "")]
@@ -78,7 +121,7 @@ def _table(rows: list[tuple[str, dict[str, Any], float | None]]) -> str:
     return "\n".join(lines)
 
 
-def _bands(rows: list[tuple[str, dict[str, Any], float | None]]) -> str:
+def _bands(rows: list[_Row]) -> str:
     names = [band["band"] for band in rows[0][1]["by_distance"]]
     lines = ["| F1 by distance | " + " | ".join(f"{name} m" for name in names) + " |"]
     lines.append("|---|" + "--:|" * len(names))

@@ -88,7 +88,12 @@ def annotate(
 
 def _named(box: PlacedBox) -> dict[str, Any]:
     thing = box.thing
-    names = {"id": box.id, "class": thing.class_name, "type_id": thing.type_id}
+    names = {
+        "id": box.id,
+        "class": thing.class_name,
+        "type_id": thing.type_id,
+        "instance_id": thing.instance,
+    }
     return {**names, "base_type": thing.base_type} if thing.base_type else names
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.demo.street import StreetScene
+from app.demo.styles import STYLES, build_town
 from app.demo.truth import GHOST_KINDS
 from filter_core.box3d import box3d_vertices
 from filter_core.camera import Camera
@@ -82,6 +83,25 @@ def test_truth_is_what_a_recount_of_the_instance_image_gives(drive):
     for decoded in drive:
         recount = [int(decoded.own_pixels(line).sum()) for line in decoded.frame.truth]
         assert recount == [line["visible_pixels"] for line in decoded.frame.truth]
+
+
+def test_boxes_name_their_instances(drive):
+    for decoded in drive:
+        named = [box["instance_id"] for box in decoded.frame.annotation["boxes"]]
+        assert named == [line["instance"] for line in decoded.frame.truth]
+
+
+def test_fewer_actors_leave_the_houses_and_many_of_the_boxes_away():
+    full, thin = (build_town(STYLES[1], 0, share) for share in (1.0, 0.2))
+
+    boxes = [sum(thing.has_box for thing in town.things) for town in (full, thin)]
+    scenery = [
+        [thing.instance for thing in town.things if not thing.has_box]
+        for town in (full, thin)
+    ]
+
+    assert 0.1 < boxes[1] / boxes[0] < 0.3
+    assert scenery[0] == scenery[1]
 
 
 def test_truth_has_one_line_per_box_and_a_kind_for_each_ghost(drive):
