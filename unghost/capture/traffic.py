@@ -6,6 +6,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Final
 
 from unghost.capture.blueprints import (
     choose_blueprints,
@@ -19,7 +20,9 @@ from unghost.capture.session import Session
 from unghost.capture.simulator import Actor, Blueprint, Carla, Pose
 from unghost.capture.stopping import StopRequest
 
-_SAFE_BASE_TYPES = frozenset({"car"})
+_SAFE_BASE_TYPES: Final = frozenset({"car"})
+_TRIES: Final = 5
+"""Places on the sidewalk that are tried for one walker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +195,6 @@ def _spawn_walkers(
         stop.check()
         _walk(session, controller, speed)
     return count
-
-
-_TRIES = 5
 
 
 def _spawn_walker(session: Session, blueprint: Blueprint) -> Actor | None:

@@ -25,7 +25,7 @@ class CaptureOptions(ServerOptions):
     scenario: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[SCENARIO]",
+            metavar="SCENARIO",
             help="The scenario (YAML).",
             exists=True,
             dir_okay=False,
