@@ -55,7 +55,12 @@ def running_server(
 
 
 def start(
-    command: list[str], data: Path, log: Path, settings: Mapping[str, str]
+    command: list[str],
+    data: Path,
+    log: Path,
+    settings: Mapping[str, str],
+    *,
+    stdin: int = subprocess.DEVNULL,
 ) -> subprocess.Popen[str]:
     """The process, beside its data, with nothing of the developer's own settings."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("UNGHOST_")}
@@ -66,7 +71,7 @@ def start(
             command,
             cwd=data.parent,
             env={**clean, **own, **state, **settings},
-            stdin=subprocess.DEVNULL,
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=stderr,
             text=True,

@@ -18,8 +18,10 @@ import pytest
 from tests.servers import RunningServer, start, wait_for_link
 
 TRACED = ",".join(
-    ("openat", "write", "pwrite64", "writev", "sendto", "sendmsg")
-    + ("fsync", "fdatasync", "rename", "renameat", "renameat2")
+    [
+        *("openat", "write", "pwrite64", "writev", "sendto", "sendmsg"),
+        *("fsync", "fdatasync", "rename", "renameat", "renameat2"),
+    ]
 )
 STOP_WAIT_S = 120
 # 123 fsync(7</data/blobs/ab>) = 0

@@ -1,0 +1,118 @@
+"""A database of any revision goes up and down, and what both know is not changed."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+from sqlalchemy import inspect
+
+from app.db.engine import make_engine, sqlite_url
+from app.db.inspection import revision_of
+from app.db.migrate import head_revision, migrate
+from app.resources import migrations_dir
+from tests.api.resources import Api
+from tests.migrations.filled import contents, fill, restricted, revisions
+from tests.servers import running_server
+
+SCRIPTS = migrations_dir()
+REVISIONS = revisions()
+
+
+def went_down(rows, revision):
+    """What a revision cannot say is said in its words."""
+    if revision == "0001":
+        for export in rows["exports"]:
+            if export["state"] == "cancelled":
+                export["state"] = "failed"
+    return rows
+
+
+def test_every_table_of_every_revision_is_filled(engine):
+    for revision in REVISIONS:
+        migrate(engine, SCRIPTS, "base")
+        migrate(engine, SCRIPTS, revision)
+        fill(engine, revision)
+
+        empty = [table for table, rows in contents(engine).items() if not rows]
+        assert empty == [], f"{revision}: put rows into tests/migrations/rows"
+
+
+@pytest.mark.parametrize("revision", REVISIONS)
+def test_what_was_stored_at_a_revision_survives_the_way_up_and_back(engine, revision):
+    migrate(engine, SCRIPTS, revision)
+    fill(engine, revision)
+    before = contents(engine)
+
+    migrate(engine, SCRIPTS)
+    above = contents(engine)
+    migrate(engine, SCRIPTS, revision)
+
+    assert restricted(above, before) == restricted(before, before)
+    assert contents(engine) == before
+
+
+@pytest.mark.parametrize("revision", REVISIONS)
+def test_what_both_know_survives_the_way_down_and_up_again(engine, revision):
+    migrate(engine, SCRIPTS)
+    fill(engine, REVISIONS[-1])
+    above = contents(engine)
+
+    migrate(engine, SCRIPTS, revision)
+    below = contents(engine)
+    migrate(engine, SCRIPTS)
+
+    expected = went_down(restricted(above, below), revision)
+    by_content = {table: sorted(rows, key=repr) for table, rows in expected.items()}
+    assert restricted(below, below) == by_content
+    assert restricted(contents(engine), below) == by_content
+    assert {*inspect(engine).get_table_names()} - {"alembic_version"} <= above.keys()
+
+
+@pytest.mark.parametrize("revision", [REVISIONS[0], REVISIONS[-2]])
+def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, revision):
+    data = tmp_path / "data"
+    data.mkdir()
+    engine = make_engine(sqlite_url(data / "unghost.db"))
+    migrate(engine, SCRIPTS, revision)
+    fill(engine, revision)
+    before = contents(engine)
+    engine.dispose()
+
+    with running_server(data) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            boxes = api.boxes("street-1")
+
+    reviews = [(box["verdict"], box["review"]["verdict"]) for box in boxes]
+    assert sorted(reviews) == [
+        ("kept", "keep"),
+        ("rejected", "unsure"),
+        ("unmeasured", "reject"),
+        ("unmeasured", "reject"),
+    ]
+    copy = data / f"unghost.db.schema-{revision}"
+    assert revision_of(data / "unghost.db") == head_revision(SCRIPTS)
+    assert revision_of(copy) == revision
+    kept = make_engine(sqlite_url(copy))
+    assert contents(kept) == before
+    kept.dispose()
+
+
+def test_a_database_of_a_newer_version_is_not_touched(tmp_path):
+    data = tmp_path / "data"
+    data.mkdir()
+    engine = make_engine(sqlite_url(data / "unghost.db"))
+    migrate(engine, SCRIPTS)
+    engine.dispose()
+    with closing(sqlite3.connect(data / "unghost.db")) as database, database:
+        database.execute("UPDATE alembic_version SET version_num = '9999'")
+
+    newer = pytest.raises(AssertionError, match="a newer Unghost wrote it")
+    with newer, running_server(data):
+        pass
+
+    assert revision_of(data / "unghost.db") == "9999"
+    assert json.dumps([path.name for path in data.glob("*schema*")]) == "[]"
