@@ -57,5 +57,6 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
     now = utc_now()
     if tokens.valid_ids(Role.ADMIN.value, now) == [token_id]:
         raise Conflict(f"token {token.name!r} is the last one of an admin")
-    tokens.revoke(token, now)
-    audit.note(Act.TOKEN_REVOKED, token.name, token_id=token_id)
+    if token.revoked_at is None:
+        tokens.revoke(token, now)
+        audit.note(Act.TOKEN_REVOKED, token.name, token_id=token_id)

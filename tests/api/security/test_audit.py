@@ -63,7 +63,8 @@ def test_what_a_token_did_stays_when_it_is_taken_back(service, admin):
     given = give(admin, "grace")
     with as_bearer(service, given) as grace:
         assert grace.post(DATASETS, json={"name": "graces"}).status_code == 201
-    admin.delete(f"{TOKENS}/{given['id']}")
+    for _ in range(2):
+        assert admin.delete(f"{TOKENS}/{given['id']}").status_code == 204
 
     (made,) = entries(admin, "graces")
     assert (made["actor"], made["token_id"]) == ("grace", given["id"])
