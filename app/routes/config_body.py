@@ -38,8 +38,9 @@ ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
 def described_config() -> dict[str, Any]:
     """The body for the OpenAPI document."""
     schema = {
-        "type": "object",
-        "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml.",
+        "type": ["object", "null"],
+        "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml; "
+        "every key is optional, nothing at all is the defaults.",
     }
     content = {name: {"schema": schema} for name in _MEDIA_TYPES[:2]}
     return {"requestBody": {"required": True, "content": content}}

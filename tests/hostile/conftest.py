@@ -10,7 +10,11 @@ from tests.api.resources import Api
 from tests.hostile.openapi_cases import populate
 from tests.servers import running_server
 
-SETTINGS = {"UNGHOST_MAX_OPEN_RUNS": "1000", "UNGHOST_LOG_LEVEL": "warning"}
+SETTINGS = {
+    "UNGHOST_MAX_OPEN_RUNS": "1000",
+    "UNGHOST_MAX_FAILED_LOGINS": "1000000",
+    "UNGHOST_LOG_LEVEL": "warning",
+}
 
 
 @pytest.fixture(scope="session")

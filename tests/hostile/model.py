@@ -7,6 +7,7 @@ nothing here is shared with the service but the words on the wire.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -75,6 +76,28 @@ class ModelBox:
     @property
     def effective(self) -> str:
         return OF_ANSWER.get(self.review or "", self.verdict)
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether a person says the opposite of the filter."""
+        return (self.review, self.verdict) in (("keep", REJECTED), ("reject", KEPT))
+
+    def passes(self, wanted: Mapping[str, str]) -> bool:
+        """Whether a filter of a list selects it."""
+        review = self.review
+        states = {
+            "undecided": review not in OF_ANSWER,
+            "decided": review in OF_ANSWER,
+            "none": review is None,
+            "any": review is not None,
+            **{name: review == name for name in ("keep", "reject", "unsure")},
+        }
+        return (
+            wanted.get("verdict", self.verdict) == self.verdict
+            and wanted.get("effective", self.effective) == self.effective
+            and (wanted.get("conflict", "false") == "false" or self.is_contradicted)
+            and states[wanted.get("review", "none" if review is None else "any")]
+        )
 
     def answer(self, verdict: str, batch: int | None = None) -> None:
         self.answers.append(Said(verdict, batch))
@@ -149,6 +172,10 @@ class Model:
             return None
         return next(box for box in before.boxes.values() if box.place == place)
 
+    def selected(self, wanted: Mapping[str, str]) -> list[int]:
+        """The boxes of a filter."""
+        return sorted(one for one, box in self.boxes().items() if box.passes(wanted))
+
     def run(self, threshold: int, *, activate: bool) -> int:
         """Decide again; how many boxes change sides."""
         changed = 0
@@ -182,14 +209,13 @@ class Model:
         boxes = list(self.boxes().values())
         verdicts = Counter(box.verdict for box in boxes)
         effective = Counter(box.effective for box in boxes)
-        opposite = {("keep", REJECTED), ("reject", KEPT)}
         return {
             "frames": len(self.frames),
             "boxes": len(boxes),
             **{name: verdicts[name] for name in (KEPT, REJECTED, UNMEASURED)},
             "reviewed": sum(box.review in OF_ANSWER for box in boxes),
             "unsure": sum(box.review == "unsure" for box in boxes),
-            "conflicts": sum((box.review, box.verdict) in opposite for box in boxes),
+            "conflicts": sum(box.is_contradicted for box in boxes),
             "effective": {
                 name: effective[name] for name in (KEPT, REJECTED, UNMEASURED)
             },
