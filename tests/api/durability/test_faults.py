@@ -7,7 +7,10 @@ import sys
 from contextlib import closing
 
 import pytest
+from sqlalchemy.exc import DatabaseError
 
+from app.db.engine import make_engine, sqlite_url
+from app.http_errors import problem_of
 from tests.api import frames as scene
 from tests.api.durability.conftest import blobs, examined, served
 from tests.mounts import read_only, small_disk
@@ -50,7 +53,7 @@ def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tm
 def filled_by(api, dataset, disk):
     """Frames that were stored until the disk was full, and the first refusal."""
     with (disk / "filler").open("wb", buffering=0) as filler:
-        stored = []
+        stored: list[str] = []
         for number in range(1000):
             try:
                 filler.write(bytes(1 << 20))
@@ -109,10 +112,9 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
     assert examined(data) == {}
 
 
-def test_a_damaged_database_is_told_and_what_is_whole_is_served(filled, tmp_path):
+def test_a_damaged_database_is_told_at_the_start_and_by_a_code(filled, tmp_path):
     with closing(sqlite3.connect(filled / "unghost.db")) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        (name,) = database.execute("SELECT name FROM datasets").fetchone()
         pages = database.execute(
             "SELECT rootpage FROM sqlite_master WHERE tbl_name = 'decisions' "
             "AND rootpage > 0"
@@ -122,13 +124,14 @@ def test_a_damaged_database_is_told_and_what_is_whole_is_served(filled, tmp_path
             file.seek((page - 1) * 4096)
             file.write(b"\xff" * 4096)
 
-    with served(filled) as (_, api):
-        boxes = api.get("/boxes", dataset=name)
-        frames = api.get(f"/datasets/{name}/frames")
+    engine = make_engine(sqlite_url(filled / "unghost.db"))
+    with pytest.raises(DatabaseError) as raised, engine.connect() as connection:
+        connection.exec_driver_sql("SELECT * FROM decisions").all()
+    engine.dispose()
+    problem = problem_of(raised.value)
 
-    assert (boxes.status_code, boxes.json()["code"]) == (503, "database_damaged")
-    assert "unghost doctor" in boxes.json()["detail"]
-    assert frames.status_code in (200, 503)
+    assert (problem.status, problem.code) == (503, "database_damaged")
+    assert "`unghost doctor` says more" in refused_start(filled, tmp_path)
     assert examined(filled).keys() == {"database"}
 
 
