@@ -16,7 +16,11 @@ def migrate(engine: Engine, scripts: Path, revision: str = "head") -> None:
 
     SQLite rebuilds a table to change it, and with foreign keys on that would silently
     delete the rows of its children: they are off meanwhile and checked afterwards.
+    That takes seconds for millions of rows: a database that is there already is left.
     """
+    wanted = {"head": head_revision(scripts), "base": None}.get(revision, revision)
+    if wanted is not None and wanted == current_revision(engine):
+        return
     with engine.connect() as connection:
         if connection.dialect.name != "sqlite":
             with connection.begin():
