@@ -1,32 +1,51 @@
 #!/bin/sh
-# All tests, with the given pytest: the browser's beside the others, because each of the
-# two leaves time to the other. Their output comes when it is complete. A test that fails
-# beside so much else is run once more, with the machine to itself: what fails then is wrong
-# and not merely late. Both reports are printed.
+# All tests, with the given pytest, in three groups beside each other: each leaves time to
+# the others while it waits for a server, a browser or a disk. The output of a group comes
+# when it is complete. A test that fails beside so much else is run once more, with the
+# machine to itself: what fails then is wrong and not merely late. Both reports are printed.
 set -u
 work=$(mktemp -d)
-browser=
-trap '[ -z "$browser" ] || kill "$browser" 2>/dev/null; rm -rf "$work"' EXIT
+trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 
-"$@" -o cache_dir="$work/browser" tests/browser >"$work/log" 2>&1 &
-browser=$!
-"$@" -o cache_dir="$work/others" --ignore=tests/browser
-others=$?
-wait "$browser"
-seen=$?
-browser=
-cat "$work/log"
-
-# Status 1 is failed tests; any other is a run that did not get so far as to name them.
-again() {
-    [ "$1" -eq 1 ] || return "$1"
-    shift
-    echo "Once more, alone: what failed beside the other tests."
-    "$@" --last-failed --last-failed-no-failures=none
+# What a group consists of, for pytest.
+paths() {
+    case $1 in
+    browser) echo tests/browser ;;
+    service) echo tests/api tests/hostile ;;
+    others) echo --ignore=tests/browser --ignore=tests/api --ignore=tests/hostile ;;
+    esac
 }
-again "$others" "$@" -o cache_dir="$work/others" --ignore=tests/browser
-others=$?
-again "$seen" "$@" -o cache_dir="$work/browser" tests/browser
-seen=$?
-[ "$others" -eq 0 ] && [ "$seen" -eq 0 ]
+
+# In place of the (sub)shell that calls it.
+run() {
+    group=$1
+    shift
+    exec "$@" -o cache_dir="$work/$group" $(paths "$group")
+}
+
+for group in browser service others; do
+    run "$group" "$@" >"$work/$group.log" 2>&1 &
+    echo $! >"$work/$group.pid"
+done
+
+failed=
+for group in others service browser; do
+    wait "$(cat "$work/$group.pid")"
+    status=$?
+    rm "$work/$group.pid"
+    cat "$work/$group.log"
+    # Status 1 is failed tests; any other is a run that did not get so far as to name them.
+    case $status in
+    0) ;;
+    1) failed="$failed $group" ;;
+    *) exit "$status" ;;
+    esac
+done
+
+outcome=0
+for group in $failed; do
+    echo "Once more, alone: what failed beside the other tests ($group)."
+    (run "$group" "$@" --last-failed --last-failed-no-failures=none) || outcome=1
+done
+exit "$outcome"
