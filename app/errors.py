@@ -14,6 +14,7 @@ AppError                     anything that the service says no to
 |-- StaleRevision            someone changed the thing since it was looked at
 |   `-- StaleReview          ... the thing is a box under review
 |-- TooLarge                 larger than a limit of the settings
+|-- TooSlow                  a body that stopped arriving
 |-- UnsupportedMedia         a media type that is not read here
 |-- RangeNotSatisfiable      a byte range outside the file
 |-- Unprocessable            understood, but the content cannot be used
@@ -169,6 +170,12 @@ class TooLarge(AppError):
     """Larger than a limit of the settings."""
 
     code = "too_large"
+
+
+class TooSlow(AppError):
+    """A body that stopped arriving, or took too long; it may be sent again."""
+
+    code = "request_timeout"
 
 
 class UnsupportedMedia(AppError):

@@ -36,6 +36,7 @@ STATUS: Final[Mapping[type[Exception], HTTPStatus]] = {
     errors.Conflict: HTTPStatus.CONFLICT,
     errors.StaleRevision: HTTPStatus.PRECONDITION_FAILED,
     errors.TooLarge: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    errors.TooSlow: HTTPStatus.REQUEST_TIMEOUT,
     errors.UnsupportedMedia: HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
     errors.RangeNotSatisfiable: HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
     errors.Unprocessable: HTTPStatus.UNPROCESSABLE_ENTITY,
@@ -217,7 +218,7 @@ def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
         yield "Retry-After", str(exc.retry_after_s)
     if isinstance(exc, errors.RangeNotSatisfiable):
         yield "Content-Range", f"bytes */{exc.size_bytes}"
-    if isinstance(exc, errors.TooLarge):
+    if isinstance(exc, (errors.TooLarge, errors.TooSlow)):
         # What the client still sends is not wanted.
         yield "Connection", "close"
 

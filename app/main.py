@@ -94,5 +94,9 @@ def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middlewar
         Middleware(Problems),
         Middleware(NoNewWork),
         Middleware(KnownHosts, hosts=settings.served_hosts),
-        Middleware(BodyLimit, max_body_bytes=int(settings.max_body_bytes)),
+        Middleware(
+            BodyLimit,
+            max_body_bytes=int(settings.max_body_bytes),
+            wait_s=settings.body_wait_s,
+        ),
     ]

@@ -7,6 +7,7 @@ shape of an error as well.
 
 from __future__ import annotations
 
+import math
 import re
 import time
 import uuid
@@ -14,10 +15,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from anyio import fail_after
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import BadRequest, MisdirectedHost, TooLarge
+from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow
 from app.http_errors import problem_of
 from app.logs import Answered, current_request_id, error_log, log_answer
 from app.metrics import RequestMetrics
@@ -189,17 +191,23 @@ class KnownHosts:
 
 @dataclass
 class BodyAllowance:
-    """How large the body of one request may be."""
+    """How large the body of one request may be, and how long it may take."""
 
     max_bytes: int
+    until: float = math.inf
+    """On the clock of `time.monotonic`."""
 
 
 class BodyLimit:
-    """Stops reading a body that is larger than allowed, whatever it said it was."""
+    """Stops reading a body that is larger than allowed, whatever it said it was.
 
-    def __init__(self, app: ASGIApp, max_body_bytes: int) -> None:
+    One that stops arriving is not waited for either: it would hold its place for ever.
+    """
+
+    def __init__(self, app: ASGIApp, max_body_bytes: int, wait_s: float) -> None:
         self._app = app
         self._max_body_bytes = max_body_bytes
+        self._wait_s = wait_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
@@ -209,10 +217,14 @@ class BodyLimit:
         allowance = scope[BODY_ALLOWANCE] = BodyAllowance(self._max_body_bytes)
         announced = Headers(scope=scope).get("content-length", "0")
         received = 0
+        is_whole = False
 
         async def receive_limited() -> Message:
-            nonlocal received
-            message = await receive()
+            nonlocal received, is_whole
+            if is_whole:  # what comes now is word that the client has gone
+                return await receive()
+            message = await self._next(receive, allowance)
+            is_whole = not message.get("more_body", False)
             received += len(message.get("body", b""))
             promised = int(announced) if announced.isdecimal() else 0
             if max(received, promised) > allowance.max_bytes:
@@ -220,3 +232,14 @@ class BodyLimit:
             return message
 
         await self._app(scope, receive_limited, send)
+
+    async def _next(self, receive: Receive, allowance: BodyAllowance) -> Message:
+        left_s = min(self._wait_s, allowance.until - time.monotonic())
+        try:
+            with fail_after(left_s):
+                return await receive()
+        except TimeoutError as exc:
+            raise TooSlow(
+                f"nothing of the body came for {self._wait_s:g} s, or it took too long "
+                "as a whole; send it again"
+            ) from exc

@@ -43,7 +43,7 @@ PROBLEM_SCHEMA: Final = {
         "current": {"type": ["object", "null"]},
     },
 }
-_EVERYWHERE: Final = (400, 404, 421, 422, 500, 503)
+_EVERYWHERE: Final = (400, 404, 408, 421, 422, 431, 500, 503)
 _WITH_TOKEN: Final = (401, 403, 429)
 _WITH_BODY: Final = (401, 403, 409, 412, 413, 415, 429)
 _OF_SOME: Final = (416,)

@@ -6,6 +6,7 @@ the work: Idempotency-Key. The rest of a route is its own.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Coroutine, Iterator
 from datetime import timedelta
 from typing import Any, Final
@@ -56,8 +57,18 @@ LARGE_BODY: Final = {"x-large-body": True}
 """``openapi_extra`` of a route that streams its body: up to ``max_batch_bytes``."""
 
 
+MAX_OPEN_BYTES: Final = 4096
+"""A body from somebody without a token: a token, and little else."""
+
+
 class OpenRoute(APIRoute):
     """A route that anybody may call; still no unknown parameters or media types."""
+
+    def allow(self, request: Request) -> None:
+        """How large and how slow the body of nobody in particular may be."""
+        allowance = request.scope[BODY_ALLOWANCE]
+        allowance.max_bytes = min(allowance.max_bytes, MAX_OPEN_BYTES)
+        allowance.until = time.monotonic() + settings_of(request).body_wait_s
 
     def get_route_handler(self) -> Handler:
         """The endpoint behind the checks that all routes share."""
@@ -69,6 +80,7 @@ class OpenRoute(APIRoute):
         async def checked(request: Request) -> Response:
             _refuse_unknown_parameters(request, known)
             if takes_json:
+                self.allow(request)
                 _expect_json(request)
             return await endpoint(request)
 
@@ -80,6 +92,12 @@ class ApiRoute(OpenRoute):
 
     reading_needs = Role.VIEWER
     writing_needs = Role.REVIEWER
+
+    def allow(self, request: Request) -> None:
+        """A JSON body is held in memory: it has a smaller limit than a stream."""
+        allowance = request.scope[BODY_ALLOWANCE]
+        limit = int(settings_of(request).max_json_bytes)
+        allowance.max_bytes = min(allowance.max_bytes, limit)
 
     def get_route_handler(self) -> Handler:
         """The endpoint behind authorisation and idempotency."""
@@ -201,10 +219,6 @@ def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:
 
 
 def _expect_json(request: Request) -> None:
-    """A JSON body is held in memory: it has a smaller limit than a stream."""
-    allowance = request.scope[BODY_ALLOWANCE]
-    limit = int(settings_of(request).max_json_bytes)
-    allowance.max_bytes = min(allowance.max_bytes, limit)
     media_type = request.headers.get("content-type", "").partition(";")[0].strip()
     if _has_body(request) and media_type.lower() != "application/json":
         raise UnsupportedMedia(

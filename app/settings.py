@@ -94,6 +94,21 @@ class Settings(BaseSettings):
         description="Hours for which the answer to an Idempotency-Key is kept.",
     )
 
+    max_head_bytes: ByteSize = Field(
+        default=ByteSize(64 * 1024),
+        ge=1024,
+        description="Largest head of a request: its address and its headers.",
+    )
+    head_wait_s: float = Field(
+        default=20,
+        gt=0,
+        description="Seconds within which the head of a request has to arrive.",
+    )
+    body_wait_s: float = Field(
+        default=300,
+        gt=0,
+        description="Seconds that a body may pause before it is given up.",
+    )
     max_body_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
         ge=1024,
@@ -126,6 +141,11 @@ class Settings(BaseSettings):
         default=8,
         ge=1,
         description="Most batches of frames that may be received at the same time.",
+    )
+    max_open_batches_per_token: int = Field(
+        default=4,
+        ge=1,
+        description="Most batches of frames that one token may send at the same time.",
     )
     max_image_side_px: int = Field(
         default=16384, ge=1, description="Longest side of an image."

@@ -9,7 +9,7 @@ ApiError                the server answered, and the answer is not a success
 |   `-- StaleReview     412: someone answered meanwhile; `current` says what
 |-- TooLarge            413
 |-- Invalid             422 and 415: `errors` lists every fault
-|-- Unavailable         429, 502, 503, 504: try again later
+|-- Unavailable         408, 429, 502, 503, 504: try again later
 |-- ServerFault         500
 `-- UnexpectedAnswer    an answer that is not Unghost's
 RunFailed               a run or an export that was waited for did not succeed
@@ -104,7 +104,7 @@ class Invalid(ApiError):
 
 
 class Unavailable(ApiError):
-    """429, 502, 503 or 504: the server cannot answer now."""
+    """408, 429, 502, 503 or 504: the server cannot answer now."""
 
 
 class ServerFault(ApiError):
@@ -128,6 +128,7 @@ _BY_STATUS: dict[int, type[ApiError]] = {
     401: Unauthorized,
     403: Forbidden,
     404: NotFound,
+    408: Unavailable,
     409: Conflict,
     412: StaleReview,
     413: TooLarge,

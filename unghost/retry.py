@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
 from typing import Final
 
-RETRIED_STATUS: Final = frozenset({429, 502, 503, 504})
+RETRIED_STATUS: Final = frozenset({408, 429, 502, 503, 504})
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import AsyncIterator
+from contextlib import AbstractContextManager
 from typing import Annotated, Any, Final
 
 from fastapi import Query, Request, Response
@@ -91,8 +92,7 @@ class BatchAnswer(Response):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """What is wrong before the first frame is a problem, as everywhere."""
         services = self._services
-        most = services.settings.max_open_batches
-        with services.batches.enter(most):
+        with self._place():
             await run_in_threadpool(self._require_dataset)
             stop = services.engine.stopping
             pieces = UntilStopped(self._request.stream(), stop)
@@ -100,6 +100,14 @@ class BatchAnswer(Response):
                 frames = ArchiveFrames(services.settings, pieces)
                 await frames.begin()
                 await self._answer(frames, send)
+
+    def _place(self) -> AbstractContextManager[None]:
+        settings = self._services.settings
+        return self._services.batches.enter(
+            self._request.state.principal.token_id,
+            most=settings.max_open_batches,
+            most_of_one=settings.max_open_batches_per_token,
+        )
 
     async def _answer(self, frames: ArchiveFrames, send: Send) -> None:
         await send(

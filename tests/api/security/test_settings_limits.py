@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from tests.api.live import live
 from tests.docs.documents import CHECKOUT
 
 LIMITS = {
+    "max_head_bytes": 2_000,
     "max_body_bytes": 20_000,
     "max_json_bytes": 4_000,
     "max_batch_bytes": 60_000,
@@ -30,6 +31,7 @@ LIMITS = {
     "max_bulk_boxes": 1,
     "max_open_jobs_per_token": 2,
     "max_event_streams_per_token": 1,
+    "max_open_batches_per_token": 1,
 }
 KEEPERS = {
     "max_open_batches": "tests/api/test_batches.py::"
@@ -43,6 +45,7 @@ KEEPERS = {
 }
 TAR = {"Content-Type": "application/x-tar"}
 STREET = "/api/v1/datasets/street"
+AVENUE = "/api/v1/datasets/avenue/batches"
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +77,7 @@ def filled_with(size):
 
 
 ASKED = {
+    "max_head_bytes": (431, lambda c: c.get("/healthz", headers={"X-A": "x" * 2_000})),
     "max_body_bytes": (
         413,
         lambda c: put(c, image=b"x" * 7000, a=b"x" * 7000, b=b"x" * 7000),
@@ -188,10 +192,53 @@ def test_the_streams_of_one_token_leave_room_for_others(service, admin, busy):
     assert int(refused.headers["retry-after"]) >= 1
 
 
+def test_the_batches_of_one_token_leave_room_for_others(service, admin):
+    admin.post("/api/v1/datasets", json={"name": "avenue"})
+    with reviewer(service, admin, "sender") as sender, sending(sender) as go_on:
+        refused, other = send(sender), send(admin)
+        go_on()
+    with reviewer(service, admin, "patient") as patient:
+        again = [send(patient), send(patient)]
+
+    assert refused.status_code == 429
+    assert "1 batches of this token" in refused.json()["detail"]
+    assert int(refused.headers["retry-after"]) >= 1
+    assert [one.status_code for one in (other, *again)] == [200, 200, 200]
+
+
+def send(client, content=None):
+    content = content or packed(frame("a")[:2])
+    return client.post(AVENUE, content=content, headers=TAR)
+
+
+@contextmanager
+def sending(client):
+    """A batch that is open until it is let go on."""
+    let_go = threading.Event()
+
+    def body():
+        yield bytes(512)  # enough to be taken for an archive
+        let_go.wait(120)
+        yield bytes(512)
+
+    thread = threading.Thread(target=send, args=(client, body()))
+    thread.start()
+    try:
+        while "unghost_batches_open 1" not in client.get("/metrics").text:
+            assert thread.is_alive()
+        yield let_go.set
+    finally:
+        let_go.set()
+        thread.join()
+
+
 def test_every_limit_has_a_test():
     """A new `max_...` of the settings belongs into one of the tables above."""
     limits = {name for name in Settings.model_fields if name.startswith("max_")}
-    here = {"max_open_jobs_per_token", "max_event_streams_per_token"}
+    here = {
+        *("max_open_jobs_per_token", "max_event_streams_per_token"),
+        "max_open_batches_per_token",
+    }
 
     assert limits == {*ASKED, *KEEPERS, *here}
     for keeper in KEEPERS.values():
