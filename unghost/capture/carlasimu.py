@@ -13,6 +13,12 @@ from filter_core.classes import class_of
 from filter_core.config_values import nearest
 from unghost.capture.carla_words import MAP_LAYERS, VEHICLE_LIGHTS
 from unghost.capture.carlasimu_sensors import sensors_of
+from unghost.capture.carlasimu_values import (
+    list_of,
+    mapping_of,
+    number_of,
+    refuse_unknown,
+)
 from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import parse_scenario, read_yaml
 
@@ -68,6 +74,12 @@ _BOX_KEYS: Final = frozenset(
 )  # fmt: skip
 
 
+_SENSOR_PARTS: Final = (
+    *("cam_rgb", "image_segmentation", "radar_sensor", "lidar_sensor"),
+    "depth_image_sensor",
+)
+
+
 @dataclass
 class Conversion:
     """A scenario as its YAML says it, and what did not come along.
@@ -103,7 +115,7 @@ def convert_carlasimu(folder: Path) -> Conversion:
     for name in FILES:
         if name in found:
             _CONVERTERS[name](found[name], result)
-    parse_scenario(result.scenario, folder.name)
+            parse_scenario(result.scenario, name)
     return result
 
 
@@ -112,17 +124,7 @@ def _read(path: Path) -> Mapping[str, Any]:
     inner = document.get(_TOP) if isinstance(document, Mapping) else None
     if not isinstance(inner, Mapping):
         raise ScenarioError(f"{path.name}: expected keys under {_TOP!r}")
-    return inner
-
-
-def refuse_unknown(given: Mapping[str, Any], known: frozenset[str], at: str) -> None:
-    """`ScenarioError` for the first key that carlasimu does not have."""
-    for key in given:
-        if key not in known:
-            raise ScenarioError(
-                f"{at}: {key}: unknown key; the nearest valid key is "
-                f"{nearest(key, known)!r}"
-            )
+    return mapping_of(inner, path.name)
 
 
 def _data(given: Mapping[str, Any], result: Conversion) -> None:
@@ -134,7 +136,8 @@ def _data(given: Mapping[str, Any], result: Conversion) -> None:
     for name, key in (("number_of_wheels", "wheels"), ("generationv", "generation")):
         if name in given:
             vehicles[key] = _number_or_all(given[name])
-    vehicles["lights"] = _lights(given.get("light_state") or {})
+    lights = mapping_of(given.get("light_state"), "data.yaml: light_state")
+    vehicles["lights"] = _lights(lights)
     scenario["vehicles"] = vehicles
     scenario["walkers"] = _walkers(given)
     unused = [name for name in _WITHOUT_MEANING if name in given]
@@ -150,17 +153,18 @@ def _walkers(given: Mapping[str, Any]) -> dict[str, Any]:
     walkers = _taken(given, {"filterw": "filter", "seedw": "seed"})
     if "generationw" in given:
         walkers["generation"] = _number_or_all(given["generationw"])
-    counts = given.get("number_of_walkers") or {}
+    at = "data.yaml: number_of_walkers"
+    counts = mapping_of(given.get("number_of_walkers"), at)
     names = {"stand": "standing", "walk": "walking", "run": "running"}
-    refuse_unknown(counts, frozenset(names), "data.yaml: number_of_walkers")
+    refuse_unknown(counts, frozenset(names), at)
     return {**walkers, **_taken(counts, names)}
 
 
 def _lights(states: Mapping[str, Any]) -> list[str]:
     known = {name.casefold(): name for name in VEHICLE_LIGHTS}
-    lower = {str(name).casefold(): on for name, on in states.items()}
+    lower = {name.casefold(): on for name, on in states.items()}
     for name in states:
-        if str(name).casefold() not in known:
+        if name.casefold() not in known:
             raise ScenarioError(
                 f"data.yaml: light_state.{name}: unknown light; the nearest is "
                 f"{nearest(name, VEHICLE_LIGHTS)!r}"
@@ -174,7 +178,9 @@ def _number_or_all(value: object) -> object:
 
 
 def _weather(given: Mapping[str, Any], result: Conversion) -> None:
-    numbers = {name: float(value) for name, value in given.items()}
+    numbers = {
+        name: number_of(value, f"weather.yaml: {name}") for name, value in given.items()
+    }
     result.scenario["weather"] = {"parameters": numbers}
 
 
@@ -188,8 +194,12 @@ def _map_layers(given: Mapping[str, Any], result: Conversion) -> None:
 
 def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
     refuse_unknown(given, _BOX_KEYS, "boundingBox.yaml")
-    camera, scenario = given.get("cam_rgb") or {}, result.scenario
-    actors = camera.get("actors") or {}
+    parts = {
+        name: mapping_of(given.get(name), f"boundingBox.yaml: {name}")
+        for name in _SENSOR_PARTS
+    }
+    camera, scenario = parts["cam_rgb"], result.scenario
+    actors = mapping_of(camera.get("actors"), "boundingBox.yaml: cam_rgb.actors")
     scenario["boxes"] = {
         **_taken(
             camera, {"min_distance": "min_distance", "max_distance": "max_distance"}
@@ -209,7 +219,7 @@ def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
         "radar": ("radar_sensor", False),
     }
     for name, (theirs, default) in wanted.items():
-        if not (given.get(theirs) or {}).get("save_to_file", default):
+        if not parts[theirs].get("save_to_file", default):
             sensors[name] = False
     sensors["semantic_lidar"] = False
     result.notes.append(
@@ -220,9 +230,9 @@ def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
 
 def _vehicles(given: Mapping[str, Any], result: Conversion) -> None:
     named = {
-        str(blueprint): str(name)
+        str(blueprint): name
         for name, blueprints in given.items()
-        for blueprint in blueprints or ()
+        for blueprint in list_of(blueprints, f"vehicles_name.yaml: {name}")
     }
     own = {
         blueprint: name
@@ -241,7 +251,7 @@ def _colors(given: Mapping[str, Any], result: Conversion) -> None:
 
 
 def _sensors(given: Mapping[str, Any], result: Conversion) -> None:
-    result.scenario.update(sensors_of(given, result.notes, refuse_unknown))
+    result.scenario.update(sensors_of(given, result.notes))
 
 
 def _taken(given: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:

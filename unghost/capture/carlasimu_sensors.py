@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 from unghost.capture.carla_words import LENS_ATTRIBUTES
+from unghost.capture.carlasimu_values import mapping_of, number_of, refuse_unknown
 from unghost.capture.errors import ScenarioError
-
-Refuse = Callable[[Mapping[str, Any], frozenset[str], str], None]
 
 _NAMES: Final = {
     "rgb_camera": "rgb",
@@ -23,14 +22,14 @@ _SHARED: Final = {"image_size_x": "width", "image_size_y": "height", "fov": "fov
 _NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick", *_SHARED})
 
 
-def sensors_of(
-    given: Mapping[str, Any], notes: list[str], refuse_unknown: Refuse
-) -> dict[str, Any]:
+def sensors_of(given: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
     """`camera` and `sensors` of a scenario, from what stands in sensors.yaml."""
     refuse_unknown(given, frozenset(_NAMES), "sensors.yaml")
-    first: Mapping[str, Any] = next(
-        (given[name] for name in _CAMERAS if name in given), {}
-    )
+    given = {
+        name: mapping_of(one, f"sensors.yaml: {name}") for name, one in given.items()
+    }
+    nothing: Mapping[str, Any] = {}
+    first = next((given[name] for name in _CAMERAS if name in given), nothing)
     lens = _lens(first)
     for name in _CAMERAS:
         other = given.get(name)
@@ -45,7 +44,7 @@ def sensors_of(
     return {
         "camera": camera,
         "sensors": {
-            _NAMES[name]: _sensor(name, one or {}, notes) for name, one in given.items()
+            _NAMES[name]: _sensor(name, one, notes) for name, one in given.items()
         },
     }
 
@@ -63,9 +62,10 @@ def _mount(sensor: Mapping[str, Any], name: str) -> dict[str, float]:
     location = sensor.get("location")
     if location is None:
         return {}
+    at = f"sensors.yaml: {name}.location"
     if not isinstance(location, list) or len(location) != 2:
-        raise ScenarioError(f"sensors.yaml: {name}.location: expected x and z")
-    return {"x": float(location[0]), "z": float(location[1])}
+        raise ScenarioError(f"{at}: expected x and z")
+    return {"x": number_of(location[0], at), "z": number_of(location[1], at)}
 
 
 def _sensor(name: str, sensor: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:

@@ -134,7 +134,19 @@ WRONG = [
     ("sensors.yaml", {"rgb_camera": {"location": [1]}}, "expected x and z"),
     ("mapLayer.yaml", {"buildings": True}, "is 'building"),
     ("boundingBox.yaml", {"treshold": 3}, "is 'threshold"),
-    ("weather.yaml", {"fog": 3}, "weather.parameters.fog: .*'fog_"),
+    ("weather.yaml", {"fog": 3}, "weather.yaml: weather.parameters.fog: .*'fog_"),
+    ("weather.yaml", {"fog_density": "dense"}, "fog_density: expected a number"),
+    ("weather.yaml", {"fog_density": None}, "fog_density: expected a number"),
+    ("weather.yaml", {3: 3}, "weather.parameters.3: unknown"),
+    ("data.yaml", {"light_state": ["Fog"]}, "light_state: expected keys and values"),
+    ("data.yaml", {"number_of_walkers": 3}, "number_of_walkers: expected keys and"),
+    ("data.yaml", {"number_of_vehicles": -3}, "data.yaml: vehicles.count: .*found -3"),
+    ("data.yaml", {"number_of_wheels": "four"}, "data.yaml: vehicles.wheels: "),
+    ("sensors.yaml", {"rgb_camera": 3}, "rgb_camera: expected keys and values"),
+    ("sensors.yaml", {"rgb_camera": {"location": ["a", 1]}}, "location: expected a nu"),
+    ("boundingBox.yaml", {"cam_rgb": 3}, "cam_rgb: expected keys and values"),
+    ("boundingBox.yaml", {"cam_rgb": {"actors": 3}}, "cam_rgb.actors: expected keys"),
+    ("vehicles_name.yaml", {"car": "vehicle.audi.a2"}, "car: expected a list"),
 ]
 
 
@@ -144,6 +156,14 @@ def test_a_mistake_is_named(tmp_path, name, content, words):
 
     with pytest.raises(ScenarioError, match=f"(?i){words}"):
         convert_carlasimu(tmp_path)
+
+
+def test_a_sensor_without_attributes_is_as_by_default(tmp_path):
+    write(tmp_path, "sensors.yaml", {"rgb_camera": None, "radar_sensor": None})
+
+    scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
+
+    assert (scenario.camera.width, scenario.sensors.radar is None) == (1280, False)
 
 
 def test_a_folder_without_any_of_them_is_refused(tmp_path):
