@@ -6,6 +6,7 @@ import json
 import socket
 import sys
 
+import httpx
 import pytest
 import yaml
 from typer.testing import CliRunner
@@ -74,6 +75,50 @@ def test_without_a_simulator_it_ends_with_69(unghost, tmp_path):
     assert said.code == 69, said.err
     assert f"no simulator at 127.0.0.1:{port}" in said.err
     assert not (tmp_path / "capture-street").exists()
+
+
+def test_a_host_that_nobody_knows_ends_with_69(unghost, tmp_path):
+    # The end of a name that the resolvers of the world keep free.
+    said = unghost("capture", written(tmp_path, host="simulator.invalid"))
+
+    assert said.code == 69, said.err
+    assert "no simulator at simulator.invalid:2000" in said.err
+
+
+def test_what_the_simulator_does_not_have_is_told_with_the_file(as_carla, tmp_path):
+    scenario = written(tmp_path, ego={"blueprint": "vehicle.tesla.modl3"})
+
+    done = run(scenario, "--output", tmp_path / "out")
+
+    assert str(done.exception) == (
+        "street.yaml: ego.blueprint: no blueprint 'vehicle.tesla.modl3'; the nearest "
+        "is 'vehicle.tesla.model3'"
+    )
+    assert as_carla.left_behind() == {}
+
+
+def test_a_plan_of_what_is_no_number_is_still_a_plan(tmp_path):
+    sensors = {"lidar": {"attributes": {"points_per_second": "many"}}}
+
+    done = run(written(tmp_path, sensors=sensors), "--dry-run")
+
+    assert "sensor lidar" in done.stdout
+
+
+def test_a_service_that_is_not_there_is_found_before_recording(
+    as_carla, tmp_path, monkeypatch
+):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        monkeypatch.setenv(
+            "UNGHOST_SERVER", f"http://127.0.0.1:{taken.getsockname()[1]}"
+        )
+        monkeypatch.setenv("UNGHOST_TOKEN", "ugt_of_nobody")
+        done = run(written(tmp_path), "-o", tmp_path / "out", "--push", "street")
+
+    assert isinstance(done.exception, httpx.TransportError)
+    assert as_carla.simulator.spawned == ["traffic.traffic_light"]
+    assert not (tmp_path / "out").exists()
 
 
 def test_without_a_scenario_it_ends_with_2():

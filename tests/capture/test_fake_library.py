@@ -9,6 +9,7 @@ import carla
 import pytest
 
 from tests.capture.fake_carla.library import FAKES, VALUES
+from unghost.capture.blueprints import NUMBERS
 from unghost.capture.carla_words import (
     MAP_LAYERS,
     VEHICLE_LIGHTS,
@@ -30,6 +31,8 @@ def public(thing):
     return {name for name in {*dir(thing), *fields} if not name.startswith("_")}
 
 
+PROTOCOLS = ("__iter__", "__len__", "__getitem__")
+"""What makes a `for` and a `[0]` work; the library's texts say nothing of them."""
 METHODS = [
     (name, method)
     for name, cls in FAKES.items()
@@ -41,6 +44,17 @@ METHODS = [
 @pytest.mark.parametrize("name", FAKES)
 def test_the_real_class_has_everything_the_fake_has(name):
     assert public(FAKES[name]) - OWN <= set(dir(getattr(carla, name)))
+
+
+@pytest.mark.parametrize("name", FAKES)
+def test_what_the_fake_lets_one_go_through_the_library_does_as_well(name):
+    offered = {one for one in PROTOCOLS if hasattr(FAKES[name], one)}
+
+    assert offered <= {one for one in PROTOCOLS if hasattr(getattr(carla, name), one)}
+
+
+def test_kinds_of_attributes_are_named_as_the_library_names_them():
+    assert set(carla.ActorAttributeType.names) >= {*NUMBERS, "Bool", "String"}
 
 
 def test_real_actors_have_everything_that_fake_actors_have(stage):

@@ -143,17 +143,20 @@ def test_an_actor_that_vanishes_costs_its_box_alone(stage):
     assert stage.left_behind() == {}
 
 
-def test_an_actor_of_the_list_that_the_snapshot_lacks_is_counted(stage):
+@pytest.mark.parametrize(
+    ("fault", "reason"), [("boxless", "no_answer"), ("unsnapped", "not_in_snapshot")]
+)
+def test_an_actor_of_which_not_all_is_known_is_counted(stage, fault, reason):
     def appear(server, tick):
         if tick == FIRST:
-            ghost = server.add("vehicle.late", {"base_type": "car"}, at(50, 0))
-            server.faults.boxless.add(ghost.id)
+            late = server.add("vehicle.late", {"base_type": "car"}, at(50, 0))
+            getattr(server.faults, fault).add(late.id)
 
     stage.simulator.faults.on_tick = appear
 
     done = stage.capture(**CALM)
 
-    assert done.left_out["no_answer"] == 3
+    assert done.left_out[reason] == 3
     assert [len(frame["boxes"]) for frame in frames(stage)] == [10, 10, 10]
 
 

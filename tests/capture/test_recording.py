@@ -17,6 +17,7 @@ from filter_core.channels.instances import read_instances
 from filter_core.channels.points import read_points
 from filter_core.formats.layouts import read_source
 from filter_core.local_filter import filter_source
+from tests.capture.conftest import scenario
 
 FAR = {"attributes": {"range": 50}}
 ALL: dict[str, Any] = {"instances": True, "depth": True, "radar": True}
@@ -27,6 +28,12 @@ def lines(stage):
     """The frames of the manifest."""
     text = (stage.folder / "manifest.jsonl").read_text("utf-8")
     return [json.loads(line) for line in text.splitlines()]
+
+
+def keys(count, **changes):
+    """The keys that the first frames of a scenario get."""
+    take = f"Town10HD/{scenario(**changes).digest[:8]}"
+    return [f"{take}/{number:06d}" for number in range(count)]
 
 
 def verdicts(stage, **config):
@@ -88,7 +95,7 @@ def test_every_frame_has_a_key_and_its_files(stage):
 
     frames = lines(stage)
     assert (done.frames, done.added, done.missed.total()) == (4, 4, 0)
-    assert [frame["key"] for frame in frames] == [f"Town10HD/{i:06d}" for i in range(4)]
+    assert [frame["key"] for frame in frames] == keys(4, sensors=ALL)
     ticks = [frame["extra"]["capture"]["frame"] for frame in frames]
     assert {b - a for a, b in pairwise(ticks)} == {2}
     for frame in frames:
@@ -279,6 +286,16 @@ def test_a_capture_that_goes_on_does_not_repeat_its_traffic(stage):
     assert list(placed().values()) != first
 
 
+def test_people_with_a_seed_of_their_own_do_not_walk_the_same_way_again(stage):
+    people = {"standing": 1, "seed": 40}
+
+    stage.capture(frames=2, walkers=people)
+    seeds = [stage.simulator.pedestrian_seed]
+    stage.capture(frames=3, walkers=people)
+
+    assert [*seeds, stage.simulator.pedestrian_seed] == [40, 42]
+
+
 def test_parked_cars_that_were_taken_away_get_no_boxes(stage):
     stage.capture(frames=1, map_layers={"ParkedVehicles": False})
 
@@ -294,7 +311,7 @@ def test_an_interrupted_capture_goes_on_where_it_was(stage):
     done = stage.capture(frames=4)
 
     assert (done.frames, done.added) == (4, 2)
-    assert [f["key"] for f in lines(stage)] == [f"Town10HD/{i:06d}" for i in range(4)]
+    assert [frame["key"] for frame in lines(stage)] == keys(4)
     again = stage.capture(frames=4)
     assert (again.frames, again.added) == (4, 0)
     assert stage.left_behind() == {}

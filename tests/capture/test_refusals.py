@@ -70,6 +70,19 @@ def test_a_folder_of_something_else_is_left_alone(stage):
     assert stage.left_behind() == {}
 
 
+def test_a_damaged_manifest_is_told_and_left_alone(stage):
+    stage.capture(**CALM)
+    path = stage.folder / "manifest.jsonl"
+    damaged = b'{"key": 1\n' + path.read_bytes()
+    path.write_bytes(damaged)
+
+    with pytest.raises(CaptureError, match=r"manifest\.jsonl: damaged"):
+        stage.capture(**CALM)
+
+    assert path.read_bytes() == damaged
+    assert stage.left_behind() == {}
+
+
 def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
     stage.capture(**CALM)
 

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping
+from typing import Final
 
 from filter_core.config_values import nearest
-from unghost.capture.errors import CaptureError
-from unghost.capture.scenario_parts import AttributeValue, Generation
+from unghost.capture.errors import ScenarioError
+from unghost.capture.scenario_parts import AttributeValue, Generation, Wheels
 from unghost.capture.simulator import Blueprint, World
+
+NUMBERS: Final = frozenset({"Int", "Float"})
+"""Kinds of attributes whose text has to be a number."""
 
 
 def find_blueprint(world: World, name: str, at: str) -> Blueprint:
-    """One blueprint by its id; `CaptureError` names the key and the nearest id."""
+    """One blueprint by its id; `ScenarioError` names the key and the nearest id."""
     library = world.get_blueprint_library()
     ids = [str(each.id) for each in library]
     if name not in ids:
         close = nearest(name, ids)
-        raise CaptureError(f"{at}: no blueprint {name!r}; the nearest is {close!r}")
+        raise ScenarioError(f"{at}: no blueprint {name!r}; the nearest is {close!r}")
     return library.find(name)
 
 
@@ -28,29 +33,29 @@ def choose_blueprints(
 
     Raises
     ------
-    CaptureError
+    ScenarioError
         There are none; names the key.
     """
     found = sorted(world.get_blueprint_library().filter(pattern), key=lambda b: b.id)
     if not found:
-        raise CaptureError(f"{at}.filter: no blueprint matches {pattern!r}")
+        raise ScenarioError(f"{at}.filter: no blueprint matches {pattern!r}")
     if generation != "all":
         found = [each for each in found if _is(each, "generation", generation)]
     if not found:
-        raise CaptureError(
+        raise ScenarioError(
             f"{at}.generation: no blueprint of {pattern!r} is of generation "
             f"{generation}"
         )
     return found
 
 
-def with_wheels(found: list[Blueprint], wheels: object, at: str) -> list[Blueprint]:
-    """Those with so many wheels; `CaptureError` if there are none."""
+def with_wheels(found: list[Blueprint], wheels: Wheels, at: str) -> list[Blueprint]:
+    """Those with so many wheels; `ScenarioError` if there are none."""
     if wheels == "all":
         return found
     chosen = [each for each in found if _is(each, "number_of_wheels", wheels)]
     if not chosen:
-        raise CaptureError(f"{at}.wheels: no blueprint has {wheels} wheels")
+        raise ScenarioError(f"{at}.wheels: no blueprint has {wheels} wheels")
     return chosen
 
 
@@ -61,19 +66,33 @@ def set_attributes(
 
     Raises
     ------
-    CaptureError
+    ScenarioError
         The blueprint has no such attribute (names the nearest), or refuses the value.
     """
     for name, value in attributes.items():
         if not blueprint.has_attribute(name):
             known = [str(attribute.id) for attribute in blueprint]
             hint = f"; the nearest is {nearest(name, known)!r}" if known else ""
-            raise CaptureError(f"{at}.{name}: {blueprint.id} has no such key{hint}")
-        text = str(value).lower() if isinstance(value, bool) else str(value)
+            raise ScenarioError(f"{at}.{name}: {blueprint.id} has no such key{hint}")
+        kind = str(blueprint.get_attribute(name).type.name)
         try:
-            blueprint.set_attribute(name, text)
+            blueprint.set_attribute(name, _as_text(value, kind))
         except (RuntimeError, ValueError) as error:
-            raise CaptureError(f"{at}.{name}: {error}") from error
+            raise ScenarioError(f"{at}.{name}: {error}, found {value!r}") from error
+
+
+def _as_text(value: AttributeValue, kind: str) -> str:
+    """A value as CARLA takes it, which itself reads ``10 m`` as 10 and ``far`` as 0."""
+    if kind not in NUMBERS:
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except ValueError:
+        number = math.nan
+    whole = kind == "Int"
+    if not math.isfinite(number) or (whole and not number.is_integer()):
+        raise ValueError(f"expected a {'whole ' if whole else ''}number")
+    return str(int(number)) if whole else str(number)
 
 
 def randomise(blueprint: Blueprint, dice: random.Random) -> None:
@@ -85,6 +104,7 @@ def randomise(blueprint: Blueprint, dice: random.Random) -> None:
                 blueprint.set_attribute(name, dice.choice(list(offered)))
 
 
-def _is(blueprint: Blueprint, name: str, wanted: object) -> bool:
+def _is(blueprint: Blueprint, name: str, wanted: int) -> bool:
+    # CARLA refuses to give a number as a text.
     has = blueprint.has_attribute(name)
-    return bool(has and blueprint.get_attribute(name).as_str() == str(wanted))
+    return bool(has and int(blueprint.get_attribute(name).as_int()) == wanted)

@@ -8,7 +8,7 @@ class CaptureError(Exception):
 
 
 class ScenarioError(CaptureError):
-    """A scenario file is wrong; nothing was spawned."""
+    """A scenario is wrong, or does not fit the simulator; nothing was spawned."""
 
 
 class SimulatorAway(CaptureError):

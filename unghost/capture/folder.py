@@ -37,20 +37,21 @@ class CaptureFolder:
         Raises
         ------
         CaptureError
-            The folder holds something else, or another capture.
+            The folder holds something else, or frames of another capture.
         """
         self.path.mkdir(parents=True, exist_ok=True)
         known = self._read_about()
-        if known is None:
-            if any(self.path.iterdir()):
-                raise CaptureError(
-                    f"{self.path} is not empty and holds no capture: choose another "
-                    "--output"
-                )
-            self.describe(about)
-        else:
-            self._require_same(known, about)
+        if known is None and any(self.path.iterdir()):
+            raise CaptureError(
+                f"{self.path} is not empty and holds no capture: choose another "
+                "--output"
+            )
         self.keys = self._read_keys()
+        if known is not None and self.keys:
+            self._require_same(known, about)
+        else:
+            # Without a frame there is nothing that a mended scenario could not fit.
+            self.describe(about)
 
     def describe(self, about: Mapping[str, Any]) -> None:
         """Write what the capture is, whole or not at all."""
@@ -91,7 +92,8 @@ class CaptureFolder:
             known = json.loads(path.read_bytes())
         except ValueError as error:
             raise CaptureError(f"{path}: not JSON: {error}") from error
-        return known if isinstance(known, dict) else {}
+        is_ours = isinstance(known, dict) and set(_SAME) <= set(known)
+        return known if is_ours else None
 
     def _require_same(self, known: Mapping[str, Any], new: Mapping[str, Any]) -> None:
         for name in _SAME:
@@ -112,7 +114,12 @@ class CaptureFolder:
             # The line that was being written when the machine stopped.
             os.truncate(path, whole)
         lines = content[:whole].splitlines()
-        return [str(json.loads(line)["key"]) for line in lines]
+        try:
+            return [str(json.loads(line)["key"]) for line in lines]
+        except (ValueError, LookupError, TypeError) as error:
+            raise CaptureError(
+                f"{path}: damaged, no capture can go on here: {error}"
+            ) from error
 
 
 def _write_whole(target: Path, content: bytes) -> None:

@@ -20,6 +20,7 @@ _BYTES_PER_PIXEL: Final[Mapping[str, float]] = {
 """Of PNG files of streets, by order of magnitude."""
 _BYTES_OF_POINTS: Final = {"lidar": 16, "semantic_lidar": 24, "radar": 28}
 _USUAL_POINTS_PER_S: Final = {"lidar": 56_000, "semantic_lidar": 56_000, "radar": 1500}
+_MOST_POINTS_PER_S: Final = 1e9
 
 
 @dataclass(frozen=True)
@@ -104,5 +105,8 @@ def _bytes_of(scenario: Scenario, name: str) -> float:
         pixels = scenario.camera.width * scenario.camera.height
         return pixels * _BYTES_PER_PIXEL[name]
     attributes = getattr(scenario.sensors, name).attributes
-    rate = float(attributes.get("points_per_second", _USUAL_POINTS_PER_S[name]))
-    return rate * scenario.delta_s * _BYTES_OF_POINTS[name]
+    try:
+        rate = float(attributes["points_per_second"])
+    except (KeyError, ValueError):  # what is no number is refused by the simulator
+        rate = _USUAL_POINTS_PER_S[name]
+    return min(rate, _MOST_POINTS_PER_S) * scenario.delta_s * _BYTES_OF_POINTS[name]

@@ -216,7 +216,8 @@ class _Recorder:
         self._last = snapshot
         if snapshot is None:
             return Missed(_ANOTHER_CLIENT)
-        found = collect(self._sensors, session.frame, scenario.sensor_wait_s)
+        wait_s, check = scenario.sensor_wait_s, self._stop.check
+        found = collect(self._sensors, session.frame, wait_s, check=check)
         if isinstance(found, Missed):
             return found
         if not has_wrong_metadata(session.server_version):
@@ -233,7 +234,9 @@ class _Recorder:
         frame["captured_at"] = now.replace("+00:00", "Z")
         frame["extra"]["capture"]["missed_before"] = self._recorded.missed.total()
         encoded = encoders.map(_encoded, moment.measured.items())
-        key = f"{self._session.map_name}/{len(self._folder.keys):06d}"
+        # The scenario is in it: captures of one map may go into one dataset.
+        take = f"{self._session.map_name}/{self._session.scenario.digest[:8]}"
+        key = f"{take}/{len(self._folder.keys):06d}"
         self._folder.add(key, dict(encoded), frame)
         if annotator.poses_differ and not self._recorded.poses_differ:
             self._session.note(

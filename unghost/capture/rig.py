@@ -63,7 +63,7 @@ def main_camera(scenario: Scenario) -> str:
 
 
 def prepare_rig(session: Session) -> list[MountedSensor]:
-    """Blueprints with all attributes set; `CaptureError` names a wrong key."""
+    """Blueprints with all attributes set; `ScenarioError` names a wrong key."""
     scenario = session.scenario
     return [
         _prepared(session, name, sensor)

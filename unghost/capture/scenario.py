@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, get_args
+from typing import Any, Final, get_args
 
 import yaml
 from pydantic import BaseModel, Field, ValidationError, model_validator
@@ -28,6 +29,8 @@ from unghost.capture.scenario_parts import (
     Weather,
 )
 
+_SHORT: Final = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
 _MAX_BYTES: Final = 1 << 20
 _NOT_THE_CONTENT: Final = frozenset({"host", "port", "timeout_s", "frames"})
 """Keys that may differ when a capture goes on: where, how long, how many."""
@@ -38,15 +41,15 @@ class Scenario(Part):
 
     host: str = "127.0.0.1"
     port: Port = 2000
-    timeout_s: float = Field(default=30.0, ge=1)
+    timeout_s: float = Field(default=30.0, ge=1, le=3600)
     map: str | None = None
     map_layers: dict[MapLayer, bool] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, le=2**31 - 1)
     delta_s: float = Field(default=0.05, gt=0, le=0.1)
     warm_up_ticks: int = Field(default=20, ge=10, le=10_000)
-    interval_s: float = Field(default=1.0, gt=0)
-    frames: int = Field(default=100, ge=1)
-    sensor_wait_s: float = Field(default=10.0, gt=0)
+    interval_s: float = Field(default=1.0, gt=0, le=86_400)
+    frames: int = Field(default=100, ge=1, le=10_000_000)
+    sensor_wait_s: float = Field(default=10.0, gt=0, le=3600)
     see_through_glass: bool | None = None
     traffic_manager: TrafficManager = TrafficManager()
     vehicles: Vehicles = Vehicles()
@@ -97,10 +100,28 @@ def read_scenario(path: Path) -> Scenario:
 def read_yaml(content: bytes, name: str) -> object:
     """A YAML document; `ScenarioError` names the file and the line."""
     try:
-        return yaml.safe_load(content.decode("utf-8-sig"))
+        return _UniqueKeys(content.decode("utf-8-sig")).get_single_data()
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         said = " ".join(str(error).split())
         raise ScenarioError(f"{name}: not YAML: {said[:200]}") from error
+    except (ValueError, LookupError, AttributeError) as error:
+        # A date that no calendar has, and tags that are written out: `!!int many`.
+        raise ScenarioError(f"{name}: not a value: {error}") from error
+
+
+class _UniqueKeys(yaml.SafeLoader):
+    """Refuses a key that stands twice: the first one would be passed over."""
+
+    # The type is that of the stubs; in truth an anchor is a name or None.
+    def compose_mapping_node(self, anchor: dict[Any, yaml.Node]) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
+                problem = f"{key.value[:60]!r} stands twice"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            seen.add(str(key.value))
+        return node
 
 
 def parse_scenario(document: object, name: str) -> Scenario:
@@ -150,5 +171,5 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    # A few bytes of aliases can stand for a text of gigabytes.
+    return _SHORT.repr(value)

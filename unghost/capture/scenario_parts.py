@@ -57,6 +57,7 @@ MapLayer: TypeAlias = Annotated[str, AfterValidator(_layer)]
 Port: TypeAlias = Annotated[int, Field(ge=1, le=65535)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=2000)]
 Generation: TypeAlias = Literal[1, 2, "all"]
+Wheels: TypeAlias = Literal[2, 4, "all"]
 AttributeValue: TypeAlias = bool | int | float | str
 
 
@@ -76,7 +77,7 @@ class Vehicles(Part):
 
     count: Count = 0
     filter: str = "vehicle.*"
-    wheels: Literal[2, 4, "all"] = "all"
+    wheels: Wheels = "all"
     generation: Generation = "all"
     safe: bool = False
     lights: tuple[VehicleLight, ...] = ()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
 from filter_core.config_values import nearest
-from unghost.capture.errors import CaptureError
+from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import Scenario
 from unghost.capture.simulator import Actor, Carla, Client, Snapshot, World
 from unghost.capture.stopping import shielded
@@ -67,13 +67,31 @@ class Session:
         return snapshot if alone else None
 
     def put_back(self) -> None:
-        """Undo everything; a step that fails does not keep the others from it."""
+        """Undo everything; a step that fails does not keep the others from it.
+
+        Only a simulator that is gone does: each step would wait for its time-out.
+        """
         while self._undo:
             what, step = self._undo.pop()
             try:
                 step()
             except Exception as error:
-                self.note(f"could not {what}: {error}")
+                self._say(f"could not {what}: {error}")
+                if not self._answers():
+                    self._say("the simulator is gone: it was not put back")
+                    return
+
+    def _answers(self) -> bool:
+        try:
+            self.world.get_settings()
+        except RuntimeError:
+            return False
+        return True
+
+    def _say(self, text: str) -> None:
+        # The terminal may have been closed; the world is put back all the same.
+        with suppress(OSError):
+            self.note(text)
 
     def destroy_actors(self) -> None:
         """Destroy all that was spawned, the youngest first: sensors, then vehicles."""
@@ -83,7 +101,7 @@ class Session:
             for answer in self.client.apply_batch_sync(batch, False):
                 # One that is gone already, as after a reload of the map, is no fault.
                 if answer.error and "not found" not in answer.error:
-                    self.note(f"an actor could not be destroyed: {answer.error}")
+                    self._say(f"an actor could not be destroyed: {answer.error}")
 
 
 @contextmanager
@@ -97,7 +115,7 @@ def open_session(
 
     Raises
     ------
-    CaptureError
+    ScenarioError
         The map is unknown; names the nearest.
     """
     before = client.get_world().get_settings()
@@ -132,7 +150,7 @@ def _world(client: Client, scenario: Scenario) -> World:
     maps = [str(name) for name in client.get_available_maps()]
     if not any(_same_map(name, scenario.map) for name in maps):
         short = nearest(scenario.map, [name.rsplit("/", 1)[-1] for name in maps])
-        raise CaptureError(
+        raise ScenarioError(
             f"map: the simulator has no {scenario.map!r}; the nearest is {short!r}"
         )
     return client.load_world(scenario.map)

@@ -45,9 +45,10 @@ def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
     SimulatorAway
         Nothing answers within the time-out.
     """
-    client = carla.Client(host, port)
-    client.set_timeout(timeout_s)
     try:
+        # A name that stands for no address is refused here already.
+        client = carla.Client(host, port)
+        client.set_timeout(timeout_s)
         client.get_server_version()
     except RuntimeError as error:
         raise SimulatorAway(f"no simulator at {host}:{port}: {error}") from error

@@ -1,4 +1,4 @@
-"""Ctrl-C and a polite kill: taken note of, acted on where nothing can be lost."""
+"""Ctrl-C, a polite kill, a closed terminal: noted, acted on where nothing is lost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS: Final = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+    if hasattr(signal, name)
+)
+_HANG_UP: Final = getattr(signal, "SIGHUP", None)
 
 
 class StopRequest:
@@ -24,9 +29,7 @@ class StopRequest:
             raise KeyboardInterrupt
 
     def take(self, _number: int, _frame: FrameType | None) -> None:
-        """The first signal waits for the next `check`; the second does not."""
-        if self.asked:
-            raise KeyboardInterrupt
+        """However many signals come, they wait for the next `check`."""
         self.asked = True
 
 
@@ -37,12 +40,18 @@ def listening_for_stop() -> Iterator[StopRequest]:
     if threading.current_thread() is not threading.main_thread():
         yield request
         return
-    before = [(each, signal.signal(each, request.take)) for each in _SIGNALS]
+    before = [(each, signal.signal(each, request.take)) for each in _wanted()]
     try:
         yield request
     finally:
         for each, handler in before:
             signal.signal(each, handler)
+
+
+def _wanted() -> list[signal.Signals]:
+    # Who starts a capture with `nohup` wants it to outlive the terminal.
+    kept = signal.SIG_IGN if _HANG_UP is None else signal.getsignal(_HANG_UP)
+    return [each for each in _SIGNALS if each != _HANG_UP or kept is not signal.SIG_IGN]
 
 
 @contextmanager
@@ -54,7 +63,7 @@ def shielded() -> Iterator[None]:
     missed: list[int] = []
     before = [
         (each, signal.signal(each, lambda number, _: missed.append(number)))
-        for each in _SIGNALS
+        for each in _wanted()
     ]
     try:
         yield

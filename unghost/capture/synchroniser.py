@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from unghost.capture.rig import RunningSensor
@@ -22,36 +22,48 @@ class Missed:
         return f"{self.sensor} {self.reason}" if self.sensor else self.reason
 
 
+_LOOK_EVERY_S = 0.2
 NO_DATA = "sent nothing in time"
 FROM_LATER = "sent a later tick"
 
 
 def collect(
-    sensors: Sequence[RunningSensor], frame: int, wait_s: float
+    sensors: Sequence[RunningSensor],
+    frame: int,
+    wait_s: float,
+    *,
+    check: Callable[[], None],
 ) -> dict[str, Measurement] | Missed:
     """What every sensor measured at tick `frame`.
 
     Older measurements are thrown away: they are late ones of ticks before. A newer one
-    means that this tick's was lost. The time to wait is shared by all sensors.
+    means that this tick's was lost. The time to wait is shared by all sensors, and
+    `check` is called while it passes: it may raise.
     """
     deadline = time.monotonic() + wait_s
     taken: dict[str, Measurement] = {}
     for sensor in sensors:
-        found = _take(sensor, frame, deadline)
+        found = _take(sensor, frame, deadline, check)
         if isinstance(found, Missed):
             return found
         taken[sensor.name] = found
     return taken
 
 
-def _take(sensor: RunningSensor, frame: int, deadline: float) -> Measurement | Missed:
+def _take(
+    sensor: RunningSensor, frame: int, deadline: float, check: Callable[[], None]
+) -> Measurement | Missed:
     while True:
+        check()
         left = max(0.0, deadline - time.monotonic())
+        wait = min(left, _LOOK_EVERY_S)
         try:
             found = (
-                sensor.inbox.get(timeout=left) if left else sensor.inbox.get_nowait()
+                sensor.inbox.get(timeout=wait) if left else sensor.inbox.get_nowait()
             )
         except queue.Empty:
+            if left > wait:
+                continue
             return Missed(NO_DATA, sensor.name)
         if int(found.frame) == frame:
             return found

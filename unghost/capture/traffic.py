@@ -15,7 +15,7 @@ from unghost.capture.blueprints import (
     set_attributes,
     with_wheels,
 )
-from unghost.capture.errors import CaptureError
+from unghost.capture.errors import CaptureError, ScenarioError
 from unghost.capture.session import Session
 from unghost.capture.simulator import Actor, Blueprint, Carla, Pose
 from unghost.capture.stopping import StopRequest
@@ -46,7 +46,7 @@ class Spawned:
 
 
 def choose_cast(session: Session) -> Cast:
-    """The blueprints of a scenario; `CaptureError` before anything is spawned."""
+    """The blueprints of a scenario; `ScenarioError` before anything is spawned."""
     world, scenario = session.world, session.scenario
     ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
     points = list(world.get_map().get_spawn_points())
@@ -54,7 +54,7 @@ def choose_cast(session: Session) -> Cast:
         raise CaptureError("map: it has no spawn points for vehicles")
     place = scenario.ego.spawn_point
     if place is not None and place >= len(points):
-        raise CaptureError(
+        raise ScenarioError(
             f"ego.spawn_point: {session.map_name} has 0 to {len(points) - 1}, "
             f"found {place}"
         )
@@ -79,7 +79,7 @@ def _vehicles(session: Session) -> list[Blueprint]:
     if wanted.safe:
         found = [each for each in found if _base_type(each) in _SAFE_BASE_TYPES]
         if not found:
-            raise CaptureError("vehicles.safe: no blueprint that is left is a car")
+            raise ScenarioError("vehicles.safe: no blueprint that is left is a car")
     return found
 
 
@@ -172,7 +172,11 @@ def _spawn_walkers(
     plan, world = session.scenario.walkers, session.world
     if not plan.count:
         return 0
-    world.set_pedestrians_seed(session.seed if plan.seed is None else plan.seed)
+    seed = session.seed
+    if plan.seed is not None:
+        # It moves on as the scenario's own does.
+        seed = plan.seed + session.seed - session.scenario.seed
+    world.set_pedestrians_seed(seed)
     world.set_pedestrians_cross_factor(plan.cross_percent / 100)
     gaits = (
         *[0] * plan.standing,

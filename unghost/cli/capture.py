@@ -11,6 +11,7 @@ import typer
 from unghost.cli.command import command
 from unghost.cli.exits import PARTLY, REFUSED, SERVER_AWAY, Refused
 from unghost.cli.options import ServerOptions
+from unghost.cli.push import PushOptions, ensure_dataset, send
 from unghost.cli.push_report import PushReport
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def capture(options: CaptureOptions) -> None:
 
 
 def _capture(options: CaptureOptions) -> None:
+    from unghost.capture.errors import ScenarioError
     from unghost.capture.plan import plan_of
     from unghost.capture.scenario import read_scenario
 
@@ -104,7 +106,13 @@ def _capture(options: CaptureOptions) -> None:
         options.screen.record(plan.record)
         options.screen.table(("what", "how"), plan.rows)
         return
-    recorded = _record(scenario, output, options)
+    if options.push is not None:
+        _require_dataset(output, options.push, options)
+    try:
+        recorded = _record(scenario, output, options)
+    except ScenarioError as error:
+        # Found by asking the simulator: told like those that the file alone shows.
+        raise ScenarioError(f"{options.scenario.name}: {error}") from error
     _tell(recorded, output, options)
     if options.push is not None:
         _push(output, options.push, options)
@@ -146,11 +154,8 @@ def _tell(recorded: Recorded, output: Path, options: CaptureOptions) -> None:
     )
 
 
-def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
-    from unghost.cli.push import PushOptions, ensure_dataset, send
-    from unghost.cli.sources import open_source
-
-    pushing = PushOptions(
+def _pushing(folder: Path, dataset: str, options: CaptureOptions) -> PushOptions:
+    return PushOptions(
         source=folder,
         dataset=dataset,
         server=options.server,
@@ -158,10 +163,22 @@ def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
         json=options.json,
         layout="manifest",
     )
+
+
+def _require_dataset(folder: Path, dataset: str, options: CaptureOptions) -> None:
+    """Ask the service now: a wrong token is not to be found after hours of frames."""
+    pushing = _pushing(folder, dataset, options)
+    with pushing.connect() as client:
+        ensure_dataset(client, dataset, pushing.reading, ())
+
+
+def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
+    from unghost.cli.sources import open_source
+
+    pushing = _pushing(folder, dataset, options)
     report = PushReport(options.screen)
     found = open_source(folder, pushing)
     with pushing.connect() as client:
-        ensure_dataset(client, dataset, pushing.reading, ())
         send(client, pushing, found, report)
     report.print_summary(found.unmatched, dataset)
     if report.refused:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from fnmatch import fnmatchcase
 
+from carla import ActorAttributeType as Type
+
 _CAMERA = {
     "image_size_x": "800", "image_size_y": "600", "fov": "90.0", "sensor_tick": "0.0",
     "lens_circle_falloff": "5.0", "lens_k": "-1.0", "lens_kcube": "0.0",
@@ -44,25 +46,43 @@ BLUEPRINTS = {
     },
 }  # fmt: skip
 _MODIFIABLE_NOT = {"base_type", "number_of_wheels", "generation"}
+_TYPES = {
+    Type.Int: {
+        *("image_size_x", "image_size_y", "channels", "points_per_second"),
+        *("number_of_wheels", "generation"),
+    },
+    Type.String: {"base_type", "role_name"},
+    Type.Bool: {"is_invincible"},
+    Type.RGBColor: {"color"},
+}
+"""Kinds as the simulator declares them; all others are Float."""
 
 
 class ActorAttribute:
     def __init__(self, name, value):
         self.id, self._value = name, value
+        kinds = (kind for kind, names in _TYPES.items() if name in names)
+        self.type = next(kinds, Type.Float)
         self.is_modifiable = name not in _MODIFIABLE_NOT
         self.recommended_values = ["255,0,0", "0,0,255"] if name == "color" else []
 
-    def as_str(self):
+    def _of(self, kind):
+        """The text; like the library, an attribute of another kind does not say it."""
+        if self.type != kind:
+            raise RuntimeError(f"{self.id}: bad attribute cast: cannot convert")
         return self._value
 
+    def as_str(self):
+        return self._of(Type.String)
+
     def as_int(self):
-        return int(self._value)
+        return int(self._of(Type.Int))
 
     def as_float(self):
-        return float(self._value)
+        return float(self._of(Type.Float))
 
     def as_bool(self):
-        return self._value == "true"
+        return self._of(Type.Bool) == "true"
 
 
 class ActorBlueprint:
@@ -80,6 +100,8 @@ class ActorBlueprint:
             raise TypeError("values of attributes are texts")
         if arg2 not in self.attributes:
             raise IndexError(f"blueprint '{self.id}' has no attribute '{arg2}'")
+        if not self.get_attribute(arg2).is_modifiable:
+            raise ValueError(f"{arg2}: read-only attribute")
         self.attributes[arg2] = arg3
 
     def __iter__(self):

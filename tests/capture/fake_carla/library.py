@@ -61,6 +61,7 @@ class Client:
         return TrafficManager(self._simulator, port)
 
     def apply_batch_sync(self, commands, do_tick=False):
+        self._simulator.answer()
         return [self._answer(command) for command in commands]
 
     def _answer(self, command):
@@ -165,7 +166,12 @@ class WorldSnapshot:
         self.id = 1
         delta = simulator.settings.fixed_delta_seconds or 0.05
         self.timestamp = Timestamp(self.frame, self.frame * delta, delta, 0.0)
-        self._actors = {a.id: ActorSnapshot(a) for a in simulator.actors.values()}
+        there = (
+            actor
+            for actor in simulator.actors.values()
+            if actor.id not in simulator.faults.unsnapped
+        )
+        self._actors = {actor.id: ActorSnapshot(actor) for actor in there}
 
     def find(self, actor_id):
         return self._actors.get(actor_id)
@@ -196,15 +202,18 @@ class World:
         self._simulator = simulator
 
     def get_settings(self):
+        self._simulator.answer()
         return _copied(self._simulator.settings)
 
     def apply_settings(self, settings, seconds=0.0):
+        self._simulator.answer()
         self._simulator.settings = _copied(settings)
         return self._simulator.frame
 
     def tick(self, seconds=0.0):
         if not self._simulator.settings.synchronous_mode:
             raise RuntimeError("tick in asynchronous mode")
+        self._simulator.answer()
         return self._simulator.tick()
 
     def get_snapshot(self):
@@ -218,6 +227,7 @@ class World:
 
     def set_weather(self, arg2):
         assert isinstance(arg2, real.WeatherParameters)
+        self._simulator.answer()
         self._simulator.weather = arg2
 
     def get_blueprint_library(self):

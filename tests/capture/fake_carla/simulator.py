@@ -46,8 +46,10 @@ class Faults:
         By which an image's transform is wrong.
     on_tick : called with the simulator and the number of the tick
     boxless : ids of actors whose bounding_box raises
+    unsnapped : ids of actors that no snapshot has
     no_light_boxes : get_light_boxes raises, as on some maps
     foreign_ticks : ticks at which another client ticks, too
+    gone : no request is answered, as after a crash
     """
 
     lost: set[tuple[str, int]] = field(default_factory=set)
@@ -55,8 +57,10 @@ class Faults:
     pose_shift: float = 0.0
     on_tick: Callable[[Simulator, int], None] = lambda _simulator, _tick: None
     boxless: set[int] = field(default_factory=set)
+    unsnapped: set[int] = field(default_factory=set)
     no_light_boxes: bool = False
     foreign_ticks: set[int] = field(default_factory=set)
+    gone: bool = False
 
 
 class Simulator:
@@ -80,10 +84,17 @@ class Simulator:
         self.managers_synchronous: dict[int, bool] = {}
         self.pedestrian_seed: int | None = None
         self.spawned: list[str] = []
+        self.unanswered = 0
         self._held: list[tuple[Sensor, object]] = []
         self._mail: SimpleQueue[tuple[Sensor, object] | None] = SimpleQueue()
         self._postman = threading.Thread(target=self._deliver, daemon=True)
         self._postman.start()
+
+    def answer(self):
+        """What every request waits for."""
+        if self.faults.gone:
+            self.unanswered += 1
+            raise RuntimeError("time-out while waiting for the simulator")
 
     def add(self, type_id, attributes, pose, parent=None):
         """A new actor."""

@@ -54,9 +54,28 @@ def test_a_folder_goes_on_behind_its_last_whole_line(folder):
 @pytest.mark.parametrize("name", ABOUT)
 def test_another_capture_does_not_go_on(folder, name):
     word = "scenario" if name == "scenario_digest" else name
+    folder.add("Town01/000000", FILES, {"extra": {}})
 
     with pytest.raises(CaptureError, match=f"another {word}"):
         CaptureFolder(folder.path).open({**ABOUT, name: "other"})
+
+
+def test_without_a_frame_there_is_nothing_to_differ_from(folder):
+    mended = {**ABOUT, "scenario_digest": "other"}
+
+    CaptureFolder(folder.path).open(mended)
+
+    assert json.loads((folder.path / "capture.json").read_bytes()) == mended
+
+
+@pytest.mark.parametrize("content", ["[]", '{"lens": "50 mm"}'])
+def test_somebody_elses_capture_json_is_left_alone(tmp_path, content):
+    (tmp_path / "capture.json").write_text(content)
+
+    with pytest.raises(CaptureError, match="holds no capture"):
+        CaptureFolder(tmp_path).open(ABOUT)
+
+    assert (tmp_path / "capture.json").read_text() == content
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):

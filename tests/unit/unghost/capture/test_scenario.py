@@ -49,6 +49,16 @@ WRONG = [
     ("boxes: {min_distance: 50, max_distance: 50}", "min_distance must be below"),
     ("boxes: {bands: [100, 50]}", "bands must rise"),
     ("frames: [", "not YAML"),
+    ("seed: 1\nframes: 5\nseed: 2", "'seed' stands twice.*line 3"),
+    (
+        "host: " + "[" * 9 + "&a [x, x], *a" + "]" * 9,
+        r"host: .*found \[\[.*\.\.\.",
+    ),
+    ("seed: 2026-13-45", "not a value"),
+    ("seed: !!int many", "not a value"),
+    ("interval_s: 1.0e+300", "interval_s: .*less than or equal to 86400"),
+    ("sensor_wait_s: 1.0e+300", "sensor_wait_s: .*less than or equal to 3600"),
+    ("timeout_s: 1.0e+300", "timeout_s: .*less than or equal to 3600"),
     ("- 1", "expected keys and values"),
     ("frames: .nan", "frames: "),
 ]
@@ -63,6 +73,20 @@ def test_a_mistake_is_named_with_file_key_and_nearest_key(tmp_path, text, words)
         read_scenario(path)
 
     assert str(told.value).startswith("street.yaml: ")
+
+
+def test_a_part_may_be_used_again(tmp_path):
+    path = tmp_path / "street.yaml"
+    path.write_text("""
+        camera: {mount: &roof {x: 1, z: 2}}
+        sensors: {radar: {mount: *roof}, lidar: {mount: {<<: *roof, z: 3}}}
+    """)
+
+    sensors = read_scenario(path).sensors
+
+    assert sensors.radar is not None
+    assert sensors.lidar is not None
+    assert (sensors.radar.mount.z, sensors.lidar.mount.z) == (2, 3)
 
 
 def test_all_mistakes_are_told_at_once():

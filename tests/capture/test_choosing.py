@@ -1,0 +1,76 @@
+"""Blueprints are chosen and set as CARLA's own attributes have it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from unghost.capture.errors import ScenarioError
+
+CALM = {"frames": 1, "camera": {"width": 48, "height": 32}, "walkers": {}}
+
+
+def spawned(stage, **vehicles):
+    """The vehicles beside the ego that were spawned."""
+    stage.capture(**CALM, vehicles={"count": 3, "filter": "vehicle.*", **vehicles})
+    return {one for one in stage.simulator.spawned[2:] if one.startswith("vehicle.")}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "kinds"),
+    [
+        ({"wheels": 2}, {"vehicle.bh.crossbike"}),
+        ({"wheels": 4, "generation": 1}, {"vehicle.mitsubishi.fusorosa"}),
+    ],
+    ids=str,
+)
+def test_wheels_and_generation_choose_the_vehicles(stage, wanted, kinds):
+    assert spawned(stage, **wanted) == kinds
+
+
+def test_a_generation_chooses_the_walkers(stage):
+    people = {"standing": 1, "generation": 1}
+
+    assert stage.capture(**{**CALM, "walkers": people}).walkers == 1
+
+
+WRONG = [
+    ({"lidar": {"attributes": {"range": "10 m"}}}, "range: expected a number"),
+    ({"lidar": {"attributes": {"range": True}}}, "range: expected a number"),
+    ({"radar": {"attributes": {"range": "1e999"}}}, "range: expected a number"),
+    ({"lidar": {"attributes": {"channels": 32.5}}}, "channels: expected a whole numb"),
+    ({"radar": {"attributes": {"points_per_second": "56k"}}}, "a whole number.*'56k'"),
+]
+
+
+@pytest.mark.parametrize(("sensors", "words"), WRONG, ids=str)
+def test_a_value_that_carla_would_misread_is_refused(stage, sensors, words):
+    with pytest.raises(ScenarioError, match=f"sensors.*attributes.*{words}"):
+        stage.capture(**CALM, sensors=sensors)
+
+    assert stage.left_behind() == {}
+
+
+def test_whole_numbers_are_given_as_such(stage):
+    seen: list[str] = []
+    stage.simulator.faults.on_tick = lambda server, _: seen.extend(
+        actor.attributes["channels"]
+        for actor in server.actors.values()
+        if "lidar" in actor.type_id
+    )
+
+    stage.capture(**CALM, sensors={"lidar": {"attributes": {"channels": 16.0}}})
+
+    assert set(seen) == {"16"}
+
+
+def test_after_a_mistake_the_mended_scenario_goes_on_in_its_folder(stage):
+    with pytest.raises(ScenarioError, match=r"ego\.blueprint"):
+        stage.capture(**CALM, ego={"blueprint": "vehicle.tesla.modl3"})
+
+    done = stage.capture(**CALM, ego={"blueprint": "vehicle.tesla.model3"})
+
+    assert done.frames == 1
+    about = json.loads((stage.folder / "capture.json").read_text())
+    assert about["scenario"]["ego"]["blueprint"] == "vehicle.tesla.model3"

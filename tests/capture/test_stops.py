@@ -1,0 +1,101 @@
+"""Signals, closed terminals and simulators that are gone: nothing is lost or hangs."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from unghost.capture.errors import CaptureError
+
+CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
+TICK = 12
+"""The first one that is recorded."""
+
+
+class Closed:
+    """Notes of a terminal that is gone."""
+
+    def append(self, _text):
+        raise OSError(5, "Input/output error")
+
+
+def at_tick(stage, tick, act):
+    """Let something happen at one tick."""
+    stage.simulator.faults.on_tick = lambda _, now: act() if now == tick else None
+
+
+def test_an_impatient_ctrl_c_loses_no_actor(stage, monkeypatch):
+    add = stage.simulator.add
+
+    def add_slowly(*given):
+        made = add(*given)
+        for _ in range(3):
+            signal.raise_signal(signal.SIGINT)
+        return made
+
+    monkeypatch.setattr(stage.simulator, "add", add_slowly)
+
+    with pytest.raises(KeyboardInterrupt):
+        stage.capture(**CALM)
+
+    assert stage.left_behind() == {}
+
+
+def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
+    stage.simulator.faults.lost = {("rgb", tick) for tick in range(200)}
+    at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGINT))
+
+    # Waiting as long as is allowed here would end the test by its time-out.
+    with pytest.raises(KeyboardInterrupt):
+        stage.capture(**CALM, sensor_wait_s=3600)
+
+    assert stage.left_behind() == {}
+
+
+@pytest.mark.parametrize("tick", [1, 5, TICK, TICK + 3])
+def test_a_terminal_that_is_closed_leaves_nothing_behind(stage, tick):
+    at_tick(stage, tick, lambda: signal.raise_signal(signal.SIGHUP))
+
+    with pytest.raises(KeyboardInterrupt):
+        stage.capture(**CALM)
+
+    assert stage.left_behind() == {}
+
+
+def test_who_wants_to_outlive_the_terminal_does(stage):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    at_tick(stage, TICK, lambda: signal.raise_signal(signal.SIGHUP))
+
+    try:
+        done = stage.capture(**CALM)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+    assert done.frames == 3
+
+
+def test_a_simulator_that_is_gone_is_not_asked_again_and_again(stage):
+    def crash(server, now):
+        server.faults.gone = now >= TICK
+
+    stage.simulator.faults.on_tick = crash
+
+    with pytest.raises(CaptureError, match="time-out"):
+        stage.capture(**CALM, weather={"preset": "WetNoon"})
+
+    assert stage.notes[-1] == "the simulator is gone: it was not put back"
+    # The tick, the first step of putting back, and whether it is still there.
+    assert stage.simulator.unanswered == 3
+
+
+def test_a_closed_terminal_keeps_nothing_from_being_put_back(stage, monkeypatch):
+    def fail(_actor_id):
+        raise RuntimeError("no answer")
+
+    monkeypatch.setattr(stage.simulator, "remove", fail)
+    monkeypatch.setattr(stage, "notes", Closed())
+
+    stage.capture(**CALM)
+
+    assert set(stage.left_behind()) == {"actors"}
