@@ -296,8 +296,9 @@ def test_people_with_a_seed_of_their_own_do_not_walk_the_same_way_again(stage):
     assert [*seeds, stage.simulator.pedestrian_seed] == [40, 42]
 
 
-def test_parked_cars_that_were_taken_away_get_no_boxes(stage):
-    stage.capture(frames=1, map_layers={"ParkedVehicles": False})
+@pytest.mark.parametrize("layer", ["ParkedVehicles", "All"])
+def test_parked_cars_that_were_taken_away_get_no_boxes(stage, layer):
+    stage.capture(frames=1, map_layers={layer: False})
 
     ids = [box["id"] for box in lines(stage)[0]["boxes"]]
     assert [one for one in ids if one.startswith("env-")] == []

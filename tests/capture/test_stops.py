@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from unghost.capture.errors import CaptureError
+from unghost.capture.errors import SimulatorAway
 
 CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
 TICK = 12
@@ -81,12 +81,12 @@ def test_a_simulator_that_is_gone_is_not_asked_again_and_again(stage):
 
     stage.simulator.faults.on_tick = crash
 
-    with pytest.raises(CaptureError, match="time-out"):
+    with pytest.raises(SimulatorAway, match="went away: time-out"):
         stage.capture(**CALM, weather={"preset": "WetNoon"})
 
     assert stage.notes[-1] == "the simulator is gone: it was not put back"
-    # The tick, the first step of putting back, and whether it is still there.
-    assert stage.simulator.unanswered == 3
+    # The tick, the first step of putting back, and twice whether it is still there.
+    assert stage.simulator.unanswered == 4
 
 
 def test_a_closed_terminal_keeps_nothing_from_being_put_back(stage, monkeypatch):

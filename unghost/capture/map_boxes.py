@@ -30,7 +30,8 @@ def map_boxes(
     """Everything of the map that has a box, in the world's frame, each thing once."""
     found: list[SeenObject] = []
     # Where their layer is taken away, their boxes may still be told.
-    there = scenario.map_layers.get("ParkedVehicles", True)
+    layers = scenario.map_layers
+    there = layers.get("ParkedVehicles", layers.get("All", True))
     if scenario.boxes.parked_vehicles and there:
         found += _unique(_parked(carla, world, left_out), left_out)
     if scenario.boxes.traffic_lights:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from unghost.capture.annotating import Annotator, Moment
-from unghost.capture.errors import CaptureError
+from unghost.capture.errors import CaptureError, SimulatorAway
 from unghost.capture.folder import CaptureFolder
 from unghost.capture.image_files import png
 from unghost.capture.point_files import POINTS, ply
@@ -20,7 +20,14 @@ from unghost.capture.poses import has_wrong_metadata
 from unghost.capture.rig import CAMERAS, RunningSensor, prepare_rig, start_rig
 from unghost.capture.scenario import Scenario
 from unghost.capture.session import Note, Session, open_session
-from unghost.capture.simulator import Carla, Client, Measurement, Snapshot, connect
+from unghost.capture.simulator import (
+    Carla,
+    Client,
+    Measurement,
+    Snapshot,
+    answers,
+    connect,
+)
 from unghost.capture.stopping import StopRequest, listening_for_stop
 from unghost.capture.synchroniser import Missed, collect, drain
 from unghost.capture.traffic import choose_cast, spawn
@@ -31,6 +38,7 @@ Advance = Callable[[int, "int | None"], None]
 _MOST_MISSED: Final = 20
 _SETTLING_TICKS: Final = 10
 """After another preset the exposure of the cameras needs so long."""
+_STILL_THERE_S: Final = 5.0
 _ANOTHER_CLIENT: Final = "another client ticked the world"
 _KINDS: Final[Mapping[str, str]] = {
     "rgb": "image",
@@ -90,6 +98,8 @@ def record(carla: Carla, request: Request) -> Recorded:
     ------
     CaptureError
         The scenario does not fit the simulator, or frames stay incomplete.
+    SimulatorAway
+        Nothing answers, or nothing does any more.
     KeyboardInterrupt
         Somebody asked to stop; what is recorded is whole, and the same call goes on.
     """
@@ -99,6 +109,8 @@ def record(carla: Carla, request: Request) -> Recorded:
         return _record(carla, client, request)
     except RuntimeError as error:
         # The one class of error that the library has: time-outs, places taken.
+        if not answers(client, min(scenario.timeout_s, _STILL_THERE_S)):
+            raise SimulatorAway(f"the simulator went away: {error}") from error
         raise CaptureError(f"the simulator said: {error}") from error
 
 

@@ -53,3 +53,13 @@ def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
     except RuntimeError as error:
         raise SimulatorAway(f"no simulator at {host}:{port}: {error}") from error
     return client
+
+
+def answers(client: Client, timeout_s: float) -> bool:
+    """Whether the simulator is there; the client waits no longer from here on."""
+    client.set_timeout(timeout_s)
+    try:
+        client.get_server_version()
+    except RuntimeError:
+        return False
+    return True

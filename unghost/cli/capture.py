@@ -76,7 +76,7 @@ def capture(options: CaptureOptions) -> None:
     """Record what a scenario says from a running CARLA simulator.
 
     Safe to interrupt and to repeat: the simulator is put back as it was, and the same
-    command goes on. Exit code 69 if no simulator answers.
+    command goes on. Exit code 69 if no simulator answers, or none does any more.
     """
     from unghost.capture.errors import CaptureError, SimulatorAway
 

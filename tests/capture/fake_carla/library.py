@@ -42,6 +42,7 @@ class Client:
         assert seconds > 0
 
     def get_server_version(self):
+        self._simulator.answer()
         return self._simulator.version
 
     def get_client_version(self):
