@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from filter_core.config_values import nearest
 from unghost.capture.carla_words import (
@@ -21,6 +29,15 @@ class Part(BaseModel):
     """A mapping of the scenario: unknown keys and wrong types are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_yes_for_a_number(cls, given: object, place: ValidationInfo) -> object:
+        # `true` would be taken for 1, and `on` and `yes` are true in YAML.
+        kind = cls.model_fields[str(place.field_name)].annotation
+        if isinstance(given, bool) and bool not in (kind, *get_args(kind)):
+            raise ValueError("true and false mean nothing here")
+        return given
 
 
 def _one_of(word: str, words: tuple[str, ...], what: str) -> str:
