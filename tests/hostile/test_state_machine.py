@@ -24,6 +24,17 @@ from hypothesis.stateful import (
 
 from tests.api import archives
 from tests.api import frames as scene
+from tests.hostile.acts import (
+    ANSWERS,
+    CONTENTS,
+    FILTERS,
+    FROM_PIXELS,
+    KEYS,
+    annotation_of,
+    config_of,
+    files_of,
+    members_of,
+)
 from tests.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
 from tests.hostile.restarts import WAYS, Restarting
 
@@ -32,59 +43,6 @@ IS_LONG = RUNS > 100
 STEPS = 12
 RESTART = 9 if IS_LONG else 3
 """The last of so many numbers: restarts, which take seconds, are rare."""
-
-KEYS = st.sampled_from(["a", "b/c", "b/ü"])
-ANSWERS = st.sampled_from(["keep", "reject", "unsure", "clear"])
-CONTENTS = st.builds(
-    Content,
-    boxes=st.lists(st.sampled_from(RECTANGLES), max_size=4).map(tuple),
-    shift=st.sampled_from([0, 10, None]),
-    number=st.integers(0, 1),
-)
-FILTERS = st.fixed_dictionaries(
-    {},
-    optional={
-        "verdict": st.sampled_from(["kept", "rejected", "unmeasured"]),
-        "effective": st.sampled_from(["kept", "rejected", "unmeasured"]),
-        "review": st.sampled_from(
-            ["undecided", "decided", "keep", "reject", "unsure", "none", "any"]
-        ),
-        "conflict": st.just("true"),
-    },
-)
-FROM_PIXELS: tuple[dict[str, str], ...] = (
-    {},
-    {"channel_order": "rgb"},
-    {"lossy_segmentation": "nearest"},
-)
-
-
-def config_of(threshold, pixels):
-    """A configuration of one threshold for boxes of any size."""
-    both = {"threshold_small_box": threshold, "threshold_big_box": threshold}
-    return {**both, **pixels}
-
-
-def annotation_of(content):
-    boxes = [{"class": "car", "xyxy": list(xyxy)} for xyxy in content.boxes]
-    return {**scene.annotation(), "boxes": boxes}
-
-
-def files_of(content):
-    files = {"image": scene.image(content.number)}
-    if content.shift is not None:
-        files["segmentation"] = scene.segmentation(content.shift)
-    return files
-
-
-def members_of(number, key, content):
-    """One frame of an archive."""
-    document = json.dumps({**annotation_of(content), "key": key}).encode()
-    files = files_of(content).items()
-    return [
-        (f"{number}.json", document),
-        *((f"{number}.{kind}.png", data) for kind, data in files),
-    ]
 
 
 class Service(RuleBasedStateMachine):
