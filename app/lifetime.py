@@ -13,7 +13,7 @@ from app.repositories.locks import migrating_alone
 from app.resources import migrations_dir
 from app.services import access
 from app.services.context import ServiceContext
-from app.services.data_folder import check_usable
+from app.services.data_folder import check_usable, keep_private
 from app.services.export_jobs import start_exports
 from app.services.idempotency import forget_old_answers
 from app.services.runs import start_runs
@@ -34,6 +34,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
     try:
         with migrating_alone(database.engine):
             check_usable(settings, database.engine)
+            keep_private(settings)
             keep_before_migrating(settings, database.engine)
             migrate(database.engine, migrations_dir())
         with database.write() as session:

@@ -179,9 +179,7 @@ def _add_files(
     with steps("copy the files", "files") as advance:
         for done, digest in enumerate(digests, 1):
             try:
-                file = storage.whole(digest, size_bytes=None)
-                if digest_of(file) != digest:
-                    raise DamagedFile(digest, "is not what was stored")
+                file = storage.intact(digest, size_bytes=None)
                 writing.add(blob_name(digest), file)
                 writing.files += 1
             except DamagedFile as exc:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,7 @@ from app.resources import migrations_dir
 from app.settings import Settings
 from app.storage import FolderInUse, alone_in, stored_files
 
+_PRIVATE: Final = 0o600
 BLOBS: Final = "blobs"
 RESTORING: Final = ".restoring"
 """Holds a restore until it is complete."""
@@ -61,6 +63,21 @@ def check_usable(settings: Settings, engine: Engine) -> None:
         )
     if revision is not None and not is_known(migrations_dir(), revision):
         raise CannotMaintain(newer(revision))
+
+
+def keep_private(settings: Settings) -> None:
+    """Let nobody but its owner read the database, whoever may look into its folder.
+
+    It is made here because SQLite would let everybody read it; the log beside it gets
+    the same mode as itself.
+    """
+    file = database_file(settings)
+    if file is None:
+        return
+    os.close(os.open(file, os.O_RDWR | os.O_CREAT, _PRIVATE))
+    for path in (file, *(file.with_name(file.name + end) for end in ("-wal", "-shm"))):
+        with suppress(FileNotFoundError, PermissionError):  # another user's stays so
+            path.chmod(_PRIVATE)
 
 
 def newer(revision: str) -> str:

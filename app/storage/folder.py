@@ -118,6 +118,13 @@ class FolderStorage:
             raise DamagedFile(digest, f"has {found} of {size_bytes} bytes")
         return path
 
+    def intact(self, digest: str, *, size_bytes: int | None) -> Path:
+        """Where a blob lies whose content is what was stored; else DamagedFile."""
+        path = self.whole(digest, size_bytes=size_bytes)
+        if digest_of(path) != digest:
+            raise DamagedFile(digest, "is not what was stored")
+        return path
+
     def require(self, digests: Iterable[str]) -> None:
         """Refuse to refer to a blob that somebody took away since it was put.
 

@@ -135,6 +135,23 @@ def test_the_token_is_in_no_log(data_dir):
     assert server.token not in log
 
 
+def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
+    data_dir.chmod(0o755)
+    with running_server(data_dir) as server:
+        httpx.get(f"{server.url}/readyz", trust_env=False)
+        modes = {
+            path.name: stat.S_IMODE(path.stat().st_mode) for path in data_dir.iterdir()
+        }
+    (data_dir / "unghost.db").chmod(0o644)  # as older versions made it
+    with running_server(data_dir):
+        again = stat.S_IMODE((data_dir / "unghost.db").stat().st_mode)
+
+    private = {0o600, 0o700}
+    assert {"unghost.db", "unghost.db-wal", "token", "blobs"} <= modes.keys()
+    assert {name for name, mode in modes.items() if mode not in private} == set()
+    assert again == 0o600
+
+
 def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
     with running_server(data_dir) as server:
         httpx.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")

@@ -77,6 +77,7 @@ def demo(options: DemoOptions) -> None:
 def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
     """The folder of the street's frames, rendered unless that was done before."""
     from app.demo.writing import write_street
+    from app.storage import make_folder
 
     name = f"street-{options.seed}-{options.frames}"
     folder = data / "demo" / name
@@ -84,7 +85,7 @@ def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
         return folder
     # Renamed when it is complete: an interrupted rendering is never taken for one.
     partial = folder.with_name(f"{name}.part")
-    partial.mkdir(parents=True, exist_ok=True)
+    make_folder(partial)  # the first to be made in the data folder, and that itself
     with screen.progress("render the street", "frames") as advance:
         write_street(
             partial, frames=options.frames, seed=options.seed, progress=advance

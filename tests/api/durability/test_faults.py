@@ -98,12 +98,13 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
 
         picture = api.get(f"/frames/{frame}/image")
         overlay = api.get(f"/frames/{frame}/overlay", layer="segmentation")
+        original = api.get(f"/frames/{frame}/segmentation")
         run = api.run(dataset, {"profile": "carlasimu"})
         flipped.unlink()
         api.stored(dataset, "f", **files)
         mended = api.get(f"/frames/{frame}/image")
 
-    for answer, file in ((picture, cut), (overlay, flipped)):
+    for answer, file in ((picture, cut), (overlay, flipped), (original, flipped)):
         assert (answer.status_code, answer.json()["code"]) == (500, "damaged_file")
         assert file.name in answer.json()["detail"]
         assert str(data) not in answer.text

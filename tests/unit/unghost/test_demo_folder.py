@@ -1,0 +1,17 @@
+"""Where the demo keeps its street, before any server has made the folder."""
+
+from __future__ import annotations
+
+import stat
+
+from unghost.cli.demo import DemoOptions, rendered_street
+from unghost.cli.screen import Screen
+
+
+def test_the_folder_of_a_demo_is_for_its_owner_alone(tmp_path):
+    data = tmp_path / "data"
+
+    street = rendered_street(data, DemoOptions(frames=1), Screen())
+
+    assert any(street.iterdir())
+    assert stat.S_IMODE(data.stat().st_mode) == 0o700
