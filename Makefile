@@ -8,7 +8,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
-LONG := $(PYTEST) --capture=no --timeout=14400
+# Those that are marked as long, too, and no time-out that a few hours would meet.
+LONG := $(PYTEST) -m "" --capture=no --timeout=14400
 CODE := app filter_core unghost migrations tests benchmarks tools setup.py
 # Each stamp says that a step is done; touching what it depends on does it again.
 PROGRAM := $(VENV)/.program
@@ -57,6 +58,7 @@ unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
 	$(PYTEST) tests/unit tests/property $(ARGS)
 
 test-long: $(DEVELOPMENT) ## Kill, fuzz and compare with a model for hours; docs/reliability.md has the figures
+	$(PYTEST) -m long $(ARGS)
 	FAILPOINTS=all GARBAGE_ROUNDS=100 $(LONG) tests/api/durability $(ARGS)
 	KILL_ROUNDS=50 $(LONG) tests/api/test_kills.py tests/api/test_push_kills.py tests/api/test_shutdown.py $(ARGS)
 	KILL_ROUNDS=200 $(LONG) tests/hostile/test_kill_oracle.py $(ARGS)

@@ -18,7 +18,10 @@ settings.register_profile(
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("ci", settings.get_profile("machine"), derandomize=True)
+# A developer's machine tries other examples each time; who repeats the same needs few.
+settings.register_profile(
+    "ci", settings.get_profile("machine"), derandomize=True, max_examples=30
+)
 settings.load_profile("ci" if os.environ.get("CI") else "machine")
 
 StartServer = Callable[..., RunningServer]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
 import sqlite3
@@ -172,6 +171,7 @@ def measured_by(api):
     return found["unghost_measure_seconds_count"]
 
 
+@pytest.mark.long
 def test_an_export_is_made_anew_and_is_the_same(start_api):
     first, api = start_api()
     name = api.dataset()
@@ -200,6 +200,7 @@ def test_an_export_is_made_anew_and_is_the_same(start_api):
     assert rows(second, "SELECT count(*) FROM exports") == [(2,)]
 
 
+@pytest.mark.long
 def test_a_request_that_takes_too_long_is_told_so(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="1")
     upload = SlowUpload(server, api.dataset(), "never")
@@ -214,6 +215,7 @@ def test_a_request_that_takes_too_long_is_told_so(start_api):
     assert rows(server, "SELECT count(*) FROM frames") == [(0,)]
 
 
+@pytest.mark.long
 def test_a_download_is_finished_for_who_reads_slowly(start_api):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
     noise = np.random.default_rng(7).integers(0, 256, (2000, 3000, 3), np.uint8)
@@ -246,9 +248,7 @@ def reading_little_by_little(server):
     )
 
 
-@pytest.mark.skipif(
-    "KILL_ROUNDS" not in os.environ, reason="waits for 15 seconds: make test-long"
-)
+@pytest.mark.long
 def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
     first, api = start_api(UNGHOST_WORKERS="1", UNGHOST_SHUTDOWN_WAIT_S="0")
     name = fill(api, FRAMES)
@@ -269,7 +269,9 @@ def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
     assert (run["state"], run["done"]) == ("done", FRAMES)
 
 
-@pytest.mark.parametrize("sig", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "sig", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_a_second_signal_ends_it_at_once(start_api, sig):
     server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="3600")
     upload = SlowUpload(server, api.dataset(), "never")

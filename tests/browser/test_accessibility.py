@@ -33,7 +33,7 @@ def findings(page: Page) -> list[dict[str, str]]:
     return [finding for finding in found if finding["impact"] in SERIOUS]
 
 
-@pytest.fixture(params=["light", "dark"])
+@pytest.fixture(params=["light", pytest.param("dark", marks=pytest.mark.long)])
 def scheme(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

@@ -17,7 +17,7 @@ from tests.browser.conftest import WIDE
 from tests.browser.crowds import cell
 from tests.servers import RunningServer
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 BOXES = 100_000
 NODES = "document.querySelectorAll('*').length"

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from hypothesis import settings
 from hypothesis import strategies as st
 
-EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
+EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "10"))
 ROOM = 96 * 1024**2
 """Bytes that reading a sample of a few kilobytes may take at most."""
 

@@ -17,7 +17,7 @@ from filter_core.config import FilterConfig
 from tests.api import archives
 from tests.api.resources import Api
 
-EXAMPLES: Final = int(os.environ.get("OPENAPI_EXAMPLES", "3"))
+EXAMPLES: Final = int(os.environ.get("OPENAPI_EXAMPLES", "2"))
 IS_LONG: Final = EXAMPLES > 50
 DATASET, KEPT_KEYS, DELETED_KEY = "street", ("run/0", "run/1"), "run/2"
 MALFORMED: Final = ("invalid_request", "unknown_parameter")

@@ -38,7 +38,7 @@ from tests.hostile.acts import (
 from tests.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
 from tests.hostile.restarts import WAYS, Restarting
 
-RUNS = int(os.environ.get("MACHINE_RUNS", "6"))
+RUNS = int(os.environ.get("MACHINE_RUNS", "4"))
 IS_LONG = RUNS > 100
 STEPS = 12
 RESTART = 9 if IS_LONG else 3

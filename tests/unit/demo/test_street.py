@@ -17,6 +17,9 @@ from filter_core.frame_filter import filter_frame
 from filter_core.palettes import palette_of
 from tests.unit.demo.conftest import DecodedFrame
 
+# A dozen rendered frames take a minute or two; tests/packaging tries the demo itself.
+pytestmark = pytest.mark.long
+
 TRAFFIC_CLASSES = {
     "car", "truck", "van", "bus", "motorcycle", "bicycle", "walker", "traffic_light",
 }  # fmt: skip
@@ -81,7 +84,7 @@ def test_depth_is_finite_and_the_sky_is_a_kilometre_away(drive):
 
 def test_truth_is_what_a_recount_of_the_instance_image_gives(drive):
     for decoded in drive:
-        recount = [int(decoded.own_pixels(line).sum()) for line in decoded.frame.truth]
+        recount = [len(decoded.own_pixels(line)[0]) for line in decoded.frame.truth]
         assert recount == [line["visible_pixels"] for line in decoded.frame.truth]
 
 
@@ -152,7 +155,7 @@ def test_tight_visible_boxes_are_filled_as_in_real_recordings(drive):
     for decoded in drive:
         for line, box in zip(decoded.frame.truth, decoded.geometry.xyxy, strict=True):
             own = decoded.own_pixels(line)
-            if own.sum() > 150 and not np.isnan(box).any():
+            if len(own[0]) > 150 and not np.isnan(box).any():
                 share = _fill_if_unhidden(
                     own, box, whole=line["class"] == "traffic_light"
                 )
@@ -170,14 +173,14 @@ def _fill_if_unhidden(own, box, *, whole):
     Only of things whose pixels reach almost all sides of their box; the upright of a
     traffic light does not count, so that its tags end above the ground.
     """
-    rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
-    tight = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
+    rows, columns = own
+    tight = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
     size = np.tile(box[2:] - box[:2], 2)
     gaps = np.abs(tight - box) / size
     if gaps[:3].max() > 0.22 or gaps[3] > (0.4 if whole else 0.12):
         return []
     width, height = size[:2] if whole else tight[2:] - tight[:2]
-    return [own.sum() / (width * height)]
+    return [len(rows) / (width * height)]
 
 
 def test_pixels_of_a_thing_lie_inside_its_3d_box(drive):
@@ -189,13 +192,13 @@ def test_pixels_of_a_thing_lie_inside_its_3d_box(drive):
             decoded.frame.truth, decoded.frame.annotation["boxes"], strict=True
         ):
             if "box3d" in box and line["visible"]:
-                own = decoded.instances[1] == line["instance"]
+                own = decoded.pixels_of(line["instance"])
                 assert _outside_m(decoded, camera, own, box["box3d"]) < 0.05, line
 
 
 def _outside_m(decoded, camera, own, box3d):
     """How far the farthest of some pixels lies outside a box, metres."""
-    row, column = np.nonzero(own)
+    row, column = own
     depth = decoded.depth[row, column]
     right = (column + 0.5 - 640) / 640 * depth
     up = (360 - row - 0.5) / 640 * depth

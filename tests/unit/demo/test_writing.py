@@ -23,6 +23,7 @@ def lines_of(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+@pytest.mark.long
 def test_a_written_street_is_a_manifest_and_its_files(written, drive):
     manifest, _ = written
     frame, (line,) = drive[0].frame, lines_of(manifest)
@@ -35,6 +36,7 @@ def test_a_written_street_is_a_manifest_and_its_files(written, drive):
     assert (manifest.parent / line["lidar"]).read_bytes() == frame.lidar_npy
 
 
+@pytest.mark.long
 def test_truth_lies_beside_the_manifest_and_in_no_input(written, drive):
     manifest, _ = written
     frame = drive[0].frame

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import stat
 
+import pytest
+
 from unghost.cli.demo import DemoOptions, rendered_street
 from unghost.cli.screen import Screen
 
 
+@pytest.mark.long
 def test_the_folder_of_a_demo_is_for_its_owner_alone(tmp_path):
     data = tmp_path / "data"
 
