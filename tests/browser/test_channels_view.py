@@ -149,7 +149,7 @@ def test_people_as_the_truth_are_part_of_the_link(ada, api, dataset):
 
     assert ada.page.url.endswith("truth=people")
     depth = found.get_by_role("row", name=re.compile("^Depth pixels"))
-    expect(depth.locator("td").last).to_have_text("1")
+    expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
 
 
 def test_without_an_instance_image_the_page_says_what_else_there_is(ada, scene):
