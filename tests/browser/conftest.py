@@ -37,6 +37,9 @@ ARGUMENTS = (
 # Busy machines are slow, not wrong; what is right is seen at once all the same.
 expect.set_options(timeout=15_000)
 
+# What is between the narrow and the wide, and dark, is looked at by the long tests.
+SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.long)]
+WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
 WIDE = ViewportSize(width=1440, height=900)
 PHONE = {"width": 390, "height": 844}
 

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.api.test_channels import sensors
-from tests.browser.conftest import Visit, Visitor
+from tests.browser.conftest import SCHEMES, Visit, Visitor
 from tests.browser.test_accessibility import findings
 from tests.unit.filter_core.test_frame_channels import ANNOTATION
 
@@ -163,7 +163,7 @@ def test_without_an_instance_image_the_page_says_what_else_there_is(ada, scene):
     expect(page).to_have_url(re.compile("truth=people$"))
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("width", [390, 1440])
 def test_nothing_is_cut_off_and_nothing_serious_is_found(
     dataset: str, visit: Visit, scheme: str, width: int

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser import scenes
-from tests.browser.conftest import MakeScene, Scene, Visit, Visitor
+from tests.browser.conftest import SCHEMES, WIDTHS, MakeScene, Scene, Visit, Visitor
 from tests.browser.test_accessibility import findings
 from tests.browser.tuning import applied_config, car_at
 
@@ -169,8 +169,8 @@ def test_without_answers_the_page_says_how_to_give_some(ada, street):
     expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 820, 1440])
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
 def test_nothing_is_cut_off_and_nothing_serious_is_found(
     answered: Scene,
     visit: Visit,

@@ -12,7 +12,15 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.browser import scenes
-from tests.browser.conftest import PHONE, MakeScene, Scene, Visit, Visitor
+from tests.browser.conftest import (
+    PHONE,
+    SCHEMES,
+    WIDTHS,
+    MakeScene,
+    Scene,
+    Visit,
+    Visitor,
+)
 from tests.browser.test_accessibility import findings
 from tests.browser.tuning import car_at
 
@@ -189,8 +197,8 @@ def test_a_dataset_without_exports_says_so_and_a_missing_one_too(ada, street):
     expect(page.get_by_role("alert")).to_contain_text("nothing-here")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 820, 1440])
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
 def test_nothing_is_cut_off_and_nothing_serious_is_found(
     street: Scene,
     visit: Visit,

@@ -33,6 +33,8 @@ from tests.hostile.mutations import (
 from tests.unit.filter_core.formats.exporting import box, export, frame
 from tests.unit.filter_core.formats.folders import write_files
 
+pytestmark = pytest.mark.long
+
 YAML = """\
 # every kind of value
 profile: paper

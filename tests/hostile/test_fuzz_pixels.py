@@ -28,6 +28,8 @@ from tests import pictures
 from tests.api import frames as scene
 from tests.hostile.mutations import damaged, little_memory, many
 
+pytestmark = pytest.mark.long
+
 SIDE = 512
 WH = (scene.WIDTH, scene.HEIGHT)
 TAGS = scene.tags()

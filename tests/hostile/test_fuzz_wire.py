@@ -25,6 +25,8 @@ from tests.api import frames as scene
 from tests.hostile.mutations import EXAMPLES, damaged, little_memory, many
 from tests.hostile.openapi_cases import DATASET
 
+pytestmark = pytest.mark.long
+
 LIMITS = TarLimits(max_archive_bytes=10**7, max_member_bytes=20_000, max_members=50)
 FRAMES = archives.frame("a") + archives.frame("b/ü", number=1)
 ARCHIVES = [

@@ -21,6 +21,8 @@ from tests.api.resources import Api
 from tests.hostile.ledger import Ledger, Writer, digest, files
 from tests.servers import running_server
 
+pytestmark = pytest.mark.long
+
 ROUNDS = int(os.environ.get("KILL_ROUNDS", "2"))
 SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
 WRITERS = (

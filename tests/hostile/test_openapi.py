@@ -10,6 +10,8 @@ import pytest
 
 from tests.hostile.openapi_cases import SCHEMA, restore, says_what_is_wrong, spared
 
+pytestmark = pytest.mark.long
+
 
 @SCHEMA.parametrize()
 def test_every_answer_to_an_admin_is_documented(case, api):
@@ -21,7 +23,6 @@ def test_every_answer_to_an_admin_is_documented(case, api):
         restore(api)
 
 
-@pytest.mark.long
 @SCHEMA.parametrize()
 def test_nobody_gets_more_than_a_documented_refusal(case, api):
     answer = spared(case).call(str(api.http.base_url))
