@@ -40,10 +40,10 @@ def test_chosen_appearance_wins_and_is_remembered(visit):
     assert red < 60
 
 
-@pytest.mark.parametrize(
-    "width",
-    [360, *BETWEEN, 1600],
-)
+BETWEEN = [pytest.param(px, marks=pytest.mark.long) for px in (390, 768, 1024)]
+
+
+@pytest.mark.parametrize("width", [360, *BETWEEN, 1600])
 def test_nothing_is_cut_off_at_any_width(scene: Scene, visit: Visit, width):
     ada = visit(viewport={"width": width, "height": 844})
     links = ["#/datasets", f"#/datasets/{scene.dataset}/frames", scene.link("hidden")]
