@@ -1,7 +1,7 @@
 """Requests made from the OpenAPI document, in its words and against them.
 
 No request gets a 5xx, and no answer has a status, a type or a form that the document
-does not give. A few requests per route here, hundreds with ``make test-long``.
+does not give. Hundreds per route, with ``make test-long``.
 """
 
 from __future__ import annotations
