@@ -28,7 +28,7 @@ serve: $(PROGRAM) ## Serve your own data folder (./unghost-data, or UNGHOST_DATA
 
 setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 
-test: check $(CHROMIUM) $(STRACE) ## Set up and pass everything: checks, all tests, the browser's too
+test: check $(CHROMIUM) $(STRACE) ## Set up and pass the checks and the tests, the browser's too
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else
