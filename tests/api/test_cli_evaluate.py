@@ -14,6 +14,8 @@ from tests.unit.filter_core.channels.scene import depth_png, instance_png
 from tests.unit.filter_core.formats.folders import painted
 from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
 
+pytestmark = pytest.mark.long
+
 DONE, REFUSED, USAGE, PARTLY = 0, 1, 2, 3
 
 

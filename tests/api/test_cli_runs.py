@@ -15,6 +15,8 @@ from tests.api.resources import Api
 from tests.servers import running_server
 from unghost import Client, Conflict
 
+pytestmark = pytest.mark.long
+
 DONE, REFUSED, INTERRUPTED = 0, 1, 130
 FRAMES = 150
 

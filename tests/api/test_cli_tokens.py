@@ -10,6 +10,8 @@ from tests.api.command_line import CommandLine
 from tests.servers import running_server
 from unghost import Client
 
+pytestmark = pytest.mark.long
+
 DONE, REFUSED, USAGE = 0, 1, 2
 
 

@@ -21,6 +21,8 @@ from tests.api.long_streets import OTHER_PIXELS, fill
 from tests.api.resources import Api
 from tests.servers import running_server
 
+pytestmark = pytest.mark.long
+
 ROUNDS = int(os.environ.get("KILL_ROUNDS", "2"))
 SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
 FRAMES = 60

@@ -17,6 +17,8 @@ from tests.api import frames as scene
 from tests.api.resources import BASE, MOST_LOOKS
 from tests.servers import stop
 
+pytestmark = pytest.mark.long
+
 SECRET = "hunter2"
 TOKEN = f"ug_{SECRET}{'x' * 36}"
 

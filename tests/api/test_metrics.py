@@ -15,6 +15,8 @@ from tests.api import archives
 from tests.api import frames as scene
 from tests.api.resources import BASE, MOST_LOOKS
 
+pytestmark = pytest.mark.long
+
 FROM = re.compile(r"\bFROM (\w+)")
 SMALL = {"datasets", "tallies", "runs", "exports", "tokens"}
 

@@ -23,6 +23,8 @@ from tests.api.frames import write_manifest
 from tests.servers import RunningServer, running_server
 from unghost import Client, OutgoingFrame
 
+pytestmark = pytest.mark.long
+
 ROUNDS = int(os.environ.get("KILL_ROUNDS", "1"))
 SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
 FRAMES = 80

@@ -17,6 +17,8 @@ from tests.databases import empty_postgres
 from tests.mounts import read_only, small_disk
 from tests.servers import running_server
 
+pytestmark = pytest.mark.long
+
 DISK_MIB = 64
 MIN_FREE_MIB = 16
 MIB = 1024**2

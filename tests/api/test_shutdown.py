@@ -21,6 +21,8 @@ from tests.api.event_reader import open_events
 from tests.api.long_streets import FROM_PIXELS, fill
 from tests.api.resources import BASE
 
+pytestmark = pytest.mark.long
+
 PATIENCE_S = 120
 FRAMES = 60
 MANY_BOXES = 300

@@ -13,7 +13,7 @@ from tests.browser.scenes import GREY
 from tests.browser.stage import after_drawing, layer
 from tests.browser.test_accessibility import findings, scheme  # noqa: F401  # a fixture
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 TELLING = re.compile(
     r"kept|rejected|threshold|visible|hidden by|\b4 %|96 %|Car|Vegetation"

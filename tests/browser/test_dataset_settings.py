@@ -9,7 +9,7 @@ from tests.browser import scenes
 from tests.browser.conftest import Scene, Visitor
 from tests.browser.test_accessibility import findings, scheme  # noqa: F401  # a fixture
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 
 def opened(ada: Visitor, scene: Scene) -> Page:

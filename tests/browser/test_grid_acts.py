@@ -13,7 +13,7 @@ from tests.browser.conftest import MakeScene, Scene, Visitor
 from tests.browser.crowds import answers, cell, grid, selected
 from tests.servers import RunningServer
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 
 @pytest.fixture

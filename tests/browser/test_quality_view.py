@@ -13,7 +13,7 @@ from tests.browser.conftest import SCHEMES, WIDTHS, MakeScene, Scene, Visit, Vis
 from tests.browser.test_accessibility import findings
 from tests.browser.tuning import applied_config, car_at
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 # The filter keeps from 10 % on, people from 5 % on: they differ about 6 and 8.
 SHARES = (1, 2, 3, 6, 8, 20, 40, 60, 80)

@@ -13,7 +13,7 @@ from tests.browser.conftest import MakeScene, Scene, Visit, Visitor
 from tests.browser.crowds import answers, queue, queued
 from tests.servers import RunningServer
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.long]
 
 
 @pytest.fixture

@@ -17,6 +17,8 @@ from tests.capture.conftest import SMALL
 from tests.servers import RunningServer
 from unghost import Client
 
+pytestmark = pytest.mark.long
+
 ALL = {"instances": True, "depth": True, "semantic_lidar": True, "radar": True}
 WAIT_S = 120
 

@@ -8,6 +8,8 @@ from app.schemas.runs import RunOut
 from tests.api import archives
 from tests.hostile.openapi_cases import DATASET, SCHEMA, populate
 
+pytestmark = pytest.mark.long
+
 BASE = "/api/v1"
 FILE = "/frames/{frame_id}/{kind}"
 THUMBNAIL = "/frames/{frame_id}/thumbnail"

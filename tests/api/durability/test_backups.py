@@ -25,6 +25,8 @@ from tests.api.durability.conftest import (
     silently,
 )
 
+pytestmark = pytest.mark.long
+
 TARGETS = ["kept", "kept.tar"]
 
 

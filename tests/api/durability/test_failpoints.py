@@ -23,6 +23,8 @@ from tests.api.durability.conftest import blobs, silently
 from tests.api.durability.dying_servers import Point, nursery
 from tests.api.resources import BASE, Api
 
+pytestmark = pytest.mark.long
+
 UNSEEN = [
     Point("draft", after=True),
     Point("draft", after=True, turn=2),

@@ -16,6 +16,8 @@ from tests.api.durability.conftest import blobs, examined, served
 from tests.mounts import read_only, small_disk
 from tests.servers import start
 
+pytestmark = pytest.mark.long
+
 LITTLE = {"UNGHOST_MIN_FREE_BYTES": "0"}
 
 

@@ -19,6 +19,8 @@ from tests.api.resources import BASE
 from tests.databases import empty_postgres
 from tests.services import Street, running_services
 
+pytestmark = pytest.mark.long
+
 ROUNDS = int(os.environ.get("GARBAGE_ROUNDS", "10"))
 LONG_AGO = 1_000_000_000
 

@@ -16,6 +16,8 @@ from tests.api.archives import frame, packed
 from tests.api.live import live
 from tests.docs.documents import CHECKOUT
 
+pytestmark = pytest.mark.long
+
 LIMITS = {
     "max_head_bytes": 2_000,
     "max_body_bytes": 20_000,

@@ -10,6 +10,8 @@ import pytest
 from tests.api.archives import frame, pieces
 from tests.api.live import live
 
+pytestmark = pytest.mark.long
+
 SOON_S = 0.5
 LONG_S = 60
 STREET = "/api/v1/datasets/street"
