@@ -8,15 +8,8 @@ import re
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from tests.browser.conftest import (
-    PHONE,
-    SCHEMES,
-    WIDTHS,
-    MakeScene,
-    Scene,
-    Visit,
-    Visitor,
-)
+from tests.browser import conftest
+from tests.browser.conftest import PHONE, MakeScene, Scene, Visit, Visitor
 from tests.browser.test_accessibility import findings
 from tests.browser.tuning import applied_config, car_at, column, dragged
 
@@ -322,8 +315,8 @@ def test_drawings_take_on_another_appearance(ada, street):
     expect(drawing).to_have_attribute("data-drawn", "2")
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("scheme", conftest.SCHEMES)
+@pytest.mark.parametrize("width", conftest.WIDTHS)
 def test_nothing_is_cut_off_and_nothing_serious_is_found(
     street: Scene,
     visit: Visit,
