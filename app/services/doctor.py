@@ -210,7 +210,7 @@ def _damaged_files(
             advance(done, len(there))
 
 
-_TODO: Final = {
+_ADVICE: Final = {
     "files": "copy them from the folder blobs of a backup, or send their frames again, "
     "one by one, with `PUT .../frames/KEY`, which writes what is gone or cut short "
     "(delete a file first whose content has changed)",
@@ -232,7 +232,7 @@ def _of_rows(
     severity = Severity.ERROR if check == "files" else Severity.WARNING
     found = f"of {len(wanted)}, {missing} are missing and {len(bad) - missing} damaged"
     return Finding(
-        check, severity, found, _TODO[check], len(bad), tuple(bad[:MOST_EXAMPLES])
+        check, severity, found, _ADVICE[check], len(bad), tuple(bad[:MOST_EXAMPLES])
     )
 
 

@@ -14,9 +14,7 @@ from filter_core.camera import Camera
 from filter_core.projection import hull_points
 from filter_core.types import BoxesXYXY, FloatArray, IntArray, Mask
 
-_Spans: TypeAlias = Callable[
-    [FloatArray, IntArray, FloatArray], tuple[FloatArray, FloatArray]
-]
+_Reach: TypeAlias = "Callable[[_Edges, FloatArray], tuple[FloatArray, FloatArray]]"
 _ROWS_AT_ONCE: Final = 1 << 13
 """Temporaries of a few hundred KiB, however many boxes there are."""
 
@@ -158,7 +156,7 @@ def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mas
     highest x that its edges have within that row. The rows of all shapes are looked at
     together: most boxes are small, and each alone would be mostly overhead.
     """
-    return _filled(_row_spans, outlines, bounds)
+    return _filled(_touched, outlines, bounds)
 
 
 def centred_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
@@ -166,11 +164,11 @@ def centred_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mas
 
     Parameters and result are those of `touched_pixels`.
     """
-    return _filled(_centre_spans, outlines, bounds)
+    return _filled(_centred, outlines, bounds)
 
 
 def _filled(
-    spans_of: _Spans, outlines: Sequence[FloatArray], bounds: IntArray
+    reach: _Reach, outlines: Sequence[FloatArray], bounds: IntArray
 ) -> list[Mask]:
     """Masks of N hulls, of which each row of pixels has one interval."""
     if not len(outlines):
@@ -179,7 +177,7 @@ def _filled(
     ends = np.cumsum(heights)
     owner = np.repeat(np.arange(len(outlines)), heights)
     top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
-    left, right = spans_of(_hulls(outlines), owner, top.astype(np.float64))
+    left, right = _spans(reach, _hulls(outlines), owner, top.astype(np.float64))
     masks: list[Mask] = []
     for (x0, _, x1, _), end, height in zip(
         bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
@@ -205,50 +203,74 @@ def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
     return padded
 
 
-def _row_spans(
-    hulls: FloatArray, owner: IntArray, top: FloatArray
+def _spans(
+    reach: _Reach, hulls: FloatArray, owner: IntArray, top: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(R,), (R,) px: first column, last column + 1 of rows of pixels of their hulls."""
     left, right = np.empty(len(top)), np.empty(len(top))
-    ends = np.roll(hulls, -1, axis=1)
-    height = ends[..., 1] - hulls[..., 1]
-    slope = (ends[..., 0] - hulls[..., 0]) / np.where(height == 0, 1.0, height)
-    low_y = np.minimum(hulls[..., 1], ends[..., 1])
-    high_y = np.maximum(hulls[..., 1], ends[..., 1])
+    edges = _Edges.of(hulls)
     for start in range(0, len(top), _ROWS_AT_ONCE):
         part = np.s_[start : start + _ROWS_AT_ONCE]
-        of, above = owner[part], top[part, None]
-        low, high, x, y = low_y[of], high_y[of], hulls[of, :, 0], hulls[of, :, 1]
-        first = x + (np.clip(above, low, high) - y) * slope[of]
-        second = x + (np.clip(above + 1, low, high) - y) * slope[of]
-        second = np.where(height[of] == 0, ends[of, :, 0], second)
-        passed = (low < above + 1) & (high >= above)
-        nearest = np.where(passed, np.minimum(first, second), np.inf).min(axis=1)
-        farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
-        left[part] = np.floor(nearest)
-        right[part] = np.maximum(np.ceil(farthest), left[part] + 1)
+        left[part], right[part] = reach(edges.of_hulls(owner[part]), top[part, None])
     return left, right
 
 
-def _centre_spans(
-    hulls: FloatArray, owner: IntArray, top: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """As `_row_spans`, of the centres: an interval may be empty."""
-    left, right = np.empty(len(top)), np.empty(len(top))
-    ends = np.roll(hulls, -1, axis=1)
-    height = ends[..., 1] - hulls[..., 1]
-    slope = (ends[..., 0] - hulls[..., 0]) / np.where(height == 0, 1.0, height)
-    low_y = np.minimum(hulls[..., 1], ends[..., 1])
-    high_y = np.maximum(hulls[..., 1], ends[..., 1])
-    for start in range(0, len(top), _ROWS_AT_ONCE):
-        part = np.s_[start : start + _ROWS_AT_ONCE]
-        of, middle = owner[part], top[part, None] + 0.5
-        passed = (low_y[of] <= middle) & (high_y[of] >= middle)
-        first = hulls[of, :, 0] + (middle - hulls[of, :, 1]) * slope[of]
-        # A level edge is passed from one end to the other.
-        second = np.where(height[of] == 0, ends[of, :, 0], first)
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """From each corner of a hull to the next; all (N, K), px."""
+
+    x: FloatArray
+    y: FloatArray
+    end_x: FloatArray
+    low_y: FloatArray
+    high_y: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of(cls, hulls: FloatArray) -> _Edges:
+        x, y = hulls[..., 0], hulls[..., 1]
+        end_x, end_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+        slope = (end_x - x) / np.where(end_y == y, 1.0, end_y - y)
+        return cls(x, y, end_x, np.minimum(y, end_y), np.maximum(y, end_y), slope)
+
+    def of_hulls(self, rows: IntArray) -> _Edges:
+        """The edges of some hulls, which may be named more than once."""
+        parts = (self.x, self.y, self.end_x, self.low_y, self.high_y, self.slope)
+        return _Edges(*(part[rows] for part in parts))
+
+    def x_at(self, y: FloatArray) -> FloatArray:
+        """Where each edge, or the line that it lies on, has a height."""
+        return self.x + (y - self.y) * self.slope
+
+    def range_of(
+        self, passed: Mask, first: FloatArray, second: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest x of the edges that are `passed`.
+
+        A level edge is passed from one end to the other.
+        """
+        second = np.where(self.low_y == self.high_y, self.end_x, second)
         nearest = np.where(passed, np.minimum(first, second), np.inf).min(axis=1)
         farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
-        left[part] = np.ceil(nearest - 0.5)
-        right[part] = np.floor(farthest - 0.5) + 1
-    return left, right
+        return nearest, farthest
+
+
+def _touched(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What hulls touch in rows of pixels, whose upper edge is at `top`, (R, 1)."""
+    bottom = top + 1
+    nearest, farthest = edges.range_of(
+        (edges.low_y < bottom) & (edges.high_y >= top),
+        edges.x_at(np.clip(top, edges.low_y, edges.high_y)),
+        edges.x_at(np.clip(bottom, edges.low_y, edges.high_y)),
+    )
+    left = np.floor(nearest)
+    return left, np.maximum(np.ceil(farthest), left + 1)
+
+
+def _centred(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As `_touched`, of the pixels' centres: an interval may be empty."""
+    middle = top + 0.5
+    passed = (edges.low_y <= middle) & (edges.high_y >= middle)
+    first = edges.x_at(middle)
+    nearest, farthest = edges.range_of(passed, first, first)
+    return np.ceil(nearest - 0.5), np.floor(farthest - 0.5) + 1
