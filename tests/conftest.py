@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -23,6 +24,10 @@ settings.register_profile(
     "ci", settings.get_profile("machine"), derandomize=True, max_examples=30
 )
 settings.load_profile("ci" if os.environ.get("CI") else "machine")
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # Started in the background: what the tests start is to be interrupted all the same.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 StartServer = Callable[..., RunningServer]
 

@@ -135,14 +135,14 @@ def test_opened_filters_have_no_serious_finding(scene, visit, scheme, size):
     ada = visit(color_scheme=scheme, viewport=size)
     page = ada.open(crowds.grid(scene, **{"class": "car", "toss_up": "true"}))
     if size == PHONE:
-        page.get_by_role("button", name="Filters").click()
+        page.get_by_role("button", name="Filters", exact=True).click()
     page.get_by_role("button", name="More").click()
     expect(page.get_by_role("group", name="More filters")).to_be_visible()
     assert findings(page) == []
 
     ada.open(crowds.queue(scene, verdict="rejected"))
     if size == PHONE:
-        page.get_by_role("button", name="Filters").click()
+        page.get_by_role("button", name="Filters", exact=True).click()
     expect(page.get_by_role("combobox", name="Reason")).to_be_visible()
     assert findings(page) == []
 

@@ -13,6 +13,14 @@ TICK = 12
 """The first one that is recorded."""
 
 
+@pytest.fixture(autouse=True)
+def from_a_terminal():
+    """Whoever runs the tests may do so with nohup; a user at a terminal does not."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 class Closed:
     """Notes of a terminal that is gone."""
 

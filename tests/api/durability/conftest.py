@@ -10,7 +10,8 @@ import pytest
 
 from app.services.backups import make_backup
 from app.services.data_folder import Advance
-from app.services.doctor import Finding, Severity, examine
+from app.services.doctor import examine
+from app.services.findings import Finding, Severity
 from app.services.restoring import Restored, restore
 from app.settings import Settings
 from tests.api import frames as scene

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 import httpx
 import pytest
 
-from app.services.doctor import Severity, examine
+from app.services.doctor import examine
+from app.services.findings import Severity
 from app.services.garbage import collect
 from app.settings import Settings
 from app.storage import sha256_of
