@@ -117,7 +117,7 @@ class BoxOrder:
             if reason not in [int(known) for known in THRESHOLD_REASONS]
             and (not self.wanted.reasons or reason in self.wanted.reasons)
         ]
-        every = self.wanted.conditions()
+        every = replace(self.wanted, reasons=()).conditions()
         return [
             Stream(Decision.box_id, [*every, self._column(Decision.reason) == reason])
             for reason in others
@@ -133,9 +133,10 @@ class BoxOrder:
         # Without reasons one per class: no index is by dataset and id alone. Those
         # that people answered are few, and have an index of their own.
         wanted = self.wanted
-        every = [*wanted.conditions(), *conditions]
         if wanted.only_answered:
-            return [Stream(Decision.box_id, every)]
+            return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
+        # Said beside "reason = ...", "reason in (...)" may be what an index is read by.
+        every = [*replace(wanted, reasons=()).conditions(), *conditions]
         if wanted.reasons:
             reasons = [r for r in self.present.reasons if r in wanted.reasons]
             parts = [Decision.reason == reason for reason in reasons]

@@ -85,6 +85,29 @@ def test_undo_returns_to_the_frame_where_the_answer_was_given(scene, ada):
     assert scene.review("ghost") is None
 
 
+PRESS_WITH_THE_FRAME = """key => {
+  const watch = new MutationObserver(() => {
+    if (document.querySelector("h1")?.textContent !== "run/000002") return;
+    watch.disconnect();
+    document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+  });
+  watch.observe(document.body, { childList: true, subtree: true, characterData: true });
+}"""
+
+
+def test_a_key_pressed_the_moment_a_frame_appears_is_heard(scene, ada):
+    scene.push("run/000002")
+    page = ada.open(scene.link("ghost"))
+    ada.press("a")
+    ada.saved()
+    page.evaluate(PRESS_WITH_THE_FRAME, "z")
+
+    ada.press("PageDown")
+
+    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator("h1")).to_have_text("run/000001")
+
+
 def test_review_flow_from_the_datasets_to_the_last_box(scene, ada):
     page = ada.open("#/datasets")
     page.get_by_role("link", name=scene.dataset).click()

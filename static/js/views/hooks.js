@@ -1,7 +1,7 @@
 // @ts-check
 // How views read what can change.
 
-import { useCallback, useEffect, useMemo, useState } from "../html.js";
+import { useCallback, useEffect, useLayoutEffect, useMemo, useState } from "../html.js";
 import { seen } from "../blind.js";
 
 /** @template T @param {import("../store.js").Value<T>} value @returns {T} */
@@ -67,9 +67,9 @@ export function useLoaded(app, load, deps) {
   return done && value !== null ? { state: "ready", value, error: null, reload } : { state: "loading", value, error: null, reload };
 }
 
-/** Offer actions to the keys while the view is on show. @param {import("../app.js").App} app @param {import("../app.js").Actions} actions */
+/** Offer actions to the keys while the view is on show, from the moment on at which it is: nobody waits for the paint. @param {import("../app.js").App} app @param {import("../app.js").Actions} actions */
 export function useActions(app, actions) {
-  useEffect(() => {
+  useLayoutEffect(() => {
     app.actions.set([...app.actions.get(), actions]);
     return () => app.actions.set(app.actions.get().filter((offered) => offered !== actions));
   }, [app, actions]);

@@ -87,6 +87,12 @@ def explained(session: Session, statements: list[tuple[str, Any]]) -> list[str]:
             Selection(review="undecided"), "id", "by_class", id="not reviewed yet"
         ),
         pytest.param(Selection(verdict="rejected"), "id", "by_reason", id="verdict"),
+        pytest.param(
+            Selection(verdict="rejected", review="undecided"),
+            "id",
+            "by_reason",
+            id="verdict, not reviewed yet",
+        ),
         pytest.param(Selection(reason="visible"), "id", "by_reason", id="reason"),
         pytest.param(Selection(class_name="truck"), "id", "by_class", id="class"),
         pytest.param(Selection(review="keep"), "id", "reviewed", id="review"),
