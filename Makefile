@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo serve setup test test-long check fmt lint types imports js unit browser bench readers migrate docs screenshots clean
+.PHONY: help demo serve setup test test-postgres test-long check fmt lint types imports js unit browser bench readers migrate docs screenshots clean
 
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -10,6 +10,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
 # Those that are marked as long, too, and no time-out that a few hours would meet.
 LONG := $(PYTEST) -m "" --capture=no --timeout=14400
+# A database of a server on which the tests make and drop others.
+DATABASE ?= postgresql+psycopg://postgres@127.0.0.1:5432/postgres
 CODE := app filter_core unghost migrations tests benchmarks tools setup.py
 # Each stamp says that a step is done; touching what it depends on does it again.
 PROGRAM := $(VENV)/.program
@@ -34,6 +36,9 @@ ifdef ARGS
 else
 	@sh tools/run_tests.sh $(PYTEST)
 endif
+
+test-postgres: $(CHROMIUM) $(STRACE) ## The tests with PostgreSQL in place of SQLite's files (DATABASE)
+	@UNGHOST_TEST_DATABASE=$(DATABASE) sh tools/run_tests.sh $(PYTEST) $(ARGS)
 
 check: lint types imports js ## Every check that runs no Python test
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from sqlalchemy import insert
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.bulk import insert_rows
 from app.db.evidence_record import pack_numbers
 from app.db.tables import Box, Dataset, Decision, Frame, FrameEvidence
 from app.repositories.datasets import DatasetRepository
@@ -71,7 +71,31 @@ def _portions(frames: int) -> Iterator[int]:
         frames -= FRAMES_PER_TRANSACTION
 
 
+class MadeRows(NamedTuple):
+    """Rows of frames, of their evidence, and of their boxes with decisions."""
+
+    frames: list[dict[str, Any]]
+    evidence: list[dict[str, Any]]
+    boxes: list[dict[str, Any]]
+    decisions: list[dict[str, Any]]
+
+
 def _store(session: Session, dataset_id: int, wanted: Wanted, rng: Generator) -> None:
+    made = rows_of(session, dataset_id, wanted, rng)
+    insert_rows(session, Frame, made.frames)
+    insert_rows(session, FrameEvidence, made.evidence)
+    insert_rows(session, Box, made.boxes)
+    insert_rows(session, Decision, made.decisions)
+    alike = (
+        (row["class_id"], row["reason"], row["toss_up"], None) for row in made.decisions
+    )
+    TallyRepository(session).add(dataset_id, tallies_of(alike))
+
+
+def rows_of(
+    session: Session, dataset_id: int, wanted: Wanted, rng: Generator
+) -> MadeRows:
+    """New frames of a dataset as rows that are not stored yet."""
     dataset = DatasetRepository(session).with_id(dataset_id)
     classes = DatasetRepository(session).classes(dataset_id)
     each, count = wanted.boxes_per_frame, wanted.frames * wanted.boxes_per_frame
@@ -85,15 +109,9 @@ def _store(session: Session, dataset_id: int, wanted: Wanted, rng: Generator) ->
         rows.append(_frame(dataset, ids, _annotation(part, wanted.annotated)))
         numbers_of = pack_numbers(part, class_ids)
         packed.append(_evidence(dataset, ids[0], numbers_of))
-    session.execute(insert(Frame), rows)
-    session.execute(insert(FrameEvidence), packed)
     class_of = [class_ids[index] for index in evidence.class_index.tolist()]
     boxes = _boxes(first, class_of, each)
-    session.execute(insert(Box), boxes)
-    current = _current(dataset_id, boxes, evidence)
-    session.execute(insert(Decision), current)
-    alike = ((r["class_id"], r["reason"], r["toss_up"], None) for r in current)
-    TallyRepository(session).add(dataset_id, tallies_of(alike))
+    return MadeRows(rows, packed, boxes, _current(dataset_id, boxes, evidence))
 
 
 def _annotation(part: Evidence, annotated: bool) -> list[dict[str, Any]]:

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests import databases
+from tests.s3_server import KEYS, S3Server, s3_server
 from tests.servers import RunningServer, running_server
 
 settings.register_profile(
@@ -39,6 +41,42 @@ def _no_settings_from_outside() -> Iterator[None]:
         for name in [key for key in os.environ if key.startswith("UNGHOST_")]:
             patch.delenv(name)
         yield
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What is about SQLite's own files has no meaning where there are none."""
+    for item in items:
+        marker = item.get_closest_marker("sqlite_files")
+        if marker is not None and databases.CHOSEN:
+            (reason,) = marker.args
+            item.add_marker(pytest.mark.skip(reason=f"about SQLite: {reason}"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_databases_left() -> Iterator[None]:
+    """Databases on a server go with the tests."""
+    yield
+    databases.drop_all()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_databases_at_a_time() -> Iterator[None]:
+    """Hundreds of them would fill the disk of a server."""
+    yield
+    if databases.CHOSEN:
+        databases.drop_unused()
+
+
+@pytest.fixture(scope="session")
+def s3() -> Iterator[S3Server]:
+    """One server that speaks S3 for all tests; each makes its own buckets."""
+    with pytest.MonkeyPatch.context() as patch, s3_server() as running:
+        for name in [key for key in os.environ if key.startswith("AWS_")]:
+            patch.delenv(name)
+        for name, value in KEYS.items():
+            patch.setenv(name, value)
+        yield running
 
 
 @pytest.fixture

@@ -1,37 +1,220 @@
-"""Databases of a test's own on PostgreSQL, where one answers."""
+"""Databases of a test's own: a file in its data folder, or one on a PostgreSQL server.
+
+UNGHOST_TEST_DATABASE names a database of a server, such as
+``postgresql+psycopg://postgres@127.0.0.1:5432/postgres``: then every data folder of the
+tests has a database of that server in place of its file, made anew and dropped again.
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, text
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    create_engine,
+    inspect,
+    make_url,
+    text,
+)
 from sqlalchemy.exc import OperationalError
 
-POSTGRES = "postgresql+psycopg://postgres@127.0.0.1:5432"
+from app.db import inspection
+from app.db.engine import Database, make_engine, sqlite_url
+from app.db.migrate import migrate
+from app.db.server_inspection import broken_keys
+from app.resources import migrations_dir
+
+# Read here: the tests see no UNGHOST_* variables.
+CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")
+SERVER = make_url(CHOSEN or "postgresql+psycopg://postgres@127.0.0.1:5432/postgres")
+DATABASE_URL = "UNGHOST_DATABASE_URL"
+_PREFIX = "unghost_test_"
+_of_folders: dict[Path, URL] = {}
+_template: list[URL] = []
 
 
 @contextmanager
-def empty_postgres() -> Iterator[str]:
+def empty_postgres(language: str = "") -> Iterator[str]:
     """The URL of a new database, dropped at the end; a skip if no server answers.
 
-    Only continuous testing must have one: there it is an error.
+    It sorts as the server does, or as a language, such as ``en-US``, does.
     """
-    server = create_engine(f"{POSTGRES}/postgres", isolation_level="AUTOCOMMIT")
-    name = f"unghost_test_{uuid.uuid4().hex}"
+    own = f" TEMPLATE template0 LOCALE_PROVIDER icu ICU_LOCALE '{language}'"
+    yield from _temporary(own if language else "")
+
+
+@contextmanager
+def migrated_postgres() -> Iterator[str]:
+    """As `empty_postgres`, with all tables."""
+    _require_postgres()
+    yield from _temporary(f" TEMPLATE {_migrated().database}")
+
+
+def settings_of(data: Path) -> dict[str, str]:
+    """What `Settings` of a data folder say of its database."""
+    return {"database_url": _text(_database_of(data))} if CHOSEN else {}
+
+
+def environment_of(data: Path) -> dict[str, str]:
+    """The same as variables of a process."""
+    return {DATABASE_URL: _text(_database_of(data))} if CHOSEN else {}
+
+
+def url_of(data: Path) -> str:
+    """The database of a data folder."""
+    return _text(_database_of(data)) if CHOSEN else sqlite_url(data / "unghost.db")
+
+
+@contextmanager
+def database_of(data: Path) -> Iterator[Connection]:
+    """The same, past the service; what is done is committed."""
+    with (
+        closing(Database(url_of(data))) as database,
+        database.engine.begin() as connection,
+    ):
+        yield connection
+
+
+def rows_of(data: Path, statement: str, **values: object) -> list[tuple]:
+    """What a statement finds in the database of a data folder."""
+    with database_of(data) as connection:
+        return [tuple(row) for row in connection.execute(text(statement), values)]
+
+
+def change(data: Path, *statements: str, **values: object) -> None:
+    """Change the database of a data folder past the service."""
+    with database_of(data) as connection:
+        for statement in statements:
+            connection.execute(text(statement), values)
+
+
+def everything_in(data: Path) -> str:
+    """Every row of every table."""
+    with database_of(data) as connection:
+        tables = sorted(inspect(connection).get_table_names())
+        return "\n".join(
+            repr(row)
+            for table in tables
+            for row in sorted(
+                connection.execute(text(f"SELECT * FROM {table}")), key=repr
+            )
+        )
+
+
+def problems_of(data: Path) -> list[str]:
+    """What `unghost doctor` says of a database that nobody serves."""
+    if not CHOSEN:
+        return inspection.problems_of(data / "unghost.db")
+    with closing(Database(_text(_database_of(data)))) as database:
+        return broken_keys(database.engine)
+
+
+@contextmanager
+def writing(data: Path) -> Iterator[None]:
+    """Hold the only place for writers, as a transaction that takes long."""
+    with closing(Database(url_of(data))) as database, database.write() as session:
+        session.connection()
+        yield
+
+
+def drop_unused() -> None:
+    """Drop the databases of folders that no service has open any more."""
+    with _server() as server:
+        rows = server.execute(text("SELECT DISTINCT datname FROM pg_stat_activity"))
+        open_now = set(rows.scalars())
+        for data, url in list(_of_folders.items()):
+            if url.database not in open_now:
+                _drop(server, _of_folders.pop(data))
+
+
+def drop_all() -> None:
+    """Drop everything that was made here."""
+    if not _of_folders and not _template:
+        return
+    with _server() as server:
+        for url in (*_of_folders.values(), *_template):
+            _drop(server, url)
+    _of_folders.clear()
+    _template.clear()
+
+
+def answers() -> bool:
+    """Whether the server does."""
     try:
-        with server.connect() as connection:
-            connection.execute(text(f"CREATE DATABASE {name}"))
+        with _server():
+            return True
     except OperationalError:
-        if os.environ.get("CI") == "true":
-            raise
-        pytest.skip("no PostgreSQL answers at 127.0.0.1:5432 as user postgres")
+        return False
+
+
+def _temporary(options: str) -> Iterator[str]:
+    _require_postgres()
+    url = _created(options)
     try:
-        yield f"{POSTGRES}/{name}"
+        yield _text(url)
     finally:
-        with server.connect() as connection:
-            connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
-        server.dispose()
+        with _server() as server:
+            _drop(server, url)
+
+
+def _require_postgres() -> None:
+    # Only continuous testing must have one; and who names one wants it.
+    if not (answers() or CHOSEN or os.environ.get("CI")):
+        pytest.skip(f"no PostgreSQL answers at {SERVER.host}:{SERVER.port}")
+
+
+def _database_of(data: Path) -> URL:
+    folder = data.resolve()
+    if folder not in _of_folders:
+        _of_folders[folder] = _created(f" TEMPLATE {_migrated().database}")
+    return _of_folders[folder]
+
+
+def _migrated() -> URL:
+    """A database with all tables, of which copies are made: migrating takes longer."""
+    if not _template:
+        url = _created("")
+        engine = make_engine(_text(url))
+        migrate(engine, migrations_dir())
+        engine.dispose()
+        _template.append(url)
+    return _template[0]
+
+
+def _created(options: str) -> URL:
+    url = SERVER.set(database=f"{_PREFIX}{uuid.uuid4().hex}")
+    with _server() as server:
+        server.execute(text(f"CREATE DATABASE {url.database}{options}"))
+    return url
+
+
+def _drop(server: Connection, url: URL) -> None:
+    server.execute(text(f"DROP DATABASE IF EXISTS {url.database} WITH (FORCE)"))
+
+
+def _text(url: URL) -> str:
+    return url.render_as_string(hide_password=False)
+
+
+@contextmanager
+def _server() -> Iterator[Connection]:
+    engine: Engine = create_engine(SERVER, isolation_level="AUTOCOMMIT")
+    try:
+        with engine.connect() as connection:
+            yield connection
+    finally:
+        engine.dispose()
+
+
+if __name__ == "__main__":
+    if not answers():
+        sys.exit(f"no PostgreSQL answers at {SERVER.render_as_string()}")
+    print(_text(SERVER))

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.databases import environment_of
+
 STOP_WAIT_S = 30
 
 
@@ -70,7 +72,7 @@ def start(
         return subprocess.Popen(
             command,
             cwd=data.parent,
-            env={**clean, **own, **state, **settings},
+            env={**clean, **own, **environment_of(data), **state, **settings},
             stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=stderr,

@@ -30,6 +30,7 @@ from app.services.run_requests import RunRequest, request_run
 from app.services.runs import carry_out
 from app.settings import Settings
 from filter_core.config import FilterConfig
+from tests.databases import settings_of
 
 _numbers = count(1)
 
@@ -37,6 +38,7 @@ _numbers = count(1)
 @contextmanager
 def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
     """Everything that a server opens, but the port."""
+    chosen = {**settings_of(folder), **chosen}
     with running(Settings(data=folder, workers=2, **chosen)) as context:
         yield Services(context)
 

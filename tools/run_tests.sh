@@ -1,8 +1,10 @@
 #!/bin/sh
-# All tests, with the given pytest, in three groups beside each other: each leaves time to
-# the others while it waits for a server, a browser or a disk. The output of a group comes
-# when it is complete. A test that fails beside so much else is run once more, with the
-# machine to itself: what fails then is wrong and not merely late. Both reports are printed.
+# All tests, with the given pytest, in groups beside each other: each leaves time to
+# the others while it waits for a server, a browser or a disk. What tells most about the
+# database is run on PostgreSQL as well; with UNGHOST_TEST_DATABASE everything is, and
+# only there. The output of a group comes when it is complete. A test that fails beside
+# so much else is run once more, with the machine to itself: what fails then is wrong and
+# not merely late. Both reports are printed.
 set -u
 work=$(mktemp -d)
 trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
@@ -14,6 +16,7 @@ paths() {
     browser) echo tests/browser ;;
     service) echo tests/api tests/hostile ;;
     others) echo --ignore=tests/browser --ignore=tests/api --ignore=tests/hostile ;;
+    postgres) echo tests/unit/app tests/property/app tests/api/test_main_path.py ;;
     esac
 }
 
@@ -21,16 +24,28 @@ paths() {
 run() {
     group=$1
     shift
+    [ "$group" != postgres ] || export UNGHOST_TEST_DATABASE="$database"
     exec "$@" -o cache_dir="$work/$group" $(paths "$group")
 }
 
-for group in browser service others; do
+groups="others service browser"
+if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
+    echo "All tests on PostgreSQL."
+elif database=$("$1" -m tests.databases); then
+    groups="$groups postgres"
+elif [ -n "${CI:-}" ]; then
+    exit 1
+else
+    echo "The tests on PostgreSQL are left out."
+fi
+
+for group in $groups; do
     run "$group" "$@" >"$work/$group.log" 2>&1 &
     echo $! >"$work/$group.pid"
 done
 
 failed=
-for group in others service browser; do
+for group in $groups; do
     wait "$(cat "$work/$group.pid")"
     status=$?
     rm "$work/$group.pid"

@@ -17,22 +17,25 @@ from sqlalchemy import (
     Executable,
     Insert,
     Table,
+    Update,
+    bindparam,
     insert,
+    update,
 )
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
 
 from app.db.base import Base
+from app.db.copying import copy_rows, translated, update_from_arrays
 
 if TYPE_CHECKING:
     from sqlalchemy.sql import ClauseElement
     from sqlalchemy.sql.compiler import SQLCompiler
 
 MAX_PARAMETERS: Final = 10_000
-
-
+COPY_FROM_ROWS: Final = 16
+"""Fewer rows are inserted as soon without COPY; benchmarks/bench_postgres.py."""
 ROWS_AT_A_TIME: Final = 10_000
 """Some tens of milliseconds: how soon long work can be told to stop."""
 Written = Callable[[int], None]
@@ -71,6 +74,29 @@ def execute_many(
             written(len(portion))
 
 
+def update_rows(
+    session: Session,
+    model: type[Base],
+    columns: Mapping[str, Sequence[Any]],
+    written: Written | None = None,
+) -> None:
+    """Set columns of many rows; the first of `columns` is the key that finds them."""
+    key, *names = columns
+    table, connection = _table(model), session.connection()
+    if connection.dialect.name != "postgresql":
+        statement = _update(table, key, tuple(names))
+        named = {f"to_{name}": each for name, each in columns.items()}
+        execute_many(session, statement, named, written)
+        return
+    statement = _update_from_arrays(table, key, tuple(names))
+    for start in range(0, len(columns[key]), ROWS_AT_A_TIME):
+        end = start + ROWS_AT_A_TIME
+        portion = {f"every_{name}": each[start:end] for name, each in columns.items()}
+        connection.execute(statement, portion)
+        if written is not None:
+            written(len(columns[key][start:end]))
+
+
 def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
     """Ids in portions that fit the number of parameters a statement may have."""
     source = iter(ids)
@@ -94,18 +120,13 @@ def first_row(
     Without a session and a transaction around it, which cost several times as much.
     """
     ready = _ready(statement, frozenset(), engine.dialect)
-    failure = engine.dialect.loaded_dbapi.Error
-    connection = engine.raw_connection()
-    try:
-        with closing(connection.cursor()) as cursor:
-            cursor.execute(ready.text, ready.parameters(values))
-            return cast("Sequence[Any] | None", cursor.fetchone())
-    except failure as error:
-        raise DBAPIError.instance(
-            ready.text, None, error, failure, dialect=engine.dialect
-        ) from error
-    finally:
-        connection.close()
+    with (
+        translated(engine.dialect, ready.text),
+        closing(engine.raw_connection()) as connection,
+        closing(connection.cursor()) as cursor,
+    ):
+        cursor.execute(ready.text, ready.parameters(values))
+        return cast("Sequence[Any] | None", cursor.fetchone())
 
 
 def run_each(
@@ -120,7 +141,23 @@ def insert_rows(
     session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Insert rows as they are, past the ORM; no column is filled in."""
-    run_each(session, _insert(model), rows)
+    dialect = session.connection().dialect.name
+    if dialect == "postgresql" and len(rows) >= COPY_FROM_ROWS:
+        copy_in(session, model, rows)
+    else:
+        run_each(session, _insert(model), rows)
+
+
+def copy_in(
+    session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """As `insert_rows`, by PostgreSQL's COPY, however few rows there are."""
+    connection = session.connection()
+    ready = _ready(_insert(model), frozenset(rows[0]), connection.dialect)
+    names = list(rows[0])
+    given = (ready.parameters(row) for row in rows)
+    values = ([row[name] for name in names] for row in given)
+    copy_rows(connection, _table(model), names, values)
 
 
 @dataclass(frozen=True)
@@ -185,6 +222,17 @@ def upsert_in(dialect: str, model: type[Base]) -> Any:  # noqa: ANN401  # of eit
     if dialect == "postgresql":
         return postgresql.insert(_table(model))
     return sqlite.insert(_table(model))
+
+
+@lru_cache
+def _update(table: Table, key: str, names: tuple[str, ...]) -> Update:
+    values = {name: bindparam(f"to_{name}") for name in names}
+    return update(table).where(table.c[key] == bindparam(f"to_{key}")).values(values)
+
+
+@lru_cache
+def _update_from_arrays(table: Table, key: str, names: tuple[str, ...]) -> Update:
+    return update_from_arrays(table, key, names)
 
 
 @lru_cache

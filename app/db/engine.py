@@ -7,11 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.orm import Session
 
+from app.db.postgres import make_postgres_engine
+
 BUSY_TIMEOUT_MS: Final = 30_000
-WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
 CACHE_KIB: Final = 256 * 1024
 STREAM_CACHE_KIB: Final = 8 * 1024
 WAL_PAGES: Final = 16_384
@@ -27,13 +28,13 @@ def sqlite_url(path: Path) -> str:
 
 def make_engine(url: str) -> Engine:
     """An engine whose commits are durable when they return."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "postgresql":
+        return make_postgres_engine(parsed)
     # Errors name their statement, and what people wrote is no part of it.
-    engine = create_engine(url, pool_size=16, max_overflow=32, hide_parameters=True)
-    if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _prepare_sqlite)
-        event.listen(engine, "begin", _begin_sqlite)
-    if engine.dialect.name == "postgresql":
-        event.listen(engine, "begin", _begin_postgres)
+    engine = create_engine(parsed, pool_size=16, max_overflow=32, hide_parameters=True)
+    event.listen(engine, "connect", _prepare_sqlite)
+    event.listen(engine, "begin", _begin_sqlite)
     return engine
 
 
@@ -62,14 +63,6 @@ def _begin_sqlite(connection: Connection) -> None:
     driver = connection.connection.cursor()
     driver.execute("BEGIN")
     driver.close()
-
-
-def _begin_postgres(connection: Connection) -> None:
-    # Runs, uploads and answers all change the counts of a dataset, and what is active:
-    # as on SQLite one transaction writes at a time, so none has to expect another.
-    if connection.get_execution_options().get("writes", False):
-        connection.exec_driver_sql(f"SET LOCAL lock_timeout = {BUSY_TIMEOUT_MS}")
-        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({WRITER})")
 
 
 def once_committed(session: Session, tell: Callable[[], None]) -> None:
@@ -103,6 +96,20 @@ class Database:
             yield session
         for tell in session.info.get(_ONCE_COMMITTED, ()):
             tell()
+
+    @contextmanager
+    def write_beside(self) -> Iterator[Session]:
+        """As `write`, for rows that no other transaction counts on.
+
+        On PostgreSQL it does not wait for its turn behind other writers; SQLite has
+        only one place for a writer.
+        """
+        if self.engine.dialect.name == "sqlite":
+            with self.write() as session:
+                yield session
+            return
+        with Session(self.engine, expire_on_commit=False) as session, session.begin():
+            yield session
 
     @contextmanager
     def read(self) -> Iterator[Session]:

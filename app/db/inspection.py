@@ -11,6 +11,8 @@ from typing import Final
 from sqlalchemy import Engine, create_engine, event, make_url
 from sqlalchemy.exc import DBAPIError
 
+from app.db.postgres import make_postgres_engine
+
 PAGES_AT_A_TIME: Final = 4096
 """16 MiB: how often a copy tells how far it is."""
 MOST_PROBLEMS: Final = 20
@@ -83,15 +85,9 @@ def wanted_files(file: Path) -> set[str]:
 
 
 def problems_in(engine: Engine) -> list[str]:
-    """What is wrong with a database in use, as far as it can tell itself.
-
-    PostgreSQL keeps its own keys; there, only whether it answers is asked.
-    """
+    """What is wrong with a SQLite database in use."""
     try:
         with engine.connect() as connection:
-            if engine.dialect.name != "sqlite":
-                connection.exec_driver_sql("SELECT 1")
-                return []
             return list(
                 _problems(
                     lambda text: [
@@ -119,11 +115,11 @@ def looking_at(url: str) -> Iterator[Engine]:
     Where nothing can be written, a SQLite file is taken as it is, without its log.
     """
     file = sqlite_file(url)
-    if file is not None:
+    if file is None:
+        engine = make_postgres_engine(make_url(url), only_read=True)
+    else:
         mode = "mode=rw" if _opens(file) else "mode=ro&immutable=1"
-        url = f"sqlite:///file:{_quoted(file)}?{mode}&uri=true"
-    engine = create_engine(url)
-    if file is not None:
+        engine = create_engine(f"sqlite:///file:{_quoted(file)}?{mode}&uri=true")
         event.listen(engine, "connect", _only_ask)
     try:
         yield engine

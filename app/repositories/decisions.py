@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from sqlalchemy import bindparam, func, insert, select, update
+from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
-from app.db.bulk import Written, chunks, execute_many
+from app.db.bulk import Written, chunks, update_rows
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Decision, Flips
 from app.errors import NotFound
@@ -140,25 +140,23 @@ class DecisionRepository:
         """
         flags = (before.large != after.large) | (before.toss_up != after.toss_up)
         plain = ~flags
-        reason = update(Decision).where(Decision.box_id == bindparam("box"))
-        execute_many(
+        update_rows(
             self._session,
-            reason.values(reason=bindparam("to_reason")),
-            {"box": box_ids[plain].tolist(), "to_reason": after.reason[plain].tolist()},
+            Decision,
+            {
+                "box_id": box_ids[plain].tolist(),
+                "reason": after.reason[plain].tolist(),
+            },
             written,
         )
-        execute_many(
+        update_rows(
             self._session,
-            reason.values(
-                reason=bindparam("to_reason"),
-                large=bindparam("to_large"),
-                toss_up=bindparam("to_toss_up"),
-            ),
+            Decision,
             {
-                "box": box_ids[flags].tolist(),
-                "to_reason": after.reason[flags].tolist(),
-                "to_large": after.large[flags].tolist(),
-                "to_toss_up": after.toss_up[flags].tolist(),
+                "box_id": box_ids[flags].tolist(),
+                "reason": after.reason[flags].tolist(),
+                "large": after.large[flags].tolist(),
+                "toss_up": after.toss_up[flags].tolist(),
             },
             written,
         )
@@ -171,20 +169,14 @@ class DecisionRepository:
         def known(column: FloatArray) -> list[float | None]:
             return [None if value != value else value for value in column.tolist()]
 
-        execute_many(
+        update_rows(
             self._session,
-            update(Decision)
-            .where(Decision.box_id == bindparam("box"))
-            .values(
-                match_percent=bindparam("to_match"),
-                crowding=bindparam("to_crowding"),
-                distance=bindparam("to_distance"),
-            ),
+            Decision,
             {
-                "box": box_ids.tolist(),
-                "to_match": known(evidence.match_percent),
-                "to_crowding": [value or 0.0 for value in known(evidence.crowding)],
-                "to_distance": known(evidence.distance),
+                "box_id": box_ids.tolist(),
+                "match_percent": known(evidence.match_percent),
+                "crowding": [value or 0.0 for value in known(evidence.crowding)],
+                "distance": known(evidence.distance),
             },
             written,
         )

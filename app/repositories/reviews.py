@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from sqlalchemy import bindparam, func, insert, select, update
+from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.bulk import chunks, execute_many
+from app.db.bulk import chunks, update_rows
 from app.db.tables import Decision, Review
 from app.errors import Conflict
 
@@ -40,18 +40,16 @@ class ReviewRepository:
                 "someone answered one of these boxes at the same moment; look again",
                 code="stale_review",
             ) from error
-        execute_many(
+        update_rows(
             self._session,
-            update(Decision)
-            .where(Decision.box_id == bindparam("box"))
-            .values(review=bindparam("answer"), revision=bindparam("to_revision")),
+            Decision,
             {
-                "box": [row["box_id"] for row in rows],
-                "answer": [
+                "box_id": [row["box_id"] for row in rows],
+                "review": [
                     None if row["verdict"] == "clear" else row["verdict"]
                     for row in rows
                 ],
-                "to_revision": [row["revision"] for row in rows],
+                "revision": [row["revision"] for row in rows],
             },
         )
 

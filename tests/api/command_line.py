@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.databases import environment_of
+
 PROGRAM = [sys.executable, "-m", "unghost.cli"]
 TIME_LIMIT_S = 120
 
@@ -41,7 +43,9 @@ class CommandLine:
     def environ(self) -> dict[str, str]:
         clean = {k: v for k, v in os.environ.items() if not k.startswith("UNGHOST_")}
         home = {"HOME": str(self.folder), "XDG_STATE_HOME": str(self.folder / "state")}
-        return {**clean, **home, **self.settings}
+        data = self.settings.get("UNGHOST_DATA")
+        database = environment_of(Path(data)) if data else {}
+        return {**clean, **home, **database, **self.settings}
 
     def __call__(self, *words: object) -> Answer:
         done = subprocess.run(

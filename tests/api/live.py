@@ -18,6 +18,7 @@ from app.main import create_app
 from app.settings import Settings
 from app.startup import listen, server_config
 from tests.api import probe_routes
+from tests.databases import settings_of
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class _Server(uvicorn.Server):
 @contextmanager
 def live(data: Path, **chosen: Any) -> Iterator[Live]:
     """Serve this data folder with these settings until the block ends."""
-    settings = Settings(data=data, **chosen)
+    settings = Settings(data=data, **{**settings_of(data), **chosen})
     app = create_app(settings)
     app.include_router(probe_routes.router)
     app.include_router(probe_routes.open_router)

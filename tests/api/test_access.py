@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import sqlite3
 import stat
 
 import pytest
 
 from app.security import Role
+from tests.databases import everything_in
 
 OPEN = {
     ("get", "/healthz"),
@@ -103,9 +103,7 @@ def test_a_role_may_do_what_it_may_do(as_role, role, expected):
 def test_the_token_is_for_its_owner_alone_and_not_in_the_database(service):
     mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
     folder = stat.S_IMODE(service.settings.data.stat().st_mode)
-    with sqlite3.connect(service.settings.data / "unghost.db") as database:
-        dump = "\n".join(database.iterdump())
-    database.close()
+    dump = everything_in(service.settings.data)
 
     assert (mode, folder) == (0o600, 0o700)
     assert service.token.startswith("ug_")

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import os
 import random
-import sqlite3
 import time
 from collections import Counter
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from itertools import cycle
 
 import numpy as np
@@ -19,6 +18,7 @@ import pytest
 from app.db.flip_record import FLIP
 from tests.api.long_streets import OTHER_PIXELS, fill
 from tests.api.resources import Api
+from tests.databases import rows_of
 from tests.servers import running_server
 
 pytestmark = pytest.mark.long
@@ -44,8 +44,7 @@ def served(folder):
 
 
 def rows(folder, statement):
-    with closing(sqlite3.connect(folder / "unghost.db")) as database:
-        return database.execute(statement).fetchall()
+    return rows_of(folder, statement)
 
 
 def measured(folder):

@@ -20,6 +20,8 @@ from tests.api import frames as scene
 from tests.api.live import live
 from tests.api.resources import BASE, Api
 
+pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+
 BIG = {"frames", "frame_files", "boxes", "decisions", "evidence", "reviews", "flips"}
 BIG |= {"blobs", "claims"}
 EXCUSED = {

@@ -9,10 +9,9 @@ import hashlib
 import json
 import os
 import random
-import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -20,6 +19,7 @@ import pytest
 
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
+from tests.databases import problems_of
 from tests.servers import RunningServer, running_server
 from unghost import Client, OutgoingFrame
 
@@ -164,6 +164,4 @@ def check_complete(client, dataset, again, before) -> None:
 
 
 def check_database(place: Path) -> None:
-    with closing(sqlite3.connect(place / "data" / "unghost.db")) as database:
-        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        assert database.execute("PRAGMA foreign_key_check").fetchall() == []
+    assert problems_of(place / "data") == []

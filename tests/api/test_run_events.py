@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, suppress
 from itertools import pairwise
 
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from tests.api.event_reader import events, open_events
 from tests.api.long_streets import FROM_PIXELS, fill
 from tests.api.resources import BASE, Api
+from tests.databases import change
 from tests.servers import running_server
 
 FRAMES = 100
@@ -122,8 +122,12 @@ def waiting_run(server, api):
 
 
 def write_row(server, run_id, state):
-    with closing(sqlite3.connect(server.data / "unghost.db")) as elsewhere, elsewhere:
-        elsewhere.execute("UPDATE runs SET state = ? WHERE id = ?", (state, run_id))
+    change(
+        server.data,
+        "UPDATE runs SET state = :state WHERE id = :id",
+        state=state,
+        id=run_id,
+    )
 
 
 def until_there_is_room(api, run_id):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 
 import pytest
 
 from tests.api import frames as scene
 from tests.api.resources import BASE
+from tests.databases import change
 from tests.servers import STOP_WAIT_S
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
@@ -136,15 +136,14 @@ def test_a_run_that_a_crash_cut_off_ends_once(start_api, state):
     run = api.run(name, {"profile": "carlasimu"})
     first.process.kill()
     first.process.wait(STOP_WAIT_S)
-    with sqlite3.connect(first.data / "unghost.db") as database:
-        database.execute(f"UPDATE runs SET state = '{state}' WHERE id = {run['id']}")
-        database.execute(
-            "DELETE FROM evidence WHERE frame_id = 2 AND measurement_id = 2"
-        )
-        database.execute("DELETE FROM flips")
-        database.execute("UPDATE datasets SET active_run_id = 1, active_config_id = 1")
-        database.execute("UPDATE datasets SET active_measurement_id = 1")
-    database.close()
+    change(
+        first.data,
+        f"UPDATE runs SET state = '{state}' WHERE id = {run['id']}",
+        "DELETE FROM evidence WHERE frame_id = 2 AND measurement_id = 2",
+        "DELETE FROM flips",
+        "UPDATE datasets SET active_run_id = 1, active_config_id = 1",
+        "UPDATE datasets SET active_measurement_id = 1",
+    )
 
     _, api = start_api()
     for _ in range(2000):

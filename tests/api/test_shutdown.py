@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import socket
-import sqlite3
 import time
-from contextlib import closing
 from urllib.parse import urlsplit
 
 import httpx
@@ -20,6 +18,7 @@ from tests.api import frames as scene
 from tests.api.event_reader import open_events
 from tests.api.long_streets import FROM_PIXELS, fill
 from tests.api.resources import BASE
+from tests.databases import rows_of, writing
 
 pytestmark = pytest.mark.long
 
@@ -94,8 +93,7 @@ def terminate(server):
 
 
 def rows(server, statement):
-    with closing(sqlite3.connect(server.data / "unghost.db")) as database:
-        return database.execute(statement).fetchall()
+    return rows_of(server.data, statement)
 
 
 def ended(server):
@@ -258,11 +256,9 @@ def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
     while not api.http.get(accepted.headers["location"]).json()["done"]:
         time.sleep(0.01)
 
-    with closing(sqlite3.connect(first.data / "unghost.db")) as database:
-        database.execute("BEGIN IMMEDIATE")  # the run cannot store what it measures
+    with writing(first.data):  # the run cannot store what it measures
         first.process.send_signal(signal.SIGTERM)
         code = ended(first)
-        database.rollback()
     _, api = start_api()
     run = api.finished(accepted)
 

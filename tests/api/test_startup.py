@@ -9,6 +9,7 @@ import stat
 import sys
 
 import httpx
+import pytest
 
 from app.startup import listen
 from tests.servers import running_server, start, stop, wait_for_link
@@ -96,6 +97,7 @@ def test_a_data_folder_that_cannot_be_one_is_said_in_one_line(tmp_path):
     assert len(log.read_text().splitlines()) == 1
 
 
+@pytest.mark.sqlite_files("the database is a file of the folder")
 def test_a_database_that_is_none_is_said(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "unghost.db").write_text("not a database" * 100)
@@ -135,6 +137,7 @@ def test_the_token_is_in_no_log(data_dir):
     assert server.token not in log
 
 
+@pytest.mark.sqlite_files("the database is a file of the folder")
 def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
     data_dir.chmod(0o755)
     with running_server(data_dir) as server:

@@ -35,6 +35,7 @@ def test_a_token_is_shown_once(admin):
     }
 
 
+@pytest.mark.sqlite_files("its files are searched")
 def test_an_idempotency_key_does_not_store_the_token(service, admin):
     headers = {"Idempotency-Key": "give-bob-a-token"}
     body = {"name": "bob"}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import sqlite3
 from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import expect
 
+from tests import databases
 from tests.browser.conftest import Visit
 from tests.servers import RunningServer, running_server
 
@@ -156,6 +156,6 @@ def a_token(server, api, change_to=""):
 def change(server, token, to):
     """What only time or an admin does to a token."""
     digest = hashlib.sha256(token.encode()).hexdigest()
-    with sqlite3.connect(server.data / "unghost.db", timeout=30) as database:
-        database.execute(f"update tokens set {to} where hash = ?", (digest,))
-    database.close()
+    databases.change(
+        server.data, f"update tokens set {to} where hash = :hash", hash=digest
+    )

@@ -9,10 +9,11 @@ from typing import Final
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 
-from app.db.engine import make_engine, sqlite_url
+from app.db.engine import make_engine
 from app.db.migrate import current_revision, head_revision, migrate
 from app.resources import migrations_dir
 from tests.api.resources import Api
+from tests.databases import url_of
 from tests.servers import RunningServer, running_server
 
 SETTINGS: Final = {
@@ -56,7 +57,7 @@ class Restarting:
         self._open.close()
 
     def _go_down_and_up(self) -> None:
-        engine = make_engine(sqlite_url(self._data / "unghost.db"))
+        engine = make_engine(url_of(self._data))
         try:
             migrate(engine, migrations_dir(), _before_head())
             assert current_revision(engine) == _before_head()

@@ -9,14 +9,14 @@ from __future__ import annotations
 import hashlib
 import os
 import random
-import sqlite3
 import threading
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 
+from tests import databases
 from tests.api.resources import Api
 from tests.hostile.ledger import Ledger, Writer, digest, files
 from tests.servers import running_server
@@ -42,7 +42,7 @@ RECOUNT = """
         UNION ALL
         SELECT dataset_id, class_id, reason, toss_up, coalesce(review, ''), -1
         FROM decisions
-    ) GROUP BY 1, 2, 3, 4, 5 HAVING sum(boxes) <> 0
+    ) AS both_ways GROUP BY 1, 2, 3, 4, 5 HAVING sum(boxes) <> 0
 """
 
 
@@ -215,8 +215,6 @@ def everything(api, path):
 
 
 def check_database(folder):
-    """By the file itself, while nobody serves it: the journal is not yet gone over."""
-    with closing(sqlite3.connect(folder / "unghost.db")) as database:
-        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        assert database.execute("PRAGMA foreign_key_check").fetchall() == []
-        assert database.execute(RECOUNT).fetchall() == []
+    """While nobody serves it: the journal is not yet gone over."""
+    assert databases.problems_of(folder) == []
+    assert databases.rows_of(folder, RECOUNT) == []

@@ -71,6 +71,7 @@ def test_what_both_know_survives_the_way_down_and_up_again(engine, revision):
     assert {*inspect(engine).get_table_names()} - {"alembic_version"} <= above.keys()
 
 
+@pytest.mark.sqlite_files("its file is copied before it is migrated")
 @pytest.mark.parametrize("revision", [REVISIONS[0], REVISIONS[-2]])
 def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, revision):
     data = tmp_path / "data"
@@ -101,6 +102,7 @@ def test_a_server_brings_an_old_folder_up_to_date_and_keeps_a_copy(tmp_path, rev
     kept.dispose()
 
 
+@pytest.mark.sqlite_files("its file is copied before it is migrated")
 def test_a_database_of_a_newer_version_is_not_touched(tmp_path):
     data = tmp_path / "data"
     data.mkdir()

@@ -48,7 +48,8 @@ def doctor(options: DoctorOptions) -> None:
 
     Exits with 1 if anything is damaged or missing, with 3 if something should be done.
     """
-    from app.services.doctor import Severity, examine
+    from app.services.doctor import examine
+    from app.services.findings import Severity
 
     screen = options.screen
     worst = set()

@@ -10,7 +10,9 @@ from typing import Annotated
 import typer
 
 from unghost.cli.command import command
+from unghost.cli.data_options import DataFolder
 from unghost.cli.exits import Refused
+from unghost.cli.offline_token import create_offline
 from unghost.cli.options import ServerOptions
 from unghost.client import Client
 from unghost.people_results import Token
@@ -48,6 +50,15 @@ class CreateOptions(ServerOptions):
         int | None,
         typer.Option(min=1, max=36500, help="Days until it expires; else never."),
     ] = None
+    offline: Annotated[
+        bool,
+        typer.Option(
+            "--offline",
+            help="Write it into the database (UNGHOST_DATABASE_URL, or that of the "
+            "data folder); no server is asked.",
+        ),
+    ] = False
+    data: DataFolder = None
 
 
 @command(app, "create")
@@ -56,12 +67,21 @@ def create(options: CreateOptions) -> None:
     until = None
     if options.days is not None:
         until = datetime.now(timezone.utc) + timedelta(days=options.days)
-    with options.connect() as client:
-        made = client.create_token(options.name, options.role.value, expires_at=until)
+    if options.offline:
+        made, url = (
+            create_offline(options.name, options.role.value, until, options.data),
+            "the address of the service",
+        )
+    else:
+        with options.connect() as client:
+            made = client.create_token(
+                options.name, options.role.value, expires_at=until
+            )
+        url = client.url
     options.screen.record(made.raw, made.token)
     options.screen.note(
         f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: nobody is "
-        f"shown it again. It logs in at {client.url}/#token=..."
+        f"shown it again. It logs in at {url}/#token=..."
     )
 
 

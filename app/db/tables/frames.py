@@ -17,6 +17,9 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
+CODE_POINTS = String(512).with_variant(String(512, collation="C"), "postgresql")
+"""In the order of its characters: pages and prefixes of keys are ranges of it."""
+
 
 class Blob(Base):
     """A file in the store, named by its content."""
@@ -50,7 +53,7 @@ class Frame(Base):
     dataset_id: Mapped[int] = mapped_column(
         Key, ForeignKey("datasets.id", ondelete="CASCADE")
     )
-    key: Mapped[str] = mapped_column(String(512))
+    key: Mapped[str] = mapped_column(CODE_POINTS)
     revision: Mapped[int] = mapped_column(default=1)
     superseded_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     content_digest: Mapped[str] = mapped_column(String(64))

@@ -17,6 +17,7 @@ from app.settings import Settings
 from tests.api import frames as scene
 from tests.api.command_line import CommandLine
 from tests.api.resources import Api
+from tests.databases import settings_of
 from tests.servers import RunningServer, running_server
 from tests.services import running_services
 
@@ -49,7 +50,7 @@ def restored(backup: Path, data: Path) -> Restored:
 
 def examined(data: Path, **settings: object) -> dict[str, Finding]:
     """What the doctor finds that is not as it should be, files read and all."""
-    chosen = Settings.model_validate({"data": data, **settings})
+    chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
     return {
         finding.check: finding
         for finding in examine(chosen, verify=True, steps=silently)

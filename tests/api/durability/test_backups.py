@@ -25,7 +25,7 @@ from tests.api.durability.conftest import (
     silently,
 )
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.sqlite_files("a backup copies its file")]
 
 TARGETS = ["kept", "kept.tar"]
 

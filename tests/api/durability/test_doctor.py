@@ -26,6 +26,7 @@ def state_of(data):
     }
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or compared")
 def test_a_folder_in_order_is_left_as_it_is(filled, unghost):
     before = state_of(filled)
 
@@ -84,6 +85,7 @@ def test_what_is_wrong_is_told_by_the_exit_code_and_to_people(filled, unghost):
     assert "-> copy them from the folder blobs of a backup" in failed.out
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or compared")
 @pytest.mark.parametrize(
     ("statement", "check"),
     [
@@ -98,6 +100,7 @@ def test_a_database_that_does_not_fit_is_found(filled, statement, check):
     assert examined(filled)[check].todo
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or compared")
 def test_a_damaged_database_is_found(filled):
     with (filled / "unghost.db").open("r+b") as file:
         file.seek(4096 * 3)
@@ -109,6 +112,7 @@ def test_a_damaged_database_is_found(filled):
     assert "restore the last backup" in found.todo
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or compared")
 def test_a_database_that_is_missing_is_not_made(filled):
     (filled / "unghost.db").unlink()
 

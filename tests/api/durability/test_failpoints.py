@@ -24,7 +24,10 @@ from tests.api.durability.conftest import blobs, silently
 from tests.api.durability.dying_servers import Point, nursery
 from tests.api.resources import BASE, Api
 
-pytestmark = pytest.mark.long
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.sqlite_files("its process is killed within its commits"),
+]
 
 UNSEEN = [
     Point("draft", after=True),

@@ -29,6 +29,7 @@ def refused_start(data, tmp_path):
     return log.read_text("utf-8")
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tmp_path):
     with small_disk(tmp_path / "disk", 24) as disk:
         data = disk / "data"
@@ -70,6 +71,7 @@ def filled_by(api, dataset, disk):
     raise AssertionError("the disk was never full")
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 def test_a_folder_that_becomes_read_only_is_told_apart(tmp_path):
     data = tmp_path / "data"
     with served(data) as (_, api):
@@ -115,6 +117,7 @@ def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_
     assert examined(data) == {}
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 def test_a_damaged_database_is_told_at_the_start_and_by_a_code(filled, tmp_path):
     with closing(sqlite3.connect(filled / "unghost.db")) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -138,6 +141,7 @@ def test_a_damaged_database_is_told_at_the_start_and_by_a_code(filled, tmp_path)
     assert examined(filled).keys() == {"database"}
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
     filled, tmp_path
 ):
@@ -152,6 +156,7 @@ def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
     assert len(blobs(filled)) == 4
 
 
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
 @pytest.mark.parametrize("content", [b"no database at all " * 300, b"SQLite format 3"])
 def test_a_file_that_is_no_database_is_said_in_one_line(tmp_path, content):
     (tmp_path / "data").mkdir()

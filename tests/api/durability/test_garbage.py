@@ -16,7 +16,7 @@ from tests.api import frames as scene
 from tests.api.archives import frame, lines_of, packed
 from tests.api.durability.conftest import blobs, examined, served, silently
 from tests.api.resources import BASE
-from tests.databases import empty_postgres
+from tests.databases import empty_postgres, settings_of
 from tests.services import Street, running_services
 
 pytestmark = pytest.mark.long
@@ -26,7 +26,7 @@ LONG_AGO = 1_000_000_000
 
 
 def collected(data, *, grace_hours=0.0, dry_run=False, **settings):
-    chosen = Settings.model_validate({"data": data, **settings})
+    chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
     return collect(chosen, grace_hours=grace_hours, dry_run=dry_run, steps=silently)
 
 
@@ -108,6 +108,7 @@ def test_a_backup_holds_it_off(filled):
         collected(filled)
 
 
+@pytest.mark.sqlite_files("its file is missing")
 def test_a_folder_without_a_database_is_left_alone(filled):
     (filled / "unghost.db").unlink()
 

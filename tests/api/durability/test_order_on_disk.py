@@ -14,6 +14,8 @@ from tests.api.archives import frame, lines_of, packed
 from tests.api.durability.system_calls import calls_of, traced_server
 from tests.api.resources import BASE, Api
 
+pytestmark = pytest.mark.sqlite_files("system calls on its log")
+
 WRITES = ("write", "pwrite64", "sendto", "sendmsg", "writev")
 FLUSHES = ("fsync", "fdatasync")
 DRAFT = re.compile(r'"([^"]*/blobs/[0-9a-f]{2})/(\.new-[0-9a-f]+)", O_WRONLY')

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 
 import pytest
+from sqlalchemy.exc import DBAPIError
 
 from app.security import Role
+from tests.databases import change
 
 TOKENS = "/api/v1/tokens"
 DATASETS = "/api/v1/datasets"
@@ -172,9 +173,7 @@ def test_only_admins_read_it(as_role, role):
 def test_nobody_changes_it_not_even_in_the_database(service, admin, statement):
     before = admin.get(AUDIT).text
 
-    database = sqlite3.connect(service.settings.data / "unghost.db")
-    with pytest.raises(sqlite3.IntegrityError, match="only added to"):
-        database.execute(statement)
-    database.close()
+    with pytest.raises(DBAPIError, match="only added to"):
+        change(service.settings.data, statement)
 
     assert admin.get(AUDIT).text == before

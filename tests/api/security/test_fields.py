@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import sqlite3
 
 import pytest
 
 from app.main import create_app
 from app.settings import Settings
+from tests import databases
 
 SECRETS = ("hash", "token_id", "tokens", "created_by", "revoked_at")
 CRAFTED = (
@@ -147,7 +147,4 @@ def test_text_in_a_filter_is_text(service, admin, document, text):
 
 
 def rows_of(service, table):
-    database = sqlite3.connect(service.settings.data / "unghost.db")
-    found = database.execute(f"select * from {table} order by 1").fetchall()
-    database.close()
-    return found
+    return databases.rows_of(service.settings.data, f"select * from {table} order by 1")

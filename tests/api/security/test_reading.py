@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import sqlite3
 
 import pytest
 
 from tests.api import frames as scene
 from tests.api.security.routes import NEEDS, at
+from tests.databases import everything_in
 
 MARKUP = "<img src=x onerror=alert(1)>"
 
@@ -48,10 +48,7 @@ def every_get(values):
 
 def rows_of(service):
     """Every row of the database."""
-    database = sqlite3.connect(service.settings.data / "unghost.db")
-    rows = "\n".join(database.iterdump())
-    database.close()
-    return rows
+    return everything_in(service.settings.data)
 
 
 def files_of(service):

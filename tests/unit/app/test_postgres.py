@@ -9,6 +9,8 @@ from dataclasses import replace
 import pytest
 
 from app.repositories.box_pages import ORDERS, BoxPages
+from app.repositories.frames import FrameFilter, FramePage, FrameRepository
+from app.repositories.known_frames import known_frames
 from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
@@ -145,3 +147,25 @@ def test_two_runs_compare_and_an_export_is_written(services):
     with services.context.database.read() as session:
         found = ExportRepository(session).with_id(export.id)
         assert (found.state, found.done, found.total) == ("done", 1, 1)
+
+
+def test_keys_are_in_the_order_of_their_characters_in_any_language(tmp_path):
+    """An English database has B after a and passes over underscores."""
+    keys = ["B", "_c", "a", "a/B", "a/a", "a_", "b", "ä"]
+    with (
+        empty_postgres(language="en-US") as url,
+        running_services(tmp_path, database_url=url) as services,
+    ):
+        street = services.dataset()
+        for key in reversed(keys):
+            put(street, key)
+        with services.context.database.read() as session:
+            frames = FrameRepository(session)
+            by_key = FramePage(True, False, "", 100)
+            listed = frames.page(FrameFilter(street.id), by_key)
+            below = frames.page(FrameFilter(street.id, "a/"), by_key)
+            known = known_frames(session, street.id, keys)
+
+    assert [frame.key for frame in listed] == keys
+    assert [frame.key for frame in below] == ["a/B", "a/a"]
+    assert [frame.key for frame in known] == keys

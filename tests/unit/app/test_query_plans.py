@@ -16,6 +16,8 @@ from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
 from tests.api import frames as scene
 
+pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+
 BOXES = [
     {"class": name, "xyxy": xyxy}
     for name in ("car", "truck", "walker")

@@ -1,0 +1,53 @@
+"""PostgreSQL: how its URLs are read, and how connections to it are made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event
+
+WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
+LOCK_WAIT_MS: Final = 30_000
+KEPT_CONNECTIONS: Final = 8
+MOST_CONNECTIONS: Final = 32
+"""Of one process: three of them fit into the 100 that a server allows by default."""
+_CONNECTING: Final[Mapping[str, str]] = {
+    "application_name": "unghost",
+    "connect_timeout": "10",
+    # A server that vanished with its machine is noticed within a minute.
+    "keepalives_idle": "30",
+    "keepalives_interval": "10",
+    "keepalives_count": "3",
+}
+_FIRST: Final = (
+    f"SELECT set_config('lock_timeout', '{LOCK_WAIT_MS}', true), "
+    f"pg_advisory_xact_lock({WRITER})"
+)
+
+
+def make_postgres_engine(url: URL, *, only_read: bool = False) -> Engine:
+    """An engine that survives the server: a connection is tried before it is used."""
+    engine = create_engine(
+        url,
+        pool_size=KEPT_CONNECTIONS,
+        max_overflow=MOST_CONNECTIONS - KEPT_CONNECTIONS,
+        pool_pre_ping=True,
+        hide_parameters=True,
+        connect_args=_arguments(url),
+        execution_options={"postgresql_readonly": only_read},
+    )
+    event.listen(engine, "begin", _begin)
+    return engine
+
+
+def _arguments(url: URL) -> dict[str, Any]:
+    """What a connection says about itself, but for what the URL says."""
+    return {name: text for name, text in _CONNECTING.items() if name not in url.query}
+
+
+def _begin(connection: Connection) -> None:
+    # Runs, uploads and answers all change the counts of a dataset, and what is active:
+    # as on SQLite one transaction writes at a time, so none has to expect another.
+    if connection.get_execution_options().get("writes", False):
+        connection.exec_driver_sql(_FIRST)

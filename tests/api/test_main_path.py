@@ -1,0 +1,135 @@
+"""From frames to labels over a port, on the database that the tests are run with."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import pytest
+
+from tests.api import frames as scene
+from tests.api.archives import frame, lines_of, packed
+from tests.api.resources import BASE
+
+FRAMES = 24
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+
+
+@pytest.fixture
+def street(api):
+    """A dataset whose frames came in one batch; a car and a ghost in each."""
+    name = api.dataset()
+    members = [
+        member
+        for number in range(FRAMES)
+        for member in frame(f"{number:02}", number=number)
+    ]
+    answer = api.http.post(
+        f"{BASE}/datasets/{name}/batches",
+        content=packed(members),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    *lines, end = lines_of(answer.text)
+    assert [line["status"] for line in lines] == [201] * FRAMES, lines
+    assert end["stored"] == FRAMES
+    return name
+
+
+def stats(api, name):
+    found = api.json(f"/datasets/{name}/stats")
+    return found["frames"], found["kept"], found["rejected"]
+
+
+def take(api, name, limit):
+    answer = api.post(f"/datasets/{name}/queue", {"limit": limit})
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_frames_are_answered_run_undone_and_exported(api, street):
+    pushed = stats(api, street)
+    queue = take(api, street, 5)
+    for box in queue["items"]:
+        assert api.review(box["box_id"], "reject").status_code == 201
+    stale = api.review(queue["items"][0]["box_id"], "keep")
+    left = take(api, street, 5)["remaining"]
+    ghosts = api.boxes(street, verdict="rejected", review="none", limit=1000)
+    bulk = api.post(
+        "/reviews/bulk",
+        {
+            "dataset": street,
+            "box_ids": [box["box_id"] for box in ghosts],
+            "verdict": "keep",
+        },
+    ).json()
+    undone = api.post(f"/review-batches/{bulk['id']}/undo").json()
+    hidden = api.run(street, NOTHING_VISIBLE)
+    none_kept = stats(api, street)
+    recounted = api.run(street, CARS_ARE_SKY)
+    measured = api.run(street, {"profile": "carlasimu"})
+    diff = api.json(f"/runs/{hidden['id']}/diff")
+
+    assert pushed == (FRAMES, FRAMES, FRAMES)
+    assert (stale.status_code, left) == (412, 2 * FRAMES - 5)
+    assert (bulk["count"], undone["undone"]) == (len(ghosts), len(ghosts))
+    assert (hidden["changed"], none_kept) == (FRAMES, (FRAMES, 0, 2 * FRAMES))
+    assert (recounted["state"], measured["state"]) == ("done", "done")
+    assert diff["total"] == FRAMES
+    assert len(labels_of(api, street)) == FRAMES
+
+
+def labels_of(api, name):
+    """The label files of an export, checked against its own books."""
+    accepted = api.post(f"/datasets/{name}/exports", {"format": "yolo", "options": {}})
+    export = api.finished(accepted)
+    assert export["state"] == "done", export
+    content = api.http.get(export["download"]).content
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert archive.testzip() is None
+        manifest = json.loads(archive.read("manifest.json"))
+        names = [each for each in archive.namelist() if each.startswith("labels/")]
+    assert manifest["dataset"] == name
+    return names
+
+
+def test_a_frame_that_is_sent_again_deleted_and_replaced_is_counted_once(api, street):
+    first = api.put(street, "run/00", {**scene.annotation(), "number": 99})
+    replaced = api.put(
+        street, "run/00", {**scene.annotation(), "number": 99}, replace=True
+    )
+    repeated = api.put(street, "run/00", {**scene.annotation(), "number": 99})
+    deleted = api.http.delete(f"{BASE}/datasets/{street}/frames/run/01")
+
+    codes = [each.status_code for each in (first, replaced, repeated, deleted)]
+    assert codes == [409, 201, 200, 204]
+    assert stats(api, street) == (FRAMES - 1,) * 3
+    boxes = api.json("/boxes", dataset=street, limit=1000)["items"]
+    assert len(boxes) == 2 * (FRAMES - 1)
+
+
+def test_lists_go_page_by_page_in_every_order(api, street):
+    for order in ("id", "doubt", "match_percent", "-match_percent", "crowding"):
+        seen: list[int] = []
+        cursor = {}
+        while cursor is not None:
+            page = api.json("/boxes", dataset=street, sort=order, limit=7, **cursor)
+            seen += [box["box_id"] for box in page["items"]]
+            cursor = page["next_cursor"] and {"cursor": page["next_cursor"]}
+        assert len(seen) == len(set(seen)) == 2 * FRAMES, order
+
+
+def test_who_repeats_a_post_gets_the_same_answer(api, street):
+    box = api.boxes(street)[0]["box_id"]
+    body = {"verdict": "keep", "seen_revision": 0}
+    headers = {"Idempotency-Key": f"main-path-{box}"}
+
+    first, again = (
+        api.http.post(f"{BASE}/boxes/{box}/reviews", json=body, headers=headers)
+        for _ in range(2)
+    )
+
+    assert (first.status_code, again.status_code) == (201, 201)
+    assert again.content == first.content
+    assert again.headers["Idempotent-Replayed"] == "true"

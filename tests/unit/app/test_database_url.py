@@ -1,0 +1,62 @@
+"""Which databases a URL may name, and that no password is told."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from app.settings import Settings
+
+SECRET = "s3cret"
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "postgres://ada:p%40ss@db.example:5433/boxes?sslmode=require",
+        "postgresql://ada:p%40ss@db.example:5433/boxes?sslmode=require",
+        "postgresql+psycopg://ada:p%40ss@db.example:5433/boxes?sslmode=require",
+    ],
+)
+def test_every_name_of_postgresql_means_psycopg_3(given):
+    url = Settings(database_url=given).sqlalchemy_url
+
+    assert url == (
+        "postgresql+psycopg://ada:p%40ss@db.example:5433/boxes?sslmode=require"
+    )
+
+
+def test_a_file_of_sqlite_stays_what_it_is():
+    url = "sqlite:////srv/boxes.db"
+
+    assert Settings(database_url=url).sqlalchemy_url == url
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (f"postgresql+psycopg2://a:{SECRET}@db/b", "'postgresql+psycopg2' is not"),
+        (f"postgresql+asyncpg://a:{SECRET}@db/b", "'postgresql+asyncpg' is not"),
+        (f"mysql://a:{SECRET}@db/b", "'mysql' is not"),
+        (f"mongodb://a:{SECRET}@db/b", "SQLite, or PostgreSQL with psycopg 3"),
+        (f"postgresql://db:{SECRET}/b", "cannot be read as a URL"),
+        (f"host=db password={SECRET}", "cannot be read as a URL"),
+        ("sqlite://", "in memory would be lost"),
+        ("sqlite:///:memory:", "in memory would be lost"),
+    ],
+)
+def test_what_is_not_known_is_refused_in_words(given, said):
+    with pytest.raises(ValidationError) as refused:
+        Settings(database_url=given)
+
+    assert said in str(refused.value)
+    assert SECRET not in str(refused.value)
+    assert SECRET[:2] not in str(refused.value)
+
+
+def test_settings_that_are_printed_name_no_password():
+    settings = Settings(database_url=f"postgresql://a:{SECRET}@db/b")
+
+    assert SECRET in settings.sqlalchemy_url
+    assert SECRET not in repr(settings)
+    assert SECRET not in str(settings)
