@@ -25,6 +25,7 @@ AppError                     anything that the service says no to
     |-- DatabaseBusy         the database did not take the work in time
     |-- StorageFull          no room for what was sent
     |-- StorageReadOnly      the data folder does not take anything
+    |-- StorageAway          the store of the files does not answer
     |-- DatabaseDamaged      the database cannot be read any more
     `-- NotReady             the service is not (or no longer) able to work
 
@@ -257,6 +258,21 @@ class StorageReadOnly(TryLater):
     """The data folder, or the disk that it is on, does not take anything."""
 
     code = "storage_read_only"
+
+
+class StorageAway(TryLater):
+    """The store of the files does not answer, or not as it should.
+
+    `reason` is for whoever runs the service: a word, as S3 calls it.
+    """
+
+    code = "storage_away"
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            "the store of the files does not answer; try again", retry_after_s=5
+        )
+        self.reason = reason
 
 
 class DatabaseDamaged(TryLater):

@@ -32,6 +32,10 @@ class StoredFileRepository:
         for row in self._session.execute(rows):
             yield WantedFile(row[0], row[1])
 
+    def any_of_frames(self) -> bool:
+        """Whether any frame has a file."""
+        return self._session.scalar(select(FrameFile.sha256).limit(1)) is not None
+
     def of_exports(self) -> Iterator[WantedFile]:
         """Files of exports that are done."""
         rows = select(Export.sha256, Export.size_bytes).where(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 from fastapi import Request, Response
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, StreamingResponse
+from starlette.datastructures import Headers
 
 from app.errors import RangeNotSatisfiable
+from app.storage import Blob
 
 IMMUTABLE: Final = "private, max-age=31536000, immutable"
 REVALIDATE: Final = "private, no-cache"
@@ -18,7 +19,7 @@ _SANDBOX: Final = "default-src 'none'; sandbox"
 
 
 def file_response(
-    request: Request, path: Path, digest: str, media_type: str, name: str = ""
+    request: Request, blob: Blob, digest: str, media_type: str, name: str = ""
 ) -> Response:
     """A file that never changes under its digest."""
     headers = blob_headers(digest)
@@ -30,8 +31,32 @@ def file_response(
         # What there is at the other end is a part of another file.
         _without_range(request)
     else:
-        _check_range(request, path.stat().st_size)
-    return FileResponse(path, media_type=media_type, headers=headers)
+        _check_range(request, blob.size_bytes)
+    if blob.path is not None:
+        return FileResponse(blob.path, media_type=media_type, headers=headers)
+    return _streamed(request, blob, media_type, headers)
+
+
+def _streamed(
+    request: Request, blob: Blob, media_type: str, headers: dict[str, str]
+) -> Response:
+    """A blob from elsewhere, as a file would be answered; some of it at a time."""
+    # Read anew: a range that is not to be answered was taken out of them.
+    wanted = Headers(scope=request.scope).get("range", "")
+    size, span = blob.size_bytes, wanted.partition("=")[2]
+    first, end = 0, size
+    if span:
+        start, _, last = span.strip().partition("-")
+        first = int(start) if start else max(0, size - int(last))
+        end = min(int(last) + 1, size) if start and last else size
+        headers["Content-Range"] = f"bytes {first}-{end - 1}/{size}"
+    headers |= {"Accept-Ranges": "bytes", "Content-Length": str(end - first)}
+    return StreamingResponse(
+        blob.pieces(first, end),
+        status_code=206 if span else 200,
+        media_type=media_type,
+        headers=headers,
+    )
 
 
 def drawn_response(

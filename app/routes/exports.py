@@ -107,6 +107,6 @@ def download_export(
     """The archive of a finished export; a download can be resumed by ranges."""
     export = ExportRepository(session).with_id(export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    path = finished_file(services, export)
+    blob = finished_file(services, export)
     name = f"{dataset.name}-{export.format}-{export.id}.zip"
-    return file_response(request, path, export.sha256 or "", MEDIA_TYPE, name)
+    return file_response(request, blob, export.sha256 or "", MEDIA_TYPE, name)

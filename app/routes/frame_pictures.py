@@ -93,5 +93,5 @@ def get_file(
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
     file = frame_file(session, frame_id, kind.value)
-    path = services.storage.intact(file.sha256, size_bytes=file.size_bytes)
-    return file_response(request, path, file.sha256, file.media_type)
+    blob = services.storage.intact(file.sha256, size_bytes=file.size_bytes)
+    return file_response(request, blob, file.sha256, file.media_type)

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import IO, Final
 
 from app.db.inspection import problems_of, wanted_files
-from app.services.data_folder import BLOBS, Advance, CannotMaintain
+from app.services.data_folder import Advance, CannotMaintain
+from app.storage import BLOBS
 
 FORMAT: Final = 1
 LABEL: Final = "backup.json"

@@ -1,8 +1,9 @@
 """Copies of a whole data folder, made while it is served.
 
-A backup is a folder, or a tar of the same: the database, the files under `blobs/`, and
-at last a label. The database is copied first, at one instant; while a backup is made,
-files are only added, so each that the copy refers to is there.
+A backup is a folder, or a tar of the same: the database, the files under `blobs/`
+(wherever they are stored), and at last a label. The database is copied first, at one
+instant; while a backup is made, files are only added, so each that the copy refers to
+is there.
 """
 
 from __future__ import annotations
@@ -28,22 +29,24 @@ from app.services.backup_reading import (
     unpack,
 )
 from app.services.data_folder import (
-    BLOBS,
     CannotMaintain,
     Steps,
     alone,
     database_file,
     no_database,
 )
+from app.services.file_store import stored_files_of
 from app.settings import Settings
 from app.storage import (
-    FolderStorage,
+    BLOBS,
+    BlobStore,
     digest_of,
     flush_everything,
     flush_file,
     flush_folder,
     make_folder,
 )
+from app.storage_url import FOLDER
 from app.version import VERSION
 
 TAR: Final = ".tar"
@@ -71,6 +74,7 @@ class _Writing:
 
     folder: Path
     archive: tarfile.TarFile | None
+    spare: Path
     files: int = 0
     left_out: list[str] = field(default_factory=list)
 
@@ -134,11 +138,16 @@ def make_backup(
 def _source(settings: Settings) -> Path:
     file = database_file(settings)
     if file is None:
+        folder = settings.data / BLOBS
+        files = (
+            f"copy the folder {str(folder)!r}"
+            if settings.storage == FOLDER
+            else f"copy {settings.storage}, or let its bucket keep versions"
+        )
         raise CannotMaintain(
             "the database is on a PostgreSQL server: save it with `pg_dump "
-            "--format=custom`, and after that copy the folder "
-            f"{str(settings.data / BLOBS)!r}; run no `unghost gc` in between. "
-            "`pg_restore` and copying the folder back restore both"
+            f"--format=custom`, and after that {files}; run no `unghost gc` in "
+            "between. `pg_restore` and the files put back restore both"
         )
     if not file.is_file():
         raise CannotMaintain(no_database(settings))
@@ -164,22 +173,24 @@ def _writing(target: Path, draft: Path) -> Iterator[_Writing]:
     written = draft / target.name
     if target.suffix != TAR:
         written.mkdir(mode=0o700)
-        yield _Writing(written, None)
+        yield _Writing(written, None, draft / ".fetched")
         return
     with tarfile.open(written, "x:", format=tarfile.PAX_FORMAT) as archive:
         written.chmod(_PRIVATE)
-        yield _Writing(draft, archive)
+        yield _Writing(draft, archive, draft / ".fetched")
 
 
 def _add_files(
     settings: Settings, writing: _Writing, steps: Steps, *, incomplete: bool
 ) -> None:
-    storage = FolderStorage(settings.data / BLOBS)
     digests = sorted(wanted_files(writing.folder / DATABASE))
-    with steps("copy the files", "files") as advance:
+    with (
+        stored_files_of(settings) as store,
+        steps("copy the files", "files") as advance,
+    ):
         for done, digest in enumerate(digests, 1):
             try:
-                file = storage.intact(digest, size_bytes=None)
+                file = _intact_file(store, digest, writing.spare)
                 writing.add(blob_name(digest), file)
                 writing.files += 1
             except DamagedFile as exc:
@@ -189,6 +200,19 @@ def _add_files(
                     ) from exc
                 writing.left_out.append(digest)
             advance(done, len(digests))
+
+
+def _intact_file(store: BlobStore, digest: str, spare: Path) -> Path:
+    """A file with the blob's content: its own, or the spare one if it has none here."""
+    blob = store.whole(digest, size_bytes=None)
+    file = blob.path
+    if file is None:
+        with spare.open("wb") as copy:
+            copy.writelines(blob.pieces())
+        file = spare
+    if digest_of(file) != digest:
+        raise DamagedFile(digest, "is not what was stored")
+    return file
 
 
 def _label(writing: _Writing) -> BackupLabel:

@@ -16,10 +16,10 @@ from app.db.inspection import sqlite_file
 from app.db.migrate import current_revision, head_revision, is_known
 from app.resources import migrations_dir
 from app.settings import Settings
-from app.storage import FolderInUse, alone_in, stored_files
+from app.storage import BlobStore, FolderInUse, alone_in
+from app.storage_url import FOLDER
 
 _PRIVATE: Final = 0o600
-BLOBS: Final = "blobs"
 RESTORING: Final = ".restoring"
 """Holds a restore until it is complete."""
 
@@ -37,7 +37,7 @@ def database_file(settings: Settings) -> Path | None:
     return sqlite_file(settings.sqlalchemy_url)
 
 
-def check_usable(settings: Settings, engine: Engine) -> None:
+def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
     """Refuse to open, as the service, what would hide or destroy what is there.
 
     Raises
@@ -55,14 +55,24 @@ def check_usable(settings: Settings, engine: Engine) -> None:
             f"a restore into {str(settings.data)!r} was interrupted; "
             "run `unghost restore` again"
         )
-    if revision is None and any(stored_files(settings.data / BLOBS)):
-        raise CannotMaintain(
+    if revision is None and any(store.files()):
+        raise CannotMaintain(_files_alone(settings))
+    if revision is not None and not is_known(migrations_dir(), revision):
+        raise CannotMaintain(newer(revision))
+
+
+def _files_alone(settings: Settings) -> str:
+    if settings.storage == FOLDER:
+        return (
             f"the database of {str(settings.data)!r} is missing, but its files are "
             "there; put it back, restore a backup into another folder, or begin anew "
             "in another folder"
         )
-    if revision is not None and not is_known(migrations_dir(), revision):
-        raise CannotMaintain(newer(revision))
+    return (
+        f"there are files in {settings.storage}, but the database is new: what it does "
+        "not know of would be cleared away; name the database that they belong to, "
+        "restore its backup, or choose another prefix in UNGHOST_STORAGE"
+    )
 
 
 def keep_private(settings: Settings) -> None:
@@ -78,6 +88,30 @@ def keep_private(settings: Settings) -> None:
     for path in (file, *(file.with_name(file.name + end) for end in ("-wal", "-shm"))):
         with suppress(FileNotFoundError, PermissionError):  # another user's stays so
             path.chmod(_PRIVATE)
+
+
+def check_same_version(settings: Settings, engine: Engine) -> None:
+    """Refuse to work on a database that no service of this version has prepared.
+
+    Raises
+    ------
+    CannotMaintain
+        It is not there, or of another version.
+    """
+    file = database_file(settings)
+    there = file is None or file.exists()
+    revision = current_revision(engine) if there else None
+    wanted = head_revision(migrations_dir())
+    if revision is None:
+        raise CannotMaintain(
+            "there is no database of Unghost where the settings say (UNGHOST_DATA, "
+            "UNGHOST_DATABASE_URL); start the service first"
+        )
+    if revision != wanted:
+        raise CannotMaintain(
+            f"the database is at schema {revision}, this version needs {wanted}: run "
+            "the service and its workers from the same version"
+        )
 
 
 def newer(revision: str) -> str:
@@ -122,7 +156,9 @@ def opened(settings: Settings) -> Iterator[Database]:
 
 
 def no_database(settings: Settings) -> str:
-    """What to say of a folder that is no data folder."""
+    """What to say of a folder, or a server's database, that nobody has served yet."""
+    if database_file(settings) is None:
+        return "the database is empty; start `unghost serve` once, which fills it"
     return (
         f"there is no database in {str(settings.data)!r}; name the data folder with "
         "--data DIR or UNGHOST_DATA"

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any, Final
 
 from sqlalchemy import event
@@ -17,12 +17,14 @@ from app.db.tables import Dataset, Export
 from app.errors import Conflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
+from app.repositories.ledger import LedgerRepository
 from app.repositories.runs import ExportRepository
 from app.services.cancelling import interrupt_until_written
 from app.services.context import ServiceContext
 from app.services.export_jobs import OPEN, job_of, start_exports
 from app.services.job_quota import require_a_place
 from app.services.timestamps import rfc3339
+from app.storage import Blob
 from filter_core.formats.export_options import ExportOptions
 from filter_core.formats.writers import format_of
 
@@ -72,7 +74,8 @@ def cancel_export(context: ServiceContext, session: Session, export_id: int) -> 
     Conflict
         The export is over.
     """
-    interrupt_until_written(context, session, job_of(export_id), start_exports)
+    again = partial(start_exports, at_work=True)
+    interrupt_until_written(context, session, job_of(export_id), again)
     export = ExportRepository(session).with_id(export_id)
     if export.state not in OPEN:
         raise Conflict(
@@ -80,10 +83,11 @@ def cancel_export(context: ServiceContext, session: Session, export_id: int) -> 
         )
     export.state, export.finished_at = "cancelled", utc_now()
     session.flush()
+    LedgerRepository(session).forget(job_of(export_id))
     return export
 
 
-def finished_file(context: ServiceContext, export: Export) -> Path:
+def finished_file(context: ServiceContext, export: Export) -> Blob:
     """The file of a finished export; Conflict while it is not."""
     if export.state != "done" or export.sha256 is None:
         raise Conflict(

@@ -12,14 +12,14 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import Final
 
 from app.db.engine import Database
 from app.repositories.stored_files import StoredFileRepository
-from app.services.data_folder import BLOBS, Steps, alone, opened
+from app.services.data_folder import Steps, alone, opened
+from app.services.file_store import stored_files_of
 from app.settings import Settings
-from app.storage import FolderStorage, leftovers, stored_files
+from app.storage import BlobStore
 
 HOUR_S: Final = 3600.0
 TOGETHER: Final = 200
@@ -54,21 +54,24 @@ def collect(
     CannotMaintain
         The folder cannot be used, or another such command is at work.
     """
-    with alone(settings), opened(settings) as database:
+    with (
+        alone(settings),
+        opened(settings) as database,
+        stored_files_of(settings) as store,
+    ):
         until = time.time() - grace_hours * HOUR_S
         found = Garbage(removed=not dry_run)
-        folder = settings.data / BLOBS
-        young = _files(database, folder, found, until, steps)
+        young = _files(database, store, found, until, steps)
         _rows(database, found, young)
-        _left_over(database, folder, found, until)
+        _left_over(database, store, found, until)
     return found
 
 
 def _files(
-    database: Database, folder: Path, found: Garbage, until: float, steps: Steps
+    database: Database, store: BlobStore, found: Garbage, until: float, steps: Steps
 ) -> set[str]:
     """Files; which ones are too young is answered."""
-    listed = list(stored_files(folder))
+    listed = list(store.files())
     with database.read() as session:
         used = {file.sha256 for file in StoredFileRepository(session).of_frames()}
         used |= {file.sha256 for file in StoredFileRepository(session).of_exports()}
@@ -79,11 +82,10 @@ def _files(
     if not found.removed:
         found.files, found.size_bytes = len(old), sum(file.size_bytes for file in old)
         return young
-    storage = FolderStorage(folder)
     done = 0
     with steps("clear away", "files") as advance:
         for portion in _portions([file.digest for file in old]):
-            _remove(database, storage, found, portion, until)
+            young |= _remove(database, store, found, portion, until)
             done += len(portion)
             advance(done, len(old))
     return young
@@ -91,23 +93,21 @@ def _files(
 
 def _remove(
     database: Database,
-    storage: FolderStorage,
+    store: BlobStore,
     found: Garbage,
     digests: Sequence[str],
     until: float,
-) -> None:
+) -> set[str]:
+    """Take files away, unless they are in use by now; which ones stay is answered."""
     with database.write() as session:
         # The first statement takes the turn: nobody else commits until it is over.
         used = StoredFileRepository(session).referred_to(digests)
-        for digest in digests:
-            if digest in used:
-                continue
-            size = storage.remove(digest, unused_since=until)
-            if size is None:
-                found.too_young += 1
-            else:
-                found.files += 1
-                found.size_bytes += size
+        unused = [digest for digest in digests if digest not in used]
+        removed = store.remove(unused, unused_since=until)
+        found.too_young += len(unused) - len(removed)
+        found.files += len(removed)
+        found.size_bytes += sum(removed.values())
+    return set(digests) - removed.keys()
 
 
 def _rows(database: Database, found: Garbage, young: set[str]) -> None:
@@ -125,12 +125,14 @@ def _rows(database: Database, found: Garbage, young: set[str]) -> None:
                 StoredFileRepository(session).forget(portion)
 
 
-def _left_over(database: Database, folder: Path, found: Garbage, until: float) -> None:
+def _left_over(
+    database: Database, store: BlobStore, found: Garbage, until: float
+) -> None:
     with database.read() as session:
         at_work = StoredFileRepository(session).open_exports()
     names = {f"export-{number}" for number in at_work}
     latest = min(until, time.time() - SHORTEST_S)
-    for path, changed_at in leftovers(folder):
+    for path, changed_at in store.leftovers():
         if path.name in names or changed_at > latest:
             continue
         found.leftovers += 1

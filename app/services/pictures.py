@@ -18,7 +18,7 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository
 from app.services.drawing import draw_boxes
-from app.storage import FolderStorage
+from app.storage import BlobStore
 from filter_core.palettes import FAMILIES
 from filter_core.segmentation import SegmentationOptions, read_segmentation
 
@@ -34,7 +34,7 @@ _MAX_ENLARGEMENT: Final = 8
 class FramePictures:
     """A frame's files, and how its segmentation was read."""
 
-    storage: FolderStorage
+    storage: BlobStore
     files: Mapping[str, FileRow]
     report: Mapping[str, Any] | None
 
@@ -70,7 +70,7 @@ class FramePictures:
 
 
 def frame_pictures(
-    storage: FolderStorage, session: Session, frame_id: int
+    storage: BlobStore, session: Session, frame_id: int
 ) -> FramePictures:
     """What can be drawn of a frame; NotFound."""
     frame = FrameRepository(session).with_id(frame_id)

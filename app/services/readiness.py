@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from app.db.migrate import current_revision, head_revision
 from app.db.probe import takes_writes
-from app.errors import Fault, NotReady
+from app.errors import Fault, NotReady, TryLater
 from app.logs import error_log
 from app.resources import migrations_dir
 from app.services.context import ServiceContext
@@ -74,13 +73,13 @@ def _look(context: ServiceContext) -> Found:
         "database": _database_takes_writes,
         "migrations": _schema_is_current,
         "disk": _disk_has_room,
-        "blobs": _folder_takes_files,
+        "blobs": _store_takes_files,
     }
     found = Found()
     for name, run in checks.items():
         try:
             found.checks[name] = run(context)
-        except (NotReady, SQLAlchemyError, OSError) as exc:
+        except (TryLater, SQLAlchemyError, OSError) as exc:
             detail = _reason(exc)
             error_log.warning("not ready: %s: %s", name, detail)
             found.faults.append(Fault("", name, detail))
@@ -88,7 +87,7 @@ def _look(context: ServiceContext) -> Found:
 
 
 def _reason(exc: Exception) -> str:
-    if isinstance(exc, NotReady):
+    if isinstance(exc, TryLater):
         return str(exc)
     if isinstance(exc, OSError):
         return exc.strerror or "cannot be used"
@@ -121,8 +120,6 @@ def _disk_has_room(context: ServiceContext) -> str:
     return f"{free} bytes free"
 
 
-def _folder_takes_files(context: ServiceContext) -> str:
-    folder = context.storage.temporary_folder()
-    with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
-        file.write(b"ready?")
+def _store_takes_files(context: ServiceContext) -> str:
+    context.storage.check()
     return "take files"

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from app.db.migrate import head_revision, is_known
 from app.resources import migrations_dir
 from app.services.backup_reading import DATABASE, LABEL, unpack
-from app.services.data_folder import BLOBS, RESTORING, CannotMaintain, Steps, newer
+from app.services.data_folder import RESTORING, CannotMaintain, Steps, newer
+from app.services.file_store import stored_files_of
 from app.settings import Settings
-from app.storage import flush_everything, flush_file, flush_folder, make_folder
+from app.storage import (
+    BLOBS,
+    BlobStore,
+    flush_everything,
+    flush_file,
+    flush_folder,
+    make_folder,
+)
+from app.storage_url import FOLDER
+
+TOGETHER: Final = 8
+"""Files that are put into a bucket at the same time."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +65,16 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
         raise CannotMaintain(f"there is no {backup}")
     data = settings.data.absolute()
     _check_empty(data)
+    with stored_files_of(settings) as store:
+        bucket = None if settings.storage == FOLDER else store
+        if bucket is not None:
+            bucket.check()
+        return _restored(data, backup, bucket, steps)
+
+
+def _restored(
+    data: Path, backup: Path, bucket: BlobStore | None, steps: Steps
+) -> Restored:
     make_folder(data)
     inside = data / RESTORING
     shutil.rmtree(inside, ignore_errors=True)
@@ -62,7 +85,7 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
         label = unpacked.label
         if not is_known(migrations_dir(), label.schema):
             raise CannotMaintain(f"{backup} cannot be used: {newer(label.schema)}")
-        _put_in_place(inside, data)
+        _put_in_place(inside, data, bucket, steps)
     finally:
         shutil.rmtree(inside, ignore_errors=True)
         flush_folder(data)
@@ -83,11 +106,34 @@ def _check_empty(data: Path) -> None:
         )
 
 
-def _put_in_place(inside: Path, data: Path) -> None:
+def _put_in_place(
+    inside: Path, data: Path, bucket: BlobStore | None, steps: Steps
+) -> None:
     """Files first and the database last: without it nothing is served."""
     (inside / BLOBS).mkdir(mode=0o700, exist_ok=True)
     flush_file(inside / DATABASE)
     flush_everything(inside)
     (inside / LABEL).unlink(missing_ok=True)
-    (inside / BLOBS).rename(data / BLOBS)
+    if bucket is None:
+        (inside / BLOBS).rename(data / BLOBS)
+    else:
+        _put_into(bucket, inside / BLOBS, steps)
     (inside / DATABASE).rename(data / DATABASE)
+
+
+def _put_into(bucket: BlobStore, folder: Path, steps: Steps) -> None:
+    """Put every file again, also those that are there: they may be damaged."""
+    files = sorted(folder.glob("??/*"))
+    strangers = {file.digest for file in bucket.files()} - {file.name for file in files}
+    if strangers:
+        # Served with this database they would be garbage, and be cleared away.
+        raise CannotMaintain(
+            f"there are {len(strangers)} files that are not in the backup, of another "
+            "database or of later days; choose another prefix in UNGHOST_STORAGE"
+        )
+    with (
+        steps("put the files", "files") as advance,
+        ThreadPoolExecutor(TOGETHER) as pool,
+    ):
+        for done, _ in enumerate(pool.map(bucket.adopt, files), 1):
+            advance(done, len(files))

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import secrets
-from collections.abc import Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from app.errors import DamagedFile, TryLater
+from app.storage.blob_store import Blob, Drafts, place_of, sha256_of
 from app.storage.durable import flush_file, flush_folder, make_folder
-from app.storage.listing import digest_of
+from app.storage.listing import StoredFile, digest_of, leftovers, stored_files
 
 _PREFIX_LENGTH: Final = 2
 """Characters of the digest that name the sub-folder: 256 of them."""
 _NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-def sha256_of(data: bytes) -> str:
-    """The name of a blob."""
-    return hashlib.sha256(data).hexdigest()
-
-
 @dataclass(frozen=True)
-class Drafts:
+class FolderDrafts(Drafts):
     """Blobs of which the new ones are written, but not durable and not in place."""
 
     places: list[Path]
@@ -36,9 +33,26 @@ class Drafts:
 class FolderStorage:
     """Blobs in a folder; safe for several writers, readable by any tool."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, make: bool = True) -> None:
         self.folder = folder
-        self._make_folders()
+        if make:
+            self.prepare()
+
+    def prepare(self) -> None:
+        """Make the folder and the 256 in it, where they are not there."""
+        # All of them now: later, a blob could find a folder that another writer has
+        # made and not yet flushed, and would have to wait for two.
+        make_folder(self.folder)
+        for number in range(16**_PREFIX_LENGTH):
+            name = f"{number:0{_PREFIX_LENGTH}x}"
+            (self.folder / name).mkdir(exist_ok=True)
+        flush_folder(self.folder)
+        flush_folder(self.folder.parent)
+
+    def check(self) -> None:
+        """Write a file that nobody sees; OSError if that is not possible."""
+        with tempfile.TemporaryFile(dir=self.temporary_folder(), buffering=0) as file:
+            file.write(b"ready?")
 
     def put(self, blobs: Mapping[str, bytes]) -> None:
         """Store blobs by their digests; when this returns they survive a power cut.
@@ -48,9 +62,9 @@ class FolderStorage:
         """
         self.settle([self.draft(blobs)])
 
-    def draft(self, blobs: Mapping[str, bytes]) -> Drafts:
+    def draft(self, blobs: Mapping[str, bytes]) -> FolderDrafts:
         """Write blobs beside their places; `settle` or `discard` them afterwards."""
-        drafts = Drafts([self.path(digest) for digest in blobs])
+        drafts = FolderDrafts([self.path(digest) for digest in blobs])
         try:
             for path, data in zip(drafts.places, blobs.values(), strict=True):
                 if not _holds(path, len(data)):
@@ -74,7 +88,8 @@ class FolderStorage:
         except BaseException:
             self.discard(many)
             raise
-        for folder in {path.parent for drafts in many for path in drafts.places}:
+        places = [path for drafts in _own(many) for path in drafts.places]
+        for folder in {path.parent for path in places}:
             flush_folder(folder)
 
     def discard(self, many: Sequence[Drafts]) -> None:
@@ -84,9 +99,7 @@ class FolderStorage:
 
     def path(self, digest: str) -> Path:
         """Where a blob lies; the name comes from its digest alone."""
-        if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
-            raise ValueError(f"not a SHA-256 digest: {digest!r}")
-        return self.folder / digest[:_PREFIX_LENGTH] / digest
+        return self.folder / place_of(digest)
 
     def read(self, digest: str) -> bytes:
         """A blob's bytes.
@@ -104,8 +117,8 @@ class FolderStorage:
             raise DamagedFile(digest, "is not what was stored")
         return content
 
-    def whole(self, digest: str, *, size_bytes: int | None) -> Path:
-        """Where a blob lies; DamagedFile if it is gone or of another size.
+    def whole(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """A blob to read from; DamagedFile if it is gone or of another size.
 
         Its content is not looked at: whoever gets the file can do that.
         """
@@ -116,14 +129,14 @@ class FolderStorage:
             raise DamagedFile(digest, "is missing") from exc
         if size_bytes is not None and found != size_bytes:
             raise DamagedFile(digest, f"has {found} of {size_bytes} bytes")
-        return path
+        return Blob(found, partial(_part, path), path)
 
-    def intact(self, digest: str, *, size_bytes: int | None) -> Path:
-        """Where a blob lies whose content is what was stored; else DamagedFile."""
-        path = self.whole(digest, size_bytes=size_bytes)
-        if digest_of(path) != digest:
+    def intact(self, digest: str, *, size_bytes: int | None) -> Blob:
+        """A blob whose content is what was stored; else DamagedFile."""
+        blob = self.whole(digest, size_bytes=size_bytes)
+        if digest_of(self.path(digest)) != digest:
             raise DamagedFile(digest, "is not what was stored")
-        return path
+        return blob
 
     def require(self, digests: Iterable[str]) -> None:
         """Refuse to refer to a blob that somebody took away since it was put.
@@ -146,17 +159,20 @@ class FolderStorage:
         if lost:
             self.put(lost)
 
-    def remove(self, digest: str, *, unused_since: float) -> int | None:
-        """Take a blob away unless it was put again since; its size if it was."""
-        path = self.path(digest)
-        try:
-            found = path.stat()
-            if found.st_mtime > unused_since:
-                return None
-            path.unlink()
-        except FileNotFoundError:
-            return None
-        return found.st_size
+    def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
+        """Take blobs away but for those put since; sizes of those that were taken."""
+        removed = {}
+        for digest in digests:
+            path = self.path(digest)
+            try:
+                found = path.stat()
+                if found.st_mtime > unused_since:
+                    continue
+                path.unlink()
+            except FileNotFoundError:
+                continue
+            removed[digest] = found.st_size
+        return removed
 
     def adopt(self, file: Path) -> str:
         """Move a finished file of the same file system into the store."""
@@ -166,6 +182,14 @@ class FolderStorage:
         file.replace(path)
         flush_folder(path.parent)
         return name
+
+    def files(self) -> Iterator[StoredFile]:
+        """Every blob, folder by folder."""
+        return stored_files(self.folder)
+
+    def leftovers(self) -> Iterator[tuple[Path, float]]:
+        """Drafts and half exports, each with the time of its last change."""
+        return leftovers(self.folder)
 
     def temporary_folder(self) -> Path:
         """A folder on the same file system for files that are being written."""
@@ -178,7 +202,7 @@ class FolderStorage:
         try:
             descriptor = os.open(draft, _NEW_FILE, 0o600)
         except FileNotFoundError:  # somebody emptied the folder while we run
-            self._make_folders()
+            self.prepare()
             descriptor = os.open(draft, _NEW_FILE, 0o600)
         try:
             with os.fdopen(descriptor, "wb") as file:
@@ -188,19 +212,25 @@ class FolderStorage:
             raise
         return draft
 
-    def _make_folders(self) -> None:
-        # All of them now: later, a blob could find a folder that another writer has
-        # made and not yet flushed, and would have to wait for two.
-        make_folder(self.folder)
-        for number in range(16**_PREFIX_LENGTH):
-            name = f"{number:0{_PREFIX_LENGTH}x}"
-            (self.folder / name).mkdir(exist_ok=True)
-        flush_folder(self.folder)
-        flush_folder(self.folder.parent)
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def _own(many: Sequence[Drafts]) -> Iterator[FolderDrafts]:
+    for drafts in many:
+        if not isinstance(drafts, FolderDrafts):
+            raise TypeError(f"drafts of another store: {drafts!r}")
+        yield drafts
 
 
 def _files(many: Sequence[Drafts]) -> list[tuple[Path, Path]]:
-    return [one for drafts in many for one in drafts.files]
+    return [one for drafts in _own(many) for one in drafts.files]
+
+
+def _part(path: Path, first: int, end: int) -> bytes:
+    with path.open("rb") as file:
+        file.seek(first)
+        return file.read(end - first)
 
 
 def _holds(path: Path, size_bytes: int) -> bool:

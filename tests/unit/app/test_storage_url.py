@@ -1,0 +1,89 @@
+"""Where files are stored is named clearly, and no secret travels or is repeated."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from app.settings import Settings
+from app.storage_url import bucket_of
+
+
+@pytest.mark.parametrize(
+    ("text", "bucket"),
+    [
+        ("folder", None),
+        ("s3://pictures", ("pictures", "")),
+        ("s3://pictures/", ("pictures", "")),
+        ("s3://pic.tures-2/lab_7/unghost", ("pic.tures-2", "lab_7/unghost")),
+    ],
+)
+def test_a_place_for_files_is_the_folder_or_a_bucket(text, bucket):
+    assert bucket_of(Settings(storage=text).storage) == bucket
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "s3",
+        "s3://",
+        "s3://Pictures",
+        "s3://pictures/../other",
+        "s3://pictures//twice",
+        "s3://user:secret@pictures",
+        "s3://pictures/a?b",
+        "gs://pictures",
+        "Folder",
+    ],
+)
+def test_anything_else_is_no_place(text):
+    with pytest.raises(ValidationError, match="expected folder, s3://BUCKET"):
+        Settings(storage=text)
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://s3.lab.example",
+        "https://10.0.0.7:9000",
+        "http://127.0.0.1:9000",
+        "http://[::1]:9000",
+        "http://localhost:9000/",
+    ],
+)
+def test_an_endpoint_has_tls_or_is_this_machine(address):
+    settings = Settings(storage_endpoint=address)
+
+    assert settings.storage_endpoint == address.rstrip("/")
+
+
+def test_without_tls_only_who_says_so_reaches_another_machine():
+    address = "http://10.0.0.7:9000"
+
+    with pytest.raises(ValidationError, match="UNGHOST_STORAGE_ALLOW_HTTP"):
+        Settings(storage_endpoint=address)
+    chosen = Settings(storage_endpoint=address, storage_allow_http=True)
+    assert chosen.storage_endpoint == address
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://ada:hunter2@s3.lab.example",
+        "https://s3.lab.example/hunter2",
+        "https://s3.lab.example?key=hunter2",
+        "ftp://hunter2",
+        "hunter2",
+        "https://s3.lab.example:hunter2",
+        "https://[hunter2",
+    ],
+)
+def test_a_faulty_endpoint_is_refused_and_not_repeated(address, monkeypatch):
+    monkeypatch.setenv("UNGHOST_STORAGE_ENDPOINT", address)
+
+    with pytest.raises(ValidationError) as refused:
+        Settings()
+
+    (error,) = refused.value.errors(include_input=False)
+    assert "AWS_ACCESS_KEY_ID" in error["msg"]
+    assert "hunter2" not in error["msg"]
