@@ -9,17 +9,25 @@ from datetime import timedelta
 from app.db.engine import Database
 from app.db.migrate import migrate
 from app.engine import LocalEngine
+from app.engine.cluster import ClusterEngine, Scheduler
+from app.engine.wire import Certificates
+from app.engine_address import LOCAL
+from app.repositories.leases import LeaseRepository
 from app.repositories.locks import migrating_alone
 from app.resources import migrations_dir
 from app.services import access
 from app.services.context import ServiceContext
-from app.services.data_folder import check_usable, keep_private
-from app.services.export_jobs import start_exports
+from app.services.data_folder import (
+    check_same_version,
+    check_usable,
+    keep_private,
+)
+from app.services.file_store import check_moved, usable_store
 from app.services.idempotency import forget_old_answers
-from app.services.runs import start_runs
+from app.services.job_watch import watching_jobs
 from app.services.safety_copies import keep_before_migrating
 from app.settings import Settings
-from app.storage import FolderStorage, make_folder
+from app.storage import make_folder, open_store
 from filter_core.config import FilterConfig
 from filter_core.config_file import load_config
 from filter_core.errors import FilterError
@@ -30,31 +38,77 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
     """Bring the data folder up to date, open everything, and close it at the end."""
     make_folder(settings.data)
     default_config = _default_config(settings)
+    with usable_store(settings):
+        store = open_store(settings)
     database = Database(settings.sqlalchemy_url)
     try:
-        with migrating_alone(database.engine):
-            check_usable(settings, database.engine)
+        with migrating_alone(database.engine), usable_store(settings):
+            check_usable(settings, database.engine, store)
             keep_private(settings)
             keep_before_migrating(settings, database.engine)
             migrate(database.engine, migrations_dir())
         with database.write() as session:
             access.ensure_first_token(session, settings.token_file)
             forget_old_answers(session, timedelta(hours=settings.idempotency_hours))
+        with usable_store(settings):
+            store.prepare()
+            check_moved(settings, database, store)
         services = ServiceContext(
             settings=settings,
             database=database,
-            storage=FolderStorage(settings.data / "blobs"),
-            engine=LocalEngine(settings.workers),
+            storage=store,
+            engine=_engine(settings, database),
             default_config=default_config,
         )
-        start_runs(services)
-        start_exports(services)
+        try:
+            with watching_jobs(services):
+                yield services
+        finally:
+            services.close()
+    finally:
+        database.close()
+
+
+@contextmanager
+def attached(settings: Settings) -> Iterator[ServiceContext]:
+    """Open what a service has made, to work for it; nothing is started or migrated.
+
+    Raises
+    ------
+    CannotMaintain
+        The database is not there, or is another version's.
+    """
+    with usable_store(settings):
+        store = open_store(settings)
+    database = Database(settings.sqlalchemy_url)
+    try:
+        check_same_version(settings, database.engine)
+        services = ServiceContext(
+            settings=settings,
+            database=database,
+            storage=store,
+            engine=LocalEngine(settings.workers),
+        )
         try:
             yield services
         finally:
             services.close()
     finally:
         database.close()
+
+
+def _engine(settings: Settings, database: Database) -> LocalEngine:
+    if settings.engine == LOCAL:
+        return LocalEngine(settings.workers)
+    with database.read() as session:
+        installation = LeaseRepository(session).installation()
+    scheduler = Scheduler(settings.engine, certificates_of(settings), installation)
+    return ClusterEngine(settings.workers, scheduler)
+
+
+def certificates_of(settings: Settings) -> Certificates:
+    """What this node shows to others, and whom it believes."""
+    return Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
 
 
 class UnusableConfig(Exception):

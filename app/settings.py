@@ -9,8 +9,12 @@ import os
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import ByteSize, Field, field_validator
+from pydantic import ByteSize, Field, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+from app.database_url import checked_url
+from app.engine_address import LOCAL, checked_engine
+from app.storage_url import FOLDER, checked_endpoint, checked_storage
 
 LOOPBACK_HOSTS: Final = ("localhost", "127.0.0.1", "[::1]")
 ANY_HOST: Final = "*"
@@ -24,7 +28,11 @@ class Settings(BaseSettings):
     """Where the service keeps things, how it is reached, and what it refuses."""
 
     model_config = SettingsConfigDict(
-        env_prefix="UNGHOST_", frozen=True, extra="forbid", env_ignore_empty=True
+        env_prefix="UNGHOST_",
+        frozen=True,
+        extra="forbid",
+        env_ignore_empty=True,
+        hide_input_in_errors=True,
     )
 
     data: Path = Field(
@@ -44,7 +52,35 @@ class Settings(BaseSettings):
     )
     database_url: str | None = Field(
         default=None,
-        description="SQLAlchemy URL; unset: SQLite in the data folder.",
+        repr=False,
+        description="postgresql://USER:PASSWORD@HOST:5432/DATABASE; unset: SQLite in "
+        "the data folder.",
+    )
+    storage: str = Field(
+        default=FOLDER,
+        description="Where files are stored: folder (in the data folder), or "
+        "s3://BUCKET/PREFIX.",
+    )
+    storage_allow_http: bool = Field(
+        default=False,
+        description="Whether files may travel without TLS to an endpoint on another "
+        "machine.",
+    )
+    storage_endpoint: str | None = Field(
+        default=None,
+        description="https://HOST:PORT of a server that speaks S3; unset: Amazon's.",
+    )
+    storage_region: str | None = Field(
+        default=None,
+        pattern=r"^[a-z0-9-]{1,40}$",
+        description="Region of the bucket; unset: AWS_REGION, else us-east-1.",
+    )
+    storage_timeout_s: float = Field(
+        default=30,
+        gt=0,
+        le=600,
+        description="Seconds that S3 gets for one answer, and that others are tried "
+        "after the first.",
     )
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(),
@@ -69,6 +105,26 @@ class Settings(BaseSettings):
         ge=1,
         le=256,
         description="Threads that measure pixels; the number of cores by default.",
+    )
+    engine_insecure: bool = Field(
+        default=False,
+        description="Whether UNGHOST_ENGINE may be a tcp:// address of another "
+        "machine: whoever reaches it can run code on every worker.",
+    )
+    engine: str = Field(
+        default=LOCAL,
+        description="Where runs and exports are worked on: local (in this process), or "
+        "by workers that joined a scheduler at tls://HOST:8786.",
+    )
+    tls_ca: Path | None = Field(
+        default=None,
+        description="Certificate of the authority whose nodes are let in by tls://.",
+    )
+    tls_cert: Path | None = Field(
+        default=None, description="Certificate that this node shows to the others."
+    )
+    tls_key: Path | None = Field(
+        default=None, description="Private key of UNGHOST_TLS_CERT."
     )
     session_hours: int = Field(
         default=720,
@@ -203,6 +259,27 @@ class Settings(BaseSettings):
         if isinstance(value, str):
             return tuple(name.strip() for name in value.split(",") if name.strip())
         return value
+
+    @field_validator("storage")
+    @classmethod
+    def _known_storage(cls, value: str) -> str:
+        return checked_storage(value)
+
+    @field_validator("storage_endpoint")
+    @classmethod
+    def _safe_endpoint(cls, value: str | None, info: ValidationInfo) -> str | None:
+        plain = bool(info.data.get("storage_allow_http"))
+        return None if value is None else checked_endpoint(value, plain=plain)
+
+    @field_validator("database_url")
+    @classmethod
+    def _known_database(cls, value: str | None) -> str | None:
+        return None if value is None else checked_url(value)
+
+    @field_validator("engine")
+    @classmethod
+    def _safe_engine(cls, value: str, info: ValidationInfo) -> str:
+        return checked_engine(value, insecure=bool(info.data.get("engine_insecure")))
 
     @field_validator("log_level", "log_format", mode="before")
     @classmethod

@@ -16,6 +16,7 @@ import uvicorn
 from fastapi import FastAPI
 from sqlalchemy.exc import DatabaseError
 
+from app.engine import UnusableEngine
 from app.graceful import GracefulServer, exit_on_sigterm
 from app.http_protocol import ProblemProtocol
 from app.lifetime import UnusableConfig
@@ -124,7 +125,7 @@ class ServerNote:
 def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
     if isinstance(reason, UnusableConfig):
         return CannotServe(f"the configuration cannot be used: {reason}")
-    if isinstance(reason, CannotMaintain):
+    if isinstance(reason, CannotMaintain | UnusableEngine):
         return CannotServe(str(reason))
     if isinstance(reason, DatabaseError):
         return CannotServe(

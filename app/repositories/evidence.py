@@ -130,9 +130,16 @@ class EvidenceRepository:
         return int(self._session.scalar(rows) or 0)
 
     def numbers(
-        self, dataset_id: int, measurement_id: int, *, after_frame_id: int = 0
+        self,
+        dataset_id: int,
+        measurement_id: int,
+        *,
+        frames: tuple[int, int] | None = None,
     ) -> list[NumbersRow]:
-        """The numbers of all current frames, in the order of their ids."""
+        """The numbers of all current frames, in the order of their ids.
+
+        `frames` are the first and the last id, if others are left out.
+        """
         rows = (
             select(
                 Frame.id,
@@ -145,24 +152,46 @@ class EvidenceRepository:
             .where(
                 Frame.dataset_id == dataset_id,
                 Frame.superseded_at.is_(None),
-                Frame.id > after_frame_id,
                 FrameEvidence.measurement_id == measurement_id,
             )
             .order_by(Frame.id)
         )
+        if frames is not None:
+            rows = rows.where(Frame.id.between(*frames))
         return [NumbersRow(*row) for row in self._session.execute(rows)]
 
     def unmeasured_frames(
-        self, dataset_id: int, measurement_id: int, *, limit: int
+        self,
+        dataset_id: int,
+        measurement_id: int,
+        *,
+        after: int = 0,
+        until: int | None = None,
+        limit: int | None = None,
     ) -> list[int]:
-        """Current frames that this measurement does not cover yet."""
+        """Current frames that this measurement does not cover yet, by their ids."""
         rows = (
             select(Frame.id)
-            .where(*_unmeasured(dataset_id, measurement_id))
+            .where(*_unmeasured(dataset_id, measurement_id), Frame.id > after)
             .order_by(Frame.id)
             .limit(limit)
         )
+        if until is not None:
+            rows = rows.where(Frame.id <= until)
         return list(self._session.scalars(rows))
+
+    def lacking(self, frame_ids: Iterable[int], measurement_id: int) -> set[int]:
+        """Those of these frames that are there and that it does not cover yet.
+
+        Only one transaction writes at a time: what is found holds until the commit.
+        """
+        found: set[int] = set()
+        for chunk in chunks(frame_ids):
+            rows = select(Frame.id).where(
+                Frame.id.in_(chunk), ~_covered(measurement_id)
+            )
+            found.update(self._session.scalars(rows))
+        return found
 
     def count_unmeasured(self, dataset_id: int, measurement_id: int) -> int:
         """How many frames `unmeasured_frames` would find."""
@@ -175,7 +204,12 @@ class EvidenceRepository:
 
 
 def _unmeasured(dataset_id: int, measurement_id: int) -> list[ColumnElement[bool]]:
-    covered = (
+    covered = _covered(measurement_id)
+    return [Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None), ~covered]
+
+
+def _covered(measurement_id: int) -> ColumnElement[bool]:
+    return (
         select(FrameEvidence.frame_id)
         .where(
             FrameEvidence.frame_id == Frame.id,
@@ -183,4 +217,3 @@ def _unmeasured(dataset_id: int, measurement_id: int) -> list[ColumnElement[bool
         )
         .exists()
     )
-    return [Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None), ~covered]

@@ -104,6 +104,21 @@ class RunRepository:
         )
         return self._session.scalar(rows.order_by(Run.id.desc()).limit(1))
 
+    def has_to_wait(self, run: Run) -> bool:
+        """Whether an earlier run of the dataset is to become active before this one.
+
+        Each was asked for as a change of what those before it will have made active.
+        """
+        if not run.activate:
+            return False
+        rows = select(Run.id).where(
+            Run.dataset_id == run.dataset_id,
+            Run.state.in_(("queued", "running")),
+            Run.activate.is_(True),
+            Run.id < run.id,
+        )
+        return self._session.scalar(rows.limit(1)) is not None
+
     def open_count(self, author: str | None = None) -> int:
         """How many runs wait or work: all, or those of one token."""
         rows = (

@@ -11,11 +11,12 @@ from app.services.active import PlanCache
 from app.services.blob_count import BlobCount
 from app.services.callers import RecentCallers
 from app.services.failed_logins import FailedLogins
+from app.services.leases import Leases
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
 from app.services.shared_looks import SharedLooks
 from app.settings import Settings
-from app.storage import FolderStorage
+from app.storage import BlobStore
 from filter_core.config import FilterConfig
 
 
@@ -25,7 +26,7 @@ class ServiceContext:
 
     settings: Settings
     database: Database
-    storage: FolderStorage
+    storage: BlobStore
     engine: LocalEngine
     default_config: FilterConfig = field(default_factory=FilterConfig)
     numbers: NumbersCache = field(default_factory=NumbersCache)
@@ -33,6 +34,7 @@ class ServiceContext:
     callers: RecentCallers = field(default_factory=RecentCallers)
     batches: OpenBatches = field(default_factory=OpenBatches)
     blob_count: BlobCount = field(default_factory=BlobCount)
+    leases: Leases = field(default_factory=Leases)
 
     @cached_property
     def looks(self) -> SharedLooks:
@@ -50,3 +52,4 @@ class ServiceContext:
     def close(self) -> None:
         """Stop the work; the database is closed by who opened it."""
         self.engine.close()
+        self.storage.close()

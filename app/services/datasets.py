@@ -14,6 +14,7 @@ from app.errors import BadRequest
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
+from app.repositories.ledger import LedgerRepository
 from app.repositories.runs import ConfigRepository, ProblemRepository, RunRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, add_version
@@ -134,6 +135,7 @@ def remove_dataset(session: Session, dataset: Dataset, confirmed: str | None) ->
             f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
             code="not_confirmed",
         )
+    LedgerRepository(session).forget_dataset(dataset.id)
     DatasetRepository(session).remove(dataset)
 
 

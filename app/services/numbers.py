@@ -27,6 +27,8 @@ from filter_core.types import Decisions, Evidence, IntArray
 
 MAX_CACHED_BOXES: Final = 8_000_000
 """About 100 bytes each."""
+PARTS: Final = 16
+"""A larger dataset is worked through in parts of this fraction of it."""
 MAX_KEPT_COUNTS: Final = 64
 """Filters whose number of boxes is kept: the queue and lists ask again and again."""
 
@@ -102,6 +104,15 @@ class NumbersCache:
             self._hold(key, loaded)
         return loaded
 
+    def fits(self, session: Session, dataset_id: int) -> bool:
+        """Whether the numbers of a dataset may be held in memory as a whole."""
+        return FrameRepository(session).state(dataset_id)[1] <= self._max_boxes
+
+    @property
+    def part_boxes(self) -> int:
+        """How many boxes to hold at a time of a dataset that does not fit."""
+        return max(1, self._max_boxes // PARTS)
+
     def _hold(self, key: tuple[int, int], loaded: DatasetNumbers) -> None:
         with self._lock:
             self._held.pop(key, None)
@@ -113,10 +124,17 @@ class NumbersCache:
 
 
 def load_numbers(
-    session: Session, dataset_id: int, measurement_id: int, state: tuple[int, int]
+    session: Session,
+    dataset_id: int,
+    measurement_id: int,
+    state: tuple[int, int] = (0, 0),
+    *,
+    frames: tuple[int, int] | None = None,
 ) -> DatasetNumbers:
-    """Read them from the database."""
-    rows = EvidenceRepository(session).numbers(dataset_id, measurement_id)
+    """Read them from the database: all, or those of frames from one id to another."""
+    rows = EvidenceRepository(session).numbers(
+        dataset_id, measurement_id, frames=frames
+    )
     record = unpack_numbers([row.numbers for row in rows])
     classes = DatasetRepository(session).classes(dataset_id)
     counts = np.array([row.box_count for row in rows], np.int64)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
-from app.db.tables import Frame
-from app.engine import Job
+from app.db.tables import Chunk, Frame, Run
+from app.engine import Job, JobStopped
 from app.repositories.datasets import DatasetRepository
-from app.repositories.evidence import EvidenceRepository
+from app.repositories.evidence import EvidenceRepository, EvidenceRow
 from app.repositories.frames import FileRow, FrameRepository
+from app.repositories.ledger import LedgerRepository, Span
+from app.repositories.runs import ConfigRepository
+from app.services.configs import config_of
 from app.services.context import ServiceContext
 from app.services.measuring import (
     MEASURED,
@@ -27,29 +30,33 @@ from app.services.measuring import (
 )
 from app.services.recounting import recount, recounted_row
 from app.services.refusals import naming
-from app.services.run_states import run_at_work
+from app.services.run_states import job_of, run_at_work
 from filter_core.annotation import parse_annotation
 from filter_core.config import FilterConfig
 
-CHUNK: Final = 200
-"""Frames whose rows are read at a time."""
 COMMIT_EVERY_S: Final = 0.25
 """How much work a crash may cost, and how often progress is seen to move."""
 
 
-class Scope(Protocol):
-    """What is measured, and for which run."""
+@dataclass(frozen=True)
+class RunScope:
+    """The identities of one run, read once."""
+
+    run_id: int
+    dataset_id: int
+    measurement_id: int
+    config: FilterConfig
+
+    @classmethod
+    def of(cls, session: Session, run: Run) -> RunScope:
+        """What the run's row refers to."""
+        config = config_of(ConfigRepository(session).with_id(run.config_id))
+        return cls(run.id, run.dataset_id, run.measurement_id or 0, config)
 
     @property
-    def run_id(self) -> int: ...
-    @property
-    def dataset_id(self) -> int: ...
-    @property
-    def measurement_id(self) -> int: ...
-    @property
-    def config(self) -> FilterConfig: ...
-    @property
-    def job(self) -> Job: ...
+    def job(self) -> Job:
+        """The job that carries it out."""
+        return job_of(self.run_id)
 
 
 @dataclass(frozen=True)
@@ -63,80 +70,141 @@ class _Source:
     needs_pixels: bool
 
 
-def measure_missing(context: ServiceContext, scope: Scope) -> None:
-    """Make the numbers that are not there yet."""
-    context.engine.check(scope.job)
-    while _measure_chunk(context, scope):
-        context.engine.check(scope.job)
+@dataclass(frozen=True)
+class _Part:
+    """One chunk of a run: its frames that lack numbers, and what is known of them."""
+
+    scope: RunScope
+    number: int
+    missing: list[int]
+    source: _Source
+    frames: Mapping[int, Frame]
+    files: Mapping[int, Mapping[str, FileRow]]
+    former: Mapping[int, EvidenceRow]
+
+    @classmethod
+    def of(cls, session: Session, run_id: int, number: int) -> _Part:
+        """What is there to do; nothing in a chunk that is done."""
+        scope = RunScope.of(session, run_at_work(session, run_id))
+        chunk = LedgerRepository(session).find(scope.job, number)
+        missing = [] if chunk is None else _missing_of(session, scope, chunk)
+        source = _source(session, scope)
+        evidence = EvidenceRepository(session)
+        return cls(
+            scope=scope,
+            number=number,
+            missing=missing,
+            source=source,
+            frames=FrameRepository(session).with_ids(missing),
+            files=FrameRepository(session).files(missing),
+            former=evidence.of_frames(missing, source.former_measurement_id),
+        )
 
 
-def is_measured(session: Session, scope: Scope) -> bool:
+def plan_frames(
+    session: Session, scope: RunScope, after: int, *, spans: int, frames: int
+) -> list[Span]:
+    """Up to so many chunks of frames behind an id that lack their numbers."""
+    missing = EvidenceRepository(session).unmeasured_frames(
+        scope.dataset_id, scope.measurement_id, after=after, limit=spans * frames
+    )
+    parts = (
+        missing[start : start + frames] for start in range(0, len(missing), frames)
+    )
+    return [Span(part[0], part[-1], len(part)) for part in parts]
+
+
+def is_measured(session: Session, scope: RunScope) -> bool:
     """True if no frame lacks its numbers: none has come in since they were made."""
-    return not _missing(session, scope, limit=1)
-
-
-def _missing(session: Session, scope: Scope, *, limit: int) -> list[int]:
-    return EvidenceRepository(session).unmeasured_frames(
-        scope.dataset_id, scope.measurement_id, limit=limit
+    return not EvidenceRepository(session).unmeasured_frames(
+        scope.dataset_id, scope.measurement_id, limit=1
     )
 
 
-def _measure_chunk(context: ServiceContext, scope: Scope) -> bool:
+def measure_chunk(context: ServiceContext, run_id: int, number: int) -> None:
+    """Make the numbers of a chunk's frames that are not there yet.
+
+    Raises
+    ------
+    JobStopped
+        Before all were made; those that were are stored.
+    """
+    context.engine.check(job_of(run_id))
     with context.database.read() as session:
-        missing = _missing(session, scope, limit=CHUNK)
-        if not missing:
-            return False
-        source = _source(session, scope)
-        frames = FrameRepository(session).with_ids(missing)
-        files = FrameRepository(session).files(missing)
-        former = EvidenceRepository(session).of_frames(
-            missing, source.former_measurement_id
-        )
-
-    def work(frame_id: int) -> dict[str, Any]:
-        if not source.needs_pixels:
-            row = former[frame_id]
-            evidence = recount(row, source.classes, source.plan.config)
-            return recounted_row(row, evidence, source.classes, source.measurement_id)
-        return _remeasured(context, source, frames[frame_id], files[frame_id])
-
-    with closing(context.engine.map(work, missing)) as measured:
-        # When the service stops, what is measured by then is kept for the next start.
-        wanted = partial(context.engine.check_wanted, scope.job)
-        for rows in _portions(measured, wanted):
-            _keep(context, scope, rows)
-    return True
+        part = _Part.of(session, run_id, number)
+    measured, portion = 0, _Portion(context, part)
+    with closing(
+        context.engine.map(partial(_numbers, context, part), part.missing)
+    ) as rows:
+        for row in rows:
+            # When the service stops, what is measured by then is kept.
+            context.engine.check_wanted(part.scope.job)
+            measured += 1
+            portion.add(row, is_last=measured == len(part.missing))
+    is_whole = measured == len(part.missing)
+    portion.keep(is_whole=is_whole)
+    if not is_whole:
+        raise JobStopped(part.scope.job)
 
 
-def _portions(
-    rows: Iterable[dict[str, Any]], check: Callable[[], None]
-) -> Iterator[list[dict[str, Any]]]:
-    """What was measured in each quarter of a second."""
-    portion: list[dict[str, Any]] = []
-    begun = time.monotonic()
-    for row in rows:
-        check()
-        portion.append(row)
-        if time.monotonic() - begun >= COMMIT_EVERY_S:
-            yield portion
-            portion, begun = [], time.monotonic()
-    if portion:
-        yield portion
+def _missing_of(session: Session, scope: RunScope, chunk: Chunk) -> list[int]:
+    if chunk.state == "done":
+        return []
+    return EvidenceRepository(session).unmeasured_frames(
+        scope.dataset_id,
+        scope.measurement_id,
+        after=chunk.first_frame_id - 1,
+        until=chunk.last_frame_id,
+    )
 
 
-def _keep(context: ServiceContext, scope: Scope, rows: list[dict[str, Any]]) -> None:
-    """Store numbers and count them in one transaction: nothing is measured twice."""
-    with context.database.write() as session:
-        run = run_at_work(session, scope.run_id)
-        # A frame may have been replaced or deleted while it was measured.
-        known = FrameRepository(session).existing([row["frame_id"] for row in rows])
-        EvidenceRepository(session).add(
-            [row for row in rows if row["frame_id"] in known]
-        )
-        run.done = min(run.total, run.done + len(rows))
+def _numbers(context: ServiceContext, part: _Part, frame_id: int) -> dict[str, Any]:
+    source = part.source
+    if source.needs_pixels:
+        frame = part.frames[frame_id]
+        return _remeasured(context, source, frame, part.files[frame_id])
+    row = part.former[frame_id]
+    evidence = recount(row, source.classes, source.plan.config)
+    return recounted_row(row, evidence, source.classes, source.measurement_id)
 
 
-def _source(session: Session, scope: Scope) -> _Source:
+class _Portion:
+    """What was measured in each quarter of a second, stored together."""
+
+    def __init__(self, context: ServiceContext, part: _Part) -> None:
+        self._context, self._part = context, part
+        self._rows: list[dict[str, Any]] = []
+        self._begun = time.monotonic()
+
+    def add(self, row: dict[str, Any], *, is_last: bool) -> None:
+        """One more; those of the last portion wait for `keep`."""
+        self._rows.append(row)
+        if not is_last and time.monotonic() - self._begun >= COMMIT_EVERY_S:
+            self.keep(is_whole=False)
+
+    def keep(self, *, is_whole: bool) -> None:
+        """Store numbers, count them, and note a chunk that is whole: one transaction.
+
+        Frames that another process has measured meanwhile are not counted again.
+        """
+        rows, self._rows, self._begun = self._rows, [], time.monotonic()
+        scope = self._part.scope
+        if not rows and not is_whole:
+            return
+        with self._context.database.write() as session:
+            run = run_at_work(session, scope.run_id)
+            new = EvidenceRepository(session).lacking(
+                [row["frame_id"] for row in rows], scope.measurement_id
+            )
+            EvidenceRepository(session).add(
+                [row for row in rows if row["frame_id"] in new]
+            )
+            run.done = min(run.total, run.done + len(new))
+            if is_whole:
+                LedgerRepository(session).finish(scope.job, self._part.number)
+
+
+def _source(session: Session, scope: RunScope) -> _Source:
     dataset = DatasetRepository(session).with_id(scope.dataset_id)
     evidence = EvidenceRepository(session)
     former_id = dataset.active_measurement_id or 0

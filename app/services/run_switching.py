@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,10 +16,12 @@ from app.engine import LocalEngine
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
+from app.repositories.frame_ranges import frame_ranges
+from app.repositories.frames import FrameRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
-from app.services.numbers import DatasetNumbers
+from app.services.numbers import DatasetNumbers, load_numbers
 from app.services.run_states import job_of
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
@@ -29,7 +33,8 @@ _REASONS: Final = 32
 
 @dataclass(frozen=True)
 class BeforeAndAfter:
-    """Numbers that are current now, and those that a run decides on."""
+    """Numbers that are current now, and those that a run decides on: of a dataset,
+    or of a range of its frames."""
 
     before: DatasetNumbers
     after: DatasetNumbers
@@ -46,48 +51,115 @@ class BeforeAndAfter:
         )
         return cls(before, after)
 
+    @classmethod
+    def parts(
+        cls, context: ServiceContext, session: Session, run: Run
+    ) -> Iterator[BeforeAndAfter]:
+        """One after the other, as much of the dataset as may be held in memory."""
+        if context.numbers.fits(session, run.dataset_id):
+            yield cls.load(context, session, run)
+            return
+        dataset = DatasetRepository(session).with_id(run.dataset_id)
+        active, wanted = dataset.active_measurement_id or 0, run.measurement_id or 0
+        boxes = context.numbers.part_boxes
+        for frames in frame_ranges(session, dataset.id, boxes=boxes):
+            before = load_numbers(session, dataset.id, active, frames=frames)
+            after = before
+            if wanted != active:
+                after = load_numbers(session, dataset.id, wanted, frames=frames)
+            yield cls(before, after)
+
+
+def prepare(context: ServiceContext, session: Session, run: Run) -> None:
+    """Load what `switch` needs while nobody waits for it, if it can be kept."""
+    if context.numbers.fits(session, run.dataset_id):
+        BeforeAndAfter.load(context, session, run)
+
 
 def switch(
     context: ServiceContext, session: Session, run: Run, config: FilterConfig
 ) -> None:
     """Store flips and counts; if the run activates, make its verdicts current."""
-    numbers = BeforeAndAfter.load(context, session, run)
     dataset = DatasetRepository(session).with_id(run.dataset_id)
-    before = numbers.before.decided(config_of(active_version(session, dataset)))
-    after = decide(numbers.after.evidence, config)
-    ids, flipped = numbers.after.box_ids, before.reason != after.reason
-    DecisionRepository(session).record_flips(
-        run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
-    )
+    active = config_of(active_version(session, dataset))
+    boxes = FrameRepository(session).state(dataset.id)[1]
+    turn = _Turn(session, run, _Progress(context.engine, run, boxes))
+    for numbers in BeforeAndAfter.parts(context, session, run):
+        turn.decide(numbers, active, config)
     run.previous_run_id = dataset.active_run_id
     if run.activate:
-        _refresh(context.engine, session, run, numbers, (before, after))
-        _retally(session, dataset, numbers.after, after)
+        TallyRepository(session).replace(dataset.id, turn.tallies)
         _activate(session, dataset, run)
-    run.changed, run.done = int(flipped.sum()), run.total
-    run.counts = {verdict.value: after.count(verdict) for verdict in Verdict}
+    run.changed, run.done = turn.changed, run.total
+    run.counts = {verdict.value: turn.counts[verdict] for verdict in Verdict}
     run.state, run.finished_at = "done", utc_now()
     session.flush()
 
 
-def _refresh(
-    engine: LocalEngine,
-    session: Session,
-    run: Run,
-    numbers: BeforeAndAfter,
-    decisions: tuple[Decisions, Decisions],
-) -> None:
-    before, after = decisions
-    repository, ids = DecisionRepository(session), numbers.after.box_ids
-    changed = _differs(before, after)
-    measured_anew = numbers.before is not numbers.after
-    rows = int(changed.sum()) + (len(ids) if measured_anew else 0)
-    progress = _Progress(engine, run, rows)
-    repository.refresh(
-        ids[changed], _part(before, changed), _part(after, changed), progress
-    )
-    if measured_anew:
-        repository.refresh_numbers(ids, numbers.after.evidence, progress)
+class _Turn:
+    """What a run changes, counted part by part: nothing grows with the boxes."""
+
+    def __init__(self, session: Session, run: Run, progress: _Progress) -> None:
+        self._session, self._run, self._progress = session, run, progress
+        self.changed = 0
+        self.counts: Counter[Verdict] = Counter()
+        self.tallies: Counter[TallyKey] = Counter()
+        reviewed = TallyRepository(session).reviewed(run.dataset_id)
+        self._reviewed = np.array([box_id for box_id, _ in reviewed], np.int64)
+        self._reviews = [review for _, review in reviewed]
+
+    def decide(
+        self, numbers: BeforeAndAfter, active: FilterConfig, config: FilterConfig
+    ) -> None:
+        """Decide a part by both configurations, and store what differs."""
+        before = numbers.before.decided(active)
+        after = decide(numbers.after.evidence, config)
+        ids, flipped = numbers.after.box_ids, before.reason != after.reason
+        DecisionRepository(self._session).record_flips(
+            self._run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
+        )
+        self.changed += int(flipped.sum())
+        self.counts.update({verdict: after.count(verdict) for verdict in Verdict})
+        if self._run.activate:
+            self._refresh(numbers, before, after)
+            self._tally(numbers.after, after)
+
+    def _refresh(
+        self, numbers: BeforeAndAfter, before: Decisions, after: Decisions
+    ) -> None:
+        repository, ids = DecisionRepository(self._session), numbers.after.box_ids
+        changed = _differs(before, after)
+        measured_anew = numbers.before is not numbers.after
+        rows = int(changed.sum()) + (len(ids) if measured_anew else 0)
+        self._progress.begin(len(ids), rows)
+        repository.refresh(
+            ids[changed],
+            _part(before, changed),
+            _part(after, changed),
+            self._progress,
+        )
+        if measured_anew:
+            repository.refresh_numbers(ids, numbers.after.evidence, self._progress)
+
+    def _tally(self, numbers: DatasetNumbers, decisions: Decisions) -> None:
+        """Count everything anew: cheaper, and surer, than counting what changed."""
+        if not len(numbers):
+            return
+        ends = np.searchsorted(self._reviewed, numbers.box_ids[[0, -1]] + [0, 1])
+        here = slice(*ends.tolist())
+        at = np.searchsorted(numbers.box_ids, self._reviewed[here])
+        plain = np.ones(len(numbers), np.bool_)
+        plain[at] = False
+        counts = _count_alike(numbers.class_ids[plain], decisions, plain)
+        self.tallies.update(counts)
+        for review, row in zip(self._reviews[here], at.tolist(), strict=True):
+            key = TallyKey(
+                int(numbers.class_ids[row]),
+                int(decisions.reason[row]),
+                bool(decisions.toss_up[row]),
+                review,
+            )
+            self.tallies[key] += 1
 
 
 @dataclass
@@ -96,14 +168,23 @@ class _Progress:
 
     engine: LocalEngine
     run: Run
-    rows: int
-    written: int = field(default=0)
+    boxes: int
+    _before: int = 0
+    _part: int = 0
+    _rows: int = 0
+    _written: int = 0
+
+    def begin(self, boxes: int, rows: int) -> None:
+        """A part of so many boxes, of which so many rows are to be written."""
+        self._before, self._part = self._before + self._part, boxes
+        self._rows, self._written = rows, 0
 
     def __call__(self, rows: int) -> None:
         job = job_of(self.run.id)
         self.engine.check(job)
-        self.written += rows
-        self.engine.report(job, self.run.total * self.written // max(self.rows, 1))
+        self._written += rows
+        boxes = self._before + self._part * self._written // max(self._rows, 1)
+        self.engine.report(job, self.run.total * boxes // max(self.boxes, 1))
 
 
 def _activate(session: Session, dataset: Dataset, run: Run) -> None:
@@ -133,27 +214,6 @@ def _part(decisions: Decisions, rows: BoolArray) -> Decisions:
         toss_up=decisions.toss_up[rows],
         large=decisions.large[rows],
     )
-
-
-def _retally(
-    session: Session, dataset: Dataset, numbers: DatasetNumbers, decisions: Decisions
-) -> None:
-    """Count everything anew: cheaper, and surer, than counting what changed."""
-    tallies = TallyRepository(session)
-    reviewed = tallies.reviewed(dataset.id)
-    at = np.searchsorted(numbers.box_ids, [box_id for box_id, _ in reviewed])
-    plain = np.ones(len(numbers), np.bool_)
-    plain[at] = False
-    counts = _count_alike(numbers.class_ids[plain], decisions, plain)
-    for (_, review), row in zip(reviewed, at.tolist(), strict=True):
-        key = TallyKey(
-            int(numbers.class_ids[row]),
-            int(decisions.reason[row]),
-            bool(decisions.toss_up[row]),
-            review,
-        )
-        counts[key] = counts.get(key, 0) + 1
-    tallies.replace(dataset.id, counts)
 
 
 def _count_alike(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -18,44 +17,35 @@ from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.tables import Run
-from app.engine import Job, JobStopped
+from app.engine import JobStopped
 from app.errors import AppError, Conflict
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.runs import ConfigRepository, RunRepository
+from app.repositories.ledger import LedgerRepository, Span
+from app.repositories.runs import RunRepository
 from app.services.cancelling import interrupt_until_written
-from app.services.configs import config_of
+from app.services.chunk_driving import ChunkDriver, ChunkFailed
 from app.services.context import ServiceContext
-from app.services.run_measuring import is_measured, measure_missing
+from app.services.leases import JobLease
+from app.services.run_measuring import RunScope, is_measured, plan_frames
 from app.services.run_states import OPEN, job_of, run_at_work
-from app.services.run_switching import BeforeAndAfter, switch
-from filter_core.config import FilterConfig
+from app.services.run_switching import prepare, switch
 from filter_core.errors import FilterError
 
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class RunScope:
-    """The identities of one run, read once."""
+def start_runs(context: ServiceContext, *, at_work: bool = False) -> None:
+    """Queue every run that is not finished; those that a crash cut off go on.
 
-    run_id: int
-    dataset_id: int
-    measurement_id: int
-    config: FilterConfig
-
-    @property
-    def job(self) -> Job:
-        """The job that carries it out."""
-        return job_of(self.run_id)
-
-
-def start_runs(context: ServiceContext) -> None:
-    """Queue every run that is not finished; those that a crash cut off start anew."""
+    Those that are carried out here already only on request: one may just be letting go.
+    """
     with context.database.read() as session:
         waiting = [run.id for run in RunRepository(session).unfinished()]
+    here = frozenset() if at_work else context.leases.at_work
     for run_id in waiting:
-        context.engine.submit(partial(carry_out, context, run_id))
+        if job_of(run_id) not in here:
+            context.engine.submit(partial(_drive, context, run_id), job_of(run_id))
 
 
 def start_after(context: ServiceContext, session: Session) -> None:
@@ -71,36 +61,58 @@ def cancel_run(context: ServiceContext, session: Session, run_id: int) -> Run:
     Conflict
         The run is over.
     """
-    interrupt_until_written(context, session, job_of(run_id), start_runs)
+    again = partial(start_runs, at_work=True)
+    interrupt_until_written(context, session, job_of(run_id), again)
     run = RunRepository(session).with_id(run_id)
     if run.state not in OPEN:
         raise Conflict(f"run {run_id} is {run.state} already", code="run_over")
     run.state, run.finished_at = "cancelled", utc_now()
     session.flush()
+    LedgerRepository(session).forget(job_of(run_id))
     return run
 
 
-def carry_out(context: ServiceContext, run_id: int) -> None:
-    """Do one run from its row to its end; safe to call again after a crash."""
-    try:
-        _finish(context, _begin(context, run_id))
-    except JobStopped:
-        return
-    except (AppError, FilterError) as error:
-        log.warning("run %d failed: %s", run_id, error)
-        _fail(context, run_id, {"code": error.kind, "detail": error.detail})
-    except Exception:
-        if _fail(context, run_id, {"code": "internal", "detail": "the run failed"}):
-            raise
-        # Somebody cancelled it, or deleted its dataset, between two statements.
-        log.info("run %d ended: nobody wants it any more", run_id)
-    finally:
-        context.engine.over(job_of(run_id))
+def _drive(context: ServiceContext, run_id: int) -> None:
+    if carry_out(context, run_id):
+        # Those that had to wait for this one, here or in another process.
+        start_runs(context)
 
 
-def _begin(context: ServiceContext, run_id: int) -> RunScope:
+def carry_out(context: ServiceContext, run_id: int) -> bool:
+    """Drive one run from its row to its end; safe to call again after a crash.
+
+    Nothing happens if another process drives it, or if an earlier run has to end
+    first. True if it is over.
+    """
+    with context.leases.driving(context.database, job_of(run_id)) as lease:
+        try:
+            _finish(context, _begin(context, lease, run_id), lease)
+        except JobStopped:
+            return False
+        except ChunkFailed as failed:
+            log.warning("run %d failed: %s", run_id, failed)
+            _fail(context, lease, failed.error)
+        except (AppError, FilterError) as error:
+            log.warning("run %d failed: %s", run_id, error)
+            _fail(context, lease, {"code": error.kind, "detail": error.detail})
+        except Exception:
+            unexpected = {"code": "internal", "detail": "the run failed"}
+            if _fail(context, lease, unexpected):
+                raise
+            # Somebody cancelled it, or deleted its dataset, between two statements.
+            log.info("run %d ended: nobody wants it any more", run_id)
+        finally:
+            context.engine.over(job_of(run_id))
+    return True
+
+
+def _begin(context: ServiceContext, lease: JobLease, run_id: int) -> RunScope:
     with context.database.write() as session:
         run = run_at_work(session, run_id)
+        if RunRepository(session).has_to_wait(run):
+            raise JobStopped(lease.job)
+        lease.take(session)
+        LedgerRepository(session).begin_again(lease.job)
         if run.state == "queued":
             run.total = FrameRepository(session).count(run.dataset_id)
         run.state, run.started_at = "running", run.started_at or utc_now()
@@ -110,32 +122,52 @@ def _begin(context: ServiceContext, run_id: int) -> RunScope:
         )
         if missing:
             run.done = max(run.done, run.total - missing)
-        config = config_of(ConfigRepository(session).with_id(run.config_id))
         session.flush()
-        return RunScope(run.id, run.dataset_id, run.measurement_id or 0, config)
+        return RunScope.of(session, run)
 
 
-def _finish(context: ServiceContext, scope: RunScope) -> None:
+def _finish(context: ServiceContext, scope: RunScope, lease: JobLease) -> None:
     """Measure, decide and switch; repeated for frames that came in meanwhile."""
     while True:
-        measure_missing(context, scope)
+        _measure_missing(context, scope, lease)
         # Loading a million numbers holds no lock; the transaction finds them cached.
         with context.database.read() as session:
             run = run_at_work(session, scope.run_id)
-            BeforeAndAfter.load(context, session, run)
+            prepare(context, session, run)
+        lease.check()
         with context.database.write() as session:
             run = run_at_work(session, scope.run_id)
             if is_measured(session, scope):
+                lease.end(session)
                 switch(context, session, run, scope.config)
+                LedgerRepository(session).forget(scope.job)
                 return
 
 
-def _fail(context: ServiceContext, run_id: int, error: Mapping[str, Any]) -> bool:
-    """Note why a run failed; False if it is over or gone already."""
+def _measure_missing(context: ServiceContext, scope: RunScope, lease: JobLease) -> None:
+    """Make the numbers that are not there yet, chunk by chunk."""
+    with context.database.read() as session:
+        run = run_at_work(session, scope.run_id)
+    frames = context.engine.chunk_frames(run.total - run.done)
+
+    def more(session: Session, after: int, most: int) -> list[Span]:
+        return plan_frames(session, scope, after, spans=most, frames=frames)
+
+    ChunkDriver(context, lease, more, run_at_work).drive()
+
+
+def _fail(context: ServiceContext, lease: JobLease, error: Mapping[str, Any]) -> bool:
+    """Note why a run failed; False if it is over, gone or another's already.
+
+    Chunks in quarantine are kept for who wants to know.
+    """
     try:
         with context.database.write() as session:
-            run = run_at_work(session, run_id)
+            run = run_at_work(session, lease.job.id)
+            lease.take(session)  # in case that it could not even begin
+            lease.end(session)
             run.state, run.finished_at, run.error = "failed", utc_now(), dict(error)
+            LedgerRepository(session).forget(lease.job, quarantined=False)
     except JobStopped:
         return False
     return True

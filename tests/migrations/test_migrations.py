@@ -31,6 +31,12 @@ def add_dataset(session: Session, name: str) -> tables.Dataset:
     return dataset
 
 
+def is_of(engine):
+    """Whether an index is one of the database at hand."""
+    here = engine.dialect.name
+    return lambda item, *_: getattr(item, "info", {}).get("only", here) == here
+
+
 def test_up_down_and_up_again(engine):
     migrate(engine, SCRIPTS)
     first = sorted(inspect(engine).get_table_names())
@@ -48,7 +54,8 @@ def test_the_models_are_what_the_migrations_make(engine):
     migrate(engine, SCRIPTS)
 
     with engine.connect() as connection:
-        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        options = {"compare_type": True, "include_object": is_of(engine)}
+        context = MigrationContext.configure(connection, opts=options)
         differences = compare_metadata(context, Base.metadata)
 
     assert differences == []

@@ -13,6 +13,7 @@ from unghost.cli import (
     audit,
     backup,
     capture,
+    cluster,
     config,
     convert,
     datasets,
@@ -43,7 +44,7 @@ app = typer.Typer(
 _GROUPS = (
     *(serve, demo, push, filter_local, run, stats, diff),
     *(datasets, export, convert, evaluate, audit, capture),
-    *(backup, doctor),
+    *(backup, doctor, cluster),
 )
 for group in _GROUPS:
     group.register(app)

@@ -9,12 +9,14 @@ from app.db.tables.datasets import (
 )
 from app.db.tables.decisions import Decision, Flips, Tally
 from app.db.tables.frames import Blob, Box, Frame, FrameEvidence, FrameFile, IdBlock
+from app.db.tables.jobs import Chunk, Installation, Lease
 from app.db.tables.records import Export, Problem
 from app.db.tables.reviews import Claim, Review, ReviewBatch
 
 __all__ = [
     "Blob",
     "Box",
+    "Chunk",
     "Claim",
     "ConfigVersion",
     "Dataset",
@@ -26,6 +28,8 @@ __all__ = [
     "FrameEvidence",
     "FrameFile",
     "IdBlock",
+    "Installation",
+    "Lease",
     "Measurement",
     "Problem",
     "Review",

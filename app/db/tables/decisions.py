@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Final
+
 from sqlalchemy import (
     CheckConstraint,
     ForeignKey,
@@ -14,6 +17,30 @@ from sqlalchemy import (
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Key
+
+ONLY_SQLITE: Final = {"only": "sqlite"}
+ONLY_POSTGRES: Final = {"only": "postgresql"}
+_MATCH: Final = ("dataset_id", "class_id", "match_percent")
+
+
+def _by_number(name: str, *columns: str, where: str = "") -> Iterator[Index]:
+    """Boxes of a dataset by a number and, where it is the same, by their ids.
+
+    SQLite ends each entry of an index with the row's key, PostgreSQL has to be told:
+    many boxes match nothing and are not crowded, and a page of those is read as well.
+    """
+    on_sqlite = text(where.replace("true", "1")) if where else None
+    yield Index(name, *columns, sqlite_where=on_sqlite, info=ONLY_SQLITE).ddl_if(
+        dialect=ONLY_SQLITE["only"]
+    )
+    on_postgres = text(where) if where else None
+    yield Index(
+        f"{name}_and_box",
+        *columns,
+        "box_id",
+        postgresql_where=on_postgres,
+        info=ONLY_POSTGRES,
+    ).ddl_if(dialect=ONLY_POSTGRES["only"])
 
 
 class Decision(Base):
@@ -29,32 +56,11 @@ class Decision(Base):
         CheckConstraint("review in ('keep', 'reject', 'unsure')", name="review"),
         Index("ix_decisions_by_reason", "dataset_id", "reason", "box_id"),
         Index("ix_decisions_by_class", "dataset_id", "class_id", "box_id"),
-        Index("ix_decisions_by_match", "dataset_id", "class_id", "match_percent"),
-        Index(
-            "ix_decisions_toss_up",
-            "dataset_id",
-            "class_id",
-            "match_percent",
-            sqlite_where=text("toss_up IS 1"),
-            postgresql_where=text("toss_up IS true"),
-        ),
-        Index(
-            "ix_decisions_large",
-            "dataset_id",
-            "class_id",
-            "match_percent",
-            sqlite_where=text("large IS 1"),
-            postgresql_where=text("large IS true"),
-        ),
-        Index(
-            "ix_decisions_unanswered",
-            "dataset_id",
-            "class_id",
-            "match_percent",
-            sqlite_where=text("review IS NULL"),
-            postgresql_where=text("review IS NULL"),
-        ),
-        Index("ix_decisions_by_crowding", "dataset_id", "crowding"),
+        *_by_number("ix_decisions_by_match", *_MATCH),
+        *_by_number("ix_decisions_toss_up", *_MATCH, where="toss_up IS true"),
+        *_by_number("ix_decisions_large", *_MATCH, where="large IS true"),
+        *_by_number("ix_decisions_unanswered", *_MATCH, where="review IS NULL"),
+        *_by_number("ix_decisions_by_crowding", "dataset_id", "crowding"),
         Index(
             "ix_decisions_reviewed",
             "dataset_id",

@@ -1,69 +1,42 @@
-"""Where work runs: threads for pixels, one after the other for jobs."""
+"""The embedded engine: threads of this process, and no other process."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
+from functools import partial
 from itertools import islice
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
+
+from app.engine.jobs import ChunkWork, JobStopped, Stop
+from app.jobs import Job
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 WINDOW: Final = 4
 """Tasks in flight per worker: enough to keep it busy, few enough to hold in memory."""
+CHUNK_FRAMES: Final = 200
+"""Frames of a chunk here: it uses all threads, and is stored bit by bit."""
 
 log = logging.getLogger(__name__)
 
 
-class JobStopped(Exception):
-    """The service stops, or nobody wants the job any more: it ends here, quietly."""
-
-
-class Job(NamedTuple):
-    """A run or an export, by its number."""
-
-    kind: str
-    id: int
-
-
-class Stop:
-    """Whether the service stops; who waits for something else is told at once."""
-
-    def __init__(self) -> None:
-        self._event = threading.Event()
-        self._told: list[Callable[[], None]] = []
-
-    def is_set(self) -> bool:
-        """True from the moment on at which the service was asked to stop."""
-        return self._event.is_set()
-
-    def set(self) -> None:
-        """It is to stop. Called by the thread of those who want to be told."""
-        self._event.set()
-        for tell in list(self._told):
-            tell()
-
-    @contextmanager
-    def telling(self, tell: Callable[[], None]) -> Iterator[None]:
-        """Call this when the service stops, for as long as the block lasts."""
-        self._told.append(tell)
-        try:
-            yield
-        finally:
-            self._told.remove(tell)
-
-
 class LocalEngine:
-    """The embedded engine. OpenCV lets go of the interpreter: threads suffice."""
+    """The embedded engine. OpenCV lets go of the interpreter: threads suffice.
 
-    def __init__(self, workers: int) -> None:
+    `start_chunk`, `outcome` and what stands beside them are the seam behind which
+    chunks may also run on other machines (`ClusterEngine`).
+    """
+
+    def __init__(self, workers: int, drivers: int = 1) -> None:
         self.workers = workers
         self._pixels: Executor = ThreadPoolExecutor(workers, "pixels")
-        self._jobs = ThreadPoolExecutor(1, "jobs")
+        self._jobs = ThreadPoolExecutor(drivers, "jobs")
+        self._chunks = ThreadPoolExecutor(1, "chunks")
+        self._queued: set[Job] = set()
         self.stopping = Stop()
         self._busy = 0
         self._counting = threading.Lock()
@@ -112,9 +85,68 @@ class LocalEngine:
             for future in waiting:
                 future.cancel()
 
-    def submit(self, work: Callable[[], None]) -> None:
-        """Run a job after those that wait already; its failure ends only itself."""
-        self._jobs.submit(_guarded, work)
+    def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
+        """Run a job after those that wait already; its failure ends only itself.
+
+        One that waits is not queued once more.
+        """
+        if job is None:
+            self._jobs.submit(_guarded, work)
+            return
+        with self._counting:
+            if job in self._queued:
+                return
+            self._queued.add(job)
+        self._jobs.submit(_guarded, partial(self._begin, work, job))
+
+    def _begin(self, work: Callable[[], None], job: Job) -> None:
+        with self._counting:
+            self._queued.discard(job)
+        work()
+
+    @property
+    def window(self) -> int:
+        """How many chunks of a job may be in flight."""
+        return 2
+
+    def chunk_frames(self, total: int) -> int:
+        """How many frames of so many a chunk is to have."""
+        return CHUNK_FRAMES
+
+    def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
+        """Begin to work on a chunk; only strings and integers say which."""
+        return self._chunks.submit(here, job.kind, job.id, number)
+
+    def outcome(self, future: Future[str]) -> str:
+        """How a chunk ended.
+
+        Raises
+        ------
+        WorkerDied
+            Its process ended, or could not say; never in this process.
+        EngineAway
+            It has to be submitted again; never in this process.
+        """
+        return future.result()
+
+    def let_go(self, futures: Iterable[Future[str]]) -> None:
+        """Nobody waits for these chunks any more: those that were begun here end."""
+        for future in futures:
+            if not future.cancel():
+                wait([future])
+
+    def is_connected(self) -> bool:
+        """Whether what was submitted is known to whoever is to do it."""
+        return True
+
+    def connect(self) -> None:
+        """Reach the engine again.
+
+        Raises
+        ------
+        EngineAway
+            It does not answer; the text says more.
+        """
 
     def interrupt(self, job: Job) -> None:
         """Let a job notice that it is unwanted, before any row can tell it.
@@ -160,6 +192,7 @@ class LocalEngine:
         if not self.stopping.is_set():
             self.stopping.set()
         self._jobs.shutdown(cancel_futures=True)
+        self._chunks.shutdown(cancel_futures=True)
         self._pixels.shutdown(cancel_futures=True)
 
 

@@ -1,0 +1,89 @@
+"""How the nodes of a cluster know each other: certificates, and what dask is told."""
+
+from __future__ import annotations
+
+import logging
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from app.engine.jobs import UnusableEngine
+
+if TYPE_CHECKING:
+    from distributed import Security
+
+_OPTIONS: Final[dict[str, Any]] = {
+    # The first death of a worker is told: it is the ledger that counts attempts.
+    "distributed.scheduler.allowed-failures": 0,
+    # A worker gets a chunk when it has none, so that its death concerns only one.
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.worker-ttl": "60 seconds",
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.pdb-on-err": False,
+    "distributed.diagnostics.nvml": False,
+    "distributed.comm.timeouts.connect": "5s",
+    # Nothing of it listens but the port for work.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    "distributed.scheduler.dashboard.status.task-stream-length": 0,
+}
+
+
+class Certificates(NamedTuple):
+    """Files of one node; None where the wire is not encrypted."""
+
+    ca: Path | None = None
+    cert: Path | None = None
+    key: Path | None = None
+
+    def require(self) -> None:
+        """Refuse certificates that are not there.
+
+        Raises
+        ------
+        UnusableEngine
+            Names the setting.
+        """
+        for name, path in self._asdict().items():
+            if path is None:
+                raise UnusableEngine(
+                    f"tls:// needs UNGHOST_TLS_{name.upper()}; "
+                    "`unghost certificates` makes certificates"
+                )
+            if not path.is_file():
+                raise UnusableEngine(
+                    f"UNGHOST_TLS_{name.upper()}: there is no file {str(path)!r}"
+                )
+
+
+def prepare() -> None:
+    """Tell dask how it is used here.
+
+    Raises
+    ------
+    UnusableEngine
+        It is not installed.
+    """
+    try:
+        import dask
+
+        import_module("distributed")  # it brings the defaults that are changed here
+    except ImportError as exc:
+        raise UnusableEngine(
+            "workers need more packages: pip install 'unghost[cluster]'"
+        ) from exc
+    dask.config.set(_OPTIONS)
+    logging.getLogger("distributed").setLevel(logging.WARNING)
+
+
+def security(files: Certificates, *, encrypted: bool) -> Security:
+    """What a node shows to others, and whom it believes."""
+    from distributed import Security
+
+    if not encrypted:
+        return Security(require_encryption=False)
+    files.require()
+    roles = ("client", "scheduler", "worker")
+    own = {f"tls_{role}_cert": str(files.cert) for role in roles}
+    own |= {f"tls_{role}_key": str(files.key) for role in roles}
+    return Security(require_encryption=True, tls_ca_file=str(files.ca), **own)

@@ -1,0 +1,132 @@
+"""The ledger: the chunks of jobs, and what has become of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from sqlalchemy import ColumnElement, delete, func, select, update
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.bulk import insert_rows
+from app.db.tables import Chunk, Export, Lease, Run
+from app.jobs import Job
+
+
+class Span(NamedTuple):
+    """Frames that are worked on together: the first id, the last, and how many."""
+
+    first_frame_id: int
+    last_frame_id: int
+    frames: int
+
+
+class LedgerRepository:
+    """Rows of `chunks`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def plan(self, job: Job, spans: Iterable[Span]) -> list[int]:
+        """Add chunks to a job; their numbers."""
+        number = self._last_number(job)
+        rows = [
+            {
+                "kind": job.kind,
+                "job_id": job.id,
+                "number": number + place,
+                **span._asdict(),
+                "state": "waiting",
+                "attempts": 0,
+                "error": None,
+                "finished_at": None,
+            }
+            for place, span in enumerate(spans, 1)
+        ]
+        insert_rows(self._session, Chunk, rows)
+        return [row["number"] for row in rows]
+
+    def find(self, job: Job, number: int) -> Chunk | None:
+        """A chunk, unless its job was forgotten."""
+        return self._session.get(Chunk, (job.kind, job.id, number))
+
+    def waiting(self, job: Job) -> list[int]:
+        """Numbers of the chunks that an earlier driver has planned and left."""
+        rows = select(Chunk.number).where(*_of(job), Chunk.state == "waiting")
+        return list(self._session.scalars(rows.order_by(Chunk.number)))
+
+    def quarantined(self, job: Job) -> list[Chunk]:
+        """Chunks that nobody will try again."""
+        rows = select(Chunk).where(*_of(job), Chunk.state == "quarantined")
+        return list(self._session.scalars(rows.order_by(Chunk.number)))
+
+    def last_frame(self, job: Job) -> int:
+        """Up to where a job is planned."""
+        rows = select(func.max(Chunk.last_frame_id)).where(*_of(job))
+        return self._session.scalar(rows) or 0
+
+    def is_planned(self, job: Job) -> bool:
+        """Whether a job has chunks."""
+        return self._last_number(job) > 0
+
+    def finish(self, job: Job, number: int) -> None:
+        """A chunk is done; once more is no harm."""
+        self._session.execute(
+            update(Chunk)
+            .where(*_of(job), Chunk.number == number, Chunk.state == "waiting")
+            .values(state="done", error=None, finished_at=utc_now())
+        )
+
+    def fail(self, job: Job, number: int, error: Mapping[str, Any]) -> None:
+        """Note what its job is to fail with."""
+        self._session.execute(
+            update(Chunk)
+            .where(*_of(job), Chunk.number == number)
+            .values(error=dict(error))
+        )
+
+    def suspect(self, job: Job, number: int, most_attempts: int) -> bool:
+        """A process ended while it worked on a chunk; True if it is to be tried again.
+
+        After so many attempts it is put into quarantine.
+        """
+        chunk = self.find(job, number)
+        if chunk is None or chunk.state != "waiting":
+            return False
+        chunk.attempts += 1
+        if chunk.attempts >= most_attempts:
+            chunk.state, chunk.finished_at = "quarantined", utc_now()
+        self._session.flush()
+        return chunk.state == "waiting"
+
+    def begin_again(self, job: Job) -> None:
+        """A new driver tries again what an earlier one did not come to report."""
+        self._session.execute(
+            update(Chunk)
+            .where(*_of(job), Chunk.state == "waiting", Chunk.error.is_not(None))
+            .values(error=None)
+        )
+
+    def forget(self, job: Job, *, quarantined: bool = True) -> None:
+        """Remove the chunks of a job that is over; those in quarantine on request."""
+        rows = delete(Chunk).where(*_of(job))
+        if not quarantined:
+            rows = rows.where(Chunk.state != "quarantined")
+        self._session.execute(rows)
+
+    def forget_dataset(self, dataset_id: int) -> None:
+        """Remove what there is about the jobs of a dataset."""
+        for kind, table in (("run", Run), ("export", Export)):
+            jobs = select(table.id).where(table.dataset_id == dataset_id)
+            for rows in (Chunk, Lease):
+                mine = rows.kind == kind, rows.job_id.in_(jobs)
+                self._session.execute(delete(rows).where(*mine))
+
+    def _last_number(self, job: Job) -> int:
+        rows = select(func.max(Chunk.number)).where(*_of(job))
+        return self._session.scalar(rows) or 0
+
+
+def _of(job: Job) -> list[ColumnElement[bool]]:
+    return [Chunk.kind == job.kind, Chunk.job_id == job.id]

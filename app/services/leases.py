@@ -1,0 +1,128 @@
+"""One driver per job: leases that are renewed while their holder lives.
+
+A lease is taken in the transaction with which a job begins, and given back in the one
+that ends it: a driver that lost it cannot end a job that is another's by now.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from app.db.engine import Database, once_committed
+from app.engine import Job, JobStopped
+from app.process_identity import has_ended, this_process
+from app.repositories.leases import LeaseRepository
+
+RENEW_EVERY_S: Final = 2.0
+
+log = logging.getLogger(__name__)
+
+
+class LeaseLost(JobStopped):
+    """Somebody else drives the job: whoever finds out stops before it writes."""
+
+
+class JobLease:
+    """The lease of one job, for as long as it is driven here."""
+
+    def __init__(self, database: Database, job: Job, holder: str) -> None:
+        self.job = job
+        self._database, self._holder = database, holder
+        self._over, self._is_mine, self._is_lost = threading.Event(), False, False
+
+    def take(self, session: Session) -> None:
+        """Take it, with the transaction in which the job begins.
+
+        Raises
+        ------
+        LeaseLost
+            Another process drives the job.
+        """
+        if not LeaseRepository(session).take(self.job, self._holder, has_ended):
+            raise LeaseLost(self.job)
+        once_committed(session, self._keep)
+
+    def require(self, session: Session) -> None:
+        """Raise `LeaseLost` unless nobody else can have it before the commit."""
+        if not LeaseRepository(session).is_held(self.job, self._holder):
+            raise LeaseLost(self.job)
+
+    def end(self, session: Session) -> None:
+        """Give it back with the transaction that ends the job."""
+        self.require(session)
+        LeaseRepository(session).end(self.job, self._holder)
+        once_committed(session, self._forget)
+
+    def check(self) -> None:
+        """Raise `LeaseLost` if it is known to be another's."""
+        if self._is_lost:
+            raise LeaseLost(self.job)
+
+    def give_back(self) -> None:
+        """Let others go on at once, if the job did not end."""
+        self._over.set()
+        if not self._is_mine or self._is_lost:
+            return
+        try:
+            with self._database.write_beside() as session:
+                LeaseRepository(session).end(self.job, self._holder)
+        except SQLAlchemyError as exc:  # it runs out by itself
+            log.warning("the lease of %s %d stays: %s", *self.job, exc)
+
+    def _keep(self) -> None:
+        self._is_mine = True
+        threading.Thread(target=self._renew, name="lease", daemon=True).start()
+
+    def _forget(self) -> None:
+        self._is_mine = False
+        self._over.set()
+
+    def _renew(self) -> None:
+        while not self._over.wait(RENEW_EVERY_S):
+            try:
+                with self._database.write_beside() as session:
+                    mine = LeaseRepository(session).renew(self.job, self._holder)
+            except SQLAlchemyError as exc:  # until it has run out there is time
+                log.warning("the lease of %s %d is not renewed: %s", *self.job, exc)
+                continue
+            if not mine and not self._over.is_set():
+                log.warning("%s %d is driven by another process now", *self.job)
+                self._is_lost = True
+                return
+
+
+class Leases:
+    """The leases of this process: within it, drivers of one job take turns."""
+
+    def __init__(self) -> None:
+        self.holder = this_process()
+        self._at_work: set[Job] = set()
+        self._free = threading.Condition()
+
+    @property
+    def at_work(self) -> frozenset[Job]:
+        """Jobs that are driven by this process, or about to be."""
+        with self._free:
+            return frozenset(self._at_work)
+
+    @contextmanager
+    def driving(self, database: Database, job: Job) -> Iterator[JobLease]:
+        """A lease to be taken, and given back at the end at the latest."""
+        with self._free:
+            self._free.wait_for(lambda: job not in self._at_work)
+            self._at_work.add(job)
+        lease = JobLease(database, job, self.holder)
+        try:
+            yield lease
+        finally:
+            lease.give_back()
+            with self._free:
+                self._at_work.discard(job)
+                self._free.notify_all()

@@ -1,0 +1,35 @@
+"""One cluster for a module: a scheduler, two workers and a server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from tests.api.resources import Api
+from tests.cluster.nodes import Cluster, Node, cluster
+from tests.servers import RunningServer
+
+
+@dataclass
+class Whole:
+    """All nodes of a cluster that works."""
+
+    cluster: Cluster
+    scheduler: Node
+    workers: list[Node]
+    server: RunningServer
+    api: Api
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
+    with cluster(tmp_path_factory.mktemp("cluster")) as made:
+        scheduler = made.scheduler()
+        # A worker wants a database that a server has made.
+        with made.server() as (server, api):
+            workers = [made.worker(joined=False) for _ in range(2)]
+            for worker in workers:
+                worker.waits_for("joined the scheduler")
+            yield Whole(made, scheduler, workers, server, api)

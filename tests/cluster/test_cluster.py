@@ -1,0 +1,174 @@
+"""A cluster on loopback: the same results as here, and nobody else is let in."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from app.engine.certificates import make_certificates
+from tests.api import frames as scene
+from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
+from tests.api.resources import Api
+from tests.cluster.nodes import (
+    PATIENCE_S,
+    kill_working_process,
+    listening,
+    until,
+    working_process,
+)
+from tests.cluster.totals import check_totals, ended, has_begun, state_of
+from tests.servers import running_server
+
+FRAMES = 50
+AWAY = 69
+
+
+@pytest.fixture(scope="module")
+def long_street(whole):
+    """Frames that take some ten milliseconds each."""
+    return fill(whole.api, FRAMES)
+
+
+def labelled(api):
+    """A run and an export of the same frames; what came of them."""
+    assert api.post("/datasets", {"name": "same"}).status_code == 201
+    for number in range(45):
+        files = {
+            "image": scene.image(number),
+            "segmentation": scene.segmentation(number % 9),
+        }
+        api.stored("same", f"{number:02}", scene.annotation(), **files)
+    run = api.run("same", {**FROM_PIXELS, "threshold_small_box": 30})
+    exports = [
+        api.finished(api.post("/datasets/same/exports", {"format": form}))
+        for form in ("decisions-jsonl", "yolo")
+    ]
+    told = {key: run[key] for key in ("state", "total", "done", "changed", "counts")}
+    return told, [(one["state"], one["sha256"]) for one in exports], exports
+
+
+def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole, tmp_path):
+    run, digests, exports = labelled(whole.api)
+    with running_server(tmp_path / "alone") as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            expected = labelled(api)
+
+    assert (run, digests) == expected[:2]
+    assert run["state"] == "done"
+    download = whole.api.http.get(exports[0]["download"])
+    assert download.status_code == 200
+
+
+def test_the_server_itself_measures_only_what_is_uploaded(whole, long_street):
+    before = measured_here(whole.api)
+
+    run = whole.api.run(long_street, OTHER_PIXELS[2])
+
+    check_totals(whole.api, long_street, run, FRAMES)
+    assert measured_here(whole.api) == before
+
+
+def measured_here(api):
+    """How many frames the server's own process has measured."""
+    lines = api.http.get("/metrics").text.splitlines()
+    (found,) = [one for one in lines if one.startswith("unghost_measure_seconds_count")]
+    return float(found.split()[-1])
+
+
+def test_a_worker_that_is_killed_costs_nothing_but_time(whole, long_street):
+    accepted = whole.api.post(
+        f"/datasets/{long_street}/runs", {"config": FROM_PIXELS, "activate": True}
+    )
+    run_id = accepted.json()["id"]
+    has_begun(whole.api, run_id)
+
+    killed = kill_working_process(whole.workers[0])
+
+    check_totals(whole.api, long_street, ended(whole.api, run_id), FRAMES)
+    # Its parent has started another one.
+    until(lambda: working_process(whole.workers[0]) != killed, "no other process")
+    whole.workers[0].waits_for("starting another")
+
+
+def test_cancelling_ends_a_run_and_its_work_within_a_second(whole, long_street):
+    accepted = whole.api.post(
+        f"/datasets/{long_street}/runs", {"config": OTHER_PIXELS[0]}
+    )
+    run_id = accepted.json()["id"]
+    has_begun(whole.api, run_id)
+
+    begun = time.monotonic()
+    answer = whole.api.post(f"/runs/{run_id}/cancel")
+    took_s = time.monotonic() - begun
+    done = state_of(whole.api, run_id)["done"]
+    time.sleep(1)
+
+    assert answer.status_code == 202, answer.text
+    assert answer.json()["state"] == "cancelled"
+    assert took_s < 1
+    assert state_of(whole.api, run_id)["done"] == done < FRAMES
+    # What was measured is not measured again.
+    check_totals(
+        whole.api, long_street, whole.api.run(long_street, OTHER_PIXELS[0]), FRAMES
+    )
+
+
+def test_only_the_documented_ports_listen_and_only_on_loopback(whole):
+    scheduler = listening(whole.scheduler.process.pid)
+    workers = [
+        listening(worker.process.pid, working_process(worker))
+        for worker in whole.workers
+    ]
+    server = listening(whole.server.process.pid)
+
+    assert scheduler == {("127.0.0.1", whole.cluster.port)}
+    assert [len(ports) for ports in workers] == [1, 1]
+    assert {host for ports in workers for host, _ in ports} == {"127.0.0.1"}
+    assert server == {("127.0.0.1", int(whole.server.url.rpartition(":")[2]))}
+
+
+def test_nobody_is_let_in_without_a_certificate_of_the_authority(whole, tmp_path):
+    foreign = tmp_path / "foreign"
+    make_certificates(foreign, ("127.0.0.1",), 2)
+    missing = dict.fromkeys(whole.cluster.tls("worker"), "")
+    plain = {"UNGHOST_ENGINE": f"tcp://127.0.0.1:{whole.cluster.port}"}
+    others = [
+        whole.cluster.worker("--patience", "3", joined=False, **settings)
+        for settings in (
+            {**whole.cluster.tls("worker", foreign)},
+            {**missing, **plain},
+            missing,
+        )
+    ]
+
+    codes = [other.ended() for other in others]
+
+    assert codes == [AWAY, AWAY, 1], [other.said for other in others]
+    assert "no scheduler takes this worker" in others[0].said
+    assert "UNGHOST_TLS_CA" in others[2].said
+    assert not any("joined" in other.said for other in others)
+
+
+@pytest.mark.parametrize(
+    ("engine", "said"),
+    [
+        ("tcp://192.0.2.1:8786", "not encrypted"),
+        ("tls://192.0.2.1:8786", "UNGHOST_TLS_CA"),
+        ("dask", "is no engine"),
+    ],
+)
+def test_a_server_refuses_an_engine_that_anybody_could_use(tmp_path, engine, said):
+    done = subprocess.run(
+        [sys.executable, "-m", "unghost.cli", "serve", "--port", "0"],
+        env={"UNGHOST_ENGINE": engine, "UNGHOST_DATA": str(tmp_path / "data")},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+
+    assert done.returncode in (1, 2)
+    assert said in done.stderr

@@ -1,0 +1,91 @@
+"""The same dataset gives the same labels, wherever the three addresses point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.api import frames as scene
+from tests.api.long_streets import FROM_PIXELS
+from tests.api.resources import Api
+from tests.cluster.nodes import cluster
+from tests.databases import DATABASE_URL, migrated_postgres
+from tests.s3_server import S3Server
+from tests.servers import running_server
+
+FORMATS = ("decisions-jsonl", "yolo", "coco", "kitti")
+FRAMES = 30
+LOCAL = ("local", "sqlite", "folder")
+FARTHEST = ("cluster", "postgres", "s3")
+
+
+@contextmanager
+def service(places: tuple[str, str, str], folder: Path, s3: S3Server) -> Iterator[Api]:
+    """A service whose engine, database and store are these."""
+    engine, database, store = places
+    settings: dict[str, str] = {}
+    with ExitStack() as opened:
+        if database == "postgres":
+            settings[DATABASE_URL] = opened.enter_context(migrated_postgres())
+        if store == "s3":
+            settings |= s3.bucket().environment
+        if engine == "local":
+            server = opened.enter_context(running_server(folder / "data", settings))
+            api = Api.at(server.url, server.headers)
+            opened.enter_context(api.http)
+        else:
+            made = opened.enter_context(cluster(folder))
+            made.scheduler()
+            _, api = opened.enter_context(made.server(**settings))
+            made.worker(**settings)
+        yield api
+
+
+def made_by(api: Api) -> dict[str, Any]:
+    """Verdicts of a run that measures again, and the hash of every export."""
+    assert api.post("/datasets", {"name": "same"}).status_code == 201
+    for number in range(FRAMES):
+        files = {
+            "image": scene.image(number),
+            "segmentation": scene.segmentation(number % 9),
+        }
+        api.stored("same", f"{number:02}", scene.annotation(), **files)
+    run = api.run("same", {**FROM_PIXELS, "threshold_small_box": 30})
+    assert run["state"] == "done", run
+    exports = {
+        form: api.finished(api.post("/datasets/same/exports", {"format": form}))
+        for form in FORMATS
+    }
+    told = {key: run[key] for key in ("total", "done", "changed", "counts")}
+    return told | {form: made["sha256"] for form, made in exports.items()}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory, s3: S3Server) -> dict[str, Any]:
+    """What one process with one folder makes."""
+    with service(LOCAL, tmp_path_factory.mktemp("alone"), s3) as api:
+        return made_by(api)
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        pytest.param(
+            places,
+            id=" ".join(places),
+            marks=[] if places == FARTHEST else [pytest.mark.long],
+        )
+        for places in product(
+            ("local", "cluster"), ("sqlite", "postgres"), ("folder", "s3")
+        )
+        if places != LOCAL
+    ],
+)
+def test_labels_are_the_same_byte_by_byte(places, expected, tmp_path, s3):
+    with service(places, tmp_path, s3) as api:
+        assert made_by(api) == expected

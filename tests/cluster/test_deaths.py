@@ -1,0 +1,149 @@
+"""What happens when something dies: every node, in the middle of a run."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
+from tests.cluster.nodes import cluster, until, working_process
+from tests.cluster.totals import check_totals, ended, has_begun, state_of
+
+pytestmark = pytest.mark.long
+
+FRAMES = 60
+
+
+@pytest.fixture
+def made(tmp_path):
+    with cluster(tmp_path) as made:
+        yield made
+
+
+def asked(api, name, config=FROM_PIXELS):
+    body = {"config": config, "activate": True}
+    answer = api.post(f"/datasets/{name}/runs", body)
+    assert answer.status_code == 202, answer.text
+    return answer.json()["id"]
+
+
+def test_a_scheduler_that_dies_is_waited_for(made):
+    scheduler = made.scheduler()
+    with made.server() as (_, api):
+        workers = [made.worker() for _ in range(2)]
+        name = fill(api, FRAMES)
+        run_id = asked(api, name)
+        has_begun(api, run_id)
+
+        scheduler.kill()
+        until(lambda: all("went away" in one.said for one in workers), "no notice")
+        assert state_of(api, run_id)["state"] == "running"
+        made.scheduler()
+
+        check_totals(api, name, ended(api, run_id), FRAMES)
+
+
+def test_a_server_that_dies_goes_on_where_it_was(made):
+    made.scheduler()
+    with made.server() as (server, api):
+        made.worker()
+        name = fill(api, FRAMES)
+        run_id = asked(api, name)
+        has_begun(api, run_id)
+        server.process.kill()
+        server.process.wait()
+
+    with made.server() as (_, api):
+        check_totals(api, name, ended(api, run_id), FRAMES)
+
+
+def test_another_server_takes_over_from_one_that_died(made):
+    made.scheduler()
+    with made.server() as (first, api), made.server() as (_, other):
+        made.worker()
+        name = fill(api, FRAMES)
+        run_id = asked(api, name)
+        has_begun(api, run_id)
+        first.process.kill()
+        first.process.wait()
+
+        check_totals(other, name, ended(other, run_id), FRAMES)
+
+
+def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
+    made.scheduler()
+    with made.server() as (_, api):
+        program = ("tests.cluster.poisoned_worker",)
+        for _ in range(2):
+            made.worker(program=program)
+        name = fill(api, FRAMES)
+        first = api.json(f"/datasets/{name}/frames", limit=1)["items"][0]
+        api.stored(name, "zz-poison", {"boxes": [], "poison": True})
+        failed = ended(api, asked(api, name))
+
+    assert failed["state"] == "failed"
+    assert failed["error"]["code"] == "quarantined"
+    assert "'zz-poison'" in failed["error"]["detail"]
+    assert first["key"] not in failed["error"]["detail"]
+    assert failed["done"] > FRAMES / 2
+
+    with made.server(UNGHOST_ENGINE="local") as (_, api):
+        check_totals(api, name, ended(api, asked(api, name)), FRAMES + 1)
+
+
+def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
+    made.scheduler()
+    with made.server() as (_, api):
+        leaving = made.worker()
+        name = fill(api, FRAMES)
+        run_id = asked(api, name, OTHER_PIXELS[1])
+        has_begun(api, run_id)
+
+        leaving.process.send_signal(signal.SIGTERM)
+        code = leaving.ended()
+        done = state_of(api, run_id)["done"]
+        made.worker()
+        run = ended(api, run_id)
+
+    assert (code, "stopped" in leaving.said) == (0, True)
+    assert 0 < done < FRAMES
+    assert run["error"] is None
+    assert (run["state"], run["done"]) == ("done", FRAMES)
+
+
+def test_a_worker_without_a_scheduler_gives_up_in_words(made):
+    scheduler = made.scheduler()
+    with made.server():
+        worker = made.worker("--patience", "3")
+        scheduler.kill()
+
+        assert worker.ended() == 69
+    assert "went away" in worker.said
+    assert "no scheduler takes this worker" in worker.said
+
+
+def test_a_worker_whose_parent_is_killed_ends_as_well(made):
+    made.scheduler()
+    with made.server():
+        worker = made.worker()
+        child = working_process(worker)
+
+        worker.kill()
+
+        until(lambda: "stopped" in worker.said, f"{child} works on")
+
+
+def test_a_worker_with_another_database_is_told_so(made, tmp_path):
+    made.scheduler()
+    (tmp_path / "elsewhere").mkdir()
+    with (
+        cluster(tmp_path / "elsewhere") as other,
+        other.server(UNGHOST_ENGINE="local"),
+        made.server() as (_, api),
+    ):
+        made.worker("--data", str(other.data))
+        run = ended(api, asked(api, fill(api, 1)))
+
+    assert run["error"]["code"] == "worker_elsewhere"
+    assert "UNGHOST_DATABASE_URL" in run["error"]["detail"]

@@ -1,0 +1,312 @@
+"""Driving the chunks of a run: in any order, more than once, with processes that die.
+
+The engines here are real ones that run chunks in other orders, or lose some: what the
+driver makes of that is the same wherever they run.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from sqlalchemy import select
+
+from app.db.tables import Chunk, FrameEvidence, Lease
+from app.engine import EngineAway, LocalEngine, WorkerDied
+from app.engine.jobs import DONE, ELSEWHERE
+from app.repositories.leases import LeaseRepository
+from app.repositories.runs import RunRepository
+from app.services.chunk_driving import MOST_ATTEMPTS
+from app.services.chunk_work import work_on, work_remotely
+from app.services.run_states import job_of
+from app.services.runs import carry_out
+from tests.api import frames as scene
+
+FRAMES = 12
+FROM_PIXELS = {"profile": "carlasimu"}
+
+
+class SmallChunks(LocalEngine):
+    """Three frames to a chunk, and several chunks beside each other."""
+
+    def __init__(self) -> None:
+        super().__init__(2)
+        self._chunks = ThreadPoolExecutor(4, "chunks")
+        self.begun: list[tuple[int, frozenset[int]]] = []
+        self._running: set[int] = set()
+        self._changing = threading.Lock()
+
+    @property
+    def window(self):
+        return 4
+
+    def chunk_frames(self, total):
+        return 3
+
+    def start_chunk(self, here, job, number):
+        with self._changing:
+            self._running.add(number)
+            self.begun.append((number, frozenset(self._running)))
+        return self._chunks.submit(self._work, here, job, number)
+
+    def _work(self, here, job, number):
+        try:
+            return here(job.kind, job.id, number)
+        finally:
+            with self._changing:
+                self._running.discard(number)
+
+    def outcome(self, future):
+        return future.result()
+
+
+class Deadly(SmallChunks):
+    """Processes die of some chunks, and take along what runs beside these."""
+
+    def __init__(self, *poison: int, times: int = 99) -> None:
+        super().__init__()
+        self._poison, self._times = set(poison), Counter(dict.fromkeys(poison, times))
+
+    def _work(self, here, job, number):
+        try:
+            with self._changing:
+                beside = self._poison & self._running
+                deadly = any(self._times[one] > 0 for one in beside)
+                self._times[number] -= deadly
+            if deadly:
+                raise WorkerDied(f"chunk {number} was there")
+            return here(job.kind, job.id, number)
+        finally:
+            with self._changing:
+                self._running.discard(number)
+
+
+class Forgetful(SmallChunks):
+    """An engine that goes away with all that was submitted, every third time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.connected, self.connects = True, 0
+
+    def start_chunk(self, here, job, number):
+        if len(self.begun) % 3 == 2:
+            self.begun.append((number, frozenset()))
+            self.connected = False
+            lost: Future[str] = Future()
+            lost.cancel()
+            return lost
+        if not self.connected:
+            raise EngineAway("gone")
+        return super().start_chunk(here, job, number)
+
+    def outcome(self, future):
+        try:
+            return future.result()
+        except CancelledError as exc:
+            raise EngineAway("forgotten") from exc
+
+    def is_connected(self):
+        return self.connected
+
+    def connect(self):
+        self.connects += 1
+        if self.connects % 2:
+            raise EngineAway("not yet")
+        self.connected = True
+
+
+@pytest.fixture
+def street(services):
+    street = services.dataset()
+    for number in range(FRAMES):
+        put(street, number)
+    return street
+
+
+def put(street, number):
+    files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+    street.put(f"{number:02}", scene.annotation(), **files)
+
+
+@contextmanager
+def engine_of(street, engine):
+    context = replace(street.context, engine=engine)
+    try:
+        yield context
+    finally:
+        engine.close()
+
+
+def run_with(street, engine):
+    run_id = street.request(FROM_PIXELS)
+    with engine_of(street, engine) as context:
+        carry_out(context, run_id)
+    return run_of(street, run_id)
+
+
+def run_of(street, run_id):
+    return read(street, lambda session: RunRepository(session).with_id(run_id))
+
+
+def read(street, ask):
+    with street.context.database.read() as session:
+        return ask(session)
+
+
+def measured(street, run):
+    """How often each frame was measured for a run."""
+    rows = select(FrameEvidence.frame_id)
+    rows = rows.where(FrameEvidence.measurement_id == run.measurement_id)
+    return Counter(read(street, lambda session: session.scalars(rows).all()))
+
+
+def left(street, table, run):
+    rows = select(table).where(table.kind == "run", table.job_id == run.id)
+    return read(street, lambda session: session.scalars(rows).all())
+
+
+def check_whole(street, run):
+    assert (run.state, run.done, run.total) == ("done", FRAMES, FRAMES), run.error
+    assert set(measured(street, run).values()) == {1}
+    assert len(measured(street, run)) == FRAMES
+    assert street.tallies() == street.recounted()
+
+
+def test_chunks_beside_each_other_are_as_one(street):
+    engine = SmallChunks()
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    assert sorted(number for number, _ in engine.begun) == [1, 2, 3, 4]
+    assert left(street, Chunk, run) == left(street, Lease, run) == []
+
+
+def test_an_engine_that_goes_away_is_waited_for_and_asked_again(street):
+    engine = Forgetful()
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    assert engine.connects >= 2
+    assert len(engine.begun) > 4
+
+
+def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
+    engine = Deadly(2)
+
+    run = run_with(street, engine)
+
+    assert run.state == "failed"
+    assert run.error is not None
+    assert run.error["code"] == "quarantined"
+    assert "'03' to '05'" in run.error["detail"]
+    (chunk,) = left(street, Chunk, run)
+    assert (chunk.number, chunk.state) == (2, "quarantined")
+    assert chunk.attempts == MOST_ATTEMPTS
+    assert len(measured(street, run)) == FRAMES - 3
+    assert run.done == FRAMES - 3
+
+
+def test_what_was_beside_a_dead_process_is_tried_alone(street):
+    engine = Deadly(2, times=2)
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    again = [beside for number, beside in engine.begun[4:]]
+    assert again
+    assert {len(beside) for beside in again} == {1}
+
+
+def test_a_new_run_measures_what_was_in_quarantine(street):
+    failed = run_with(street, Deadly(2))
+
+    run = run_with(street, SmallChunks())
+
+    assert failed.state == "failed"
+    check_whole(street, run)
+
+
+def test_a_chunk_that_is_done_twice_counts_once(street):
+    class Twice(SmallChunks):
+        def _work(self, here, job, number):
+            with ThreadPoolExecutor(1) as beside:
+                other = beside.submit(here, job.kind, job.id, number)
+                first = here(job.kind, job.id, number)
+                assert {first, other.result()} == {DONE}
+            return super()._work(here, job, number)
+
+    check_whole(street, run_with(street, Twice()))
+
+
+def test_two_drivers_end_a_run_once(street):
+    run_id = street.request(FROM_PIXELS)
+    with (
+        engine_of(street, SmallChunks()) as one,
+        engine_of(street, SmallChunks()) as two,
+    ):
+        contexts = [one, replace(two, leases=type(two.leases)())]
+        drivers = [
+            threading.Thread(target=carry_out, args=(context, run_id))
+            for context in contexts
+        ]
+        for driver in drivers:
+            driver.start()
+        for driver in drivers:
+            driver.join()
+
+    run = run_of(street, run_id)
+    check_whole(street, run)
+    entries = street.history(street.box_ids()[0])
+    assert [entry["run"] for entry in entries].count(run_id) <= 1
+
+
+def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
+    run_id = street.request(FROM_PIXELS)
+    before = street.reasons()
+
+    class Robbed(SmallChunks):
+        def _work(self, here, job, number):
+            with street.context.database.write() as session:
+                leases = LeaseRepository(session)
+                assert leases.take(job, "somebody/1/2/else", lambda _: True)
+            return super()._work(here, job, number)
+
+    with engine_of(street, Robbed()) as context:
+        carry_out(context, run_id)
+    run = run_of(street, run_id)
+    assert run.state == "running"
+    assert street.reasons() == before
+
+    with street.context.database.write() as session:
+        LeaseRepository(session).end(job_of(run_id), "somebody/1/2/else")
+    carry_out(street.context, run_id)
+    check_whole(street, run_of(street, run_id))
+
+
+def test_a_worker_of_another_installation_is_told(street):
+    run_id = street.request(FROM_PIXELS)
+    asked = ("run", run_id, 1)
+
+    assert work_remotely(street.context, asked, "another one") == ELSEWHERE
+
+    class Elsewhere(SmallChunks):
+        def start_chunk(self, here, job, number):
+            return self._chunks.submit(lambda: ELSEWHERE)
+
+    with engine_of(street, Elsewhere()) as context:
+        carry_out(context, run_id)
+    run = run_of(street, run_id)
+    assert run.error is not None
+    assert (run.state, run.error["code"]) == ("failed", "worker_elsewhere")
+
+
+def test_a_chunk_of_a_run_that_is_over_is_nobodys(street):
+    run = street.run({"threshold_small_box": 99})
+
+    assert work_on(street.context, "run", run.id, 1) == "unwanted"

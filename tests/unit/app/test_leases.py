@@ -1,0 +1,129 @@
+"""Leases: one holder, taken over when it died or fell silent."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from datetime import timedelta
+from itertools import count
+
+import pytest
+
+from app.db.tables import Lease
+from app.engine import Job
+from app.process_identity import has_ended, this_process
+from app.repositories.leases import LASTS, LeaseRepository
+from app.services.job_watch import abandoned
+from app.services.leases import LeaseLost
+from app.services.run_states import job_of
+
+ELSEWHERE = "another-machine/1/2/3"
+_numbers = count(10**6)
+WHO = "from app.process_identity import this_process; print(this_process())"
+
+
+def nobody(_holder):
+    return False
+
+
+def ended_process():
+    """The name of a process of this machine that is not there any more."""
+    done = subprocess.run(
+        [sys.executable, "-c", WHO], capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def write(services):
+    return services.context.database.write
+
+
+@pytest.fixture
+def job():
+    return Job("run", next(_numbers))
+
+
+def test_a_process_knows_itself_and_the_dead_from_the_living():
+    assert this_process() != this_process()
+    assert not has_ended(this_process())
+    assert has_ended(ended_process())
+    assert not has_ended(ELSEWHERE)
+    assert not has_ended("nonsense")
+
+
+def test_a_number_that_another_process_has_by_now_is_no_sign_of_life():
+    machine, pid, started, rest = this_process().split("/")
+
+    assert has_ended("/".join((machine, pid, str(int(started) - 1), rest)))
+
+
+def test_a_lease_has_one_holder_until_it_is_given_back(write, job):
+    with write() as session:
+        leases = LeaseRepository(session)
+        taken = [leases.take(job, who, nobody) for who in ("one", "two", "one")]
+        renewed = [leases.renew(job, who) for who in ("one", "two")]
+        leases.end(job, "two")
+        held = leases.is_held(job, "one")
+        leases.end(job, "one")
+        afterwards = leases.take(job, "two", nobody)
+        leases.end(job, "two")
+
+    assert taken == [True, False, True]
+    assert renewed == [True, False]
+    assert (held, afterwards) == (True, True)
+
+
+def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(write, job):
+    dead = ended_process()
+    with write() as session:
+        leases = LeaseRepository(session)
+        assert leases.take(job, dead, nobody)
+        assert leases.live(has_ended)[1] >= {job}
+        assert leases.take(job, ELSEWHERE, has_ended)
+        assert not leases.take(job, "mine", has_ended)
+        row = session.get(Lease, (job.kind, job.id))
+        assert row is not None
+        assert timedelta(0) < row.until - leases.now() <= LASTS
+        row.until = leases.now()
+        session.flush()
+        assert leases.take(job, "mine", has_ended)
+        leases.end(job, "mine")
+
+
+def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write, job):
+    context = services.context
+    with context.leases.driving(context.database, job) as lease:
+        with write() as session:
+            lease.take(session)
+            lease.require(session)
+        with write() as session:
+            assert LeaseRepository(session).take(job, ELSEWHERE, lambda _: True)
+        with pytest.raises(LeaseLost), write() as session:
+            lease.require(session)
+        with pytest.raises(LeaseLost), write() as session:
+            lease.end(session)
+
+    with write() as session:
+        leases = LeaseRepository(session)
+        assert leases.is_held(job, ELSEWHERE)  # it was not ours to give back
+        leases.end(job, ELSEWHERE)
+
+
+def test_a_job_whose_driver_died_is_found_at_once(services, write):
+    street = services.dataset()
+    run_id = street.request({})
+    job = job_of(run_id)
+    assert job not in abandoned(services.context)
+    with write() as session:
+        leases = LeaseRepository(session)
+        assert leases.take(job, ELSEWHERE, has_ended)
+    assert job not in abandoned(services.context)
+
+    with write() as session:
+        leases = LeaseRepository(session)
+        leases.end(job, ELSEWHERE)
+        assert leases.take(job, ended_process(), has_ended)
+
+    assert job in abandoned(services.context)
+    street.wait(run_id)

@@ -1,0 +1,189 @@
+"""`unghost worker`, `scheduler` and `certificates`: past one machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from unghost.cli.command import command
+from unghost.cli.data_options import DataFolder
+from unghost.cli.exits import Refused
+from unghost.cli.options import OutputOptions
+from unghost.cli.serve import settings_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeOptions(OutputOptions):
+    """What a node of a cluster shows to others."""
+
+    ca: Annotated[
+        Path | None,
+        typer.Option(
+            "--ca",
+            metavar="FILE",
+            help="Certificate of the authority; else UNGHOST_TLS_CA.",
+            dir_okay=False,
+        ),
+    ] = None
+    cert: Annotated[
+        Path | None,
+        typer.Option(
+            "--cert",
+            metavar="FILE",
+            help="Certificate of this node; else UNGHOST_TLS_CERT.",
+            dir_okay=False,
+        ),
+    ] = None
+    key: Annotated[
+        Path | None,
+        typer.Option(
+            "--key",
+            metavar="FILE",
+            help="Its private key; else UNGHOST_TLS_KEY.",
+            dir_okay=False,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions(NodeOptions):
+    """Options of `unghost worker`."""
+
+    scheduler: Annotated[
+        str | None,
+        typer.Argument(
+            help="Address of the scheduler, tls://HOST:8786; else UNGHOST_ENGINE.",
+            show_default=False,
+        ),
+    ] = None
+    data: DataFolder = None
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            help="Threads that measure pixels; else UNGHOST_WORKERS, else all cores.",
+            min=1,
+            max=256,
+        ),
+    ] = None
+    host: Annotated[
+        str | None,
+        typer.Option(
+            help="Address to listen on, for the scheduler; else that of this machine "
+            "on the way to it."
+        ),
+    ] = None
+    port: Annotated[
+        int, typer.Option(help="Port to listen on; 0: any free one.", min=0, max=65535)
+    ] = 0
+    patience: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=1,
+            help="How long to look for the scheduler before giving up.",
+        ),
+    ] = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SchedulerOptions(NodeOptions):
+    """Options of `unghost scheduler`."""
+
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
+    port: Annotated[
+        int, typer.Option(help="Port to listen on; 0: any free one.", min=0, max=65535)
+    ] = 8786
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertificatesOptions(OutputOptions):
+    """Options of `unghost certificates`."""
+
+    folder: Annotated[
+        Path, typer.Argument(help="Where to write them.", file_okay=False)
+    ]
+    host: Annotated[
+        list[str],
+        typer.Option("--host", help="Name or address of a node; may be repeated."),
+    ]
+    days: Annotated[
+        int, typer.Option(help="For how many days they are valid.", min=1, max=36500)
+    ] = 825
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    command(app, "worker")(worker)
+    command(app, "scheduler")(scheduler)
+    command(app, "certificates")(certificates)
+
+
+def worker(options: WorkerOptions) -> None:
+    """Work on runs and exports of a service, for as long as its scheduler is there.
+
+    Database and storage are those of the service: give both the same settings. Exits
+    with 69 if no scheduler takes it.
+    """
+    from app.engine import UnusableEngine
+    from app.logs import configure_logging
+    from app.worker import Place, Supervisor
+
+    settings = settings_of(
+        engine=options.scheduler,
+        data=options.data,
+        workers=options.threads,
+        tls_ca=options.ca,
+        tls_cert=options.cert,
+        tls_key=options.key,
+    )
+    configure_logging(settings.log_level, settings.log_format)
+    place = Place(options.host, options.port, options.patience)
+    try:
+        status = Supervisor(settings, place).run()
+    except UnusableEngine as exc:
+        raise Refused(str(exc)) from exc
+    raise typer.Exit(status)
+
+
+def scheduler(options: SchedulerOptions) -> None:
+    """Bring workers and services together, until interrupted.
+
+    With certificates it listens where it is told; without, only on this machine.
+    """
+    from app.engine import UnusableEngine
+    from app.engine.scheduler import run_scheduler
+    from app.engine.wire import Certificates
+
+    settings = settings_of(
+        tls_ca=options.ca, tls_cert=options.cert, tls_key=options.key
+    )
+
+    def ready(address: str) -> None:
+        options.screen.record(
+            {"scheduler": address}, f"The scheduler listens at {address}"
+        )
+
+    shown = Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
+    try:
+        run_scheduler(options.host, options.port, shown, ready)
+    except UnusableEngine as exc:
+        raise Refused(str(exc)) from exc
+
+
+def certificates(options: CertificatesOptions) -> None:
+    """Make an authority, and certificates for scheduler, workers and services.
+
+    Whoever has ca.key can let more nodes in: keep it where no node is.
+    """
+    from app.engine import UnusableEngine
+    from app.engine.certificates import make_certificates
+
+    try:
+        made = make_certificates(options.folder, tuple(options.host), options.days)
+    except UnusableEngine as exc:
+        raise Refused(str(exc)) from exc
+    for file in made:
+        options.screen.record({"file": str(file)}, str(file))
