@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
-from sqlalchemy import ColumnElement, and_, false, func, or_
+from sqlalchemy import ColumnElement, and_, false, or_
 
 from app.db.tables import Decision
 from filter_core.types import Reason, Verdict
@@ -174,7 +174,9 @@ _REVIEW_STATES: dict[str, Callable[[], ColumnElement[bool]]] = {
     "keep": lambda: Decision.review == "keep",
     "reject": lambda: Decision.review == "reject",
     "unsure": lambda: Decision.review == "unsure",
-    "none": lambda: func.coalesce(Decision.review, "") == "",
+    # Said so that SQLite does not take it for what its partial index holds, and that
+    # PostgreSQL still knows how many they are.
+    "none": lambda: Decision.review.is_(None).is_(True),
     "any": lambda: Decision.review.is_not(None),
 }
 

@@ -128,10 +128,11 @@ class FrameRepository:
     def page(self, wanted: FrameFilter, page: FramePage) -> list[Frame]:
         """The next current frames, one more than asked for if there are more."""
         column, ascending = Frame.key if page.by_key else Frame.id, not page.backwards
+        order = (Frame.dataset_id, column)
         rows = (
             select(Frame)
-            .where(Frame.dataset_id == wanted.dataset_id, Frame.superseded_at.is_(None))
-            .order_by(column if ascending else column.desc())
+            .where(_only_in(wanted.dataset_id), Frame.superseded_at.is_(None))
+            .order_by(*(order if ascending else [each.desc() for each in order]))
             .limit(page.limit + 1)
         )
         if page.after is not None:
@@ -200,7 +201,12 @@ class FrameRepository:
         Read from the tallies: counting the frames of a large dataset would take longer
         than deciding them.
         """
-        newest = select(func.max(Frame.id)).where(Frame.dataset_id == dataset_id)
+        newest = (
+            select(Frame.id)
+            .where(_only_in(dataset_id))
+            .order_by(Frame.dataset_id.desc(), Frame.id.desc())
+            .limit(1)
+        )
         boxes = select(func.sum(Tally.boxes)).where(Tally.dataset_id == dataset_id)
         return self._session.scalar(newest) or 0, self._session.scalar(boxes) or 0
 
@@ -317,6 +323,15 @@ def _blob(file: FileRow) -> dict[str, Any]:
         "media_type": file.media_type,
         "created_at": utc_now(),
     }
+
+
+def _only_in(dataset_id: int) -> ColumnElement[bool]:
+    """A dataset as a range of one, for what is in the order of dataset and then id.
+
+    Told the dataset itself, PostgreSQL sees that only the id makes the order, and may
+    go through the frames of all datasets by their ids.
+    """
+    return Frame.dataset_id.between(dataset_id, dataset_id)
 
 
 def _has_box(wanted: BoxFilter) -> ColumnElement[bool]:
