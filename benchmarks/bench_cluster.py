@@ -1,0 +1,121 @@
+"""What does a run cost when a worker of a cluster measures it instead of the service?
+
+    python -m benchmarks.bench_cluster [--frames 1600] [--rounds 4] [--json]
+
+Two services have the same frames (`bench_filter`'s segmentation and 30 boxes). One
+measures them in its own threads; the other sends chunks over mutual TLS to a worker
+with as many threads. In turns, each measures all frames under settings that nothing was
+measured with; the processor time of every process that takes part counts: service,
+scheduler, worker.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+
+from benchmarks.bench_batch import Scene, send
+from benchmarks.bench_filter import street
+from benchmarks.bench_upload import cpu_seconds
+from tests.api.long_streets import OTHER_PIXELS
+from tests.api.resources import Api
+from tests.cluster.nodes import children, cluster
+from tests.servers import RunningServer, running_server
+
+DATASET = "bench"
+ASKED = 1.10
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service with the frames, and the processes that its runs keep busy."""
+
+    api: Api
+    pids: Callable[[], list[int]]
+
+    def cpu_of_run(self, config: object) -> float:
+        """Processor seconds of one run over all frames."""
+        pids = self.pids()
+        before = sum(map(cpu_seconds, pids))
+        run = self.api.run(DATASET, config, activate=False)
+        assert run["state"] == "done", run
+        return sum(map(cpu_seconds, pids)) - before
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=1600)
+    parser.add_argument("--rounds", type=int, default=4, choices=range(1, 7))
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, both(Path(folder)) as services:
+        figures = compared(*services, options.frames, options.rounds)
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:52} {value:10.2f}")
+    return 0
+
+
+def compared(
+    local: tuple[RunningServer, Service],
+    spread: tuple[RunningServer, Service],
+    frames: int,
+    rounds: int,
+) -> dict[str, float]:
+    """Processor time per frame of both, in turns."""
+    scene = Scene(street(), b"")
+    for server, service in (local, spread):
+        service.api.post("/datasets", {"name": DATASET}).raise_for_status()
+        send(server, scene, frames, "all", DATASET)
+    here, there = [], []
+    for config in OTHER_PIXELS[: rounds + 1]:
+        here.append(local[1].cpu_of_run(config) / frames)
+        there.append(spread[1].cpu_of_run(config) / frames)
+    # The first round warms up.
+    here_s, there_s = statistics.median(here[1:]), statistics.median(there[1:])
+    threads = cpu_count() or 1
+    return {
+        "frames of a chunk": max(20, min(500, frames // 4)),
+        "threads of the service, and of the worker": threads,
+        "in the service's own threads [ms per frame]": 1000 * here_s,
+        "by a worker over mutual TLS [ms per frame]": 1000 * there_s,
+        "the second / the first: measured": there_s / here_s,
+        "the second / the first: asked, at most": ASKED,
+    }
+
+
+@contextmanager
+def both(
+    folder: Path,
+) -> Iterator[tuple[tuple[RunningServer, Service], tuple[RunningServer, Service]]]:
+    """A service that works alone, and one with a scheduler and a worker."""
+    quiet = {"UNGHOST_LOG_LEVEL": "warning"}
+    with cluster(folder) as made, running_server(folder / "alone", quiet) as alone:
+        own = Api.at(alone.url, alone.headers)
+        scheduler = made.scheduler()
+        with own.http, made.server(**quiet) as (server, api):
+            worker = made.worker(UNGHOST_WORKERS=str(cpu_count() or 1))
+
+            def taking_part() -> list[int]:
+                parent = worker.process.pid
+                nodes = [server.process.pid, scheduler.process.pid, parent]
+                return [*nodes, *children(parent)]
+
+            yield (
+                (alone, Service(own, lambda: [alone.process.pid])),
+                (server, Service(api, taking_part)),
+            )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

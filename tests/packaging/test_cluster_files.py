@@ -1,0 +1,182 @@
+"""The cluster's recipe, read as its programs would; nginx takes its part for real."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+
+from app.settings import Settings
+from tests.api import frames as scene
+from tests.cluster.nodes import free_port
+from tests.databases import migrated_postgres
+from tests.packaging.conftest import CHECKOUT
+from tests.packaging.dockerfile import parse_dockerfile
+from tests.servers import RunningServer, running_server, stop
+from unghost import Client, OutgoingFrame
+from unghost.cli.program import app as program
+
+RECIPE = yaml.safe_load((CHECKOUT / "docker-compose.cluster.yml").read_text("utf-8"))
+SERVICES: dict[str, dict[str, Any]] = RECIPE["services"]
+OURS = [name for name, one in SERVICES.items() if one.get("image") == "unghost:cluster"]
+NGINX = shutil.which("nginx", path=f"{os.environ['PATH']}:/usr/sbin")
+
+
+def environment(name: str) -> dict[str, str]:
+    """The variables of a container, with a value for each that people choose."""
+    given: dict[str, str] = SERVICES[name].get("environment", {})
+    return {
+        key: re.sub(r"\$\{\w+:\?[^}]*\}", "chosen", value)
+        for key, value in given.items()
+    }
+
+
+def test_nothing_but_the_proxy_can_be_reached_and_only_from_this_machine():
+    published = {name: one["ports"] for name, one in SERVICES.items() if "ports" in one}
+
+    assert published == {"proxy": ["127.0.0.1:8000:8080"]}
+    assert RECIPE["networks"]["inside"]["internal"] is True
+    assert {
+        name for name, one in SERVICES.items() if one["networks"] != ["inside"]
+    } == {"proxy"}
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_every_setting_of_a_container_is_one(name, monkeypatch):
+    named = environment(name)
+    ours = {key: value for key, value in named.items() if key.startswith("UNGHOST_")}
+    fields = {f"UNGHOST_{field.upper()}" for field in Settings.model_fields}
+    for key, value in ours.items():
+        monkeypatch.setenv(key, value)
+
+    Settings()
+
+    assert set(ours) <= fields
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_each_container_has_the_certificates_it_names_and_no_others(name):
+    named = environment(name).values()
+    shown = {
+        Path(value).name for value in named if str(value).startswith("/run/secrets/")
+    }
+
+    assert shown == set(SERVICES[name]["secrets"])
+    assert shown <= set(RECIPE["secrets"])
+    assert "ca.key" not in RECIPE["secrets"]
+
+
+def test_what_the_containers_run_are_commands():
+    known = {command.name for command in program.registered_commands}
+    commands = [one["command"] for one in SERVICES.values() if "command" in one]
+
+    assert commands
+    assert {words[0] for words in commands} == {"unghost"}
+    assert {words[1] for words in commands} <= known
+
+
+def test_services_and_workers_agree_about_all_three_places():
+    places = ("UNGHOST_DATABASE_URL", "UNGHOST_STORAGE", "UNGHOST_ENGINE")
+
+    of_each = {
+        tuple(environment(name)[place] for place in places)
+        for name in ("api-1", "api-2", "worker")
+    }
+
+    assert len(of_each) == 1
+
+
+def test_the_image_takes_the_extras_that_the_cluster_needs():
+    last = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))[-1]
+
+    assert last.all("ARG") == ['EXTRAS=""']
+    assert '"$(ls /wheels/*.whl)$EXTRAS"' in last.all("RUN")[0]
+    assert {SERVICES[name]["build"]["args"]["EXTRAS"] for name in OURS} == {
+        "[cluster,postgres,s3]"
+    }
+
+
+@contextmanager
+def proxy(folder: Path, ports: list[int]) -> Iterator[str]:
+    """The recipe's own nginx, before servers on these ports."""
+    assert NGINX is not None
+    port = free_port()
+    text = (CHECKOUT / "deploy" / "nginx.conf").read_text("utf-8")
+    for number, own in enumerate(ports, 1):
+        text = text.replace(f"api-{number}:8000", f"127.0.0.1:{own}")
+    text = text.replace("listen 8080", f"listen 127.0.0.1:{port}")
+    text = text.replace("/tmp/", f"{folder}/")
+    file = folder / "nginx.conf"
+    # Its workers run as its own user, or could not write where this test may.
+    user = "user root;\n" if os.geteuid() == 0 else ""
+    file.write_text(user + text, "utf-8")
+    command = [NGINX, "-p", str(folder), "-c", str(file), "-g", "daemon off;"]
+    running = subprocess.Popen(command)
+    try:
+        wait_for(f"http://127.0.0.1:{port}/readyz")
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        running.terminate()
+        running.wait(30)
+
+
+def wait_for(url: str) -> None:
+    for _ in range(100):
+        try:
+            httpx.get(url, timeout=5)
+        except httpx.TransportError:
+            time.sleep(0.1)
+        else:
+            return
+    raise TimeoutError(url)
+
+
+@pytest.fixture
+def servers(tmp_path) -> Iterator[list[RunningServer]]:
+    """Two services on one database and one folder."""
+    with migrated_postgres() as url, ExitStack() as stack:
+        extra = {"UNGHOST_DATABASE_URL": url}
+        yield [
+            stack.enter_context(running_server(tmp_path / "data", extra))
+            for _ in range(2)
+        ]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(NGINX is None, reason="nginx is not installed")
+def test_frames_go_through_the_proxy_whichever_service_is_there(servers, tmp_path):
+    first, second = servers
+    ports = [int(server.url.rpartition(":")[2]) for server in servers]
+    folder = tmp_path / "nginx"
+    folder.mkdir()
+    frames = [
+        OutgoingFrame(
+            f"{number:03}",
+            scene.annotation(),
+            {"image": scene.image(number), "segmentation": scene.segmentation()},
+        )
+        for number in range(40)
+    ]
+    with proxy(folder, ports) as url, Client(url, token=first.token) as client:
+        client.create_dataset("street")
+        stored = [outcome.word for outcome in client.push("street", frames)]
+        run = client.start_run("street", {"min_visible_pixels": 500})
+        watched = [each.state for each in client.events(run)]
+        stop(second.process)
+        after = [client.dataset("street").name for _ in range(8)]
+        hidden = httpx.get(f"{url}/metrics", headers=first.headers)
+
+    assert stored == ["stored"] * 40
+    assert watched[-1] == "done"
+    assert after == ["street"] * 8
+    assert hidden.status_code == 404
