@@ -46,22 +46,19 @@ def watching_jobs(context: ServiceContext) -> Iterator[None]:
 def abandoned(context: ServiceContext) -> set[Job]:
     """Unfinished jobs whose driver has died, or that nobody has begun for long."""
     with context.database.read() as session:
-        jobs = {
-            **{run_job(run.id): run for run in RunRepository(session).unfinished()},
-            **{
-                export_job(export.id): export
-                for export in ExportRepository(session).unfinished()
-            },
-        }
-        if not jobs:
+        runs = RunRepository(session).unfinished()
+        exports = ExportRepository(session).unfinished()
+        asked_at = {run_job(run.id): run.created_at for run in runs}
+        asked_at |= {export_job(one.id): one.created_at for one in exports}
+        if not asked_at:
             return set()
         leases = LeaseRepository(session)
         driven, void = leases.live(has_ended)
         begun_by = leases.now() - NOBODYS_AFTER
     return {
         job
-        for job, row in jobs.items()
-        if job not in driven and (job in void or row.created_at < begun_by)
+        for job, at in asked_at.items()
+        if job not in driven and (job in void or at < begun_by)
     }
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from app import worker
 from app.logs import configure_logging
-from app.services import run_measuring
+from app.services import measuring, run_measuring
 from app.settings import Settings
 
 MODULE = "tests.cluster.poisoned_worker"
@@ -20,7 +20,7 @@ MODULE = "tests.cluster.poisoned_worker"
 
 def lay_poison() -> None:
     """Let the process die where it would measure such a frame."""
-    measure = run_measuring.measure_files
+    measure = measuring.measure_files
 
     def deadly(plan: Any, annotation: Any, files: Any) -> Any:
         if "poison" in annotation.raw:

@@ -6,6 +6,7 @@ import random
 import threading
 from concurrent.futures import Future
 from dataclasses import replace
+from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,7 +25,8 @@ class Fateful(runs.SmallChunks):
     def __init__(self, fates: list[str], seed: int) -> None:
         super().__init__()
         self._fates, self._dice = list(fates), random.Random(seed)
-        self._deaths, self._waiting = 0, []
+        self._deaths = 0
+        self._waiting: list[tuple[Any, ...]] = []
         self._pulling = threading.Lock()
 
     def start_chunk(self, here, job, number):
