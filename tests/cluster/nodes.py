@@ -121,8 +121,10 @@ class Cluster:
 
     @contextmanager
     def server(self, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
-        engine = {"UNGHOST_ENGINE": self.address, **self.tls("client"), **settings}
-        with running_server(self.data, engine) as server:
+        engine = {"UNGHOST_ENGINE": self.address, **self.tls("client")}
+        with running_server(
+            self.data, {**engine, **self.settings, **settings}
+        ) as server:
             api = Api.at(server.url, server.headers)
             with api.http:
                 yield server, api
@@ -132,6 +134,7 @@ class Cluster:
         given = {
             "PYTHONPATH": str(Path(__file__).resolve().parents[2]),
             **environment_of(self.data),
+            **self.settings,
             **settings,
         }
         process = start([sys.executable, "-m", *words], self.data, log, given)

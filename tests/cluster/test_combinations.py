@@ -40,9 +40,10 @@ def service(places: tuple[str, str, str], folder: Path, s3: S3Server) -> Iterato
             opened.enter_context(api.http)
         else:
             made = opened.enter_context(cluster(folder))
+            made.settings.update(settings)
             made.scheduler()
-            _, api = opened.enter_context(made.server(**settings))
-            made.worker(**settings)
+            _, api = opened.enter_context(made.server())
+            made.worker()
         yield api
 
 
