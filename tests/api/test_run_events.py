@@ -114,9 +114,15 @@ def held(tmp_path_factory):
 
 
 def waiting_run(server, api):
-    """A run that nobody carries out: another process says that it waits."""
+    """A run that nobody carries out here: another process says that it does."""
     dataset = api.dataset()
     (run,) = api.json(f"/datasets/{dataset}/runs")["items"]
+    change(
+        server.data,
+        "INSERT INTO leases (kind, job_id, holder, until) VALUES "
+        "('run', :id, 'elsewhere/1/2/3', '2999-01-01 00:00:00')",
+        id=run["id"],
+    )
     write_row(server, run["id"], "queued")
     return dataset, run["id"]
 
