@@ -28,6 +28,7 @@ def create_offline(
         There is no such database, or the name is taken.
     """
     from app.errors import AppError
+    from app.schemas.tokens import TokenOut
     from app.services.offline_tokens import issue_offline
 
     wanted = _checked(name, role, expires_at)

@@ -15,7 +15,7 @@ from unghost.cli.exits import Refused
 from unghost.cli.offline_token import create_offline
 from unghost.cli.options import ServerOptions
 from unghost.client import Client
-from unghost.people_results import Token
+from unghost.people_results import NewToken, Token
 
 app = typer.Typer(
     help="Give people tokens and take them back; needs a token of an admin.",
@@ -67,22 +67,22 @@ def create(options: CreateOptions) -> None:
     until = None
     if options.days is not None:
         until = datetime.now(timezone.utc) + timedelta(days=options.days)
-    if options.offline:
-        made, url = (
-            create_offline(options.name, options.role.value, until, options.data),
-            "the address of the service",
-        )
-    else:
-        with options.connect() as client:
-            made = client.create_token(
-                options.name, options.role.value, expires_at=until
-            )
-        url = client.url
+    made, where = _made(options, until)
     options.screen.record(made.raw, made.token)
     options.screen.note(
         f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: nobody is "
-        f"shown it again. It logs in at {url}/#token=..."
+        f"shown it again. It logs in at {where}/#token=..."
     )
+
+
+def _made(options: CreateOptions, until: datetime | None) -> tuple[NewToken, str]:
+    """The token, and the address at which it logs in."""
+    name, role = options.name, options.role.value
+    if options.offline:
+        made = create_offline(name, role, until, options.data)
+        return made, "the address of the service"
+    with options.connect() as client:
+        return client.create_token(name, role, expires_at=until), client.url
 
 
 @dataclass(frozen=True, kw_only=True)
