@@ -11,7 +11,6 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Dataset, Frame
 from app.repositories.frames import FileRow, FrameRepository
-from app.services.context import ServiceContext
 from app.services.decisions import DecisionReader
 from filter_core.annotation import parse_annotation
 from filter_core.formats.export_frame import ExportFrame, export_boxes
@@ -24,9 +23,9 @@ class ExportFrames:
     """Iterates over all current frames in the order of their keys."""
 
     def __init__(
-        self, context: ServiceContext, session: Session, dataset: Dataset
+        self, read: Callable[[str], bytes], session: Session, dataset: Dataset
     ) -> None:
-        self._context = context
+        self._read = read
         self._session = session
         self._dataset = dataset
         self._reader = DecisionReader(session, dataset)
@@ -70,4 +69,4 @@ class ExportFrames:
     def _reader_of(self, image: FileRow | None) -> Callable[[], bytes] | None:
         if image is None:
             return None
-        return partial(self._context.storage.read, image.sha256)
+        return partial(self._read, image.sha256)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +30,7 @@ from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version
 from app.services.context import ServiceContext
+from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames
 from filter_core.formats.export_frame import ExportFrame, ExportHead
@@ -61,7 +63,8 @@ def write_chunk(context: ServiceContext, export_id: int, _number: int) -> None:
             export = export_at_work(session, export_id)
             counts = _stream(context, session, export, file)
         size_bytes = file.stat().st_size
-        digest = context.storage.adopt(file)
+        put = partial(context.storage.adopt, file)
+        digest = enduring(context, job_of(export_id), put)
     with context.database.write() as session:
         export = export_at_work(session, export_id)
         context.storage.require([digest])
@@ -97,12 +100,17 @@ def _stream(
     context: ServiceContext, session: Session, export: Export, file: Path
 ) -> dict[str, Any]:
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    frames = ExportFrames(context, session, dataset)
+    frames = ExportFrames(partial(_read, context, export.id), session, dataset)
     head = replace(_head(session, dataset), temporary=file.parent)
     with ReproducibleZip(file) as archive:
         options = ExportOptions.from_mapping(export.options)
         coming = _told(context, export.id, frames)
         return write_export(export.format, coming, archive.add, head, options)
+
+
+def _read(context: ServiceContext, export_id: int, digest: str) -> bytes:
+    read = partial(context.storage.read, digest)
+    return enduring(context, job_of(export_id), read)
 
 
 def _head(session: Session, dataset: Dataset) -> ExportHead:

@@ -17,7 +17,7 @@ from app.services.data_folder import CannotMaintain, Steps
 from app.services.file_store import stored_files_of
 from app.services.findings import MOST_EXAMPLES, Finding, Severity
 from app.settings import Settings
-from app.storage import BlobStore, StoredFile
+from app.storage import BlobStore, StoredFile, export_of
 from app.storage_url import FOLDER
 
 SETTLED_S: Final = 3600.0
@@ -108,7 +108,7 @@ def _findings(
         [
             path
             for path, changed_at in store.leftovers()
-            if path.name not in names and changed_at < began - SETTLED_S
+            if export_of(path) not in names and changed_at < began - SETTLED_S
         ]
     )
 

@@ -19,7 +19,7 @@ from app.repositories.stored_files import StoredFileRepository
 from app.services.data_folder import Steps, alone, opened
 from app.services.file_store import stored_files_of
 from app.settings import Settings
-from app.storage import BlobStore
+from app.storage import BlobStore, export_of
 
 HOUR_S: Final = 3600.0
 TOGETHER: Final = 200
@@ -133,7 +133,7 @@ def _left_over(
     names = {f"export-{number}" for number in at_work}
     latest = min(until, time.time() - SHORTEST_S)
     for path, changed_at in store.leftovers():
-        if path.name in names or changed_at > latest:
+        if export_of(path) in names or changed_at > latest:
             continue
         found.leftovers += 1
         if not found.removed:

@@ -20,6 +20,7 @@ from app.repositories.ledger import LedgerRepository, Span
 from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
+from app.services.enduring import enduring
 from app.services.measuring import (
     MEASURED,
     FrameFiles,
@@ -162,7 +163,10 @@ def _numbers(context: ServiceContext, part: _Part, frame_id: int) -> dict[str, A
     source = part.source
     if source.needs_pixels:
         frame = part.frames[frame_id]
-        return _remeasured(context, source, frame, part.files[frame_id])
+        files = part.files[frame_id]
+        read = partial(_contents, context, source, files)
+        contents = enduring(context, part.scope.job, read)
+        return _remeasured(source, frame, contents)
     row = part.former[frame_id]
     evidence = recount(row, source.classes, source.plan.config)
     return recounted_row(row, evidence, source.classes, source.measurement_id)
@@ -219,17 +223,19 @@ def _source(session: Session, scope: RunScope) -> _Source:
     )
 
 
-def _remeasured(
-    context: ServiceContext,
-    source: _Source,
-    frame: Frame,
-    files: Mapping[str, FileRow],
-) -> dict[str, Any]:
-    contents = {
+def _contents(
+    context: ServiceContext, source: _Source, files: Mapping[str, FileRow]
+) -> dict[str, bytes]:
+    return {
         kind: context.storage.read(files[kind].sha256)
         for kind in (*MEASURED, *source.plan.files)
         if kind in files
     }
+
+
+def _remeasured(
+    source: _Source, frame: Frame, contents: Mapping[str, bytes]
+) -> dict[str, Any]:
     annotation = parse_annotation(frame.annotation, frame=frame.key)
     size = (frame.width or 0, frame.height or 0)
     pixels = FrameFiles.of(contents, size)

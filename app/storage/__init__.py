@@ -10,7 +10,13 @@ from app.storage.durable import (
     make_folder,
 )
 from app.storage.folder import FolderStorage
-from app.storage.listing import StoredFile, digest_of, leftovers, stored_files
+from app.storage.listing import (
+    StoredFile,
+    digest_of,
+    export_of,
+    leftovers,
+    stored_files,
+)
 from app.storage.locking import FolderInUse, alone_in
 from app.storage.opening import BLOBS, MissingLibrary, endpoint_of, open_store
 
@@ -26,6 +32,7 @@ __all__ = [
     "alone_in",
     "digest_of",
     "endpoint_of",
+    "export_of",
     "flush_everything",
     "flush_file",
     "flush_folder",

@@ -49,6 +49,11 @@ def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
             continue
 
 
+def export_of(leftover: Path) -> str:
+    """The export of a leftover, as ``export-7``; each attempt has its own folder."""
+    return "-".join(leftover.name.split("-")[:2])
+
+
 def digest_of(file: Path) -> str:
     """The digest of a file's content; it is never held as a whole."""
     digest = hashlib.sha256()

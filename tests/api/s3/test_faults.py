@@ -15,6 +15,7 @@ import pytest
 
 from tests.api import frames as scene
 from tests.api.archives import frame, lines_of, packed
+from tests.api.long_streets import FROM_PIXELS
 from tests.api.resources import BASE, Api
 from tests.api.s3.conftest import served_on_s3
 
@@ -92,6 +93,56 @@ def send(api, dataset, members):
         content=packed(members),
         headers={"Content-Type": "application/x-tar"},
     )
+
+
+def complaints(server):
+    return server.log.read_text("utf-8").count("the store of the files does not answer")
+
+
+def until_it_complains(server, before):
+    """A job has asked the store in vain."""
+    for _ in range(MOST_TRIES):
+        if complaints(server) > before:
+            return
+        time.sleep(0.1)  # what a job does is seen nowhere else
+    raise AssertionError("nobody has asked the store")
+
+
+@pytest.fixture
+def measured_in_vain(on_s3):
+    """A run that needs pixels while the store is away."""
+    dataset = on_s3.api.dataset()
+    for number in range(3):
+        on_s3.api.stored(dataset, f"{number}", **files(number))
+    before = complaints(on_s3.server)
+    on_s3.gate.shut()
+    try:
+        run = on_s3.api.post(f"/datasets/{dataset}/runs", {"config": FROM_PIXELS})
+        until_it_complains(on_s3.server, before)
+        yield dataset, run
+    finally:
+        on_s3.gate.open()
+
+
+def test_a_run_and_an_export_outlast_a_store_that_is_away(on_s3, measured_in_vain):
+    dataset, run = measured_in_vain
+    body = {"format": "yolo", "options": {"images": "copy"}}
+    export = on_s3.api.post(f"/datasets/{dataset}/exports", body)
+
+    on_s3.gate.open()
+
+    assert on_s3.api.finished(run)["state"] == "done"
+    assert on_s3.api.finished(export)["state"] == "done"
+
+
+def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain):
+    _, run = measured_in_vain
+    begun = time.monotonic()
+
+    on_s3.api.http.post(f"{run.headers['location']}/cancel")
+
+    assert on_s3.api.finished(run)["state"] == "cancelled"
+    assert time.monotonic() - begun < 10
 
 
 def send_one_by_one(api, dataset, count):

@@ -11,6 +11,7 @@ import pytest
 
 from filter_core.palettes import FAMILIES
 from tests.api import frames as scene
+from tests.api.s3.conftest import served_on_s3
 
 pytestmark = [
     pytest.mark.long,
@@ -32,9 +33,17 @@ def forget_peak(process):
 
 
 @pytest.fixture
-def export(on_s3):
+def patient(tmp_path, s3):
+    """A service that gives a busy machine time."""
+    with served_on_s3(tmp_path, s3, UNGHOST_STORAGE_TIMEOUT_S="60") as running:
+        yield running
+
+
+@pytest.fixture
+def export(patient):
     """The archive of frames whose images cannot be compressed."""
-    api, dataset = on_s3.api, on_s3.api.dataset()
+    api, process = patient.api, patient.server.process
+    dataset = api.dataset()
     tags = np.full((HIGH, WIDE), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
     segmentation = scene.png(FAMILIES[scene.FAMILY].paint(tags))
     noise = np.random.default_rng(7)
@@ -45,22 +54,22 @@ def export(on_s3):
         assert written
         files = {"image": image.tobytes(), "segmentation": segmentation}
         api.stored(dataset, f"{number:03}", annotation, **files)
-    forget_peak(on_s3.server.process)
-    before = peak_bytes(on_s3.server.process)
+    forget_peak(process)
+    before = peak_bytes(process)
     body = {"format": "yolo", "options": {"images": "copy"}}
     made = api.finished(api.post(f"/datasets/{dataset}/exports", body))
     assert made["state"] == "done"
     assert made["size_bytes"] > 200 * MIB
-    return made, peak_bytes(on_s3.server.process) - before
+    return made, peak_bytes(process) - before
 
 
-def test_an_archive_is_put_and_sent_in_parts(on_s3, export):
+def test_an_archive_is_put_and_sent_in_parts(patient, export):
     made, grown_while_put = export
-    process, digest = on_s3.server.process, hashlib.sha256()
+    process, digest = patient.server.process, hashlib.sha256()
     forget_peak(process)
     before = peak_bytes(process)
 
-    with on_s3.api.http.stream("GET", made["download"]) as answer:
+    with patient.api.http.stream("GET", made["download"]) as answer:
         for piece in answer.iter_bytes():
             digest.update(piece)
 

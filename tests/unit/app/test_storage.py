@@ -7,7 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from app.storage import FolderStorage, leftovers, make_folder, sha256_of, stored_files
+from app.storage import (
+    FolderStorage,
+    export_of,
+    leftovers,
+    make_folder,
+    sha256_of,
+    stored_files,
+)
 
 CONTENT = b"an image"
 DIGEST = sha256_of(CONTENT)
@@ -123,6 +130,15 @@ def test_a_file_that_is_put_again_is_not_removed_as_unused(tmp_path):
 
     assert storage.remove([DIGEST], unused_since=long_ago) == {}
     storage.require([DIGEST])
+
+
+def test_each_attempt_at_an_export_belongs_to_it(tmp_path):
+    names = ("export-7", "export-7-0f3a", "export-77-0f3a")
+
+    assert [export_of(tmp_path / name) for name in names] == [
+        *("export-7", "export-7"),
+        "export-77",
+    ]
 
 
 def test_what_lies_there_is_listed_apart_from_what_was_left(tmp_path):
