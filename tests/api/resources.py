@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
@@ -15,6 +16,8 @@ from tests.api import frames as scene
 BASE = "/api/v1"
 FINISHED = ("done", "failed", "cancelled")
 MOST_LOOKS = 20_000
+LOOK_EVERY_S = 0.01
+"""Asking without a pause would take the processor from the run that one waits for."""
 _numbers = count(1)
 
 
@@ -90,6 +93,7 @@ class Api:
             run = self.http.get(accepted.headers["location"]).json()
             if run["state"] in FINISHED:
                 return run
+            time.sleep(LOOK_EVERY_S)
         raise AssertionError(run)
 
     def run(self, dataset: str, config: Any, *, activate: bool = True) -> Any:
