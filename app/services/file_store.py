@@ -31,6 +31,8 @@ _REASONS: Final = {
     "NoSuchBucket": "there is no such bucket; make it, or mend UNGHOST_STORAGE",
     "NoKeys": "there are no keys for it; set AWS_ACCESS_KEY_ID and "
     "AWS_SECRET_ACCESS_KEY",
+    "NotImplemented": "it cannot put something only if it is not there "
+    "(`If-None-Match: *`)",
     "GenericError": "it does not answer",
     **dict.fromkeys(_ELSEWHERE, "it is in another region; see UNGHOST_STORAGE_REGION"),
     **{reason: _KEYS.format(reason) for reason in _REFUSED},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from app.services.data_folder import CannotMaintain
@@ -72,6 +74,15 @@ def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
     assert f"'pictures' at {url}" in served.err
     said = served.err + served.out + doctor.out + doctor.err
     assert (SECRET in said, TOKEN in said, "x-amz" in said) == (False, False, False)
+
+
+def test_a_library_that_is_not_installed_is_named(tmp_path, s3, monkeypatch):
+    bucket = s3.bucket()
+    monkeypatch.setitem(sys.modules, "app.storage.s3", None)
+
+    said = refusal(tmp_path / "data", bucket)
+
+    assert "pip install 'unghost[s3]'" in said
 
 
 def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3):
