@@ -271,7 +271,7 @@ def member(name: str, content: bytes) -> bytes:
     return b"".join((header.tobuf(tarfile.USTAR_FORMAT), content, padding))
 
 
-def peak_mib(pid: int) -> float:
+def peak_mib(pid: int | str) -> float:
     """The most that a process ever had in memory, as Linux tells it."""
     text = Path(f"/proc/{pid}/status").read_text()
     return int(re.findall(r"VmHWM:\s+(\d+) kB", text)[0]) / 1024

@@ -1,0 +1,149 @@
+"""Does the memory of the process that drives a job grow with the job's chunks?
+
+    python -m benchmarks.bench_ledger [--few 10000] [--many 1000000] [--json]
+
+The driver and the ledger are real, a SQLite database on the disk; the chunks are not:
+whatever is submitted is done at once. Beside it the same number of tasks is submitted
+to a pool at once, as one would without a window. Each is a process of its own, and the
+figure is the most memory that it ever had. SQLite may keep 8 MiB of the ledger in
+memory instead of the service's 256, or that would be what grows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from sqlalchemy import event
+from sqlalchemy.orm import Session
+
+from app.engine import Job, LocalEngine
+from app.engine.jobs import DONE, ChunkWork
+from app.lifetime import running
+from app.repositories.ledger import Span
+from app.services.chunk_driving import ChunkDriver
+from app.services.context import ServiceContext
+from app.settings import Settings
+from benchmarks.bench_batch import peak_mib
+
+JOB = Job("run", 1)
+MOST_IN_FLIGHT = 256
+CACHE_KIB = 8 * 1024
+ASKED = 1.1
+
+
+class Instant(LocalEngine):
+    """Has done whatever it is asked for."""
+
+    @property
+    def window(self) -> int:
+        """As many as a cluster may have in flight."""
+        return MOST_IN_FLIGHT
+
+    def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
+        """Nothing is worked on; `here` is not used."""
+        future: Future[str] = Future()
+        future.set_result(DONE)
+        return future
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--few", type=int, default=10_000)
+    parser.add_argument("--many", type=int, default=1_000_000)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--alone", choices=("driver", "at once"), help="one process")
+    options = parser.parse_args()
+    if options.alone:
+        print(json.dumps(measured(options.alone, options.many)))
+        return 0
+    figures: dict[str, float] = {}
+    for way in ("driver", "at once"):
+        for chunks in (options.few, options.many):
+            seconds, base, peak = in_a_process(way, chunks)
+            figures[f"{way}, {chunks} chunks: took [s]"] = seconds
+            figures[f"{way}, {chunks} chunks: peak [MiB]"] = peak
+            figures[f"{way}, {chunks} chunks: of these before [MiB]"] = base
+    few, many = (f"driver, {n} chunks: peak [MiB]" for n in (options.few, options.many))
+    figures["the driver's second peak / the first: measured"] = (
+        figures[many] / figures[few]
+    )
+    figures["the driver's second peak / the first: asked, at most"] = ASKED
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for name, value in figures.items():
+            print(f"{name:58} {value:10.2f}")
+    return 0
+
+
+def in_a_process(way: str, chunks: int) -> tuple[float, float, float]:
+    """Seconds, and memory before and at most, of a process that does nothing else."""
+    command = [sys.executable, "-m", "benchmarks.bench_ledger", "--alone", way]
+    answer = subprocess.run(
+        [*command, "--many", str(chunks)], check=True, stdout=subprocess.PIPE, text=True
+    )
+    seconds, base, peak = json.loads(answer.stdout)
+    return seconds, base, peak
+
+
+def measured(way: str, chunks: int) -> tuple[float, float, float]:
+    """Seconds, and MiB before and at most."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(Settings(data=Path(folder) / "data")) as context,
+    ):
+        keep_little(context)
+        base, begun = peak_mib("self"), time.perf_counter()
+        if way == "driver":
+            drive(context, chunks)
+        else:
+            submit_at_once(chunks)
+        return time.perf_counter() - begun, base, peak_mib("self")
+
+
+def keep_little(context: ServiceContext) -> None:
+    """Let SQLite hold few pages of the database."""
+    engine = context.database.engine
+    engine.dispose()
+
+    @event.listens_for(engine, "connect")
+    def _limit(connection: sqlite3.Connection, _record: object) -> None:
+        connection.execute(f"PRAGMA cache_size=-{CACHE_KIB}").close()
+
+
+def drive(context: ServiceContext, chunks: int) -> None:
+    """Drive a job of so many chunks to its end."""
+
+    def more(_: Session, after: int, most: int) -> list[Span]:
+        end = min(chunks, after + most)
+        return [Span(number, number, 1) for number in range(after + 1, end + 1)]
+
+    context = ServiceContext(
+        settings=context.settings,
+        database=context.database,
+        storage=context.storage,
+        engine=Instant(1),
+    )
+    with context.leases.driving(context.database, JOB) as lease:
+        with context.database.write() as session:
+            lease.take(session)
+        ChunkDriver(context, lease, more, lambda *_: None).drive()
+
+
+def submit_at_once(chunks: int) -> None:
+    """What a driver without a window would do."""
+    with ThreadPoolExecutor(1) as pool:
+        for future in [pool.submit(int, number) for number in range(chunks)]:
+            future.result()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
