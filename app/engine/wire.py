@@ -74,6 +74,8 @@ def prepare() -> None:
         ) from exc
     dask.config.set(_OPTIONS)
     logging.getLogger("distributed").setLevel(logging.WARNING)
+    # It tells with a traceback what the driver says in a line.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
 
 
 def security(files: Certificates, *, encrypted: bool) -> Security:

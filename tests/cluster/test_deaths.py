@@ -147,3 +147,26 @@ def test_a_worker_with_another_database_is_told_so(made, tmp_path):
 
     assert run["error"]["code"] == "worker_elsewhere"
     assert "UNGHOST_DATABASE_URL" in run["error"]["detail"]
+
+
+@pytest.mark.parametrize("is_away", [False, True], ids=["at work", "no scheduler"])
+def test_a_server_that_is_told_to_stop_leaves_its_run_to_the_next_one(made, is_away):
+    scheduler = made.scheduler()
+    with made.server() as (server, api):
+        made.worker()
+        name = fill(api, FRAMES)
+        run_id = asked(api, name)
+        has_begun(api, run_id)
+        if is_away:
+            scheduler.kill()
+            until(lambda: "waits for its engine" in server.log.read_text(), "no notice")
+
+        server.process.send_signal(signal.SIGTERM)
+        code = server.process.wait(20)
+    if is_away:
+        made.scheduler()
+
+    assert code == 0
+    assert "Traceback" not in server.log.read_text()
+    with made.server() as (_, api):
+        check_totals(api, name, ended(api, run_id), FRAMES)

@@ -1,0 +1,86 @@
+"""`unghost certificates` and `unghost scheduler`: what they make and refuse."""
+
+from __future__ import annotations
+
+import ssl
+import stat
+from datetime import datetime, timedelta, timezone
+from ipaddress import ip_address
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+
+from app.engine import UnusableEngine
+from app.engine.certificates import NODES
+from app.engine.scheduler import run_scheduler
+from app.engine.wire import Certificates
+from tests.api.command_line import CommandLine
+
+HOSTS = ("scheduler.lab", "10.0.0.5")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    words = [word for host in HOSTS for word in ("--host", host)]
+    unghost = CommandLine(folder, {})
+    first = unghost("certificates", "nodes", *words, "--days", "30", "--json")
+    return folder / "nodes", first, unghost("certificates", "nodes", *words)
+
+
+def read(folder, name):
+    return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
+
+
+def test_certificates_are_written_once_and_keys_are_private(made):
+    folder, first, second = made
+    files = {file.name: stat.S_IMODE(file.stat().st_mode) for file in folder.iterdir()}
+
+    assert first.code == 0, first.err
+    assert len(first.records) == 8
+    assert {mode for name, mode in files.items() if name.endswith(".key")} == {0o600}
+    assert set(files) == {
+        f"{name}{end}" for name in ("ca", *NODES) for end in (".pem", ".key")
+    }
+    assert second.code == 1
+    assert "has ca.pem" in second.err
+
+
+def test_each_is_signed_by_the_authority_for_the_hosts_and_days(made):
+    folder = made[0]
+    authority = read(folder, "ca")
+    soon = datetime.now(timezone.utc) + timedelta(days=30)
+    for name in NODES:
+        found = read(folder, name)
+        found.verify_directly_issued_by(authority)
+        names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+        key = found.public_key()
+
+        assert names.value.get_values_for_type(x509.DNSName) == [HOSTS[0]]
+        assert names.value.get_values_for_type(x509.IPAddress) == [ip_address(HOSTS[1])]
+        assert isinstance(key, ec.EllipticCurvePublicKey)
+        assert key.curve.name == "secp256r1"
+        assert abs(found.not_valid_after_utc - soon) < timedelta(hours=1)
+        basic = found.extensions.get_extension_for_class(x509.BasicConstraints)
+        assert not basic.value.ca
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_key_fits_its_certificate(made, name):
+    folder = made[0]
+    context = ssl.create_default_context(cafile=str(folder / "ca.pem"))
+
+    context.load_cert_chain(folder / f"{name}.pem", folder / f"{name}.key")
+
+
+def test_a_scheduler_without_certificates_stays_on_this_machine():
+    with pytest.raises(UnusableEngine, match="let anybody run code"):
+        run_scheduler("0.0.0.0", 0, Certificates(), print)
+
+
+def test_a_scheduler_names_what_it_lacks(made):
+    shown = Certificates(made[0] / "ca.pem", made[0] / "nothing.pem", None)
+
+    with pytest.raises(UnusableEngine, match=r"there is no file .*nothing.pem"):
+        run_scheduler("127.0.0.1", 0, shown, print)
