@@ -16,7 +16,15 @@ paths() {
     browser) echo tests/browser ;;
     service) echo tests/api tests/hostile ;;
     others) echo --ignore=tests/browser --ignore=tests/api --ignore=tests/hostile ;;
-    postgres) echo tests/unit/app tests/property/app tests/api/test_main_path.py ;;
+    postgres)
+        for one in runs export_jobs statistics box_selection ids; do
+            echo "tests/unit/app/test_$one.py"
+        done
+        for one in tallies queue_order preview batches_like_uploads; do
+            echo "tests/property/app/test_$one.py"
+        done
+        echo tests/api/test_main_path.py
+        ;;
     esac
 }
 

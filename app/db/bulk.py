@@ -155,7 +155,7 @@ def copy_in(
     connection = session.connection()
     ready = _ready(_insert(model), frozenset(rows[0]), connection.dialect)
     names = list(rows[0])
-    given = (ready.parameters(row) for row in rows)
+    given = (ready.named(row) for row in rows)
     values = ([row[name] for name in names] for row in given)
     copy_rows(connection, _table(model), names, values)
 
@@ -176,10 +176,15 @@ class _Ready:
 
     def parameters(self, row: Mapping[str, Any]) -> tuple[Any, ...] | Mapping[str, Any]:
         """One row for the driver."""
+        row = self.named(row)
+        return tuple([row[name] for name in self.order]) if self.order else row
+
+    def named(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
+        """One row as the driver takes its values, by their names."""
         if self.fixed or self.mend:
             row = {**self.fixed, **row}
             row |= {name: change(row[name]) for name, change in self.mend}
-        return tuple([row[name] for name in self.order]) if self.order else row
+        return row
 
 
 def _run(
@@ -226,8 +231,9 @@ def upsert_in(dialect: str, model: type[Base]) -> Any:  # noqa: ANN401  # of eit
 
 @lru_cache
 def _update(table: Table, key: str, names: tuple[str, ...]) -> Update:
-    values = {name: bindparam(f"to_{name}") for name in names}
-    return update(table).where(table.c[key] == bindparam(f"to_{key}")).values(values)
+    found = table.c[key] == bindparam(f"to_{key}")
+    changes: dict[str, Any] = {name: bindparam(f"to_{name}") for name in names}
+    return update(table).where(found).values(changes)
 
 
 @lru_cache

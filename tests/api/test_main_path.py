@@ -112,7 +112,7 @@ def test_a_frame_that_is_sent_again_deleted_and_replaced_is_counted_once(api, st
 def test_lists_go_page_by_page_in_every_order(api, street):
     for order in ("id", "doubt", "match_percent", "-match_percent", "crowding"):
         seen: list[int] = []
-        cursor = {}
+        cursor: dict[str, str] | None = {}
         while cursor is not None:
             page = api.json("/boxes", dataset=street, sort=order, limit=7, **cursor)
             seen += [box["box_id"] for box in page["items"]]

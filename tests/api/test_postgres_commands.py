@@ -37,7 +37,7 @@ def unghost(tmp_path, url) -> CommandLine:
 
 
 @pytest.fixture
-def filled(tmp_path, url) -> Path:
+def filled(tmp_path: Path, url: str) -> Path:
     """A data folder of two frames, and their rows in the database."""
     data = tmp_path / "data"
     with running_services(data, database_url=url) as services:

@@ -77,12 +77,12 @@ def create(options: CreateOptions) -> None:
 
 def _made(options: CreateOptions, until: datetime | None) -> tuple[NewToken, str]:
     """The token, and the address at which it logs in."""
-    name, role = options.name, options.role.value
     if options.offline:
-        made = create_offline(name, role, until, options.data)
+        made = create_offline(options.name, options.role.value, until, options.data)
         return made, "the address of the service"
     with options.connect() as client:
-        return client.create_token(name, role, expires_at=until), client.url
+        made = client.create_token(options.name, options.role.value, expires_at=until)
+        return made, client.url
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -121,7 +121,8 @@ class Writers:
 
 
 def every(api, path):
-    items, cursor = [], {}
+    items: list[dict] = []
+    cursor: dict[str, str] | None = {}
     while cursor is not None:
         page = api.json(path, limit=1000, **cursor)
         items += page["items"]

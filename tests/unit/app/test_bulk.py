@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import delete, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -107,7 +107,7 @@ def test_copy_stores_what_an_insert_stores(session, dataset, database):
     rows = frames(dataset, MANY)
     session.execute(insert(Frame), rows)
     inserted = stored(session, list(rows[0]))
-    session.execute(Frame.__table__.delete())
+    session.execute(delete(Frame))
 
     copy_in(session, Frame, rows)
 

@@ -152,6 +152,7 @@ def test_an_export_that_fails_says_so_and_is_not_tried_again(street):
     assert "split" in export.error["detail"]
 
 
+@pytest.mark.sqlite_files("its page cache")
 def test_what_an_export_reads_is_not_kept_in_memory(services):
     """Its peak used to grow with the database, up to the whole page cache."""
     database, sizes = services.context.database, []
