@@ -28,6 +28,9 @@ from unghost.cli.program import app as program
 
 RECIPE = yaml.safe_load((CHECKOUT / "docker-compose.cluster.yml").read_text("utf-8"))
 SERVICES: dict[str, dict[str, Any]] = RECIPE["services"]
+KUBERNETES: list[dict[str, Any]] = list(
+    yaml.safe_load_all((CHECKOUT / "deploy" / "kubernetes.yaml").read_text("utf-8"))
+)
 OURS = [name for name, one in SERVICES.items() if one.get("image") == "unghost:cluster"]
 NGINX = shutil.which("nginx", path=f"{os.environ['PATH']}:/usr/sbin")
 
@@ -83,6 +86,32 @@ def test_what_the_containers_run_are_commands():
     assert commands
     assert {words[0] for words in commands} == {"unghost"}
     assert {words[1] for words in commands} <= known
+
+
+def containers(part: Any) -> Iterator[dict[str, Any]]:
+    """Every container below a part of the Kubernetes example."""
+    if isinstance(part, dict):
+        yield from part.get("containers", ())
+        for inner in part.values():
+            yield from containers(inner)
+
+
+def test_the_kubernetes_example_has_settings_and_commands_of_this_version(monkeypatch):
+    known = {command.name for command in program.registered_commands}
+    fields = {f"UNGHOST_{field.upper()}" for field in Settings.model_fields}
+    shared = next(one["data"] for one in KUBERNETES if one["kind"] == "ConfigMap")
+    found = [each for part in KUBERNETES for each in containers(part)]
+    own = [{one["name"]: one["value"] for one in each["env"]} for each in found]
+
+    for variables in (shared, *own):
+        with monkeypatch.context() as patch:
+            for name, value in variables.items():
+                patch.setenv(name, value)
+            Settings()
+        assert set(variables) <= fields
+    assert [each["name"] for each in found] == ["unghost", "scheduler", "worker"]
+    commands = [each["args"] for each in found if "args" in each]
+    assert {(words[0], words[1] in known) for words in commands} == {("unghost", True)}
 
 
 def test_services_and_workers_agree_about_all_three_places():
