@@ -11,7 +11,6 @@ import pytest
 from app.engine.certificates import make_certificates
 from tests.api import frames as scene
 from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
-from tests.api.resources import Api
 from tests.cluster.nodes import (
     PATIENCE_S,
     kill_working_process,
@@ -20,7 +19,6 @@ from tests.cluster.nodes import (
     working_process,
 )
 from tests.cluster.totals import check_totals, ended, has_begun, state_of
-from tests.servers import running_server
 
 FRAMES = 50
 AWAY = 69
@@ -32,35 +30,40 @@ def long_street(whole):
     return fill(whole.api, FRAMES)
 
 
-def labelled(api):
-    """A run and an export of the same frames; what came of them."""
-    assert api.post("/datasets", {"name": "same"}).status_code == 201
+def exported(api, dataset):
+    """The hashes of its labels in two formats."""
+    asked = [
+        api.finished(api.post(f"/datasets/{dataset}/exports", {"format": form}))
+        for form in ("decisions-jsonl", "yolo")
+    ]
+    assert [one["state"] for one in asked] == ["done", "done"], asked
+    return [one["sha256"] for one in asked], asked[0]["download"]
+
+
+def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole):
+    dataset = whole.api.dataset()
     for number in range(45):
         files = {
             "image": scene.image(number),
             "segmentation": scene.segmentation(number % 9),
         }
-        api.stored("same", f"{number:02}", scene.annotation(), **files)
-    run = api.run("same", {**FROM_PIXELS, "threshold_small_box": 30})
-    exports = [
-        api.finished(api.post("/datasets/same/exports", {"format": form}))
-        for form in ("decisions-jsonl", "yolo")
-    ]
-    told = {key: run[key] for key in ("state", "total", "done", "changed", "counts")}
-    return told, [(one["state"], one["sha256"]) for one in exports], exports
+        whole.api.stored(dataset, f"{number:02}", scene.annotation(), **files)
+    run = whole.api.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
+    by_workers, download = exported(whole.api, dataset)
+    before = whole.api.json(f"/datasets/{dataset}/stats")
 
+    with whole.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
+        by_itself, _ = exported(alone, dataset)
+        # Measured once more here: other numbers would be seen as other labels.
+        again = alone.run(dataset, {**OTHER_PIXELS[3], "threshold_small_box": 30})
+        back = alone.run(dataset, {**FROM_PIXELS, "threshold_small_box": 30})
+        after = alone.json(f"/datasets/{dataset}/stats")
 
-def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole, tmp_path):
-    run, digests, exports = labelled(whole.api)
-    with running_server(tmp_path / "alone") as server:
-        api = Api.at(server.url, server.headers)
-        with api.http:
-            expected = labelled(api)
-
-    assert (run, digests) == expected[:2]
-    assert run["state"] == "done"
-    download = whole.api.http.get(exports[0]["download"])
-    assert download.status_code == 200
+    assert by_workers == by_itself
+    assert {one["state"] for one in (run, again, back)} == {"done"}
+    assert (run["done"], back["counts"]) == (45, run["counts"])
+    assert after == {**before, "run": back["id"]}
+    assert whole.api.http.get(download).status_code == 200
 
 
 def test_the_server_itself_measures_only_what_is_uploaded(whole, long_street):
