@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Final, TypeVar
 
-from app.engine import Job
 from app.errors import StorageAway
 from app.services.context import ServiceContext
 
@@ -15,24 +14,23 @@ _LOOK_S: Final = 0.25
 _T = TypeVar("_T")
 
 
-def enduring(context: ServiceContext, job: Job, ask: Callable[[], _T]) -> _T:
+def enduring(
+    context: ServiceContext, check: Callable[[], None], ask: Callable[[], _T]
+) -> _T:
     """What a store answers, tried for half a minute; StorageAway after that.
 
-    Raises
-    ------
-    JobStopped
-        The service stops, or nobody wants the job any more.
+    `check` raises whatever ends the waiting: that nobody wants the job any more.
     """
     for pause_s in PAUSES_S:
         try:
             return ask()
         except StorageAway:
-            _pause(context, job, pause_s)
+            _pause(context, check, pause_s)
     return ask()
 
 
-def _pause(context: ServiceContext, job: Job, seconds: float) -> None:
+def _pause(context: ServiceContext, check: Callable[[], None], seconds: float) -> None:
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0:
-        context.engine.check(job)
+        check()
         context.engine.stopping.wait(min(left, _LOOK_S))

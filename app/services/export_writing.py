@@ -64,7 +64,7 @@ def write_chunk(context: ServiceContext, export_id: int, _number: int) -> None:
             counts = _stream(context, session, export, file)
         size_bytes = file.stat().st_size
         put = partial(context.storage.adopt, file)
-        digest = enduring(context, job_of(export_id), put)
+        digest = enduring(context, partial(_check, context, export_id), put)
     with context.database.write() as session:
         export = export_at_work(session, export_id)
         context.storage.require([digest])
@@ -110,7 +110,13 @@ def _stream(
 
 def _read(context: ServiceContext, export_id: int, digest: str) -> bytes:
     read = partial(context.storage.read, digest)
-    return enduring(context, job_of(export_id), read)
+    return enduring(context, partial(_check, context, export_id), read)
+
+
+def _check(context: ServiceContext, export_id: int) -> None:
+    context.engine.check(job_of(export_id))
+    with context.database.read() as session:
+        export_at_work(session, export_id)
 
 
 def _head(session: Session, dataset: Dataset) -> ExportHead:

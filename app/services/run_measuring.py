@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -133,10 +134,12 @@ def measure_chunk(context: ServiceContext, run_id: int, number: int) -> None:
     context.engine.check(job_of(run_id))
     with context.database.read() as session:
         part = _Part.of(session, run_id, number)
-    measured, portion = 0, _Portion(context, part)
-    with closing(
-        context.engine.map(partial(_numbers, context, part), part.missing)
-    ) as rows:
+    measured, portion, over = 0, _Portion(context, part), threading.Event()
+    work = partial(_numbers, context, part, over)
+    with ExitStack() as ending:
+        rows = ending.enter_context(closing(context.engine.map(work, part.missing)))
+        # Threads that wait for a store are to know that nobody waits for them.
+        ending.callback(over.set)
         for row in rows:
             # When the service stops, what is measured by then is kept.
             context.engine.check_wanted(part.scope.job)
@@ -159,13 +162,16 @@ def _missing_of(session: Session, scope: RunScope, chunk: Chunk) -> list[int]:
     )
 
 
-def _numbers(context: ServiceContext, part: _Part, frame_id: int) -> dict[str, Any]:
+def _numbers(
+    context: ServiceContext, part: _Part, over: threading.Event, frame_id: int
+) -> dict[str, Any]:
     source = part.source
     if source.needs_pixels:
         frame = part.frames[frame_id]
         files = part.files[frame_id]
         read = partial(_contents, context, source, files)
-        contents = enduring(context, part.scope.job, read)
+        check = partial(_check, context, part.scope, over)
+        contents = enduring(context, check, read)
         return _remeasured(source, frame, contents)
     row = part.former[frame_id]
     evidence = recount(row, source.classes, source.plan.config)
@@ -221,6 +227,15 @@ def _source(session: Session, scope: RunScope) -> _Source:
         former_measurement_id=former_id,
         needs_pixels=former.pixel_digest != wanted.pixel_digest,
     )
+
+
+def _check(context: ServiceContext, scope: RunScope, over: threading.Event) -> None:
+    """JobStopped as soon as nobody wants the numbers, also if only the row says so."""
+    if over.is_set():
+        raise JobStopped(scope.job)
+    context.engine.check(scope.job)
+    with context.database.read() as session:
+        run_at_work(session, scope.run_id)
 
 
 def _contents(

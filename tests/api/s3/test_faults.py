@@ -143,6 +143,17 @@ def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain)
 
     assert on_s3.api.finished(run)["state"] == "cancelled"
     assert time.monotonic() - begun < 10
+    assert all_threads_are_free(on_s3)
+
+
+def all_threads_are_free(on_s3):
+    """Of those that measure pixels, none waits for a store on behalf of nobody."""
+    until = time.monotonic() + 5
+    while time.monotonic() < until:
+        metrics = on_s3.api.http.get("/metrics").text
+        if "\nunghost_workers_busy 0\n" in metrics:
+            return True
+    return False
 
 
 def send_one_by_one(api, dataset, count):
