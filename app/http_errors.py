@@ -64,6 +64,7 @@ _FULL: Final = ("disk is full", "no space left", "disk full")
 _FULL_ERRNO: Final = (errno.ENOSPC, errno.EDQUOT)
 _READ_ONLY: Final = ("readonly database", "read-only transaction")
 _READ_ONLY_ERRNO: Final = (errno.EROFS, errno.EACCES, errno.EPERM)
+_NUL: Final = ("cannot contain nul",)
 _DAMAGED: Final = ("malformed", "not a database", "invalid page")
 
 
@@ -185,6 +186,9 @@ def _translated_sql(exc: Exception) -> Exception:
         return errors.NotReady(
             "the database does not answer; try again", retry_after_s=AWAY_RETRY_S
         )
+    if isinstance(exc, sql.DataError) and _says(exc, _NUL):
+        # PostgreSQL holds no such text, so nothing can be called so.
+        return errors.NotFound("name with", "\0")
     if isinstance(exc, sql.IntegrityError):
         error_log.warning("lost a race", exc_info=exc)
         return errors.Conflict("someone changed the same thing meanwhile; look again")

@@ -214,3 +214,14 @@ def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replic
     assert one.json(f"/runs/{run_id}")["state"] == "done"
     assert cancelled.status_code == 202
     assert ended["state"] == "cancelled"
+
+
+def test_what_no_text_of_postgresql_can_hold_is_not_there(replicas):
+    answers = [
+        replicas.one.api.get("/datasets/%00"),
+        replicas.one.api.get("/boxes?dataset=%00"),
+        replicas.one.api.post("/datasets/%00/queue", {}),
+        replicas.one.api.put("%00", "a"),
+    ]
+
+    assert {answer.status_code for answer in answers} <= {404, 422}
