@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from pydantic_core import to_json
 
 from unghost.cli.command import command
 from unghost.cli.exits import PARTLY, REFUSED
@@ -64,10 +63,11 @@ def filter_local(options: FilterOptions) -> None:
     config = read_config(options.config, options, options.screen)
     found = open_source(options.source, options)
     tally = _Tally(options.screen)
+    line = _lines()
     with _output(options.output) as write:
         decided = _decided(found, config, options.workers)
         for outcome in tally.watch(decided, found.count):
-            write(_line(outcome))
+            write(line(outcome))
     for file in found.unmatched:
         tally.screen.note(f"not matched: {file.path}: {file.why}")
     tally.print_summary(options.output)
@@ -75,9 +75,12 @@ def filter_local(options: FilterOptions) -> None:
         raise typer.Exit(PARTLY if tally.decided else REFUSED)
 
 
-def _line(outcome: FrameOutcome) -> bytes:
-    """A frame's line: thirty boxes are some 700 values, so the encoder matters."""
-    return to_json(outcome.as_dict()) + b"\n"
+def _lines() -> Callable[[FrameOutcome], bytes]:
+    """What makes the lines: a frame has some 700 values, so the encoder matters."""
+    from pydantic import TypeAdapter
+
+    encoder = TypeAdapter(dict[str, Any])
+    return lambda outcome: encoder.dump_json(outcome.as_dict()) + b"\n"
 
 
 def _spare_source(options: FilterOptions) -> None:
