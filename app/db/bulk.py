@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from sqlalchemy.sql.compiler import SQLCompiler
 
 MAX_PARAMETERS: Final = 10_000
-COPY_FROM_ROWS: Final = 16
-"""Fewer rows are inserted as soon without COPY; benchmarks/bench_postgres.py."""
+COPY_FROM_ROWS: Final = 2
+"""A row alone needs no COPY; benchmarks/bench_postgres.py."""
 ROWS_AT_A_TIME: Final = 10_000
 """Some tens of milliseconds: how soon long work can be told to stop."""
 Written = Callable[[int], None]

@@ -34,7 +34,7 @@ ODD = (
     "",
     "'\"",
 )
-MANY = COPY_FROM_ROWS * 3
+MANY = 48
 
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
