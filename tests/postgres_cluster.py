@@ -59,6 +59,16 @@ class Cluster:
             os.kill(pid, sig)
         return len(pids)
 
+    def end_a_transaction(self) -> int:
+        """End one connection that is in the middle of something; 0 if none is."""
+        engine = create_engine(self.url, poolclass=NullPool)
+        ended = (
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+            "WHERE application_name = 'unghost' AND state <> 'idle' LIMIT 1"
+        )
+        with engine.connect() as connection:
+            return len(connection.execute(text(ended)).all())
+
     def _control(self, *words: str) -> None:
         run(self.programs / "pg_ctl", "-w", "-D", str(self.folder / "data"), *words)
 

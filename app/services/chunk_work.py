@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from app.db.passing import in_a_line, is_passing
 from app.engine import Job, JobStopped
 from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, UNWANTED
 from app.errors import AppError
@@ -39,7 +40,10 @@ def work_on(context: ServiceContext, kind: str, job_id: int, number: int) -> str
         return GIVEN_BACK if context.engine.stopping.is_set() else UNWANTED
     except (AppError, FilterError) as error:
         return _failed(context, job, number, _told(error))
-    except Exception:
+    except Exception as error:
+        if is_passing(error):
+            log.warning("chunk %d of %s %d: %s", number, *job, in_a_line(error))
+            return GIVEN_BACK
         outcome = _failed(
             context, job, number, {"code": "internal", "detail": f"the {kind} failed"}
         )

@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.passing import in_a_line, is_passing
 from app.engine import JobStopped
 from app.repositories.frames import FrameRepository
 from app.repositories.ledger import LedgerRepository, Span
@@ -49,7 +50,11 @@ def make_export(context: ServiceContext, export_id: int) -> None:
         except ChunkFailed as failed:
             log.warning("export %d failed: %s", export_id, failed)
             _fail(context, lease, failed.error)
-        except Exception:
+        except Exception as error:
+            if is_passing(error):
+                # Nothing is lost: `job_watch` starts it again.
+                log.warning("export %d is cut off: %s", export_id, in_a_line(error))
+                return
             unexpected = {"code": "internal", "detail": "the export failed"}
             if _fail(context, lease, unexpected):
                 raise

@@ -16,6 +16,7 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.passing import in_a_line, is_passing
 from app.db.tables import Run
 from app.engine import JobStopped
 from app.errors import AppError, Conflict
@@ -95,7 +96,11 @@ def carry_out(context: ServiceContext, run_id: int) -> bool:
         except (AppError, FilterError) as error:
             log.warning("run %d failed: %s", run_id, error)
             _fail(context, lease, {"code": error.kind, "detail": error.detail})
-        except Exception:
+        except Exception as error:
+            if is_passing(error):
+                # Nothing is lost: `job_watch` starts it again.
+                log.warning("run %d is cut off: %s", run_id, in_a_line(error))
+                return False
             unexpected = {"code": "internal", "detail": "the run failed"}
             if _fail(context, lease, unexpected):
                 raise

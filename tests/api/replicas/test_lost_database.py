@@ -280,6 +280,25 @@ def test_a_run_goes_on_by_itself(place, street, lose):
     assert (found["state"], found["done"]) == ("done", FRAMES), found
 
 
+def cut_at_work(cluster):
+    """End one connection in the middle of a transaction; all others go on."""
+    until = time.monotonic() + PATIENCE_S
+    while not cluster.end_a_transaction():
+        assert time.monotonic() < until
+
+
+def test_a_connection_that_is_cut_at_work_fails_no_run(place, street):
+    """An administrator ended one connection, and the run was over as "internal"."""
+    accepted = place.api.post(f"/datasets/{street}/runs", {"config": OTHER_PIXELS[2]})
+    with open_events(place.api, accepted.json()["id"]) as events:
+        next(event.data for event in events if event.data["done"])
+
+    cut_at_work(place.cluster)
+    found = is_over(place.api, accepted.headers["location"])
+
+    assert (found["state"], found["done"]) == ("done", FRAMES), found
+
+
 @pytest.mark.parametrize("lose", [pytest.param(kill_a_backend, marks=LONG), restart])
 def test_an_export_that_was_accepted_is_written(place, street, lose):
     accepted = place.api.post(f"/datasets/{street}/exports", {"format": "yolo"})
