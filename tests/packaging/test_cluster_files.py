@@ -114,6 +114,24 @@ def test_the_kubernetes_example_has_settings_and_commands_of_this_version(monkey
     assert {(words[0], words[1] in known) for words in commands} == {("unghost", True)}
 
 
+def pods(part: Any) -> Iterator[dict[str, Any]]:
+    """What every pod of the Kubernetes example is made of."""
+    if isinstance(part, dict):
+        yield from [part] if "containers" in part else []
+        for inner in part.values():
+            yield from pods(inner)
+
+
+def test_no_pod_takes_the_name_of_a_kubernetes_service_for_a_setting(monkeypatch):
+    """UNGHOST_PORT=tcp://..., of a Service that is called unghost, ended each pod."""
+    monkeypatch.setenv("UNGHOST_PORT", "tcp://10.0.0.1:80")
+    found = [pod for part in KUBERNETES for pod in pods(part)]
+
+    with pytest.raises(ValueError, match="port"):
+        Settings()
+    assert [pod.get("enableServiceLinks") for pod in found] == [False] * 3
+
+
 def test_services_and_workers_agree_about_all_three_places():
     places = ("UNGHOST_DATABASE_URL", "UNGHOST_STORAGE", "UNGHOST_ENGINE")
 
