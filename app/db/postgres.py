@@ -9,6 +9,12 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event
 
 WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
 LOCK_WAIT_MS: Final = 30_000
+LONGEST_IDLE_MS: Final = 20_000
+"""For how long a writer may say nothing in its turn, before its transaction is ended.
+
+A machine that vanished, or a process that stands still, would keep it for hours. That
+is shorter than others wait for their turn; longer than a store is asked within one.
+"""
 KEPT_CONNECTIONS: Final = 8
 MOST_CONNECTIONS: Final = 32
 """Of one process: three of them fit into the 100 that a server allows by default."""
@@ -22,6 +28,7 @@ _CONNECTING: Final[Mapping[str, str]] = {
 }
 _FIRST: Final = (
     f"SELECT set_config('lock_timeout', '{LOCK_WAIT_MS}', true), "
+    f"set_config('idle_in_transaction_session_timeout', '{LONGEST_IDLE_MS}', true), "
     f"pg_advisory_xact_lock({WRITER})"
 )
 
@@ -35,6 +42,8 @@ def make_postgres_engine(url: URL, *, only_read: bool = False) -> Engine:
         pool_pre_ping=True,
         hide_parameters=True,
         connect_args=_arguments(url),
+        # Whatever the server's default is: whoever waited sees what was written.
+        isolation_level="READ COMMITTED",
         execution_options={"postgresql_readonly": only_read},
     )
     event.listen(engine, "begin", _begin)
