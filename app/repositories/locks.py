@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from sqlalchemy import Engine, func, select
+from sqlalchemy.orm import Session
 
 _MIGRATION: Final = 0x756E67686F7374  # "unghost"; any number that others do not use
 
@@ -26,3 +27,14 @@ def migrating_alone(engine: Engine) -> Iterator[None]:
             yield
         finally:
             connection.execute(select(func.pg_advisory_unlock(_MIGRATION)))
+
+
+def keep_turn(session: Session) -> None:
+    """Let a writer be silent in its turn for as long as it takes.
+
+    For those who change something else than the database, which must not go on when
+    somebody else writes by now.
+    """
+    if session.connection().dialect.name == "postgresql":
+        named = "idle_in_transaction_session_timeout"
+        session.execute(select(func.set_config(named, "0", True)))

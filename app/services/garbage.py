@@ -15,6 +15,7 @@ from itertools import islice
 from typing import Final
 
 from app.db.engine import Database
+from app.repositories.locks import keep_turn
 from app.repositories.stored_files import StoredFileRepository
 from app.services.data_folder import Steps, alone, opened
 from app.services.file_store import stored_files_of
@@ -101,6 +102,7 @@ def _remove(
     """Take files away, unless they are in use by now; which ones stay is answered."""
     with database.write() as session:
         # The first statement takes the turn: nobody else commits until it is over.
+        keep_turn(session)
         used = StoredFileRepository(session).referred_to(digests)
         unused = [digest for digest in digests if digest not in used]
         removed = store.remove(unused, unused_since=until)

@@ -12,6 +12,7 @@ import pytest
 from sqlalchemy import text
 
 from app.db.engine import Database
+from app.repositories.locks import keep_turn
 from tests.databases import empty_postgres
 
 STOPPED = """
@@ -77,6 +78,15 @@ def test_a_turn_ends_before_those_who_wait_for_it_give_up(url):
         waits = shown(session, "lock_timeout")
 
     assert (waited_for, waits) == ("20s", "30s")
+
+
+def test_who_takes_files_away_keeps_its_turn(url):
+    """A store may be slow, and nobody may come to want a file meanwhile."""
+    with closing(Database(url)) as database, database.write() as session:
+        keep_turn(session)
+        waited_for = shown(session, "idle_in_transaction_session_timeout")
+
+    assert waited_for == "0"
 
 
 @pytest.mark.long
