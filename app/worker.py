@@ -19,6 +19,9 @@ from functools import partial
 from types import FrameType
 from typing import TYPE_CHECKING, Final
 
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.db.passing import in_a_line, is_passing
 from app.engine import UnusableEngine, remote
 from app.engine.scheduler import NOWHERE, close_dashboard, when_told_to_stop
 from app.engine.wire import prepare, security
@@ -80,7 +83,8 @@ class Supervisor:
             begun = time.monotonic()
             status = self._work()
             if self._stopping.is_set():
-                return 0 if status in (0, LOST) else REFUSED
+                # By the signal itself: it had not begun to listen for work yet.
+                return 0 if status in (0, LOST, -signal.SIGTERM) else REFUSED
             if status in (REFUSED, AWAY):
                 return status
             if status != LOST:
@@ -173,6 +177,24 @@ def work(settings: Settings, place: Place) -> int:
         return asyncio.run(_join(services, mine, address, place))
 
 
+def work_once_it_answers(settings: Settings, place: Place) -> int:
+    """As `work`; a database that is away is waited for, as long as a scheduler is."""
+    until, told = time.monotonic() + place.patience_s, False
+    while True:
+        try:
+            return work(settings, place)
+        except SQLAlchemyError as exc:
+            if not is_passing(exc):
+                raise
+            if time.monotonic() > until:
+                server_log.error("the database does not answer: %s", in_a_line(exc))
+                return AWAY
+            if not told:
+                server_log.warning("waiting for the database: %s", in_a_line(exc))
+                told = True
+        time.sleep(_PAUSE_S)
+
+
 async def _join(
     services: ServiceContext, mine: Work, address: EngineAddress, place: Place
 ) -> int:
@@ -258,7 +280,9 @@ def main() -> int:
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     try:
-        return work(settings, Place(given.host, given.port, given.patience))
+        return work_once_it_answers(
+            settings, Place(given.host, given.port, given.patience)
+        )
     except (UnusableEngine, CannotMaintain) as exc:
         server_log.error("%s", exc)
         return REFUSED

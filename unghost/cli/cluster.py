@@ -83,7 +83,7 @@ class WorkerOptions(NodeOptions):
         typer.Option(
             metavar="SECONDS",
             min=1,
-            help="How long to look for the scheduler before giving up.",
+            help="How long to look for scheduler and database before giving up.",
         ),
     ] = 60.0
 
@@ -125,7 +125,7 @@ def worker(options: WorkerOptions) -> None:
     """Work on runs and exports of a service, for as long as its scheduler is there.
 
     Database and storage are those of the service: give both the same settings. Exits
-    with 69 if no scheduler takes it.
+    with 69 if no scheduler takes it, or no database answers.
     """
     from app.engine import UnusableEngine
     from app.logs import configure_logging

@@ -1,0 +1,42 @@
+"""A worker that starts while the database is away waits for it, and says so."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from tests.cluster.nodes import cluster, free_port
+
+SECRET = "hidden-word"
+
+
+@pytest.fixture
+def made(tmp_path):
+    with cluster(tmp_path) as made:
+        yield made
+
+
+def nowhere():
+    """The address of a PostgreSQL server that does not run."""
+    address = f"postgresql://postgres:{SECRET}@127.0.0.1:{free_port()}/nothing"
+    return {"UNGHOST_DATABASE_URL": address}
+
+
+def test_a_worker_gives_up_in_words_where_no_database_answers(made):
+    """It ended with a traceback, and as if its settings were wrong."""
+    worker = made.worker("--patience", "1", joined=False, **nowhere())
+
+    assert worker.ended() == 69
+    assert "the database does not answer" in worker.said
+    assert SECRET not in worker.said
+    assert "Traceback" not in worker.said
+
+
+def test_a_worker_that_waits_for_its_database_stops_when_told(made):
+    worker = made.worker(joined=False, **nowhere())
+    worker.waits_for("waiting for the database")
+
+    worker.process.send_signal(signal.SIGTERM)
+
+    assert worker.ended() == 0, worker.said
