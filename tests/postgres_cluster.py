@@ -46,6 +46,13 @@ class Cluster:
         """By default as a machine that loses its power: nothing is written any more."""
         self._control("stop", "-m", mode)
 
+    def kill(self) -> None:
+        """End the server's first process by force; the others follow it."""
+        pid = int((self.folder / "data" / "postmaster.pid").read_text().split()[0])
+        group = [pid, *_children(pid)]
+        for each in group:
+            os.kill(each, signal.SIGKILL)
+
     def kill_backends(self, sig: signal.Signals = signal.SIGKILL) -> int:
         """End the processes that serve the connections of others; how many."""
         engine = create_engine(self.url, poolclass=NullPool)
@@ -71,6 +78,11 @@ class Cluster:
 
     def _control(self, *words: str) -> None:
         run(self.programs / "pg_ctl", "-w", "-D", str(self.folder / "data"), *words)
+
+
+def _children(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
+    return [int(child) for child in found.split()]
 
 
 @contextmanager

@@ -15,9 +15,10 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import select
 
+from app.db.engine import Database
 from app.db.tables import Chunk, FrameEvidence, Lease
 from app.engine import EngineAway, LocalEngine, WorkerDied
-from app.engine.jobs import DONE, ELSEWHERE
+from app.engine.jobs import DONE, ELSEWHERE, GIVEN_BACK
 from app.repositories.leases import LeaseRepository
 from app.repositories.runs import RunRepository
 from app.services.chunk_driving import MOST_ATTEMPTS
@@ -310,3 +311,12 @@ def test_a_chunk_of_a_run_that_is_over_is_nobodys(street):
     run = street.run({"threshold_small_box": 99})
 
     assert work_on(street.context, "run", run.id, 1) == "unwanted"
+
+
+def test_a_worker_that_cannot_reach_the_database_blames_no_frame(street):
+    nowhere = Database("postgresql+psycopg://postgres@127.0.0.1:1/nowhere")
+    asked = ("run", 1, 1)
+
+    outcome = work_remotely(replace(street.context, database=nowhere), asked, "one")
+
+    assert outcome == GIVEN_BACK

@@ -1,0 +1,46 @@
+"""PostgreSQL is killed while workers carry a run."""
+
+from __future__ import annotations
+
+import time
+
+import httpx
+import pytest
+
+from tests.api.long_streets import FROM_PIXELS, fill
+from tests.api.resources import FINISHED
+from tests.cluster.nodes import cluster, until
+from tests.cluster.totals import check_totals, has_begun, state_of
+from tests.postgres_cluster import own_cluster
+
+FRAMES = 80
+AWAY_S = 2
+
+pytestmark = pytest.mark.long
+
+
+def test_a_database_that_is_killed_under_workers_costs_nothing_but_time(tmp_path):
+    with own_cluster() as postgres, cluster(tmp_path) as made:
+        made.settings["UNGHOST_DATABASE_URL"] = postgres.url
+        made.scheduler()
+        with made.server() as (_, api):
+            workers = [made.worker() for _ in range(2)]
+            street = fill(api, FRAMES)
+            wanted = {"config": FROM_PIXELS, "activate": True}
+            run_id = api.post(f"/datasets/{street}/runs", wanted).json()["id"]
+            has_begun(api, run_id)
+
+            postgres.kill()
+            time.sleep(AWAY_S)
+            postgres.start()
+
+            until(lambda: is_over(api, run_id), "the run does not end")
+            check_totals(api, street, state_of(api, run_id), FRAMES)
+            assert [worker.process.poll() for worker in workers] == [None, None]
+
+
+def is_over(api, run_id) -> bool:
+    """Whether a run has ended; not while the database is away."""
+    answer: httpx.Response = api.get(f"/runs/{run_id}")
+    assert answer.status_code in (200, 503), answer.text
+    return answer.status_code == 200 and answer.json()["state"] in FINISHED
