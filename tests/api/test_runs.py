@@ -6,9 +6,12 @@ import shutil
 
 import pytest
 
+from app.db.engine import make_engine
+from app.db.migrate import migrate
+from app.resources import migrations_dir
 from tests.api import frames as scene
 from tests.api.resources import BASE
-from tests.databases import change
+from tests.databases import change, url_of
 from tests.servers import STOP_WAIT_S
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
@@ -127,8 +130,20 @@ def test_numbers_are_enough_when_the_files_are_gone(start_api):
     assert api.json(f"/datasets/{name}")["config"] == recounted["config"]
 
 
-@pytest.mark.parametrize("state", ["queued", "running"])
-def test_a_run_that_a_crash_cut_off_ends_once(start_api, state):
+def to_revision(data, revision):
+    """Take the database of a server that has ended to an earlier schema."""
+    engine = make_engine(url_of(data))
+    try:
+        migrate(engine, migrations_dir(), revision)
+    finally:
+        engine.dispose()
+
+
+@pytest.mark.parametrize(
+    ("state", "revision"),
+    [("queued", "head"), ("running", "head"), ("running", "0005")],
+)
+def test_a_run_that_a_crash_cut_off_ends_once(start_api, state, revision):
     first, api = start_api()
     name = api.dataset()
     for number in range(3):
@@ -144,6 +159,7 @@ def test_a_run_that_a_crash_cut_off_ends_once(start_api, state):
         "UPDATE datasets SET active_run_id = 1, active_config_id = 1",
         "UPDATE datasets SET active_measurement_id = 1",
     )
+    to_revision(first.data, revision)
 
     _, api = start_api()
     for _ in range(2000):
