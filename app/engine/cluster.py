@@ -135,7 +135,7 @@ class ClusterEngine(LocalEngine):
         if self._client is None or time.monotonic() < until:
             return places
         try:
-            places = len(self._client.nthreads())
+            places = len(self._client.nthreads(callback_timeout=_ANSWER_S))
         except Exception:  # it went away just now: whoever submits will see
             places = 0
         if not places:

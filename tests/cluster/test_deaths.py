@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import signal
+import time
 
 import pytest
 
 from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.cluster.nodes import cluster, until, working_process
 from tests.cluster.totals import check_totals, ended, has_begun, state_of
+from tests.servers import STOP_WAIT_S, stop
 
 pytestmark = pytest.mark.long
 
@@ -42,6 +44,28 @@ def test_a_scheduler_that_dies_is_waited_for(made):
         made.scheduler()
 
         check_totals(api, name, ended(api, run_id), FRAMES)
+
+
+def test_a_scheduler_that_stands_still_holds_nobody(made):
+    scheduler = made.scheduler()
+    with made.server() as (server, api):
+        made.worker()
+        name = fill(api, FRAMES)
+        run_id = asked(api, name)
+        has_begun(api, run_id)
+        scheduler.process.send_signal(signal.SIGSTOP)
+        try:
+            # Beyond what is remembered of how many workers there are.
+            time.sleep(4)
+            answer = api.post(f"/runs/{run_id}/cancel")
+            begun = time.monotonic()
+            stop(server.process)
+            took_s = time.monotonic() - begun
+        finally:
+            scheduler.process.send_signal(signal.SIGCONT)
+
+    assert answer.json()["state"] == "cancelled", answer.text
+    assert took_s < STOP_WAIT_S
 
 
 def test_a_server_that_dies_goes_on_where_it_was(made):
