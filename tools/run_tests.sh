@@ -20,7 +20,7 @@ paths() {
         for one in runs export_jobs statistics box_selection ids; do
             echo "tests/unit/app/test_$one.py"
         done
-        for one in tallies queue_order preview batches_like_uploads; do
+        for one in queue_order batches_like_uploads; do
             echo "tests/property/app/test_$one.py"
         done
         echo tests/api/test_main_path.py

@@ -185,6 +185,7 @@ def test_serve_with_a_setting_that_is_none_is_a_usage_error(tmp_path):
     assert "UNGHOST_MAX_PARTS" in answer.err
 
 
+@pytest.mark.long
 def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
     words = ("demo", "--frames", 2, "--port", 0, "--exit-when-ready", "--json")
 

@@ -80,6 +80,7 @@ def test_a_database_in_order(filled, unghost):
     assert said(answer)["database"]["found"].startswith("PostgreSQL ")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("statements", "check", "text"),
     [
@@ -111,6 +112,7 @@ def test_what_does_not_hold_is_found(filled, unghost, url, statements, check, te
     assert answer.code in (REFUSED, WARNED)
 
 
+@pytest.mark.long
 def test_a_careless_server_is_told(filled, unghost, url):
     change(
         url,
@@ -123,6 +125,7 @@ def test_a_careless_server_is_told(filled, unghost, url):
     assert "synchronous_commit = off" in found["found"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("place", "reason"),
     [("127.0.0.1:1/boxes", "refused"), ("{server}/unghost_nowhere", "does not exist")],
@@ -148,6 +151,7 @@ def test_who_cannot_reach_it_is_told_why_and_no_password(tmp_path, url, place, r
         assert reason in told[index], told[index]
 
 
+@pytest.mark.long
 def test_a_url_that_cannot_be_is_a_usage_error(tmp_path):
     unghost = elsewhere(tmp_path, f"mysql://root:{SECRET}@db/boxes")
 
@@ -160,6 +164,7 @@ def test_a_url_that_cannot_be_is_a_usage_error(tmp_path):
         assert SECRET not in answer.err
 
 
+@pytest.mark.long
 def test_a_service_whose_database_asks_for_a_password_logs_none(tmp_path, url):
     log_in = make_url(url).set(password=SECRET).render_as_string(hide_password=False)
     settings = {"UNGHOST_DATABASE_URL": log_in, "UNGHOST_LOG_LEVEL": "debug"}
@@ -196,6 +201,7 @@ def test_a_token_is_made_without_the_service_and_opens_it(filled, unghost, url):
     ]
 
 
+@pytest.mark.long
 def test_a_token_needs_a_database_that_was_served_once(tmp_path):
     with empty_postgres() as url:
         answer = elsewhere(tmp_path, url)("token", "create", "ada", "--offline")

@@ -160,8 +160,8 @@ def test_nobody_is_let_in_without_a_certificate_of_the_authority(whole, tmp_path
     ("engine", "said"),
     [
         ("tcp://192.0.2.1:8786", "not encrypted"),
-        ("tls://192.0.2.1:8786", "UNGHOST_TLS_CA"),
-        ("dask", "is no engine"),
+        pytest.param("tls://192.0.2.1:8786", "UNGHOST_TLS_CA", marks=pytest.mark.long),
+        pytest.param("dask", "is no engine", marks=pytest.mark.long),
     ],
 )
 def test_a_server_refuses_an_engine_that_anybody_could_use(tmp_path, engine, said):

@@ -299,7 +299,8 @@ def test_a_connection_that_is_cut_at_work_fails_no_run(place, street):
     assert (found["state"], found["done"]) == ("done", FRAMES), found
 
 
-@pytest.mark.parametrize("lose", [pytest.param(kill_a_backend, marks=LONG), restart])
+@LONG
+@pytest.mark.parametrize("lose", [kill_a_backend, restart])
 def test_an_export_that_was_accepted_is_written(place, street, lose):
     accepted = place.api.post(f"/datasets/{street}/exports", {"format": "yolo"})
     lose(place.cluster)
