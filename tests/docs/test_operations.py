@@ -7,6 +7,7 @@ import logging
 import re
 
 import httpx
+import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -44,10 +45,12 @@ def exposed(server):
     raise AssertionError(answer.text)
 
 
+@pytest.mark.sqlite_files("one metric is of its log")
 def test_every_metric_is_explained_and_none_that_is_not_there(server):
     assert first_cells(section("Metrics")) == exposed(server)
 
 
+@pytest.mark.sqlite_files("one metric is of its log")
 def test_alerts_ask_for_metrics_that_there_are(server):
     (rules,) = (yaml.safe_load(text) for text in blocks(section("Alerts"), "yaml"))
     asked = [rule["expr"] for group in rules["groups"] for rule in group["rules"]]

@@ -99,6 +99,7 @@ def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3)
         assert examined(tmp_path / "data", **bucket.settings) == {}
 
 
+@pytest.mark.sqlite_files("databases of a server are copies of one with all tables")
 def test_a_new_database_does_not_take_over_the_files_of_another(tmp_path, s3):
     """It would make garbage of all files that it does not know."""
     bucket = s3.bucket()
