@@ -66,8 +66,17 @@ def selected(page: Page) -> list[int]:
 
 def answers(scene: Scene) -> dict[str, str]:
     """What the server has stored, by the sender's name of the box."""
+    found = answered(scene)
+    names = {box["id"]: box["review"]["verdict"] for box in found}
+    assert len(names) == len(found), "boxes of several frames share their names"
+    return names
+
+
+def answered(scene: Scene) -> list[dict[str, Any]]:
+    """Every box that has an answer on the server."""
     found = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}&review=any")
-    return {box["id"]: box["review"]["verdict"] for box in found["items"]}
+    items: list[dict[str, Any]] = found["items"]
+    return items
 
 
 def review(scene: Scene, box_id: int, verdict: str) -> None:
