@@ -1,6 +1,6 @@
 """How fast the filter's pixel work is, as ratios measured in one run.
 
-    python benchmarks/bench_filter.py [--json] [--repeat N] [--check]
+    python -m benchmarks.bench_filter [--json] [--repeat N] [--check]
 
 A synthetic 1280 x 720 street stands for a real segmentation: sky, buildings, road,
 ragged vegetation, poles, vehicles and people, as a PNG of 60 to 100 KB. Milliseconds
@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass, replace
 import cv2
 import numpy as np
 
+from benchmarks.yardstick import decoder_in_use, decoding_by_opencv
 from filter_core.boxes import pixel_bounds
 from filter_core.classes import accept_mask_of
 from filter_core.counting import Regions, count_matches
@@ -261,6 +262,17 @@ def against(
 
 def results(repeat: int) -> tuple[dict[str, object], list[Result]]:
     frame = street()
+    with decoding_by_opencv():
+        about, lines = results_by_opencv(repeat, frame)
+        alone = fastest(repeat, lambda: read_segmentation(frame.png))
+    in_use = fastest(repeat, lambda: read_segmentation(frame.png))
+    about |= {"read_ms, by OpenCV": alone, f"... by {decoder_in_use()}": in_use}
+    return about, lines
+
+
+def results_by_opencv(
+    repeat: int, frame: Street
+) -> tuple[dict[str, object], list[Result]]:
     options = SegmentationOptions(palette="auto")
     boxes = frame_boxes(frame.xyxy, frame.classes)
     segmentation = read_segmentation(frame.png, options)

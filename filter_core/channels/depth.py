@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.camera import Camera
 from filter_core.channel_types import ChannelNumbers
 from filter_core.channels.accepted import AcceptedPixels
+from filter_core.color_decoding import decode_color
 from filter_core.errors import ImageError
 from filter_core.image_header import MAX_SIDE, read_image_header, require_size
 from filter_core.pixel_values import values_of
@@ -102,8 +102,7 @@ def read_depth(
             pointer="/depth",
             code="depth_too_coarse",
         )
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    pixels = decode_color(content, header, "bgr")
     if pixels is None:
         raise ImageError("the depth image cannot be decoded: it is damaged")
     return DepthImage(np.asarray(pixels, np.uint8))

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.color_decoding import decode_color
 from filter_core.errors import ImageError
 from filter_core.image_header import MAX_SIDE, read_image_header, require_size
 from filter_core.types import UNKNOWN_COLUMN, BoolArray, FloatArray, IntArray
@@ -126,8 +127,7 @@ def read_instances(
     if header.color_model not in ("rgb", "rgba") or header.bit_depth != 8:
         found = f"{header.color_model} with {header.bit_depth} bits"
         raise _fault("RGB or RGBA with 8 bits", found)
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    pixels = decode_color(content, header, "bgr")
     if pixels is None:
         raise ImageError("the instance image cannot be decoded: it is damaged")
     blue, green, red = cv2.split(pixels)

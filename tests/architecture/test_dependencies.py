@@ -14,7 +14,7 @@ MODULE_OF = {
     "python-multipart": "python_multipart",
     "pyyaml": "yaml",
 }
-EXTRAS = ("parquet", "postgres", "s3", "cluster", "carla")
+EXTRAS = ("fast", "parquet", "postgres", "s3", "cluster", "carla")
 # Used by name, never imported: uvicorn serves with them.
 NOT_IMPORTED = {"httptools", "uvloop"}
 
