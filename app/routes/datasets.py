@@ -30,10 +30,8 @@ from app.schemas.pages import Cursor, Limit, Page, page_response
 from app.schemas.runs import RunOut
 from app.services import datasets
 from app.services.audit import Act
-from app.services.configs import active_version, config_of
-from app.services.counting import histogram
 from app.services.measuring import DatasetReading
-from app.services.preview import active_numbers
+from app.services.preview import current_histogram
 from app.services.runs import start_after
 
 router = ApiRouter(prefix="/api/v1", tag="datasets")
@@ -145,10 +143,7 @@ def get_histogram(
 ) -> dict[str, Any]:
     """match_percent per class, with the thresholds of the active configuration."""
     found = DatasetRepository(session).named(dataset)
-    config = config_of(active_version(session, found))
-    numbers = active_numbers(services, session, found)
-    names, counts = numbers.evidence.class_names, numbers.match_counts(bins)
-    return histogram(names, counts, config)
+    return current_histogram(services, session, found, bins)
 
 
 @router.get("/datasets/{dataset}/problems", response_model=Page[ProblemOut])

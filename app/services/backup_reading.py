@@ -147,8 +147,10 @@ def _tar_parts(
 def _folder_parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
     for file in _files(backup):
         name = file.relative_to(backup).as_posix()
-        if not file.is_file() or not _is_part(name):
-            raise CannotMaintain(f"{backup} is no backup: look at its {name!r}")
+        if not file.is_file():
+            raise CannotMaintain(f"{backup} is no backup: it has no file {name!r}")
+        if not _is_part(name):
+            raise CannotMaintain(f"{backup} is no backup: {name!r} is none of it")
         with file.open("rb") as stream:
             yield name, stream
 

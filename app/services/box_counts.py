@@ -51,7 +51,8 @@ def count_boxes(
     if not wanted.has_ranges or not most:
         return most
     by_numbers = wanted.effective is None and wanted.conflict is None
-    if not by_numbers or wanted.review not in ANSWERED_OTHERWISE:
+    held = by_numbers and context.numbers.fits(session, dataset.id)
+    if not held or wanted.review not in ANSWERED_OTHERWISE:
         return BoxProbes(session).count(wanted)
     measurement = active_measurement(session, dataset)
     numbers = context.numbers.load(session, dataset.id, measurement.id)

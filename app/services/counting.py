@@ -12,22 +12,28 @@ from filter_core.config import FilterConfig
 from filter_core.types import Decisions, Evidence, IntArray, Reason, Verdict
 
 _VERDICTS: Final = tuple(Verdict)
-_REASONS: Final = max(Reason) + 1
+REASONS: Final = max(Reason) + 1
+"""Columns of a table by reason, as many as their highest number asks for."""
 _MAX_PERCENT: Final = 100.0
 
-VERDICT_CODE: Final[NDArray[np.uint8]] = np.zeros(_REASONS, np.uint8)
+VERDICT_CODE: Final[NDArray[np.uint8]] = np.zeros(REASONS, np.uint8)
 """The verdict of each reason, as its place among the verdicts."""
 for _reason in Reason:
     VERDICT_CODE[_reason] = _VERDICTS.index(_reason.verdict)
 
 
-def outcome(evidence: Evidence, decisions: Decisions) -> dict[str, Any]:
+def reason_counts(evidence: Evidence, decisions: Decisions) -> IntArray:
+    """(classes, reasons): how many boxes of each class got each reason."""
+    packed = evidence.class_index * np.int32(REASONS) + decisions.reason
+    cells = len(evidence.class_names) * REASONS
+    table: IntArray = np.bincount(packed, minlength=cells).reshape(-1, REASONS)
+    return table
+
+
+def outcome(names: Sequence[str], table: IntArray) -> dict[str, Any]:
     """How many boxes got each verdict and reason, altogether and per class."""
-    classes = len(evidence.class_names)
-    packed = evidence.class_index * np.int32(_REASONS) + decisions.reason
-    table = np.bincount(packed, minlength=classes * _REASONS).reshape(-1, _REASONS)
     per_reason = table.sum(axis=0)
-    verdicts = np.zeros((classes, len(_VERDICTS)), np.int64)
+    verdicts = np.zeros((len(names), len(_VERDICTS)), np.int64)
     for reason in Reason:
         verdicts[:, VERDICT_CODE[reason]] += table[:, reason]
     return {
@@ -39,12 +45,12 @@ def outcome(evidence: Evidence, decisions: Decisions) -> dict[str, Any]:
         },
         "by_class": {
             name: _by_verdict(row)
-            for name, row in zip(evidence.class_names, verdicts, strict=True)
+            for name, row in zip(names, verdicts, strict=True)
             if row.any()
         },
         "reasons_by_class": {
             name: {reason.label: int(row[reason]) for reason in Reason if row[reason]}
-            for name, row in zip(evidence.class_names, table, strict=True)
+            for name, row in zip(names, table, strict=True)
             if row.any()
         },
     }

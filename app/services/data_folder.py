@@ -84,7 +84,10 @@ def keep_private(settings: Settings) -> None:
     file = database_file(settings)
     if file is None:
         return
-    os.close(os.open(file, os.O_RDWR | os.O_CREAT, _PRIVATE))
+    # One that is there is not opened: closing it would end the locks by which SQLite's
+    # own connections of this process keep others from clearing its log away.
+    with suppress(FileExistsError):
+        os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_EXCL, _PRIVATE))
     for path in (file, *(file.with_name(file.name + end) for end in ("-wal", "-shm"))):
         with suppress(FileNotFoundError, PermissionError):  # another user's stays so
             path.chmod(_PRIVATE)
@@ -171,6 +174,11 @@ def alone(settings: Settings) -> Iterator[None]:
     try:
         with alone_in(settings.data):
             yield
+    except (FileNotFoundError, NotADirectoryError) as exc:
+        raise CannotMaintain(
+            f"there is no folder {str(settings.data)!r}; name the data folder with "
+            "--data DIR or UNGHOST_DATA"
+        ) from exc
     except FolderInUse as exc:
         raise CannotMaintain(
             "a backup, or a collection of garbage, is at work already in "

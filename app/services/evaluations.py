@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -47,16 +48,21 @@ def evaluation(
 ) -> dict[str, Any]:
     """What each measured channel gets right, by the numbers at hand."""
     measurement = active_measurement(session, dataset)
-    numbers = context.numbers.load(session, dataset.id, measurement.id)
-    if truth == "people":
-        rows, visible = _by_people(session, dataset, numbers)
-    else:
-        rows, visible = instance_truth(numbers)
     stored = measurement.options.get("channels") or {}
     channels = tuple(name for name in CHANNELS if name in stored.get("names", ()))
     compared = Evaluation(
         config_of(active_version(session, dataset)), (SEMANTIC, *channels)
     )
+    truth_of = _by_people(session, dataset) if truth == "people" else instance_truth
+    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+        _compare(compared, numbers, *truth_of(numbers))
+    missing = [name for name in CHANNELS if name not in channels]
+    return {"truth": truth, "not_measured": missing, **compared.as_dict()}
+
+
+def _compare(
+    compared: Evaluation, numbers: DatasetNumbers, rows: IntArray, visible: BoolArray
+) -> None:
     frames = numbers.frame_ids[rows]
 
     def name_of(row: int) -> dict[str, int]:
@@ -67,19 +73,21 @@ def evaluation(
 
     evidence = numbers.evidence.take(rows)
     compared.add(evidence, visible, len(np.unique(frames)), name_of)
-    missing = [name for name in CHANNELS if name not in channels]
-    return {"truth": truth, "not_measured": missing, **compared.as_dict()}
 
 
 def _by_people(
-    session: Session, dataset: Dataset, numbers: DatasetNumbers
-) -> tuple[IntArray, BoolArray]:
-    """Boxes whose latest answer is keep or reject."""
+    session: Session, dataset: Dataset
+) -> Callable[[DatasetNumbers], tuple[IntArray, BoolArray]]:
+    """Finds the boxes whose latest answer is keep or reject, and what it is."""
     answered = AnswerRepository(session).decided(dataset.id)
     box_ids = np.array([box.box_id for box in answered], np.int64)
     keep = np.array([box.review == _KEEP for box in answered], np.bool_)
-    rows = np.searchsorted(numbers.box_ids, box_ids)
-    # A box that came after the numbers were read has none yet.
-    known = rows < len(numbers)
-    known[known] = numbers.box_ids[rows[known]] == box_ids[known]
-    return rows[known].astype(np.int64), keep[known]
+
+    def truth_of(numbers: DatasetNumbers) -> tuple[IntArray, BoolArray]:
+        rows = np.searchsorted(numbers.box_ids, box_ids)
+        # Of another part, or of a frame that came after the numbers were read.
+        known = rows < len(numbers)
+        known[known] = numbers.box_ids[rows[known]] == box_ids[known]
+        return rows[known].astype(np.int64), keep[known]
+
+    return truth_of

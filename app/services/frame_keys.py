@@ -35,6 +35,9 @@ def _fault(key: str) -> str:
         return f"{len(key)} characters"
     if any(unicodedata.category(character).startswith("C") for character in key):
         return "a control character"
+    if "\N{REPLACEMENT CHARACTER}" in key:
+        # Of an address that is not UTF-8; keys that differ would become the same.
+        return "a character that could not be read as UTF-8"
     if "" in parts:
         return "an empty part between slashes"
     if any(part in (".", "..") for part in parts) or "\\" in key:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session
 from app.db.evidence_record import to_evidence, unpack_channels, unpack_numbers
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
+from app.repositories.frame_ranges import frame_ranges
 from app.repositories.frames import FrameRepository
 from app.services.counting import match_counts
 from filter_core.config import FilterConfig
@@ -108,10 +109,25 @@ class NumbersCache:
         """Whether the numbers of a dataset may be held in memory as a whole."""
         return FrameRepository(session).state(dataset_id)[1] <= self._max_boxes
 
-    @property
-    def part_boxes(self) -> int:
-        """How many boxes to hold at a time of a dataset that does not fit."""
-        return max(1, self._max_boxes // PARTS)
+    def parts(
+        self, session: Session, dataset_id: int, *measurement_ids: int
+    ) -> Iterator[tuple[DatasetNumbers, ...]]:
+        """A dataset's numbers under each measurement, at least one part of it.
+
+        As a whole if they may be held in memory, in ranges of frames else: those that
+        are measured under one of them only are in that one's part. Whoever counts part
+        by part needs no more memory for a hundred million boxes than for eight.
+        """
+        if self.fits(session, dataset_id):
+            yield tuple(self.load(session, dataset_id, id_) for id_ in measurement_ids)
+            return
+        boxes = max(1, self._max_boxes // PARTS)
+        for frames in frame_ranges(session, dataset_id, boxes=boxes):
+            found = {
+                id_: load_numbers(session, dataset_id, id_, frames=frames)
+                for id_ in set(measurement_ids)
+            }
+            yield tuple(found[id_] for id_ in measurement_ids)
 
     def _hold(self, key: tuple[int, int], loaded: DatasetNumbers) -> None:
         with self._lock:

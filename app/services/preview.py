@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -14,7 +14,14 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
-from app.services.counting import VERDICT_CODE, histogram, match_counts, outcome
+from app.services.counting import (
+    REASONS,
+    VERDICT_CODE,
+    histogram,
+    match_counts,
+    outcome,
+    reason_counts,
+)
 from app.services.measuring import DatasetReading, plan_for
 from app.services.numbers import DatasetNumbers
 from app.services.recounting import recount
@@ -22,6 +29,8 @@ from app.services.run_requests import active_measurement, needs_pixels
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
 from filter_core.types import Decisions, Evidence, IntArray, Reason
+
+_SIDES: Final = ("kept_to_rejected", "rejected_to_kept")
 
 
 @dataclass(frozen=True)
@@ -44,33 +53,15 @@ def preview(
     measurement = active_measurement(session, dataset)
     if needs_pixels(session, dataset, plan):
         return _needs_pixels(config)
-    numbers = active_numbers(context, session, dataset)
-    evidence = numbers.evidence
-    if not plan.is_covered_by(measurement.options):
-        evidence = _recounted(session, dataset, numbers, config)
-    active = config_of(active_version(session, dataset))
-    before, after = numbers.decided(active), decide(evidence, config)
-    same_matches = evidence is numbers.evidence
-    matches = (
-        numbers.match_counts(limits.bins)
-        if same_matches
-        else match_counts(evidence, limits.bins)
-    )
-    return {
-        "config": config.digest,
-        "needs_pixels": False,
-        **outcome(evidence, after),
-        "histograms": histogram(evidence.class_names, matches, config),
-        "flips": _flips(numbers, (before, after), evidence, limits.flips),
-    }
-
-
-def active_numbers(
-    context: ServiceContext, session: Session, dataset: Dataset
-) -> DatasetNumbers:
-    """The current numbers of a dataset."""
-    measurement = active_measurement(session, dataset)
-    return context.numbers.load(session, dataset.id, measurement.id)
+    is_recounted = not plan.is_covered_by(measurement.options)
+    names = tuple(DatasetRepository(session).classes(dataset.id))
+    found = _Preview(names, config_of(active_version(session, dataset)), config, limits)
+    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+        evidence = numbers.evidence
+        if is_recounted:
+            evidence = _recounted(session, dataset, numbers, config)
+        found.add(numbers, evidence)
+    return found.as_dict()
 
 
 def _needs_pixels(config: FilterConfig) -> dict[str, Any]:
@@ -89,46 +80,79 @@ def _needs_pixels(config: FilterConfig) -> dict[str, Any]:
     }
 
 
-def _flips(
-    numbers: DatasetNumbers,
-    decisions: tuple[Decisions, Decisions],
-    evidence: Evidence,
-    limit: int,
-) -> dict[str, Any]:
-    before, after = decisions
-    rows = np.flatnonzero(VERDICT_CODE[before.reason] != VERDICT_CODE[after.reason])
-    lost = rows[before.reason[rows] == Reason.VISIBLE]
-    won = rows[after.reason[rows] == Reason.VISIBLE]
-    closest = _closest(rows, after, limit)
-    return {
-        "total": len(rows),
-        "kept_to_rejected": len(lost),
-        "rejected_to_kept": len(won),
-        "by_class": _by_class(evidence, lost, won),
-        "items": [_flip(numbers, decisions, evidence, row) for row in closest],
-    }
+class _Preview:
+    """What would be decided of the parts of a dataset that were added so far."""
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        active: FilterConfig,
+        config: FilterConfig,
+        limits: PreviewLimits,
+    ) -> None:
+        self._names, self._active, self._config = names, active, config
+        self._limits = limits
+        self._reasons: IntArray = np.zeros((len(names), REASONS), np.int64)
+        self._matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
+        self._sides = {side: np.zeros(len(names), np.int64) for side in _SIDES}
+        self._flipped = 0
+        self._closest: list[tuple[float, dict[str, Any]]] = []
+
+    def add(self, numbers: DatasetNumbers, evidence: Evidence) -> None:
+        """Count a part; `evidence` is that of its numbers, or counted again."""
+        before = numbers.decided(self._active)
+        after = decide(evidence, self._config)
+        self._reasons += reason_counts(evidence, after)
+        self._matches += (
+            numbers.match_counts(self._limits.bins)
+            if evidence is numbers.evidence
+            else match_counts(evidence, self._limits.bins)
+        )
+        rows = np.flatnonzero(VERDICT_CODE[before.reason] != VERDICT_CODE[after.reason])
+        self._flipped += len(rows)
+        for side, decisions in zip(_SIDES, (before, after), strict=True):
+            those = rows[decisions.reason[rows] == Reason.VISIBLE]
+            self._sides[side] += np.bincount(
+                evidence.class_index[those], minlength=len(self._names)
+            )
+        # Of equally close ones the first come first, in however many parts.
+        listed = [
+            (distance, _flip(numbers, (before, after), evidence, row))
+            for distance, row in _closest(rows, after, self._limits.flips)
+        ]
+        merged = sorted([*self._closest, *listed], key=lambda flip: flip[0])
+        self._closest = merged[: self._limits.flips]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As it is answered."""
+        return {
+            "config": self._config.digest,
+            "needs_pixels": False,
+            **outcome(self._names, self._reasons),
+            "histograms": histogram(self._names, self._matches, self._config),
+            "flips": self._flips(),
+        }
+
+    def _flips(self) -> dict[str, Any]:
+        by_class = {
+            name: {side: int(counts[index]) for side, counts in self._sides.items()}
+            for index, name in enumerate(self._names)
+        }
+        return {
+            "total": self._flipped,
+            **{side: int(counts.sum()) for side, counts in self._sides.items()},
+            "by_class": {name: of for name, of in by_class.items() if any(of.values())},
+            "items": [flip for _, flip in self._closest],
+        }
 
 
-def _by_class(evidence: Evidence, lost: IntArray, won: IntArray) -> dict[str, Any]:
-    names = evidence.class_names
-    fewer, more = (
-        np.bincount(evidence.class_index[rows], minlength=len(names)).tolist()
-        for rows in (lost, won)
-    )
-    return {
-        name: {"kept_to_rejected": fewer[index], "rejected_to_kept": more[index]}
-        for index, name in enumerate(names)
-        if fewer[index] or more[index]
-    }
-
-
-def _closest(rows: IntArray, after: Decisions, limit: int) -> list[int]:
+def _closest(rows: IntArray, after: Decisions, limit: int) -> list[tuple[float, int]]:
     """The flips that are nearest to the new threshold: the ones to look at."""
     if not limit:
         return []
     distance = np.nan_to_num(np.abs(after.margin[rows]), nan=np.inf)
-    chosen: list[int] = rows[np.argsort(distance, kind="stable")[:limit]].tolist()
-    return chosen
+    order = np.argsort(distance, kind="stable")[:limit]
+    return list(zip(distance[order].tolist(), rows[order].tolist(), strict=True))
 
 
 def _flip(
@@ -147,6 +171,18 @@ def _flip(
         "before": {"verdict": before.verdict.value, "reason": before.label},
         "after": {"verdict": after.verdict.value, "reason": after.label},
     }
+
+
+def current_histogram(
+    context: ServiceContext, session: Session, dataset: Dataset, bins: int
+) -> dict[str, Any]:
+    """Matches per class as they are, with the active configuration's thresholds."""
+    measurement = active_measurement(session, dataset)
+    names = tuple(DatasetRepository(session).classes(dataset.id))
+    counts: IntArray = np.zeros((len(names), bins), np.int64)
+    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+        counts += numbers.match_counts(bins)
+    return histogram(names, counts, config_of(active_version(session, dataset)))
 
 
 def _recounted(

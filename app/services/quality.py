@@ -16,7 +16,6 @@ from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE
 from app.services.instance_truth import instance_truth
-from app.services.numbers import DatasetNumbers
 from app.services.reviewers import Panel
 from app.services.run_requests import active_measurement
 from app.services.statistics import count
@@ -45,10 +44,8 @@ def quality(
         total, judged = len(boxes), _by_people(boxes)
         classes = DatasetRepository(session).classes(dataset.id)
     else:
-        measurement = active_measurement(session, dataset)
-        numbers = context.numbers.load(session, dataset.id, measurement.id)
-        total, judged = _by_instances(numbers, config)
-        names = numbers.evidence.class_names
+        total, judged = _by_instances(context, session, dataset, config)
+        names = DatasetRepository(session).classes(dataset.id)
         classes = {name: index for index, name in enumerate(names)}
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     panel = Panel.of(session, dataset.id)
@@ -84,10 +81,17 @@ def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
     ).where(verdict != UNMEASURED)
 
 
-def _by_instances(numbers: DatasetNumbers, config: FilterConfig) -> tuple[int, Judged]:
+def _by_instances(
+    context: ServiceContext, session: Session, dataset: Dataset, config: FilterConfig
+) -> tuple[int, Judged]:
     """How many boxes have a truth, and those that can be judged."""
-    rows, visible = instance_truth(numbers)
-    return len(rows), Judged.of(numbers.evidence.take(rows), config, visible)
+    measurement = active_measurement(session, dataset)
+    total, judged = 0, []
+    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+        rows, visible = instance_truth(numbers)
+        total += len(rows)
+        judged.append(Judged.of(numbers.evidence.take(rows), config, visible))
+    return total, Judged.joined(judged)
 
 
 def _described(confusion: Confusion) -> dict[str, Any]:

@@ -6,7 +6,8 @@ deciding again: numbers and configurations never change, and deciding is pure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Run
 from app.errors import BadRequest, Conflict
+from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
@@ -30,8 +32,12 @@ from filter_core.types import (
     Verdict,
 )
 
-_CODE_OF: Final = {verdict.value: code for code, verdict in enumerate(Verdict)}
-_KEPT_FIRST: Final = (Verdict.KEPT.value, Verdict.REJECTED.value)
+_KEPT, _REJECTED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.REJECTED))
+_SIDES: Final = {
+    "kept_to_rejected": (_KEPT, _REJECTED),
+    "rejected_to_kept": (_REJECTED, _KEPT),
+}
+_ALL: Final = "total"
 FARTHEST: Final = float("inf")
 _MAX_ID: Final = 2**63 - 1
 
@@ -64,24 +70,34 @@ def run_diff(
     page: DiffPage,
 ) -> dict[str, Any]:
     """Counts of boxes whose verdict differs, and one page of them."""
-    before, after = _decided(context, session, runs)
-    verdicts = [VERDICT_CODE[each.reasons] for each in (before, after)]
-    flips = np.flatnonzero(verdicts[0] != verdicts[1])
-    sides = {
-        f"{old}_to_{new}": np.flatnonzero(
-            (verdicts[0] == _CODE_OF[old]) & (verdicts[1] == _CODE_OF[new])
-        )
-        for old, new in (_KEPT_FIRST, _KEPT_FIRST[::-1])
-    }
-    items, following = _page(before, after, flips, page)
+    configs = [
+        config_of(ConfigRepository(session).with_id(run.config_id)) for run in runs
+    ]
+    measurements = [run.measurement_id or 0 for run in runs]
+    diff = _Diff(page)
+    for numbers in context.numbers.parts(session, runs[1].dataset_id, *measurements):
+        decisions = [
+            decide(part.evidence, config)
+            for part, config in zip(numbers, configs, strict=True)
+        ]
+        diff.add(*_compared(numbers, decisions))
+    items, following = diff.page()
+    sides = {side: diff.counts[side] for side in _SIDES}
+    classes = sorted({name for counts in sides.values() for name in counts})
+    # Parts meet the classes in other orders than the whole.
+    names = DatasetRepository(session).classes(runs[1].dataset_id)
+    of_all = diff.counts[_ALL]
     return {
         "run": runs[1].id,
         "against": runs[0].id,
-        "compared": len(after.rows),
-        "total": len(flips),
-        **{name: len(those) for name, those in sides.items()},
-        "by_class": _by_class(after, flips),
-        "sides_by_class": _sides_by_class(after, sides),
+        "compared": diff.compared,
+        "total": of_all.total(),
+        **{side: counts.total() for side, counts in sides.items()},
+        "by_class": {name: of_all[name] for name in names if of_all[name]},
+        "sides_by_class": {
+            name: {side: counts[name] for side, counts in sides.items()}
+            for name in classes
+        },
         "items": items,
         "next_cursor": following,
     }
@@ -122,15 +138,9 @@ def compared_runs(
     return other, run
 
 
-def _decided(
-    context: ServiceContext, session: Session, runs: tuple[Run, Run]
+def _compared(
+    numbers: Sequence[DatasetNumbers], decisions: Sequence[Decisions]
 ) -> tuple[_Decided, _Decided]:
-    numbers, decisions = [], []
-    for run in runs:
-        config = config_of(ConfigRepository(session).with_id(run.config_id))
-        of_run = context.numbers.load(session, run.dataset_id, run.measurement_id or 0)
-        numbers.append(of_run)
-        decisions.append(decide(of_run.evidence, config))
     before, after = numbers
     if before is after:
         rows = [np.arange(len(after))] * 2
@@ -145,44 +155,65 @@ def _decided(
     )
 
 
-def _by_class(after: _Decided, flips: IntArray) -> dict[str, int]:
+class _Diff:
+    """What differs in the parts of a dataset that were added so far."""
+
+    def __init__(self, page: DiffPage) -> None:
+        self._limit = page.limit
+        self._after = None if page.cursor is None else _place(page.cursor)
+        self._nearest: list[tuple[float, int, dict[str, Any]]] = []
+        self.compared = 0
+        self.counts: dict[str, Counter[str]] = {_ALL: Counter()}
+        self.counts |= {side: Counter() for side in _SIDES}
+
+    def add(self, before: _Decided, after: _Decided) -> None:
+        """Count a part, and keep what the page lists of it."""
+        old, new = (VERDICT_CODE[each.reasons] for each in (before, after))
+        flips = np.flatnonzero(old != new)
+        self.compared += len(after.rows)
+        self.counts[_ALL] += _by_class(after, flips)
+        for side, (was, is_now) in _SIDES.items():
+            those = np.flatnonzero((old == was) & (new == is_now))
+            self.counts[side] += _by_class(after, those)
+        listed = [
+            (distance, box_id, _flip(before, after, at))
+            for distance, box_id, at in self._places(after, flips)
+        ]
+        merged = sorted([*self._nearest, *listed], key=lambda flip: flip[:2])
+        self._nearest = merged[: self._limit + 1]
+
+    def page(self) -> tuple[list[dict[str, Any]], str | None]:
+        """The flips of the page, and where the next one begins."""
+        listed = self._nearest[: self._limit]
+        items = [flip for _, _, flip in listed]
+        if len(self._nearest) <= self._limit:
+            return items, None
+        distance, box_id, _ = listed[-1]
+        return items, f"{distance!r}~{box_id}"
+
+    def _places(self, after: _Decided, flips: IntArray) -> list[tuple[float, int, int]]:
+        """The first by their distance from the run's threshold, then by their ids."""
+        margins = np.abs(after.decisions.margin[after.rows[flips]])
+        distances: FloatArray = np.nan_to_num(margins, nan=FARTHEST)
+        ids = after.numbers.box_ids[after.rows[flips]]
+        order = np.lexsort((ids, distances))
+        if self._after is not None:
+            distance, box_id = self._after
+            later = (distances > distance) | ((distances == distance) & (ids > box_id))
+            order = order[later[order]]
+        # One more than the page has tells that there is another page.
+        first = order[: self._limit + 1]
+        columns = distances[first], ids[first], flips[first]
+        return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _by_class(after: _Decided, flips: IntArray) -> Counter[str]:
     evidence = after.numbers.evidence
     counts = np.bincount(
         evidence.class_index[after.rows[flips]], minlength=len(evidence.class_names)
     )
     pairs = zip(evidence.class_names, counts.tolist(), strict=True)
-    return {name: count for name, count in pairs if count}
-
-
-def _sides_by_class(
-    after: _Decided, sides: Mapping[str, IntArray]
-) -> dict[str, dict[str, int]]:
-    found = {name: _by_class(after, those) for name, those in sides.items()}
-    classes = sorted({name for counts in found.values() for name in counts})
-    return {
-        class_name: {side: counts.get(class_name, 0) for side, counts in found.items()}
-        for class_name in classes
-    }
-
-
-def _page(
-    before: _Decided, after: _Decided, flips: IntArray, page: DiffPage
-) -> tuple[list[dict[str, Any]], str | None]:
-    """Flips in the order of their distance from the run's threshold, then of ids."""
-    margins = np.abs(after.decisions.margin[after.rows[flips]])
-    distances: FloatArray = np.nan_to_num(margins, nan=FARTHEST)
-    ids = after.numbers.box_ids[after.rows[flips]]
-    order = np.lexsort((ids, distances))
-    if page.cursor is not None:
-        distance, box_id = _place(page.cursor)
-        later = (distances > distance) | ((distances == distance) & (ids > box_id))
-        order = order[later[order]]
-    listed = order[: page.limit]
-    items = [_flip(before, after, int(flips[at])) for at in listed]
-    if len(order) <= page.limit:
-        return items, None
-    last = listed[-1]
-    return items, f"{float(distances[last])!r}~{int(ids[last])}"
+    return Counter({name: count for name, count in pairs if count})
 
 
 def _place(cursor: str) -> tuple[float, int]:

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from anyio import CapacityLimiter, Lock, to_thread
 
+from app.engine import Job
 from app.errors import TooManyRequests
 
 INTERVAL_S: Final = 0.2
@@ -41,7 +42,7 @@ class SharedLooks:
         self._most = most
         self._most_of_one = most_of_one
         self._by_token: Counter[int] = Counter()
-        self._watched: dict[int, _Watched] = {}
+        self._watched: dict[Job, _Watched] = {}
         self._thread = CapacityLimiter(1)
 
     @property
@@ -50,7 +51,7 @@ class SharedLooks:
         return sum(each.watchers for each in list(self._watched.values()))
 
     @contextmanager
-    def watching(self, key: int, token_id: int) -> Iterator[None]:
+    def watching(self, job: Job, token_id: int) -> Iterator[None]:
         """Keep looks at this row for as long as the block lasts.
 
         Raises
@@ -64,7 +65,7 @@ class SharedLooks:
             )
         if self.watchers >= self._most:
             raise TooManyRequests(f"{self._most} streams are open already; try later")
-        watched = self._watched.setdefault(key, _Watched())
+        watched = self._watched.setdefault(job, _Watched())
         watched.watchers += 1
         self._by_token[token_id] += 1
         try:
@@ -75,13 +76,13 @@ class SharedLooks:
             if not self._by_token[token_id]:
                 del self._by_token[token_id]
             if not watched.watchers:
-                del self._watched[key]
+                del self._watched[job]
 
-    async def look(self, key: int, read: Callable[[int], Seen]) -> Seen:
+    async def look(self, job: Job, read: Callable[[Job], Seen]) -> Seen:
         """What `read` finds now, or found within the last interval."""
-        watched = self._watched[key]
+        watched = self._watched[job]
         async with watched.lock:
             if time.monotonic() - watched.at >= INTERVAL_S:
-                watched.seen = await to_thread.run_sync(read, key, limiter=self._thread)
+                watched.seen = await to_thread.run_sync(read, job, limiter=self._thread)
                 watched.at = time.monotonic()
         return watched.seen

@@ -9,16 +9,16 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from sqlalchemy import event, inspect
+from sqlalchemy import inspect
 
 from app.db.base import Base
 from tests.api import frames as scene
 from tests.api.live import live
 from tests.api.resources import BASE, Api
+from tests.statements import Statement, statements_of
 
 pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
 
@@ -42,7 +42,6 @@ BOXES = [
     for name in ("car", "truck", "walker")
     for xyxy in (scene.ON_THE_CAR, scene.IN_THE_SKY, [0, 0, 64, 48], [90, 0, 99, 9])
 ]
-Statement = tuple[str, Any]
 
 
 @pytest.fixture(scope="module")
@@ -75,23 +74,6 @@ def street(api):
     api.run(name, {})
     api.put(name, "bad", b"{")
     return name
-
-
-@contextmanager
-def statements(service) -> Iterator[list[Statement]]:
-    """What is run until the block ends, by requests and by jobs."""
-    found: list[Statement] = []
-    engine = service.app.state.database.engine
-
-    def note(_connection, _cursor, statement, parameters, _context, _many):
-        one = parameters[0] if isinstance(parameters, list) else parameters
-        found.append((statement, tuple(one)))
-
-    event.listen(engine, "before_cursor_execute", note)
-    try:
-        yield found
-    finally:
-        event.remove(engine, "before_cursor_execute", note)
 
 
 def whole_reads(service, found: list[Statement]) -> set[str]:
@@ -268,7 +250,7 @@ REQUESTS = {
 
 @pytest.mark.parametrize("name", REQUESTS)
 def test_no_big_table_is_read_from_end_to_end(service, api, street, name):
-    with statements(service) as found:
+    with statements_of(service.app.state.database.engine) as found:
         REQUESTS[name](api, street)
 
     assert len(found) > 1

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.db.tables import Dataset
@@ -27,6 +26,7 @@ from app.services.statistics import count
 from benchmarks.million import BOXES_PER_FRAME, Wanted, make
 from tests.databases import migrated_postgres
 from tests.services import running_services
+from tests.statements import statements_of
 
 FRAMES = 4_000
 BOXES = BOXES_PER_FRAME * FRAMES
@@ -67,17 +67,8 @@ def dataset(session) -> Dataset:
 
 def plans_of(session: Session, read: Callable[[], object]) -> list[tuple[str, Any]]:
     """The statements that this runs, each with what PostgreSQL did for it."""
-    found: list[tuple[str, Any]] = []
-    engine = session.get_bind()
-
-    def note(_connection, _cursor, statement, parameters, *_rest):
-        found.append((statement, parameters))
-
-    event.listen(engine, "before_cursor_execute", note)
-    try:
+    with statements_of(session.get_bind()) as found:
         read()
-    finally:
-        event.remove(engine, "before_cursor_execute", note)
     asked = "EXPLAIN (ANALYZE, FORMAT JSON) "
     connection = session.connection()
     return [

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
-from sqlalchemy import event, select, text
+from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from app.db.tables import Decision
@@ -15,6 +14,7 @@ from app.repositories.box_probes import BoxProbes
 from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
 from tests.api import frames as scene
+from tests.statements import Statement, statements_of
 
 pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
 
@@ -56,21 +56,12 @@ def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str
 
 def noted(session: Session, read: Callable[[], object]) -> list[str]:
     """What SQLite does for the statements of this, one after the other."""
-    statements: list[tuple[str, Any]] = []
-    engine = session.get_bind()
-
-    def note(_connection, _cursor, statement, parameters, *_rest):
-        statements.append((statement, parameters))
-
-    event.listen(engine, "before_cursor_execute", note)
-    try:
+    with statements_of(session.get_bind()) as found:
         read()
-    finally:
-        event.remove(engine, "before_cursor_execute", note)
-    return explained(session, statements)
+    return explained(session, found)
 
 
-def explained(session: Session, statements: list[tuple[str, Any]]) -> list[str]:
+def explained(session: Session, statements: list[Statement]) -> list[str]:
     connection = session.connection()
     return [
         row[3]
