@@ -24,7 +24,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.db.passing import in_a_line, is_passing
 from app.engine import UnusableEngine, remote
 from app.engine.scheduler import NOWHERE, close_dashboard, when_told_to_stop
-from app.engine.wire import prepare, security
+from app.engine.wire import prepare, reason_of, security
 from app.engine_address import LOCAL, EngineAddress
 from app.lifetime import attached, certificates_of
 from app.logs import configure_logging, server_log
@@ -35,7 +35,7 @@ from app.services.data_folder import CannotMaintain
 from app.settings import Settings
 
 if TYPE_CHECKING:
-    from distributed import Security
+    from distributed import Security, Worker
 
 REFUSED: Final = 1
 AWAY: Final = 69
@@ -222,8 +222,7 @@ async def _join(
         death_timeout=place.patience_s,
         validate=False,
     )
-    await worker
-    close_dashboard(worker)
+    await _started(worker)
     server_log.info("joined the scheduler at %s as %s", address, worker.address)
     ends = [asyncio.create_task(over.wait()), asyncio.create_task(worker.finished())]
     await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
@@ -238,6 +237,14 @@ async def _join(
     return 0
 
 
+async def _started(worker: Worker) -> None:
+    try:
+        await worker
+    except RuntimeError as exc:
+        raise UnusableEngine(f"this worker cannot start: {reason_of(exc)}") from exc
+    close_dashboard(worker)
+
+
 async def _answers(address: EngineAddress, shown: Security, patience_s: float) -> bool:
     from distributed.core import connect
 
@@ -248,8 +255,9 @@ async def _answers(address: EngineAddress, shown: Security, patience_s: float) -
             **shown.get_connection_args("worker"),
         )
     except OSError as exc:
-        reason = exc.__cause__ or exc
-        server_log.error("no scheduler takes this worker at %s: %s", address, reason)
+        server_log.error(
+            "no scheduler takes this worker at %s: %s", address, reason_of(exc)
+        )
         return False
     await comm.close()
     return True

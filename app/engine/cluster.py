@@ -6,9 +6,10 @@ forgets or delays, the ledger in the database makes harmless.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ PER_PLACE: Final = 4
 """Chunks in flight for each worker, and into which its share of a job is cut."""
 FEWEST_FRAMES, MOST_FRAMES = 20, 500
 _ANSWER_S: Final = 3
-_COUNTED_FOR_S: Final = 2.0
+COUNTED_FOR_S: Final = 2.0
+TELL_AGAIN_S: Final = 60.0
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,23 @@ class Scheduler:
     address: str
     certificates: Certificates
     installation: str
+
+
+class Absence:
+    """Something is not there: worth a word when it begins, and once in a while."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._told_at = clock, -math.inf
+
+    def is_news(self, *, absent: bool) -> bool:
+        """Whether to say so, of what somebody has just looked at."""
+        if not absent:
+            self._told_at = -math.inf
+            return False
+        is_due = self._clock() - self._told_at >= TELL_AGAIN_S
+        if is_due:
+            self._told_at = self._clock()
+        return is_due
 
 
 class ClusterEngine(LocalEngine):
@@ -55,6 +74,7 @@ class ClusterEngine(LocalEngine):
         self._client: Client | None = None
         self._connecting = threading.Lock()
         self._counted = (0.0, 0)
+        self._absence = Absence()
 
     @property
     def window(self) -> int:
@@ -138,7 +158,7 @@ class ClusterEngine(LocalEngine):
             places = len(self._client.nthreads(callback_timeout=_ANSWER_S))
         except Exception:  # it went away just now: whoever submits will see
             places = 0
-        if not places:
+        if self._absence.is_news(absent=not places):
             server_log.warning("no worker has joined %s", self._scheduler.address)
-        self._counted = (time.monotonic() + _COUNTED_FOR_S, places)
+        self._counted = (time.monotonic() + COUNTED_FOR_S, places)
         return places

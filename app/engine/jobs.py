@@ -13,6 +13,8 @@ GIVEN_BACK: Final = "given back"
 FAILED: Final = "failed"
 """Why is in the chunk's row."""
 UNWANTED: Final = "unwanted"
+GIVEN_UP: Final = "given up"
+"""It has ended its process too often: nobody is to try it again."""
 ELSEWHERE: Final = "elsewhere"
 """Whoever was asked looks at another database."""
 

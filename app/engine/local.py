@@ -62,15 +62,21 @@ class LocalEngine:
                 self._busy -= 1
 
     def map(
-        self, work: Callable[[_Item], _Result], items: Iterable[_Item]
+        self,
+        work: Callable[[_Item], _Result],
+        items: Iterable[_Item],
+        *,
+        one_by_one: bool = False,
     ) -> Generator[_Result, None, None]:
         """Results in the order of the items, a bounded number of them in flight.
 
         They end early when the service stops: what was begun is given, the rest is not.
+        One by one, an item is begun when the result before it has been dealt with.
         """
         source = iter(items)
+        window = 1 if one_by_one else self.workers * WINDOW
         waiting: list[Future[_Result]] = [
-            self.start(work, item) for item in islice(source, self.workers * WINDOW)
+            self.start(work, item) for item in islice(source, window)
         ]
         try:
             while waiting:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from app.engine.jobs import UnusableEngine
-from app.engine.wire import Certificates, prepare, security
+from app.engine.wire import Certificates, prepare, reason_of, security
 from app.engine_address import EngineAddress, is_loopback
 
 if TYPE_CHECKING:
@@ -54,8 +54,9 @@ async def _serve(
     )
     try:
         await scheduler
-    except OSError as exc:
-        raise UnusableEngine(f"cannot listen at {address}: {exc}") from exc
+    except (OSError, RuntimeError) as exc:
+        detail = f"cannot listen at {address}: {reason_of(exc)}"
+        raise UnusableEngine(detail) from exc
     close_dashboard(scheduler)
     over = when_told_to_stop()
     ready(str(scheduler.address))

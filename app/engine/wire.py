@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import logging
+import ssl
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -29,6 +32,15 @@ _OPTIONS: Final[dict[str, Any]] = {
 }
 
 
+@contextmanager
+def _blamed(name: str, fault: str) -> Iterator[None]:
+    try:
+        yield
+    except ssl.SSLError as exc:
+        detail = f"UNGHOST_TLS_{name}: {fault}; `unghost certificates` makes what fits"
+        raise UnusableEngine(detail) from exc
+
+
 class Certificates(NamedTuple):
     """Files of one node; None where the wire is not encrypted."""
 
@@ -37,12 +49,12 @@ class Certificates(NamedTuple):
     key: Path | None = None
 
     def require(self) -> None:
-        """Refuse certificates that are not there.
+        """Refuse certificates that are not there, or that are something else.
 
         Raises
         ------
         UnusableEngine
-            Names the setting.
+            Names the setting, the file and what is wrong with it.
         """
         for name, path in self._asdict().items():
             if path is None:
@@ -54,6 +66,19 @@ class Certificates(NamedTuple):
                 raise UnusableEngine(
                     f"UNGHOST_TLS_{name.upper()}: there is no file {str(path)!r}"
                 )
+        self._require_contents()
+
+    def _require_contents(self) -> None:
+        context = ssl.create_default_context()
+        ca, cert, key = map(str, self)
+        with _blamed("CA", f"in {ca!r} there is no certificate"):
+            context.load_verify_locations(ca)
+        with _blamed("CERT", f"in {cert!r} there is no certificate"):
+            ssl.create_default_context().load_verify_locations(cert)
+        is_key = "PRIVATE KEY-----" in Path(key).read_text("ascii", "replace")
+        fault = f"does not belong to {cert!r}" if is_key else "holds no private key"
+        with _blamed("KEY", f"{key!r} {fault}"):
+            context.load_cert_chain(cert, key)
 
 
 def prepare() -> None:
@@ -89,3 +114,11 @@ def security(files: Certificates, *, encrypted: bool) -> Security:
     own = {f"tls_{role}_cert": str(files.cert) for role in roles}
     own |= {f"tls_{role}_key": str(files.key) for role in roles}
     return Security(require_encryption=True, tls_ca_file=str(files.ca), **own)
+
+
+def reason_of(error: BaseException) -> str:
+    """What lies at the bottom of an error of dask, without dask's own words."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    said = error.strerror if isinstance(error, OSError) else None
+    return said or str(error) or type(error).__name__

@@ -70,6 +70,14 @@ class LeaseRepository:
         mine = delete(Lease).where(*_of(job), Lease.holder == holder)
         self._session.execute(mine)
 
+    def clear(self, job: Job, is_void: Callable[[str], bool]) -> None:
+        """Remove a lease that is nobody's any more; its job is over."""
+        rows = select(Lease).where(*_of(job)).with_for_update(skip_locked=True)
+        lease = self._session.scalar(rows)
+        if lease is not None and (lease.until <= self.now() or is_void(lease.holder)):
+            self._session.delete(lease)
+            self._session.flush()
+
     def live(self, is_void: Callable[[str], bool]) -> tuple[set[Job], set[Job]]:
         """Jobs that somebody drives, and jobs whose lease is nobody's any more."""
         now, driven, void = self.now(), set[Job](), set[Job]()

@@ -96,9 +96,40 @@ class LedgerRepository:
             return False
         chunk.attempts += 1
         if chunk.attempts >= most_attempts:
-            chunk.state, chunk.finished_at = "quarantined", utc_now()
+            self.give_up(chunk)
         self._session.flush()
         return chunk.state == "waiting"
+
+    def attempt(self, chunk: Chunk) -> None:
+        """A process begins to work on a chunk, and nobody will be told if it ends."""
+        chunk.attempts += 1
+        self._session.flush()
+
+    def forget_attempts(self, job: Job, number: int) -> None:
+        """The process that works on a chunk lives, and so it is not to blame."""
+        waiting = Chunk.number == number, Chunk.state == "waiting"
+        self._session.execute(
+            update(Chunk)
+            .where(*_of(job), *waiting, Chunk.attempts > 0)
+            .values(attempts=0)
+        )
+
+    def give_up(self, chunk: Chunk) -> None:
+        """Put a chunk into quarantine."""
+        chunk.state, chunk.finished_at = "quarantined", utc_now()
+        self._session.flush()
+
+    def set_aside(self, chunk: Chunk, frame_id: int, left: int) -> None:
+        """Put the first frame of what is left of a chunk into quarantine, alone.
+
+        It becomes a chunk of its own; the other one goes on behind it.
+        """
+        job = Job(chunk.kind, chunk.job_id)
+        (number,) = self.plan(job, [Span(frame_id, frame_id, 1)])
+        alone = self._session.get_one(Chunk, (*job, number))
+        alone.attempts, chunk.attempts = chunk.attempts, 0
+        chunk.first_frame_id, chunk.frames = frame_id + 1, left - 1
+        self.give_up(alone)
 
     def begin_again(self, job: Job) -> None:
         """A new driver tries again what an earlier one did not come to report."""

@@ -6,30 +6,27 @@ import json
 import time
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
-from fastapi import Header, Request
+from fastapi import Header, Request, Response
 from fastapi.responses import StreamingResponse
+from pydantic import BaseModel
 
-from app.deps import authorise, settings_of
+from app.deps import authorise, current_principal, settings_of
+from app.engine import Job
 from app.errors import Forbidden, Unauthorised
 from app.security import Role
-from app.services.run_events import NOTHING_SEEN, RunEvent
+from app.services.context import ServiceContext
+from app.services.job_events import (
+    NOTHING_SEEN,
+    JobEvent,
+    end_number,
+    is_over,
+    job_events,
+    newest,
+)
 
 EVENT_STREAM: Final = "text/event-stream"
-EVENT_SCHEMA: Final = {
-    "type": "object",
-    "required": ["data", "event", "id"],
-    "properties": {
-        "event": {"enum": ["progress", "end"]},
-        "id": {"type": "string", "pattern": "^[0-9]+$"},
-        "data": {
-            "type": "string",
-            "contentMediaType": "application/json",
-            "contentSchema": {"$ref": "#/components/schemas/RunOut"},
-        },
-    },
-}
 _RETRY: Final = b"retry: 1000\n\n"
 """Milliseconds until a browser that lost the stream asks again."""
 _STILL_HERE: Final = b": still here\n\n"
@@ -41,6 +38,39 @@ LastEventId = Annotated[
 ]
 
 
+def events_of(model: type[BaseModel], what: str) -> dict[int | str, dict[str, Any]]:
+    """The answers of a route of events, with this model as their data."""
+    schema = {
+        "type": "object",
+        "required": ["data", "event", "id"],
+        "properties": {
+            "event": {"enum": ["progress", "end"]},
+            "id": {"type": "string", "pattern": "^[0-9]+$"},
+            "data": {
+                "type": "string",
+                "contentMediaType": "application/json",
+                "contentSchema": {"$ref": f"#/components/schemas/{model.__name__}"},
+            },
+        },
+    }
+    told = f"`progress` events with the {what} as data, then one `end`."
+    return {
+        200: {"content": {EVENT_STREAM: {"itemSchema": schema}}, "description": told},
+        204: {"description": "You have the last event already; do not ask again."},
+    }
+
+
+async def watch(
+    request: Request, services: ServiceContext, job: Job, last_event_id: str | None
+) -> Response:
+    """Events of a job, after the last one that its reader has; NotFound."""
+    token_id, after = current_principal(request).token_id, number_of(last_event_id)
+    state = await newest(services, job, token_id)
+    if is_over(state) and after >= end_number(state):
+        return Response(status_code=204)
+    return event_stream(request, job_events(services, job, after, token_id))
+
+
 def number_of(last_event_id: str | None) -> int:
     """The number in a Last-Event-ID; whatever is none of ours starts anew."""
     text = last_event_id or ""
@@ -49,7 +79,7 @@ def number_of(last_event_id: str | None) -> int:
 
 
 def event_stream(
-    request: Request, events: AsyncGenerator[RunEvent | None, None]
+    request: Request, events: AsyncGenerator[JobEvent | None, None]
 ) -> StreamingResponse:
     """The answer; it ends when its reader goes away, and no proxy may hold it back."""
     return StreamingResponse(
@@ -60,7 +90,7 @@ def event_stream(
 
 
 async def _lines(
-    request: Request, events: AsyncGenerator[RunEvent | None, None]
+    request: Request, events: AsyncGenerator[JobEvent | None, None]
 ) -> AsyncIterator[bytes]:
     pause = settings_of(request).event_heartbeat_s
     checked = said = time.monotonic()
@@ -89,6 +119,6 @@ async def _may_read(request: Request) -> bool:
     return True
 
 
-def _event(event: RunEvent) -> bytes:
-    data = json.dumps(event.run, ensure_ascii=False, separators=(",", ":"))
+def _event(event: JobEvent) -> bytes:
+    data = json.dumps(event.state, ensure_ascii=False, separators=(",", ":"))
     return f"event: {event.name}\nid: {event.number}\ndata: {data}\n\n".encode()

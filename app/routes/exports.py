@@ -20,12 +20,14 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.routes.blobs import file_response
 from app.routes.datasets import DatasetName
+from app.routes.event_stream import LastEventId, events_of, watch
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Page
 from app.schemas.pictures import RESUMABLE, file_of
 from app.schemas.runs import ExportIn, ExportOut
 from app.services.audit import Act
+from app.services.export_writing import job_of
 from app.services.exports import (
     MEDIA_TYPE,
     ExportRequest,
@@ -93,6 +95,21 @@ def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
     export = ExportRepository(session).with_id(export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     return describe_export(export, dataset.name)
+
+
+@router.get(
+    "/exports/{export_id}/events",
+    response_class=Response,
+    responses=events_of(ExportOut, "export"),
+)
+async def watch_export(
+    export_id: RowId,
+    request: Request,
+    services: AppServices,
+    last_event_id: LastEventId = None,
+) -> Response:
+    """How an export goes on, as server-sent events; the last one is `end`."""
+    return await watch(request, services, job_of(export_id), last_event_id)
 
 
 @router.get(

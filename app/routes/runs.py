@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 from fastapi import Depends, Query, Request, Response
 
@@ -14,40 +14,24 @@ from app.deps import (
     ReadSession,
     RowId,
     WriteSession,
-    current_principal,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.routes.accepted import accepted
 from app.routes.datasets import DatasetName
-from app.routes.event_stream import (
-    EVENT_SCHEMA,
-    EVENT_STREAM,
-    LastEventId,
-    event_stream,
-    number_of,
-)
+from app.routes.event_stream import LastEventId, events_of, watch
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.pages import Cursor, Limit, Page, linked
 from app.schemas.runs import DiffOut, RunIn, RunOut
 from app.services.audit import Act
 from app.services.run_diffs import DiffPage, compared_runs, run_diff
-from app.services.run_events import end_number, is_over, newest, run_events
 from app.services.run_requests import RunRequest, request_run
-from app.services.run_states import describe_run, described_run
+from app.services.run_states import describe_run, described_run, job_of
 from app.services.runs import cancel_run, start_after
 from filter_core.config import FilterConfig
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
-
-_EVENTS: Final[dict[int | str, dict[str, Any]]] = {
-    200: {
-        "content": {EVENT_STREAM: {"itemSchema": EVENT_SCHEMA}},
-        "description": "`progress` events with the run as data, then one `end`.",
-    },
-    204: {"description": "You have the last event already; do not ask again."},
-}
 
 
 @router.get("/datasets/{dataset}/runs", response_model=Page[RunOut])
@@ -98,7 +82,9 @@ def get_run(
     return described_run(services, session, RunRepository(session).with_id(run_id))
 
 
-@router.get("/runs/{run_id}/events", response_class=Response, responses=_EVENTS)
+@router.get(
+    "/runs/{run_id}/events", response_class=Response, responses=events_of(RunOut, "run")
+)
 async def watch_run(
     run_id: RowId,
     request: Request,
@@ -106,11 +92,7 @@ async def watch_run(
     last_event_id: LastEventId = None,
 ) -> Response:
     """How a run goes on, as server-sent events; the last one is `end`."""
-    token_id, after = current_principal(request).token_id, number_of(last_event_id)
-    run = await newest(services, run_id, token_id)
-    if is_over(run) and after >= end_number(run):
-        return Response(status_code=204)
-    return event_stream(request, run_events(services, run_id, after, token_id))
+    return await watch(request, services, job_of(run_id), last_event_id)
 
 
 @router.post("/runs/{run_id}/cancel", status_code=202, response_model=RunOut)

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 from app.schemas.datasets import ClassCounts
 from filter_core.formats.export_options import (
@@ -19,6 +26,19 @@ from filter_core.formats.export_options import (
 from filter_core.formats.writers import FormatName
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+def _in_either_form(value: object, check: ValidatorFunctionWrapHandler) -> object:
+    """One fault instead of one for each form that it does not have."""
+    try:
+        return check(value)
+    except ValidationError as exc:
+        raise ValueError(_EITHER_FORM) from exc
+
+
+_EITHER_FORM: Final = (
+    "expected a configuration, or a digest of 64 hexadecimal digits of one"
+)
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
@@ -123,7 +143,7 @@ class RunIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    config: Digest | dict[str, Any]
+    config: Annotated[Digest | dict[str, Any], WrapValidator(_in_either_form)]
     scope: Literal["dataset"] = "dataset"
     activate: bool = False
 

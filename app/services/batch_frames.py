@@ -68,9 +68,10 @@ class FrameAssembler:
             yield done
 
     def _misplaced(self, name: str) -> Unprocessable:
-        expected = f"{self._open.name}.KIND" if self._open else "NAME.json first"
+        first = "the NAME.json of its frame before it"
+        expected = repr(f"{self._open.name}.KIND"[:80]) if self._open else first
         return Unprocessable(
-            f"file {name[:80]!r} belongs to no frame; expected {expected[:80]!r}",
+            f"file {name[:80]!r} belongs to no frame; expected {expected}",
             code="misplaced_member",
         )
 

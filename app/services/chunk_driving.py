@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,16 +16,17 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.db.tables import Chunk
 from app.engine import EngineAway, WorkerDied
 from app.engine.jobs import ELSEWHERE, FAILED, GIVEN_BACK, UNWANTED
 from app.repositories.frames import FrameRepository
 from app.repositories.ledger import LedgerRepository, Span
-from app.services.chunk_work import work_on
+from app.services.chunk_attempts import MOST_ATTEMPTS
+from app.services.chunk_work import work_here
 from app.services.context import ServiceContext
 from app.services.leases import JobLease
+from app.services.run_measuring import frames_left
 
-MOST_ATTEMPTS: Final = 3
-"""Processes that may end while they work on a chunk alone before nobody tries again."""
 LOOK_S: Final = 0.1
 LOOK_AT_ROW_S: Final = 0.5
 """How often it is asked whether the job is still wanted while nothing else happens."""
@@ -110,7 +111,7 @@ class ChunkDriver:
         return self._again[0] if room > 0 and self._again else None
 
     def _start(self, number: int) -> None:
-        here = partial(work_on, self.context)
+        here = partial(work_here, self.context)
         engine = self.context.engine
         future = engine.start_chunk(here, self.lease.job, number)
         self._is_alone = bool(self._suspects)
@@ -206,21 +207,29 @@ class ChunkDriver:
 
     def _check_quarantine(self) -> None:
         with self.context.database.read() as session:
-            left = LedgerRepository(session).quarantined(self.lease.job)
-            if not left:
+            given_up = LedgerRepository(session).quarantined(self.lease.job)
+            if not given_up:
                 return
-            ends = [(one.first_frame_id, one.last_frame_id) for one in left]
-            frames = FrameRepository(session).heads(
-                id_ for each in ends for id_ in each
+            if self.lease.job.kind == "run":
+                what = self._frames(session, given_up)
+            else:
+                what = "writing it"
+        if what:
+            detail = (
+                f"{what} ended the process that was at it {MOST_ATTEMPTS} times; the "
+                "log of the process may say why"
             )
-        keys = {id_: frame.key for id_, frame in frames.items()}
-        ranges = ", ".join(
-            f"{keys.get(first, first)!r} to {keys.get(last, last)!r}"
+            raise ChunkFailed({"code": QUARANTINED, "detail": detail})
+
+    def _frames(self, session: Session, chunks: Iterable[Chunk]) -> str:
+        """What lacks its numbers, by keys; nothing if other processes made them."""
+        left = [frames_left(session, self.lease.job.id, chunk) for chunk in chunks]
+        ends = sorted({(ids[0], ids[-1]) for ids in left if ids})
+        heads = FrameRepository(session).heads({id_ for both in ends for id_ in both})
+        keys = {id_: repr(frame.key) for id_, frame in heads.items()}
+        named = ", ".join(
+            keys[first] if first == last else f"{keys[first]} to {keys[last]}"
             for first, last in ends
         )
-        what = f"frames {ranges}" if self.lease.job.kind == "run" else "writing it"
-        detail = (
-            f"{what} ended the process that worked on them {MOST_ATTEMPTS} times; "
-            "the log of the worker may say why"
-        )
-        raise ChunkFailed({"code": QUARANTINED, "detail": detail})
+        word = "frame" if named in keys.values() else "frames"
+        return f"{word} {named}" if named else ""

@@ -9,19 +9,22 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from sqlalchemy.orm import Session
+
 from app.db.passing import in_a_line, is_passing
 from app.engine import Job, JobStopped
-from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, UNWANTED
+from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.errors import AppError
 from app.repositories.leases import LeaseRepository
 from app.repositories.ledger import LedgerRepository
+from app.services.chunk_attempts import Attempt
 from app.services.context import ServiceContext
 from app.services.export_writing import export_at_work, write_chunk
-from app.services.run_measuring import measure_chunk
+from app.services.run_measuring import Stored, measure_chunk
 from app.services.run_states import run_at_work
 from filter_core.errors import FilterError
 
-Work = Callable[[ServiceContext, int, int], None]
+Work = Callable[[ServiceContext, int, int, Stored], None]
 _WORK: Final[Mapping[str, Work]] = {"run": measure_chunk, "export": write_chunk}
 _AT_WORK: Final[Mapping[str, Callable[..., object]]] = {
     "run": run_at_work,
@@ -33,9 +36,43 @@ log = logging.getLogger(__name__)
 
 def work_on(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
     """Work on a chunk, whatever comes; how it ended."""
-    job = Job(kind, job_id)
+
+    def work() -> str:
+        _WORK[kind](context, job_id, number, _untold)
+        return DONE
+
+    return _outcome(context, Job(kind, job_id), number, work)
+
+
+def work_here(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
+    """As `work_on`, in the process that drives the job: nobody is left if it ends.
+
+    So the attempt is in the chunk's row before the work begins; once there were too
+    many, it is given up.
+    """
+    attempt = Attempt(context, Job(kind, job_id), number)
+
+    def work() -> str:
+        if not attempt.begin():
+            return GIVEN_UP
+        _WORK[kind](context, job_id, number, attempt.forget)
+        return DONE
+
+    outcome = _outcome(context, Job(kind, job_id), number, work)
+    if outcome not in (DONE, GIVEN_UP):
+        attempt.end()
+    return outcome
+
+
+def _untold(_session: Session) -> None:
+    """Who drives a worker is told when that ends, and counts."""
+
+
+def _outcome(
+    context: ServiceContext, job: Job, number: int, work: Callable[[], str]
+) -> str:
     try:
-        _WORK[kind](context, job_id, number)
+        return work()
     except JobStopped:
         return GIVEN_BACK if context.engine.stopping.is_set() else UNWANTED
     except (AppError, FilterError) as error:
@@ -44,14 +81,12 @@ def work_on(context: ServiceContext, kind: str, job_id: int, number: int) -> str
         if is_passing(error):
             log.warning("chunk %d of %s %d: %s", number, *job, in_a_line(error))
             return GIVEN_BACK
-        outcome = _failed(
-            context, job, number, {"code": "internal", "detail": f"the {kind} failed"}
-        )
+        unexpected = {"code": "internal", "detail": f"the {job.kind} failed"}
+        outcome = _failed(context, job, number, unexpected)
         # Somebody may have cancelled it, or deleted its dataset, meanwhile.
         if outcome == FAILED:
-            log.exception("chunk %d of %s %d failed", number, kind, job_id)
+            log.exception("chunk %d of %s %d failed", number, *job)
         return outcome
-    return DONE
 
 
 def work_remotely(

@@ -54,7 +54,9 @@ def export_at_work(session: Session, export_id: int) -> Export:
     return export
 
 
-def write_chunk(context: ServiceContext, export_id: int, _number: int) -> None:
+def write_chunk(
+    context: ServiceContext, export_id: int, _number: int, _stored: object
+) -> None:
     """Write an export: it is the only chunk of its job, and ends it."""
     context.engine.check(job_of(export_id))
     with _empty_folder(context, export_id) as folder:

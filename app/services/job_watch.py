@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
@@ -22,7 +22,7 @@ from app.services.run_states import job_of as run_job
 from app.services.runs import start_runs
 
 LOOK_EVERY_S: Final = 2.0
-NOBODYS_AFTER: Final = timedelta(seconds=10)
+NOBODYS_AFTER_S: Final = 10.0
 """For so long whoever was asked for a job has time to begin with it."""
 
 log = logging.getLogger(__name__)
@@ -43,29 +43,52 @@ def watching_jobs(context: ServiceContext) -> Iterator[None]:
         watch.join()
 
 
-def abandoned(context: ServiceContext) -> set[Job]:
-    """Unfinished jobs whose driver has died, or that nobody has begun for long."""
-    with context.database.read() as session:
-        runs = RunRepository(session).unfinished()
-        exports = ExportRepository(session).unfinished()
-        asked_at = {run_job(run.id): run.created_at for run in runs}
-        asked_at |= {export_job(one.id): one.created_at for one in exports}
-        if not asked_at:
-            return set()
-        leases = LeaseRepository(session)
-        driven, void = leases.live(has_ended)
-        begun_by = leases.now() - NOBODYS_AFTER
-    return {
-        job
-        for job, at in asked_at.items()
-        if job not in driven and (job in void or at < begun_by)
-    }
+class JobWatch:
+    """Knows since when it has seen each unfinished job without a driver.
+
+    By its own clock: that of the service that was asked for a job may be wrong.
+    """
+
+    def __init__(
+        self, context: ServiceContext, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._context, self._clock = context, clock
+        self._alone_since: dict[Job, float] = {}
+
+    def abandoned(self) -> set[Job]:
+        """Unfinished jobs whose driver has died, or that nobody has begun for long.
+
+        Leases that somebody left behind with a job that is over are cleared away.
+        """
+        with self._context.database.read() as session:
+            runs = RunRepository(session).unfinished()
+            exports = ExportRepository(session).unfinished()
+            driven, void = LeaseRepository(session).live(has_ended)
+        unfinished = {run_job(one.id) for one in runs}
+        unfinished |= {export_job(one.id) for one in exports}
+        if void - unfinished:
+            self._clear(void - unfinished)
+        now, before = self._clock(), self._alone_since
+        alone = unfinished - driven
+        self._alone_since = {job: before.get(job, now) for job in alone}
+        late = {
+            job
+            for job, since in self._alone_since.items()
+            if now - since >= NOBODYS_AFTER_S
+        }
+        return alone & (void | late)
+
+    def _clear(self, jobs: set[Job]) -> None:
+        with self._context.database.write_beside() as session:
+            for job in jobs:
+                LeaseRepository(session).clear(job, has_ended)
 
 
 def _watch(context: ServiceContext, over: threading.Event) -> None:
+    watch = JobWatch(context)
     while not over.wait(LOOK_EVERY_S) and not context.engine.stopping.is_set():
         try:
-            kinds = {job.kind for job in abandoned(context)}
+            kinds = {job.kind for job in watch.abandoned()}
         except SQLAlchemyError as exc:  # it may be away for a while
             log.warning("cannot look for unfinished jobs: %s", exc)
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
@@ -38,6 +38,9 @@ from filter_core.config import FilterConfig
 
 COMMIT_EVERY_S: Final = 0.25
 """How much work a crash may cost, and how often progress is seen to move."""
+
+Stored = Callable[[Session], None]
+"""Is told of each transaction that stores numbers which were not there before."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +77,15 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Part:
-    """One chunk of a run: its frames that lack numbers, and what is known of them."""
+    """One chunk of a run: its frames that lack numbers, and what is known of them.
+
+    One that ended processes is worked on frame by frame, each of which is stored before
+    the next one begins: then the first that lacks its numbers is the one that kills.
+    """
 
     scope: RunScope
     number: int
+    is_suspect: bool
     missing: list[int]
     source: _Source
     frames: Mapping[int, Frame]
@@ -90,11 +98,13 @@ class _Part:
         scope = RunScope.of(session, run_at_work(session, run_id))
         chunk = LedgerRepository(session).find(scope.job, number)
         missing = [] if chunk is None else _missing_of(session, scope, chunk)
+        is_suspect = chunk is not None and chunk.attempts > 1
         source = _source(session, scope)
         evidence = EvidenceRepository(session)
         return cls(
             scope=scope,
             number=number,
+            is_suspect=is_suspect,
             missing=missing,
             source=source,
             frames=FrameRepository(session).with_ids(missing),
@@ -123,7 +133,21 @@ def is_measured(session: Session, scope: RunScope) -> bool:
     )
 
 
-def measure_chunk(context: ServiceContext, run_id: int, number: int) -> None:
+def frames_left(session: Session, run_id: int, chunk: Chunk) -> list[int]:
+    """Frames of a chunk that lack their numbers.
+
+    Raises
+    ------
+    JobStopped
+        The run is over.
+    """
+    scope = RunScope.of(session, run_at_work(session, run_id))
+    return _missing_of(session, scope, chunk)
+
+
+def measure_chunk(
+    context: ServiceContext, run_id: int, number: int, stored: Stored
+) -> None:
     """Make the numbers of a chunk's frames that are not there yet.
 
     Raises
@@ -134,10 +158,11 @@ def measure_chunk(context: ServiceContext, run_id: int, number: int) -> None:
     context.engine.check(job_of(run_id))
     with context.database.read() as session:
         part = _Part.of(session, run_id, number)
-    measured, portion, over = 0, _Portion(context, part), threading.Event()
+    measured, portion, over = 0, _Portion(context, part, stored), threading.Event()
     work = partial(_numbers, context, part, over)
     with ExitStack() as ending:
-        rows = ending.enter_context(closing(context.engine.map(work, part.missing)))
+        results = context.engine.map(work, part.missing, one_by_one=part.is_suspect)
+        rows = ending.enter_context(closing(results))
         # Threads that wait for a store are to know that nobody waits for them.
         ending.callback(over.set)
         for row in rows:
@@ -181,15 +206,16 @@ def _numbers(
 class _Portion:
     """What was measured in each quarter of a second, stored together."""
 
-    def __init__(self, context: ServiceContext, part: _Part) -> None:
-        self._context, self._part = context, part
+    def __init__(self, context: ServiceContext, part: _Part, stored: Stored) -> None:
+        self._context, self._part, self._stored = context, part, stored
         self._rows: list[dict[str, Any]] = []
         self._begun = time.monotonic()
 
     def add(self, row: dict[str, Any], *, is_last: bool) -> None:
         """One more; those of the last portion wait for `keep`."""
         self._rows.append(row)
-        if not is_last and time.monotonic() - self._begun >= COMMIT_EVERY_S:
+        is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
+        if not is_last and (is_due or self._part.is_suspect):
             self.keep(is_whole=False)
 
     def keep(self, *, is_whole: bool) -> None:
@@ -210,6 +236,8 @@ class _Portion:
                 [row for row in rows if row["frame_id"] in new]
             )
             run.done = min(run.total, run.done + len(new))
+            if new:
+                self._stored(session)
             if is_whole:
                 LedgerRepository(session).finish(scope.job, self._part.number)
 

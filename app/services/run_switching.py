@@ -16,12 +16,11 @@ from app.engine import LocalEngine
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
-from app.repositories.frame_ranges import frame_ranges
 from app.repositories.frames import FrameRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
-from app.services.numbers import DatasetNumbers, load_numbers
+from app.services.numbers import DatasetNumbers
 from app.services.run_states import job_of
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
@@ -40,40 +39,20 @@ class BeforeAndAfter:
     after: DatasetNumbers
 
     @classmethod
-    def load(
-        cls, context: ServiceContext, session: Session, run: Run
-    ) -> BeforeAndAfter:
-        """From memory where they are; from the database else."""
-        dataset = DatasetRepository(session).with_id(run.dataset_id)
-        before, after = (
-            context.numbers.load(session, dataset.id, measurement or 0)
-            for measurement in (dataset.active_measurement_id, run.measurement_id)
-        )
-        return cls(before, after)
-
-    @classmethod
     def parts(
         cls, context: ServiceContext, session: Session, run: Run
     ) -> Iterator[BeforeAndAfter]:
         """One after the other, as much of the dataset as may be held in memory."""
-        if context.numbers.fits(session, run.dataset_id):
-            yield cls.load(context, session, run)
-            return
         dataset = DatasetRepository(session).with_id(run.dataset_id)
-        active, wanted = dataset.active_measurement_id or 0, run.measurement_id or 0
-        boxes = context.numbers.part_boxes
-        for frames in frame_ranges(session, dataset.id, boxes=boxes):
-            before = load_numbers(session, dataset.id, active, frames=frames)
-            after = before
-            if wanted != active:
-                after = load_numbers(session, dataset.id, wanted, frames=frames)
+        both = dataset.active_measurement_id or 0, run.measurement_id or 0
+        for before, after in context.numbers.parts(session, dataset.id, *both):
             yield cls(before, after)
 
 
 def prepare(context: ServiceContext, session: Session, run: Run) -> None:
     """Load what `switch` needs while nobody waits for it, if it can be kept."""
     if context.numbers.fits(session, run.dataset_id):
-        BeforeAndAfter.load(context, session, run)
+        next(BeforeAndAfter.parts(context, session, run))
 
 
 def switch(

@@ -168,7 +168,8 @@ class TarStream:
         known = (*_FILE, *_PAX, _FOLDER, _LONG_NAME)
         if header.kind not in known:
             found = _KINDS.get(header.kind, f"an entry of type {header.kind!r}")
-            raise BadArchive(f"expected files and folders, found {found}")
+            name = (self._long_name or header.name)[:80].decode("utf-8", "replace")
+            raise BadArchive(f"{name!r}: expected a file or a folder, found {found}")
         is_extension = header.kind in (*_PAX, _LONG_NAME)
         if is_extension and header.size > MAX_EXTENSION:
             raise BadArchive(

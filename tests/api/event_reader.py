@@ -24,11 +24,11 @@ class Event:
 
 @contextmanager
 def open_events(
-    api: Api, run_id: int, last: str | None = None
+    api: Api, job_id: int, last: str | None = None, *, of: str = "runs"
 ) -> Iterator[Iterator[Event]]:
-    """Events of a run, for as long as the block lasts or the server sends some."""
+    """Events of a job, for as long as the block lasts or the server sends some."""
     headers = {} if last is None else {"Last-Event-ID": last}
-    url = f"{BASE}/runs/{run_id}/events"
+    url = f"{BASE}/{of}/{job_id}/events"
     with api.http.stream("GET", url, headers=headers) as answer:
         assert answer.status_code == 200, answer.read()
         assert answer.headers["content-type"].startswith("text/event-stream")
@@ -37,9 +37,11 @@ def open_events(
         yield stream
 
 
-def events(api: Api, run_id: int, last: str | None = None) -> list[Event]:
-    """All events of a run up to its end, without comments."""
-    with open_events(api, run_id, last) as stream:
+def events(
+    api: Api, job_id: int, last: str | None = None, *, of: str = "runs"
+) -> list[Event]:
+    """All events of a job up to its end, without comments."""
+    with open_events(api, job_id, last, of=of) as stream:
         return [event for event in stream if event.name]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
 import stat
 from datetime import datetime, timedelta, timezone
@@ -16,7 +17,9 @@ from app.engine.certificates import NODES
 from app.engine.scheduler import run_scheduler
 from app.engine.wire import Certificates
 from tests.api.command_line import CommandLine
+from tests.services import running_services
 
+AWAY = 69
 HOSTS = ("scheduler.lab", "10.0.0.5")
 
 
@@ -79,8 +82,60 @@ def test_a_scheduler_without_certificates_stays_on_this_machine():
         run_scheduler("0.0.0.0", 0, Certificates(), print)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"ca": "scheduler.key"}, r"UNGHOST_TLS_CA: .*scheduler.key.* no certificate"),
+        ({"cert": "ca.key"}, r"UNGHOST_TLS_CERT: .*ca.key.* no certificate"),
+        ({"key": "ca.pem"}, r"UNGHOST_TLS_KEY: .*ca.pem.* no private key"),
+        ({"key": "worker.key"}, r"UNGHOST_TLS_KEY: .*worker.key.* does not belong to"),
+    ],
+)
+def test_a_file_that_is_another_one_is_named(made, wrong, words):
+    names = {"ca": "ca.pem", "cert": "scheduler.pem", "key": "scheduler.key"} | wrong
+    shown = Certificates(**{part: made[0] / name for part, name in names.items()})
+
+    with pytest.raises(UnusableEngine, match=words):
+        run_scheduler("127.0.0.1", 0, shown, print)
+
+
 def test_a_scheduler_names_what_it_lacks(made):
     shown = Certificates(made[0] / "ca.pem", made[0] / "nothing.pem", None)
 
     with pytest.raises(UnusableEngine, match=r"there is no file .*nothing.pem"):
         run_scheduler("127.0.0.1", 0, shown, print)
+
+
+def test_a_scheduler_on_a_port_that_is_taken_says_so(made, tmp_path):
+    files = ("--ca", "ca.pem", "--cert", "scheduler.pem", "--key", "scheduler.key")
+    folder = made[0]
+    words = [str(folder / word) if "." in word else word for word in files]
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+
+        # A process of its own: the library that binds leaves its socket to the exit.
+        answer = CommandLine(tmp_path, {})(
+            "scheduler", "--host", "127.0.0.1", "--port", port, *words
+        )
+
+    assert answer.code == 1
+    assert f"cannot listen at tls://127.0.0.1:{port}: Address already in" in answer.err
+
+
+@pytest.mark.long
+def test_a_worker_without_a_scheduler_says_why_in_plain_words(made, tmp_path):
+    with running_services(tmp_path / "data"):
+        pass
+    with socket.create_server(("127.0.0.1", 0)) as nobody:
+        address = f"tls://127.0.0.1:{nobody.getsockname()[1]}"
+    names = {"CA": "ca.pem", "CERT": "worker.pem", "KEY": "worker.key"}
+    settings = {
+        f"UNGHOST_TLS_{key}": str(made[0] / name) for key, name in names.items()
+    }
+
+    answer = CommandLine(tmp_path, settings)(
+        *("worker", address, "--data", "data", "--patience", "1")
+    )
+
+    assert answer.code == AWAY
+    assert f"takes this worker at {address}: Connection refused" in answer.err

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -11,6 +13,7 @@ import pytest
 from app.engine.certificates import make_certificates
 from tests.api import frames as scene
 from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
+from tests.api.test_channels import sensors
 from tests.cluster.nodes import (
     PATIENCE_S,
     kill_working_process,
@@ -18,7 +21,8 @@ from tests.cluster.nodes import (
     until,
     working_process,
 )
-from tests.cluster.totals import check_totals, ended, has_begun, state_of
+from tests.cluster.totals import begun_run, check_totals, ended, state_of
+from tests.unit.filter_core.test_frame_channels import ANNOTATION
 
 FRAMES = 50
 AWAY = 69
@@ -66,6 +70,32 @@ def test_a_cluster_gives_byte_by_byte_what_one_process_gives(whole):
     assert whole.api.http.get(download).status_code == 200
 
 
+def test_channels_that_workers_measure_are_compared_as_those_measured_here(whole):
+    def evaluated(api):
+        dataset = api.dataset()
+        for number in range(25):
+            api.stored(dataset, f"{number:02}", ANNOTATION, **sensors())
+        run = api.finished(api.post(f"/datasets/{dataset}/evaluations"))
+        assert (run["kind"], run["state"], run["done"]) == ("measure", "done", 25), run
+        found = api.json(f"/datasets/{dataset}/evaluations")
+        # What each got wrong is named by ids, and those are another dataset's.
+        return [{**one, "worst": len(one["worst"])} for one in of_channels(found)]
+
+    def of_channels(found):
+        assert found["not_measured"] == []
+        return found["channels"].values()
+
+    before = measured_here(whole.api)
+    by_workers = evaluated(whole.api)
+    uploaded = measured_here(whole.api) - before
+    with whole.cluster.server(UNGHOST_ENGINE="local") as (_, alone):
+        by_itself = evaluated(alone)
+
+    assert by_workers == by_itself
+    assert uploaded == 25
+    assert {one["judged"] for one in by_workers} == {0, 50}
+
+
 def test_the_server_itself_measures_only_what_is_uploaded(whole, long_street):
     before = measured_here(whole.api)
 
@@ -83,11 +113,7 @@ def measured_here(api):
 
 
 def test_a_worker_that_is_killed_costs_nothing_but_time(whole, long_street):
-    accepted = whole.api.post(
-        f"/datasets/{long_street}/runs", {"config": FROM_PIXELS, "activate": True}
-    )
-    run_id = accepted.json()["id"]
-    has_begun(whole.api, run_id)
+    run_id = begun_run(whole.api, long_street)
 
     killed = kill_working_process(whole.workers[0])
 
@@ -98,11 +124,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(whole, long_street):
 
 
 def test_cancelling_ends_a_run_and_its_work_within_a_second(whole, long_street):
-    accepted = whole.api.post(
-        f"/datasets/{long_street}/runs", {"config": OTHER_PIXELS[0]}
-    )
-    run_id = accepted.json()["id"]
-    has_begun(whole.api, run_id)
+    run_id = begun_run(whole.api, long_street, OTHER_PIXELS[0], activate=False)
 
     begun = time.monotonic()
     answer = whole.api.post(f"/runs/{run_id}/cancel")
@@ -121,11 +143,16 @@ def test_cancelling_ends_a_run_and_its_work_within_a_second(whole, long_street):
 
 
 def test_only_the_documented_ports_listen_and_only_on_loopback(whole):
+    def of_workers():
+        return [
+            listening(worker.process.pid, working_process(worker))
+            for worker in whole.workers
+        ]
+
+    # One whose working process was killed may just be starting another.
+    until(lambda: all(of_workers()), "every worker listens")
     scheduler = listening(whole.scheduler.process.pid)
-    workers = [
-        listening(worker.process.pid, working_process(worker))
-        for worker in whole.workers
-    ]
+    workers = of_workers()
     server = listening(whole.server.process.pid)
 
     assert scheduler == {("127.0.0.1", whole.cluster.port)}
@@ -154,6 +181,38 @@ def test_nobody_is_let_in_without_a_certificate_of_the_authority(whole, tmp_path
     assert "no scheduler takes this worker" in others[0].said
     assert "UNGHOST_TLS_CA" in others[2].said
     assert not any("joined" in other.said for other in others)
+
+
+def test_every_port_of_work_asks_for_a_certificate_of_the_authority(whole, tmp_path):
+    foreign = tmp_path / "foreign"
+    make_certificates(foreign, ("127.0.0.1",), 2)
+    ports = {whole.cluster.port}
+    ports |= {
+        port for one in whole.workers for _, port in listening(working_process(one))
+    }
+
+    answers = [
+        [answered(port, shown) for shown in (None, foreign, whole.cluster.certificates)]
+        for port in sorted(ports)
+    ]
+
+    assert answers == [[False, False, True]] * (1 + len(whole.workers))
+
+
+def answered(port, certificates):
+    """Whether a node says anything to who shows this certificate, or none."""
+    shown = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    shown.check_hostname, shown.verify_mode = False, ssl.CERT_NONE
+    if certificates is not None:
+        shown.load_cert_chain(certificates / "client.pem", certificates / "client.key")
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", port), PATIENCE_S) as plain,
+            shown.wrap_socket(plain) as wire,
+        ):
+            return wire.recv(1) != b""
+    except (ssl.SSLError, ConnectionError):
+        return False
 
 
 @pytest.mark.parametrize(

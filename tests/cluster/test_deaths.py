@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 
@@ -9,7 +10,7 @@ import pytest
 
 from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.cluster.nodes import cluster, until, working_process
-from tests.cluster.totals import check_totals, ended, has_begun, state_of
+from tests.cluster.totals import asked, begun_run, check_totals, ended, state_of
 from tests.servers import STOP_WAIT_S, stop
 
 pytestmark = pytest.mark.long
@@ -23,20 +24,17 @@ def made(tmp_path):
         yield made
 
 
-def asked(api, name, config=FROM_PIXELS):
-    body = {"config": config, "activate": True}
-    answer = api.post(f"/datasets/{name}/runs", body)
-    assert answer.status_code == 202, answer.text
-    return answer.json()["id"]
+def at_work(made, api, config=FROM_PIXELS, *, workers=1):
+    """Workers in the middle of a run: they, the dataset's name and the run's number."""
+    joined = [made.worker() for _ in range(workers)]
+    name = fill(api, FRAMES)
+    return joined, name, begun_run(api, name, config)
 
 
 def test_a_scheduler_that_dies_is_waited_for(made):
     scheduler = made.scheduler()
     with made.server() as (_, api):
-        workers = [made.worker() for _ in range(2)]
-        name = fill(api, FRAMES)
-        run_id = asked(api, name)
-        has_begun(api, run_id)
+        workers, name, run_id = at_work(made, api, workers=2)
 
         scheduler.kill()
         until(lambda: all("went away" in one.said for one in workers), "no notice")
@@ -48,11 +46,10 @@ def test_a_scheduler_that_dies_is_waited_for(made):
 
 def test_a_scheduler_that_stands_still_holds_nobody(made):
     scheduler = made.scheduler()
-    with made.server() as (server, api):
-        made.worker()
-        name = fill(api, FRAMES)
-        run_id = asked(api, name)
-        has_begun(api, run_id)
+    # Nothing but the count of workers is to find the connection that stands still.
+    quiet = {"DASK_DISTRIBUTED__CLIENT__SCHEDULER_INFO_INTERVAL": "1 hour"}
+    with made.server(**quiet) as (server, api):
+        _, _, run_id = at_work(made, api)
         scheduler.process.send_signal(signal.SIGSTOP)
         try:
             # Beyond what is remembered of how many workers there are.
@@ -71,10 +68,7 @@ def test_a_scheduler_that_stands_still_holds_nobody(made):
 def test_a_server_that_dies_goes_on_where_it_was(made):
     made.scheduler()
     with made.server() as (server, api):
-        made.worker()
-        name = fill(api, FRAMES)
-        run_id = asked(api, name)
-        has_begun(api, run_id)
+        _, name, run_id = at_work(made, api)
         server.process.kill()
         server.process.wait()
 
@@ -85,10 +79,7 @@ def test_a_server_that_dies_goes_on_where_it_was(made):
 def test_another_server_takes_over_from_one_that_died(made):
     made.scheduler()
     with made.server() as (first, api), made.server() as (_, other):
-        made.worker()
-        name = fill(api, FRAMES)
-        run_id = asked(api, name)
-        has_begun(api, run_id)
+        _, name, run_id = at_work(made, api)
         first.process.kill()
         first.process.wait()
 
@@ -113,16 +104,14 @@ def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
     assert failed["done"] > FRAMES / 2
 
     with made.server(UNGHOST_ENGINE="local") as (_, api):
-        check_totals(api, name, ended(api, asked(api, name)), FRAMES + 1)
+        run = ended(api, asked(api, name))
+        check_totals(api, name, run, FRAMES + 1, empty=1)
 
 
 def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
     made.scheduler()
     with made.server() as (_, api):
-        leaving = made.worker()
-        name = fill(api, FRAMES)
-        run_id = asked(api, name, OTHER_PIXELS[1])
-        has_begun(api, run_id)
+        (leaving,), _, run_id = at_work(made, api, OTHER_PIXELS[1])
 
         leaving.process.send_signal(signal.SIGTERM)
         code = leaving.ended()
@@ -134,6 +123,39 @@ def test_a_worker_that_is_told_to_stop_gives_back_what_it_was_at(made):
     assert 0 < done < FRAMES
     assert run["error"] is None
     assert (run["state"], run["done"]) == ("done", FRAMES)
+
+
+@pytest.mark.parametrize("dies", ["worker", "server"])
+def test_an_export_outlasts_whoever_dies_while_it_is_written(made, dies):
+    made.scheduler()
+    with made.server() as (server, api):
+        worker, name = made.worker(), fill(api, 5)
+        expected = api.finished(asked_export(api, name))
+        busy = working_process(worker)
+        os.kill(busy, signal.SIGSTOP)
+        answer = asked_export(api, name)
+        until(lambda: shown(api, answer)["state"] == "running", "nobody begins")
+        if dies == "server":
+            server.process.kill()
+            server.process.wait()
+            os.kill(busy, signal.SIGCONT)
+        else:
+            os.kill(busy, signal.SIGKILL)
+            until(lambda: shown(api, answer)["state"] == "done", "it is not written")
+
+    with made.server() as (_, api):
+        done = api.finished(answer)
+
+    assert (done["state"], done["error"]) == ("done", None)
+    assert done["sha256"] == expected["sha256"]
+
+
+def asked_export(api, name):
+    return api.post(f"/datasets/{name}/exports", {"format": "decisions-jsonl"})
+
+
+def shown(api, answer):
+    return api.json(f"/exports/{answer.json()['id']}")
 
 
 def test_a_worker_without_a_scheduler_gives_up_in_words(made):
@@ -177,10 +199,7 @@ def test_a_worker_with_another_database_is_told_so(made, tmp_path):
 def test_a_server_that_is_told_to_stop_leaves_its_run_to_the_next_one(made, is_away):
     scheduler = made.scheduler()
     with made.server() as (server, api):
-        made.worker()
-        name = fill(api, FRAMES)
-        run_id = asked(api, name)
-        has_begun(api, run_id)
+        _, name, run_id = at_work(made, api)
         if is_away:
             scheduler.kill()
             until(lambda: "waits for its engine" in server.log.read_text(), "no notice")

@@ -7,10 +7,10 @@ import time
 import httpx
 import pytest
 
-from tests.api.long_streets import FROM_PIXELS, fill
+from tests.api.long_streets import fill
 from tests.api.resources import FINISHED
 from tests.cluster.nodes import cluster, until
-from tests.cluster.totals import check_totals, has_begun, state_of
+from tests.cluster.totals import begun_run, check_totals, state_of
 from tests.postgres_cluster import own_cluster
 
 FRAMES = 80
@@ -26,9 +26,7 @@ def test_a_database_that_is_killed_under_workers_costs_nothing_but_time(tmp_path
         with made.server() as (_, api):
             workers = [made.worker() for _ in range(2)]
             street = fill(api, FRAMES)
-            wanted = {"config": FROM_PIXELS, "activate": True}
-            run_id = api.post(f"/datasets/{street}/runs", wanted).json()["id"]
-            has_begun(api, run_id)
+            run_id = begun_run(api, street)
 
             postgres.kill()
             time.sleep(AWAY_S)

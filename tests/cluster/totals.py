@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
+from tests.api.long_streets import FROM_PIXELS
 from tests.api.resources import FINISHED, Api
 from tests.cluster.nodes import until
 
@@ -14,9 +16,31 @@ def state_of(api: Api, run_id: int) -> dict[str, Any]:
     return run
 
 
-def has_begun(api: Api, run_id: int) -> None:
-    """Wait until some frames are measured, and not all."""
+def asked(
+    api: Api,
+    dataset: str,
+    config: Mapping[str, Any] = FROM_PIXELS,
+    *,
+    activate: bool = True,
+) -> int:
+    """Ask for a run that reads pixels; its number."""
+    body = {"config": config, "activate": activate}
+    answer = api.post(f"/datasets/{dataset}/runs", body)
+    assert answer.status_code == 202, answer.text
+    return int(answer.json()["id"])
+
+
+def begun_run(
+    api: Api,
+    dataset: str,
+    config: Mapping[str, Any] = FROM_PIXELS,
+    *,
+    activate: bool = True,
+) -> int:
+    """As `asked`, once some frames are measured, and not all."""
+    run_id = asked(api, dataset, config, activate=activate)
     until(lambda: state_of(api, run_id)["done"] > 0, "the run does not begin")
+    return run_id
 
 
 def ended(api: Api, run_id: int) -> dict[str, Any]:
@@ -24,9 +48,20 @@ def ended(api: Api, run_id: int) -> dict[str, Any]:
     return state_of(api, run_id)
 
 
-def check_totals(api: Api, dataset: str, run: dict[str, Any], frames: int) -> None:
-    """Nothing is lost, and nothing is there twice."""
+def check_totals(
+    api: Api, dataset: str, run: dict[str, Any], frames: int, *, empty: int = 0
+) -> None:
+    """Nothing is lost, nothing is there twice, and all is as if nobody had died.
+
+    `empty` of the frames have no boxes; the others are those of `fill`.
+    """
     assert (run["state"], run["done"], run["total"]) == ("done", frames, frames), run
     shown = api.boxes(dataset, limit=1000)
+    filled = frames - empty
+    assert Counter((box["id"], box["verdict"]) for box in shown) == {
+        ("real", "kept"): filled,
+        ("ghost", "rejected"): filled,
+    }
+    assert len({box["box_id"] for box in shown}) == len(shown)
     assert Counter(box["verdict"] for box in shown) == Counter(run["counts"])
     assert {box["run"] for box in shown} == {run["id"]}

@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
 
-from unghost.calls.base import Calls, dataset_path
+from unghost.calls.base import dataset_path
+from unghost.calls.followed import FollowedCalls
 from unghost.download import Download, fetch
 from unghost.errors import run_failed
 from unghost.transport import API
 from unghost.work_results import Export
 
 
-class ExportCalls(Calls):
+class ExportCalls(FollowedCalls):
     """Methods on exports."""
 
     def exports(self, dataset: str) -> Iterator[Export]:
@@ -31,6 +32,13 @@ class ExportCalls(Calls):
         """One export as it is now."""
         return self._get(Export, f"{API}/exports/{export_id}")
 
+    def export_events(self, export: Export | int) -> Iterator[Export]:
+        """An export each time that it changes, until it is over.
+
+        A stream that breaks off is taken up where it was.
+        """
+        return self._events(Export, f"{API}/exports/{_id_of(export)}/events")
+
     def wait_for_export(
         self,
         export: Export | int,
@@ -39,8 +47,13 @@ class ExportCalls(Calls):
         timeout_s: float | None = None,
     ) -> Export:
         """The export when it is done; raises as `wait` does for a run."""
-        export_id = export if isinstance(export, int) else export.id
-        ended = self._polled(lambda: self.export(export_id), progress, timeout_s)
+        export_id = _id_of(export)
+        ended = self._ended(
+            lambda: self.export_events(export_id),
+            lambda: self.export(export_id),
+            progress,
+            timeout_s,
+        )
         if ended.state != "done":
             raise run_failed(f"export {export_id}", ended.state, ended.error)
         return ended
@@ -59,3 +72,7 @@ class ExportCalls(Calls):
         url = export.download or f"{API}/exports/{export.id}/download"
         wanted = Download(url, Path(path), export.sha256, export.size_bytes)
         return fetch(self._transport, wanted, progress)
+
+
+def _id_of(export: Export | int) -> int:
+    return export if isinstance(export, int) else export.id

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
-import httpx
-
-from unghost.calls.base import Calls, dataset_path, read
-from unghost.errors import BadRequest, NotFound, Unavailable, run_failed
-from unghost.event_stream import read_events
-from unghost.transport import API, Call
+from unghost.calls.base import dataset_path
+from unghost.calls.followed import FollowedCalls
+from unghost.errors import run_failed
+from unghost.transport import API
 from unghost.work_results import Diff, Flip, Run
 
-NOTHING_MORE: Final = 204
 
-
-class RunCalls(Calls):
+class RunCalls(FollowedCalls):
     """Methods on runs."""
 
     def runs(self, dataset: str) -> Iterator[Run]:
@@ -56,25 +51,7 @@ class RunCalls(Calls):
 
         A stream that breaks off is taken up where it was.
         """
-        path, after, silent = f"{API}/runs/{_id_of(run)}/events", "", 0
-        while True:
-            call = Call("GET", path, headers=_stream_headers(after))
-            broken: httpx.TransportError | None = None
-            try:
-                with self._transport.stream(call) as told:
-                    if told.status_code == NOTHING_MORE:
-                        return
-                    for event in read_events(told.iter_lines()):
-                        if event.name == "end":
-                            return
-                        after, silent = event.id, 0
-                        yield read(Run, json.loads(event.data), told)
-            except httpx.TransportError as error:
-                broken = error
-            silent += 1
-            if silent >= self._transport.retry.attempts:
-                raise broken or httpx.RemoteProtocolError("the events have no end")
-            self._transport.pause(self._transport.retry.delay_s(silent))
+        return self._events(Run, f"{API}/runs/{_id_of(run)}/events")
 
     def wait(
         self,
@@ -93,32 +70,12 @@ class RunCalls(Calls):
             It was not finished after `timeout_s`; it goes on.
         """
         run_id = _id_of(run)
-        ended = self._followed(run_id, progress) if timeout_s is None else None
-        if ended is None:
-            ended = self._polled(lambda: self.run(run_id), progress, timeout_s)
+        ended = self._ended(
+            lambda: self.events(run_id), lambda: self.run(run_id), progress, timeout_s
+        )
         if ended.state != "done":
             raise run_failed(f"run {run_id}", ended.state, ended.error)
         return ended
-
-    def _followed(
-        self, run_id: int, progress: Callable[[Run], object] | None
-    ) -> Run | None:
-        """The run at its end, by its events; None if they cannot be had."""
-        try:
-            for state in self.events(run_id):
-                if progress is not None:
-                    progress(state)
-                if state.finished:
-                    return state
-        except (BadRequest, NotFound, Unavailable, httpx.TransportError):
-            # No such stream, none to spare, or a proxy between: asking still works.
-            return None
-        return None
-
-
-def _stream_headers(after: str) -> dict[str, str]:
-    headers = {"Accept": "text/event-stream"}
-    return {**headers, "Last-Event-ID": after} if after else headers
 
 
 def _id_of(run: Run | int) -> int:

@@ -14,8 +14,8 @@ from app.db.base import Base, JsonText, Key, UtcDateTime
 class Chunk(Base):
     """A part of a job: frames from one id to another that lacked their numbers.
 
-    An export is one chunk; its ids are 0. `attempts` counts the processes that ended
-    while they worked on it.
+    An export is one chunk; its ids are 0. `attempts` counts the processes in a row that
+    ended while they worked on it; where the driver itself does, also the one that does.
     """
 
     __tablename__ = "chunks"

@@ -14,12 +14,11 @@ from app.services.doctor import examine
 from app.services.findings import Finding, Severity
 from app.services.restoring import Restored, restore
 from app.settings import Settings
-from tests.api import frames as scene
 from tests.api.command_line import CommandLine
 from tests.api.resources import Api
 from tests.databases import settings_of
 from tests.servers import RunningServer, running_server
-from tests.services import running_services
+from tests.services import filled_folder
 
 
 @contextmanager
@@ -67,17 +66,7 @@ def unghost(tmp_path: Path) -> CommandLine:
 @pytest.fixture
 def filled(tmp_path: Path) -> Path:
     """A data folder of two frames with an image and a segmentation each."""
-    data = tmp_path / "data"
-    with running_services(data) as services:
-        street = services.dataset()
-        for number in range(2):
-            street.put(
-                f"f/{number}",
-                scene.annotation(),
-                image=scene.image(number),
-                segmentation=scene.segmentation(number),
-            )
-    return data
+    return filled_folder(tmp_path / "data")
 
 
 def blobs(data: Path) -> list[Path]:

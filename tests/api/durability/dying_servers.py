@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.poison import lay_poison
 from tests.servers import start, stop
 
 POINTS = ("draft", "flush_file", "rename", "flush_folder", "commit", "answer")
@@ -50,8 +51,17 @@ class Nursery:
         """Address and token of a server that dies at a point, once it is armed."""
         (self.data.with_name(ARMED)).unlink(missing_ok=True)
         self._say({"point": None if point is None else vars(point)})
-        url, _, token = self._hear().split()[-1].partition("/#token=")
-        return url, token
+        return self._link()
+
+    def poisoned(self, kind: str) -> tuple[str, str]:
+        """The same of a server that dies of poison, at the latest when it is asked."""
+        self._say({"poison": kind})
+        return self._link()
+
+    def dies(self, kind: str) -> int:
+        """The exit status of a server that dies of poison before anybody asks it."""
+        self._say({"poison": kind})
+        return self.ended(ask=False)
 
     def arm(self) -> None:
         """From now on the point counts."""
@@ -60,17 +70,21 @@ class Nursery:
     def ended(self, *, ask: bool) -> int:
         """Wait for the end of the server, asked for or not; its exit status."""
         self._say({"stop": ask})
-        return int(self._hear().removeprefix("ended "))
+        return int(self._hear("ended ").rpartition(" ")[2])
+
+    def _link(self) -> tuple[str, str]:
+        url, _, token = self._hear("/#token=").split()[-1].partition("/#token=")
+        return url, token
 
     def _say(self, word: dict[str, Any]) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(word) + "\n")
         self.process.stdin.flush()
 
-    def _hear(self) -> str:
+    def _hear(self, word: str) -> str:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            if "/#token=" in line or line.startswith("ended "):
+            if word in line:
                 return line.strip()
         raise AssertionError("the servers' program ended")
 
@@ -158,12 +172,14 @@ def lay(fuse: Fuse) -> None:
         setattr(owner, name, call)
 
 
-def grow_up(point: Point | None) -> None:
+def grow_up(point: Point | None, poison: str | None) -> None:
     """Become a server."""
     from app.settings import Settings
     from app.startup import serve
 
     settings = Settings()
+    if poison is not None:
+        lay_poison(poison)
     if point is not None:
         lay(Fuse(point, settings.data.with_name(ARMED)))
     serve(settings)
@@ -180,11 +196,15 @@ def main() -> None:
             if word["stop"]:
                 os.kill(child, signal.SIGTERM)
             tell_the_end(child)
+            child = 0
             continue
         child = os.fork()
         if child == 0:
-            grow_up(Point(**word["point"]) if word["point"] else None)
+            point = word.get("point")
+            grow_up(Point(**point) if point else None, word.get("poison"))
             os._exit(0)
+    if child:  # the test failed before it was asked to end
+        os.kill(child, signal.SIGKILL)
 
 
 def tell_the_end(child: int) -> None:

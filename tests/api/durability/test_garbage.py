@@ -108,6 +108,11 @@ def test_a_backup_holds_it_off(filled):
         collected(filled)
 
 
+def test_a_folder_that_is_not_there_is_told_so(tmp_path):
+    with pytest.raises(CannotMaintain, match=r"no folder .*--data DIR or UNGHOST_DATA"):
+        collected(tmp_path / "nowhere")
+
+
 @pytest.mark.sqlite_files("its file is missing")
 def test_a_folder_without_a_database_is_left_alone(filled):
     (filled / "unghost.db").unlink()

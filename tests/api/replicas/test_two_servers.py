@@ -9,7 +9,7 @@ from functools import partial
 import httpx
 
 from tests.api import frames as scene
-from tests.api.event_reader import open_events
+from tests.api.event_reader import events, open_events
 from tests.api.long_streets import FROM_PIXELS, fill
 from tests.api.resources import BASE, Api
 
@@ -202,8 +202,8 @@ def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replic
 
     accepted = one.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
     run_id = accepted.json()["id"]
-    with open_events(two, run_id) as events:
-        seen = list(events)
+    with open_events(two, run_id) as stream:
+        seen = list(stream)
     cut = one.post(
         f"/datasets/{name}/runs", {"config": {**FROM_PIXELS, "palette": scene.FAMILY}}
     )
@@ -214,6 +214,20 @@ def test_a_run_that_one_carries_out_is_watched_and_cancelled_on_the_other(replic
     assert one.json(f"/runs/{run_id}")["state"] == "done"
     assert cancelled.status_code == 202
     assert ended["state"] == "cancelled"
+
+
+def test_an_export_is_followed_on_any_server(replicas):
+    one, two = replicas.one.api, replicas.two.api
+    name = one.dataset()
+    for number in range(3):
+        one.stored(name, f"f/{number}")
+
+    asked = one.post(f"/datasets/{name}/exports", {"format": "coco"})
+    seen = events(two, asked.json()["id"], of="exports")
+
+    assert [event.name for event in seen][-1] == "end"
+    assert seen[-1].data == one.json(f"/exports/{asked.json()['id']}")
+    assert seen[-1].data["state"] == "done"
 
 
 def test_what_no_text_of_postgresql_can_hold_is_not_there(replicas):

@@ -21,7 +21,7 @@ from app.engine import EngineAway, LocalEngine, WorkerDied
 from app.engine.jobs import DONE, ELSEWHERE, GIVEN_BACK
 from app.repositories.leases import LeaseRepository
 from app.repositories.runs import RunRepository
-from app.services.chunk_driving import MOST_ATTEMPTS
+from app.services.chunk_attempts import MOST_ATTEMPTS
 from app.services.chunk_work import work_on, work_remotely
 from app.services.run_states import job_of
 from app.services.runs import carry_out

@@ -13,9 +13,11 @@ from app.db.tables import Lease
 from app.engine import Job
 from app.process_identity import has_ended, this_process
 from app.repositories.leases import LASTS, LeaseRepository
-from app.services.job_watch import abandoned
+from app.repositories.runs import RunRepository
+from app.services.job_watch import NOBODYS_AFTER_S, JobWatch
 from app.services.leases import LeaseLost
 from app.services.run_states import job_of
+from app.services.runs import cancel_run
 
 ELSEWHERE = "another-machine/1/2/3"
 _numbers = count(10**6)
@@ -114,16 +116,68 @@ def test_a_job_whose_driver_died_is_found_at_once(services, write):
     street = services.dataset()
     run_id = street.request({})
     job = job_of(run_id)
-    assert job not in abandoned(services.context)
+    watch = JobWatch(services.context)
+    assert job not in watch.abandoned()
     with write() as session:
         leases = LeaseRepository(session)
         assert leases.take(job, ELSEWHERE, has_ended)
-    assert job not in abandoned(services.context)
+    assert job not in watch.abandoned()
 
     with write() as session:
         leases = LeaseRepository(session)
         leases.end(job, ELSEWHERE)
         assert leases.take(job, ended_process(), has_ended)
 
-    assert job in abandoned(services.context)
+    assert job in watch.abandoned()
     street.wait(run_id)
+
+
+@pytest.mark.parametrize("ahead", [timedelta(hours=1), timedelta(hours=-1)])
+def test_a_job_that_nobody_begins_is_found_whatever_the_clock_of_who_asked(
+    services, write, ahead
+):
+    now = [100.0]
+    watch = JobWatch(services.context, clock=lambda: now[0])
+    run_id = services.dataset().request({})
+    with write() as session:
+        RunRepository(session).with_id(run_id).created_at += ahead
+
+    seen = []
+    for seconds in (0, NOBODYS_AFTER_S - 1, 2):
+        now[0] += seconds
+        seen.append(job_of(run_id) in watch.abandoned())
+
+    assert seen == [False, False, True]
+
+
+def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
+    now = [100.0]
+    watch = JobWatch(services.context, clock=lambda: now[0])
+    run_id = services.dataset().request({})
+    watch.abandoned()
+    now[0] += NOBODYS_AFTER_S
+
+    with write() as session:
+        assert LeaseRepository(session).take(job_of(run_id), ELSEWHERE, has_ended)
+    driven = watch.abandoned()
+    with write() as session:
+        LeaseRepository(session).end(job_of(run_id), ELSEWHERE)
+
+    assert job_of(run_id) not in driven | watch.abandoned()
+
+
+def test_leases_of_the_dead_go_with_their_jobs(services, write):
+    holders = ended_process(), ELSEWHERE
+    jobs = [job_of(services.dataset().request({})) for _ in holders]
+    for job, holder in zip(jobs, holders, strict=True):
+        with write() as session:
+            assert LeaseRepository(session).take(job, holder, nobody)
+        with write() as session:
+            cancel_run(services.context, session, job.id)
+
+    JobWatch(services.context).abandoned()
+
+    with write() as session:
+        left = [session.get(Lease, job) is not None for job in jobs]
+        LeaseRepository(session).end(jobs[1], ELSEWHERE)
+    assert left == [False, True]

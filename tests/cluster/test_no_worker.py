@@ -1,0 +1,47 @@
+"""A service whose scheduler no worker has joined says so, and not again and again."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from app.engine.cluster import COUNTED_FOR_S, TELL_AGAIN_S, Absence
+from tests.api.long_streets import FROM_PIXELS, fill
+from tests.cluster.nodes import cluster, until
+from tests.cluster.totals import check_totals, ended
+
+SAID = "no worker has joined"
+
+
+def test_what_lasts_is_said_when_it_begins_and_once_in_a_while():
+    now = [0.0]
+    absence = Absence(clock=lambda: now[0])
+
+    told = []
+    for seconds, present in (
+        *((0, True), (2, False), (2, False), (TELL_AGAIN_S - 3, False), (2, False)),
+        *((2, False), (2, True), (2, False)),
+    ):
+        now[0] += seconds
+        told.append(absence.is_news(absent=not present))
+
+    assert told == [False, True, False, False, True, False, False, True]
+
+
+@pytest.mark.long
+def test_a_service_without_workers_says_so_once(tmp_path):
+    with cluster(tmp_path) as made:
+        made.scheduler()
+        with made.server() as (server, api):
+            name = fill(api, 1)
+            body = {"config": FROM_PIXELS, "activate": True}
+            run_id = api.post(f"/datasets/{name}/runs", body).json()["id"]
+            until(lambda: SAID in server.log.read_text("utf-8"), "it says nothing")
+            # It counts anew several times.
+            time.sleep(3 * COUNTED_FOR_S)
+            said = server.log.read_text("utf-8").count(SAID)
+            made.worker()
+            check_totals(api, name, ended(api, run_id), 1)
+
+    assert said == 1

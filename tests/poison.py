@@ -1,0 +1,57 @@
+"""Frames and exports of which the process dies that works on them.
+
+Frames say "poison" in their annotation; of exports it is every one. To be laid in
+processes of the tests' own, before these begin to work.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import Any
+
+FRAMES, EXPORTS = "frames", "exports"
+
+
+def lay_poison(kind: str = FRAMES) -> None:
+    """Let this process die where it would measure such a frame, or write any export."""
+    if kind == FRAMES:
+        _lay_in_frames()
+    else:
+        _lay_in_exports()
+
+
+def _lay_in_frames() -> None:
+    from app.services import measuring, run_measuring
+
+    measure = measuring.measure_files
+
+    def deadly(plan: Any, annotation: Any, files: Any) -> Any:
+        if "poison" in annotation.raw:
+            _die()
+        return measure(plan, annotation, files)
+
+    vars(run_measuring)["measure_files"] = deadly
+
+
+def _lay_in_exports() -> None:
+    from app.services import export_writing
+
+    def deadly(*_: Any) -> Any:
+        _die()
+
+    vars(export_writing)["write_export"] = deadly
+
+
+def _die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(60)  # until the signal is there, nothing more happens
+
+
+if __name__ == "__main__":
+    from app.settings import Settings
+    from app.startup import serve
+
+    lay_poison()
+    serve(Settings())
