@@ -21,6 +21,7 @@ from app import errors
 from app.errors import AppError, Fault
 from app.logs import current_request_id, error_log
 from app.security import SESSION_COOKIE
+from app.validation_words import in_words
 from filter_core.errors import AnnotationErrors, FilterError
 
 PROBLEM_TYPE: Final = "application/problem+json"
@@ -243,8 +244,8 @@ def _http_problem(exc: HTTPException) -> Problem:
 def _invalid_request(exc: RequestValidationError) -> Problem:
     faults = tuple(_fault_of(error) for error in exc.errors())
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    place = f"{faults[0].pointer}: " if faults[0].pointer else ""
-    detail = f"{place}{faults[0].detail}{more}"
+    at = faults[0].pointer if exc.errors()[0]["loc"][0] == "body" else ""
+    detail = f"{at}{': ' if at else ''}{faults[0].detail}{more}"
     return Problem(422, "invalid_request", detail, faults)
 
 
@@ -252,8 +253,11 @@ def _fault_of(error: Mapping[str, Any]) -> Fault:
     # Never the input itself: it may be a token.
     where, *path = error["loc"]
     if error["type"] == "json_invalid":
-        return Fault("", "json_invalid", f"not JSON at character {path[0]}")
-    detail = error["msg"]
+        detail = f"expected JSON, found a fault at character {path[0]}"
+        return Fault("", "json_invalid", detail)
+    detail = in_words(error)
+    if error["type"] == "missing" and not path:
+        detail = "expected a body of JSON, found none"
     if where != "body":
         detail = f"{where} parameter {path[0]!r}: {detail}"
         path = [where, *path]

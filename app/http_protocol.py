@@ -23,6 +23,29 @@ _MALFORMED: Final = Problem(
 )
 
 
+class Pieces:
+    """What has arrived of a body and was not asked for yet.
+
+    Uvicorn copies each piece into an array and the array into the message. A batch is
+    gigabytes: here a piece that is asked for before the next one comes is not copied.
+    """
+
+    def __init__(self) -> None:
+        self._pieces: list[bytes] = []
+        self._size = 0
+
+    def __iadd__(self, piece: bytes) -> Pieces:
+        self._pieces.append(piece)
+        self._size += len(piece)
+        return self
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __bytes__(self) -> bytes:
+        return self._pieces[0] if len(self._pieces) == 1 else b"".join(self._pieces)
+
+
 class ProblemProtocol(HttpToolsProtocol):
     """Uvicorn's HTTP/1.1, but for the answer to what it cannot parse, and bounded."""
 
@@ -74,6 +97,8 @@ class ProblemProtocol(HttpToolsProtocol):
     def on_body(self, body: bytes) -> None:
         """A piece of a body, which has limits of its own."""
         self._gives = True
+        if not self.cycle.body:
+            self.cycle.body = cast("bytearray", Pieces())
         super().on_body(body)
 
     def on_message_complete(self) -> None:

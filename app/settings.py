@@ -6,6 +6,7 @@ Frozen after start. What a verdict depends on is a filter configuration, not a s
 from __future__ import annotations
 
 import os
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -258,6 +259,20 @@ class Settings(BaseSettings):
     def _split_hosts(cls, value: object) -> object:
         if isinstance(value, str):
             return tuple(name.strip() for name in value.split(",") if name.strip())
+        return value
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _known_proxies(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for each in set(value) - {ANY_HOST}:
+            try:
+                ip_network(each, strict=False)
+            except ValueError:
+                # A name would be believed by nobody, and no word would say so.
+                raise ValueError(
+                    "expected an address or a network such as 10.0.0.0/8, "
+                    f"found {each[:60]!r}"
+                ) from None
         return value
 
     @field_validator("storage")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -32,6 +33,12 @@ STOP_WAIT_S: Final = 10
 _BACKLOG: Final = 2048
 _ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}
 
+_HINTS: Final = {
+    errno.EADDRINUSE: "is another server running there? --port chooses another port",
+    errno.EADDRNOTAVAIL: "--host takes an address of this machine, or 0.0.0.0 for all",
+    errno.EACCES: "ports below 1024 need rights that no service needs; "
+    "--port chooses another port",
+}
 OnReady = Callable[[str], None]
 
 
@@ -176,10 +183,21 @@ def listen(
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((host, port))
         listener.listen(_BACKLOG)
-    except OSError:
+    except BaseException:  # also what is no address at all
         listener.close()
         raise
     return listener
+
+
+def check_free(settings: Settings) -> None:
+    """Find out early that somebody else listens where the service is to.
+
+    Raises
+    ------
+    CannotServe
+        The address cannot be listened on; the text says why.
+    """
+    _listen(settings).close()
 
 
 def _listen(settings: Settings) -> socket.socket:
@@ -188,10 +206,10 @@ def _listen(settings: Settings) -> socket.socket:
     try:
         return listen(host, settings.port, family)
     except OSError as exc:
-        raise CannotServe(
-            f"cannot listen on {bracketed(host)}:{settings.port}: {exc.strerror}; "
-            "is another server running there? --port chooses another port"
-        ) from exc
+        hint = _HINTS.get(exc.errno or 0, "--host and --port say where to listen")
+        place = f"{bracketed(host)}:{settings.port}"
+        detail = f"cannot listen on {place}: {exc.strerror}; {hint}"
+        raise CannotServe(detail) from exc
 
 
 def _url(settings: Settings, port: int) -> str:

@@ -31,7 +31,7 @@ def decode_json(raw: bytes | str, faults: Faults) -> object:
         if repeating:
             _note_repeated(document, Place(), faults)
     except (ValueError, RecursionError) as error:
-        faults.add(Place(), "not_json", "JSON in UTF-8", _found(error))
+        faults.add(Place(), "not_json", "JSON in UTF-8", fault_of(error))
         raise faults.as_error() from error
     return document
 
@@ -49,7 +49,8 @@ def _object_of(
     return repeating
 
 
-def _found(error: Exception) -> str:
+def fault_of(error: Exception) -> str:
+    """What was found where JSON was expected, as reading it says."""
     if isinstance(error, json.JSONDecodeError):
         return f"a fault at line {error.lineno}, column {error.colno}: {error.msg}"
     if isinstance(error, UnicodeDecodeError):

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
-from filter_core.config_values import nearest
+from filter_core.config_values import nearest, place_of
 from filter_core.errors import ConfigError
+from filter_core.faults import shown
 from filter_core.palettes import FAMILIES, PUBLISHED_COLORS, Palette
 
 ALIASES: Final = {"street_light": "traffic_light"}
@@ -159,8 +160,8 @@ def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     """
     if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_ACCEPT:
         raise ConfigError(
-            f"accept: expected a list of 1 to {_MAX_ACCEPT} tag names or numbers, "
-            f"found {str(value)[:60]!r}",
+            f"{place_of(at) or 'accept: '}expected a list of 1 to {_MAX_ACCEPT} tag "
+            f"names or numbers, found {shown(value)}",
             pointer=at,
         )
     tags = {_canonical_tag(tag, at) for tag in value}
@@ -188,7 +189,7 @@ def _canonical_tag(tag: object, at: str) -> str | int:
             f"unknown tag {str(tag)[:60]!r}; the nearest valid name is "
             f"{_TAG_NAMES[close]!r}"
         )
-    raise ConfigError(f"accept: {fault}", pointer=at)
+    raise ConfigError(f"{place_of(at) or 'accept: '}{fault}", pointer=at)
 
 
 @lru_cache(maxsize=1024)

@@ -20,10 +20,12 @@ from filter_core.config_values import (
     Number,
     checked_choice,
     checked_number,
+    place_of,
     pointer_token,
     refuse_unknown_keys,
 )
 from filter_core.errors import ConfigError
+from filter_core.faults import shown
 from filter_core.types import FloatArray, IntArray
 
 
@@ -71,8 +73,7 @@ class ClassConfig:
         """Validate one class's overrides; `at` is their JSON pointer."""
         if not isinstance(raw, Mapping):
             raise ConfigError(
-                f"{at.strip('/').replace('/', '.')}: expected a mapping of keys, "
-                f"found {type(raw).__name__}",
+                f"{place_of(at)}expected a mapping of keys, found {shown(raw)}",
                 pointer=at,
             )
         refuse_unknown_keys(raw, CLASS_KEYS, at=at)
@@ -169,7 +170,7 @@ class FilterConfig:
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
-                f"expected a mapping of keys, found {type(raw).__name__}", pointer=""
+                f"expected a mapping of keys, found {shown(raw)}", pointer=""
             )
         refuse_unknown_keys(raw, CONFIG_KEYS)
         given = dict(raw)
@@ -262,7 +263,7 @@ _MAX_CLASS_NAME: Final = 200
 def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
     if not isinstance(raw, Mapping):
         raise ConfigError(
-            f"classes: expected a mapping of class names, found {type(raw).__name__}",
+            f"classes: expected a mapping of class names, found {shown(raw)}",
             pointer="/classes",
         )
     classes: dict[str, ClassConfig] = {}

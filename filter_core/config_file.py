@@ -85,7 +85,12 @@ def parse_yaml(text: str | bytes) -> object:
     except yaml.MarkedYAMLError as exc:
         place = _place(exc.problem_mark)
         raise ConfigError(f"{place}{exc.problem}", code="bad_yaml") from exc
-    except (yaml.YAMLError, UnicodeDecodeError) as exc:
+    except UnicodeDecodeError as exc:
+        raise ConfigError(
+            f"expected YAML in UTF-8, found other bytes at offset {exc.start}",
+            code="bad_yaml",
+        ) from exc
+    except yaml.YAMLError as exc:
         raise ConfigError(f"not readable as YAML: {exc}", code="bad_yaml") from exc
     except (ValueError, LookupError, AttributeError) as exc:
         # A date that no calendar has, a number of a million digits; and what PyYAML

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from filter_core.errors import ConfigError
+from filter_core.faults import shown
 
 Number = float | int
+_SIMILAR: Final = 0.6
+"""From here on a word is taken for a misspelt one."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +104,9 @@ def checked_choice(key: str, value: object) -> str:
     words = CHOICES[key]
     if not isinstance(value, str) or value not in words:
         expected = f"one of {', '.join(words)}"
-        hint = f"; did you mean {nearest(value, words)!r}?"
-        raise _refused(key, value, expected, hint=hint if value is not None else "")
+        close = similar(value, words)
+        hint = f"; did you mean {close!r}?" if close else ""
+        raise _refused(key, value, expected, hint=hint)
     return value
 
 
@@ -113,9 +117,14 @@ def refuse_unknown_keys(
     known = tuple(valid)
     for key in keys:
         if key not in known:
+            close = similar(key, known)
+            hint = (
+                f"the nearest valid key is {close!r}"
+                if close
+                else f"expected one of {', '.join(known)}"
+            )
             raise ConfigError(
-                f"{_place(at)}unknown key {_shown(key)}; the nearest valid key is "
-                f"{nearest(key, known)!r}",
+                f"{place_of(at)}unknown key {_quoted(key)}; {hint}",
                 pointer=f"{at}/{pointer_token(key)}",
                 code="unknown_key",
             )
@@ -123,10 +132,17 @@ def refuse_unknown_keys(
 
 def nearest(word: object, known: Iterable[str]) -> str:
     """The known word most like this one, however unlike it is."""
-    candidates = sorted(known)
+    return _matches(word, known, 0.0)[0]
+
+
+def similar(word: object, known: Iterable[str]) -> str | None:
+    """The known word that this one is likely to stand for; None if it is like none."""
+    return next(iter(_matches(word, known, _SIMILAR)), None)
+
+
+def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
     # difflib is quadratic: a kilobyte of nonsense must not cost a second.
-    matches = difflib.get_close_matches(str(word)[:80], candidates, n=1, cutoff=0.0)
-    return matches[0]
+    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
 
 
 def pointer_token(key: object) -> str:
@@ -138,15 +154,16 @@ def _refused(
     key: str, value: object, expected: str, at: str = "", hint: str = ""
 ) -> ConfigError:
     return ConfigError(
-        f"{_place(at)}{key}: expected {expected}, found {_shown(value)}{hint}",
+        f"{place_of(at)}{key}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{key}",
     )
 
 
-def _place(at: str) -> str:
+def place_of(at: str) -> str:
+    """A JSON pointer as it stands before a message."""
     return f"{at.strip('/').replace('/', '.')}: " if at else ""
 
 
-def _shown(value: object) -> str:
-    text = repr(value)
+def _quoted(key: object) -> str:
+    text = repr(key)
     return text if len(text) <= 60 else f"{text[:57]}..."

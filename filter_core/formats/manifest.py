@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
 
+from filter_core.annotation_json import fault_of
 from filter_core.errors import FilterError, LayoutError
+from filter_core.faults import shown
 from filter_core.formats.frame_source import (
     MAX_LABEL_BYTES,
     FrameSet,
@@ -70,15 +72,16 @@ def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
 
 def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> FrameSource:
     try:
-        raw = json.loads(line.decode("utf-8-sig"))
+        raw = json.loads(line.decode("utf-8-sig").rstrip())
     except (ValueError, RecursionError) as exc:
-        return _problem(at, "one JSON object", f"{exc}")
+        # Its line is always the first: which one it is of the file stands before it.
+        found = fault_of(exc).replace("line 1, ", "", 1)
+        return _problem(at, "one JSON object", found)
     if not isinstance(raw, dict):
-        return _problem(at, "one JSON object", type(raw).__name__)
+        return _problem(at, "one JSON object", shown(raw))
     key = raw.pop("key", None)
     if not isinstance(key, str) or not 0 < len(key) <= MAX_KEY:
-        found = repr(key)[:60]
-        return _problem(at, f'"key" of 1 to {MAX_KEY} characters', found)
+        return _problem(at, f'"key" of 1 to {MAX_KEY} characters', shown(key))
     files: dict[str, Path] = {}
     problem: FilterError | None = None
     for name in FILES:
@@ -88,7 +91,7 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
             files[name] = (base or folder) / given
         elif given is not None:
             problem = LayoutError(
-                f"{at}, {name}: expected a path, found {repr(given)[:60]}"
+                f"{at}, {name}: expected a path, found {shown(given)}"
             )
     return FrameSource(
         key=key,

@@ -289,15 +289,6 @@ def test_config_diff_as_json(unghost, pushed, tmp_path):
     assert record["flips"]["kept_to_rejected"] == 3
 
 
-def test_a_wrong_config_is_refused_with_the_nearest_key(unghost, pushed, tmp_path):
-    file = config_file(tmp_path, "treshold_small_box: 5\n")
-
-    for command in (("config", "set", pushed, file), ("run", pushed, "--config", file)):
-        answer = unghost(*command)
-        assert answer.code == REFUSED
-        assert "threshold_small_box" in answer.err
-
-
 def test_a_run_is_waited_for(unghost, pushed, tmp_path):
     file = config_file(tmp_path, "min_visible_pixels: 500\n")
 

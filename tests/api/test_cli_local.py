@@ -112,7 +112,7 @@ def test_filter_refuses_a_wrong_configuration_and_writes_nothing(unghost, tmp_pa
     answer = unghost("filter", folder, "--config", "filter.yaml", "-o", "out.jsonl")
 
     assert answer.code == REFUSED
-    assert "threshold_small_box" in answer.err
+    assert answer.err.startswith("unghost: filter.yaml: unknown key 'treshold_small_bo")
     assert not (tmp_path / "out.jsonl").exists()
 
 
@@ -173,7 +173,26 @@ def test_serve_on_a_port_that_is_taken_is_refused(unghost, server):
 
     assert answer.code == REFUSED
     assert "cannot listen" in answer.err
+    assert "--port chooses another port" in answer.err
     assert "Traceback" not in answer.err
+
+
+def test_a_demo_on_a_port_that_is_taken_renders_nothing(unghost, server, tmp_path):
+    port = server.url.rpartition(":")[2]
+
+    answer = unghost("demo", "--data", "here", "--port", port, "--frames", "1")
+
+    assert answer.code == REFUSED
+    assert "cannot listen" in answer.err
+    assert not (tmp_path / "here" / "demo").exists()
+
+
+def test_serve_at_an_address_of_another_machine_is_told_so(unghost):
+    answer = unghost("serve", "--data", "here", "--host", "192.0.2.1", "--port", "0")
+
+    assert answer.code == REFUSED
+    assert "--host takes an address of this machine" in answer.err
+    assert "another server" not in answer.err
 
 
 def test_serve_with_a_setting_that_is_none_is_a_usage_error(tmp_path):

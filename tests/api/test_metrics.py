@@ -7,12 +7,12 @@ import time
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
-from sqlalchemy import event
 
 from tests.api import archives
 from tests.api import frames as scene
 from tests.api.resources import BASE, MOST_LOOKS
 from tests.databases import CHOSEN, change
+from tests.statements import statements_of
 
 pytestmark = pytest.mark.long
 
@@ -166,19 +166,15 @@ def test_stored_files_are_counted_in_the_background(worked):
 
 def test_no_table_that_grows_with_the_boxes_is_read(serve):
     service = serve()
-    said: list[str] = []
-
-    def note(_connection, _cursor, statement, *_):
-        said.append(statement)
 
     with service.admin() as client:
         client.get("/metrics")  # counts the blobs, once and aside
         context = service.app.state.services
         context.engine.start(str, None).result()
-        event.listen(service.app.state.database.engine, "before_cursor_execute", note)
-        found = scraped(client)
+        with statements_of(service.app.state.database.engine) as said:
+            found = scraped(client)
 
-    read = {table for statement in said for table in FROM.findall(statement)}
+    read = {table for statement, _ in said for table in FROM.findall(statement)}
     assert found["unghost_database_up",] == 1
     assert read <= SMALL, said
     assert "tallies" in read

@@ -14,7 +14,7 @@ from tests.api.command_line import CommandLine
 from tests.api.resources import Api
 from tests.databases import empty_postgres, migrated_postgres
 from tests.servers import running_server
-from tests.services import running_services
+from tests.services import filled_folder, running_services
 
 SECRET = "s3cret-word"
 WARNED, REFUSED, USAGE = 3, 1, 2
@@ -39,17 +39,7 @@ def unghost(tmp_path, url) -> CommandLine:
 @pytest.fixture
 def filled(tmp_path: Path, url: str) -> Path:
     """A data folder of two frames, and their rows in the database."""
-    data = tmp_path / "data"
-    with running_services(data, database_url=url) as services:
-        street = services.dataset()
-        for number in range(2):
-            street.put(
-                f"f/{number}",
-                scene.annotation(),
-                image=scene.image(number),
-                segmentation=scene.segmentation(number),
-            )
-    return data
+    return filled_folder(tmp_path / "data", database_url=url)
 
 
 def change(url, *statements):

@@ -69,6 +69,7 @@ def test_another_body_is_no_frame(api, headers, content, status, code):
         pytest.param("a%0Ab", id="a line end"),
         pytest.param("a%0A", id="a line end at the end"),
         pytest.param("%E2%80%AEa", id="text that runs backwards"),
+        pytest.param("a%FF", id="bytes that are no UTF-8"),
         pytest.param("x" * 513, id="513 characters"),
     ],
 )

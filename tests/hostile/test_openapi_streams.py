@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.schemas.runs import RunOut
+from app.schemas.runs import ExportOut, RunOut
 from tests.api import archives
 from tests.hostile.openapi_cases import DATASET, SCHEMA, populate
 
@@ -60,8 +60,14 @@ def test_files_and_parts_of_them_are_documented(api, ids, path, headers, status)
     assert documented(answer, "GET", path).status_code == status
 
 
-def test_a_stream_of_events_is_documented_event_by_event(api, ids):
-    path = "/runs/{run_id}/events"
+@pytest.mark.parametrize(
+    ("path", "name", "model"),
+    [
+        ("/runs/{run_id}/events", "run_id", RunOut),
+        ("/exports/{export_id}/events", "export_id", ExportOut),
+    ],
+)
+def test_a_stream_of_events_is_documented_event_by_event(api, ids, path, name, model):
     answer = documented(api.get(path.format(**ids)), "GET", path)
 
     blocks = answer.text.strip().split("\n\n")[1:]
@@ -75,8 +81,8 @@ def test_a_stream_of_events_is_documented_event_by_event(api, ids):
         path,
     )
     assert known.status_code == 204
-    assert {RunOut.model_validate_json(event["data"]).id for event in events} == {
-        ids["run_id"]
+    assert {model.model_validate_json(event["data"]).id for event in events} == {
+        ids[name]
     }
 
 

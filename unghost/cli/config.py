@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from unghost.cli.command import command
+from unghost.cli.config_files import config_text, naming
 from unghost.cli.options import ConfigFile, DatasetName, ServerOptions
 from unghost.cli.waiting import run_line, wait_for_run
 
@@ -70,8 +71,9 @@ def set_config(options: SetOptions) -> None:
     """
     screen = options.screen
     with options.connect() as client:
-        text = options.config.read_text(encoding="utf-8")
-        version = client.add_config(options.dataset, text)
+        text = config_text(options.config)
+        with naming(options.config):
+            version = client.add_config(options.dataset, text)
         if version.unused_keys:
             screen.note(f"not used here: {', '.join(version.unused_keys)}")
         run = client.set_config(options.dataset, version.digest)
@@ -98,7 +100,8 @@ def diff(options: DiffOptions) -> None:
     from filter_core.config_diff import diff_configs
     from filter_core.config_file import load_config
 
-    new = load_config(options.config.read_bytes()).config
+    with naming(options.config):
+        new = load_config(options.config.read_bytes()).config
     with options.connect() as client:
         old = client.active_config(options.dataset)
         preview = client.preview(options.dataset, new.as_dict())

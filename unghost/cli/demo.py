@@ -11,10 +11,10 @@ import typer
 
 from unghost.cli.command import command
 from unghost.cli.demo_filling import Filling
-from unghost.cli.exits import PARTLY, Refused
+from unghost.cli.exits import PARTLY
 from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Screen
-from unghost.cli.serve import Port, settings_of
+from unghost.cli.serve import Port, settings_of, told_when_unservable
 
 _DEFAULT_DATA: Final = Path("demo-data")
 
@@ -63,12 +63,12 @@ def demo(options: DemoOptions) -> None:
     # One line per request would drown the bars; whoever wants them asks for them.
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
+    with told_when_unservable():
+        startup.check_free(settings)  # rendering takes long
     street = rendered_street(settings.data, options, screen)
     filling = Filling(street, screen, stop_when_done=options.exit_when_ready)
-    try:
+    with told_when_unservable():
         startup.serve(settings, on_ready=filling.start)
-    except startup.CannotServe as exc:
-        raise Refused(str(exc)) from exc
     filling.raise_if_failed()
     if filling.refused:
         raise typer.Exit(PARTLY)

@@ -53,7 +53,9 @@ def explain(error: Exception) -> Iterator[str]:
         yield "Is the server running? `unghost serve` starts one."
     elif isinstance(error, ApiError):
         yield f"{error.detail} ({error.code})"
-        yield from (f"  {fault}" for fault in error.errors)
+        faults = error.errors
+        if len(faults) > 1 or any(one.detail not in error.detail for one in faults):
+            yield from (f"  {fault}" for fault in faults)
         if isinstance(error, Unauthorized):
             yield _LOGIN_HINT
         if error.status >= 500 and error.request_id:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -82,9 +84,18 @@ def serve(options: ServeOptions) -> None:
         text = f"Unghost is ready. Log in with\n\n    {link}\n"
         screen.record({"login_link": link, "data": str(settings.data)}, text)
 
-    try:
+    with told_when_unservable():
         startup.serve(settings, open_browser=options.open, on_ready=ready)
-    except startup.CannotServe as exc:
+
+
+@contextmanager
+def told_when_unservable() -> Iterator[None]:
+    """Say why the service cannot start; Refused."""
+    from app.startup import CannotServe
+
+    try:
+        yield
+    except CannotServe as exc:
         raise Refused(str(exc)) from exc
 
 
@@ -93,6 +104,7 @@ def settings_of(**given: object) -> Settings:
     from pydantic import ValidationError
 
     from app.settings import Settings
+    from app.validation_words import in_words
 
     chosen: dict[str, Any] = {
         name: value for name, value in given.items() if value is not None
@@ -101,7 +113,8 @@ def settings_of(**given: object) -> Settings:
         return Settings(**chosen)
     except ValidationError as exc:
         faults = [
-            f"UNGHOST_{'_'.join(map(str, each['loc'])).upper()}: {each['msg']}"
-            for each in exc.errors(include_input=False)
+            f"UNGHOST_{'_'.join(map(str, each['loc'])).upper()}: "
+            f"{in_words(each, show=True)}"
+            for each in exc.errors()
         ]
         raise typer.BadParameter("; ".join(faults)) from exc

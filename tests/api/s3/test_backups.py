@@ -8,9 +8,8 @@ from app.services.backups import make_backup
 from app.services.data_folder import CannotMaintain
 from app.services.restoring import restore
 from app.settings import Settings
-from tests.api import frames as scene
 from tests.api.durability.conftest import examined, silently
-from tests.services import running_services
+from tests.services import filled_folder, running_services
 
 pytestmark = pytest.mark.sqlite_files("a backup copies SQLite's file")
 
@@ -24,15 +23,7 @@ def settings(data, bucket=None):
 def filled(tmp_path, s3):
     """A data folder of two frames, whose files are in a bucket."""
     bucket = s3.bucket()
-    with running_services(tmp_path / "data", **bucket.settings) as services:
-        street = services.dataset()
-        for number in range(2):
-            street.put(
-                f"f/{number}",
-                scene.annotation(),
-                image=scene.image(number),
-                segmentation=scene.segmentation(number),
-            )
+    filled_folder(tmp_path / "data", **bucket.settings)
     return bucket
 
 

@@ -35,7 +35,7 @@ _READING = {
     *(f"{V1}/frames/{{frame_id}}", f"{V1}/boxes", f"{V1}/boxes/{{box_id}}"),
     *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("crop", "history")),
     *(f"{V1}/runs/{{run_id}}{what}" for what in ("", "/events", "/diff")),
-    *(f"{V1}/exports/{{export_id}}{what}" for what in ("", "/download")),
+    *(f"{V1}/exports/{{export_id}}{what}" for what in ("", "/events", "/download")),
     *(f"{V1}/frames/{{frame_id}}/{what}" for what in ("thumbnail", "overlay")),
     f"{V1}/frames/{{frame_id}}/{{kind}}",
 }

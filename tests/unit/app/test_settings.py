@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import typer
 from pydantic import ValidationError
 
 from app.settings import Settings
+from unghost.cli.serve import settings_of
 
 
 def test_without_variables_it_serves_this_machine_only():
@@ -76,3 +78,33 @@ def test_the_address_it_listens_on_is_a_name_it_is_served_under(host, served):
     settings = Settings(host=host, allowed_hosts=("Boxes.example",))
 
     assert settings.served_hosts == served
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("UNGHOST_PORT", "abc", "expected a whole number, found 'abc'"),
+        ("UNGHOST_PORT", "99999", "expected at most 65535, found '99999'"),
+        ("UNGHOST_MAX_BODY_BYTES", "lots", "expected a size such as 64MiB, found 'l"),
+        ("UNGHOST_STORAGE", "ftp://x", "expected folder, s3://BUCKET or s3://BUCKET/"),
+        (
+            "UNGHOST_LOG_LEVEL",
+            "loud",
+            "expected 'debug', 'info', 'warning' or 'error', found 'loud'",
+        ),
+        (
+            "UNGHOST_TRUSTED_PROXIES",
+            "127.0.0.1, proxy.lab",
+            "expected an address or a network such as 10.0.0.0/8, found 'proxy.lab'",
+        ),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_in_words(monkeypatch, name, text, words):
+    monkeypatch.setenv(name, text)
+
+    with pytest.raises(typer.BadParameter) as refused:
+        settings_of()
+
+    assert refused.value.message.startswith(f"{name}: ")
+    assert words in refused.value.message
+    assert "Value error" not in refused.value.message

@@ -77,7 +77,9 @@ def test_a_large_member_is_passed_over_without_being_held():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        pytest.param(header("a", kind=tarfile.SYMTYPE), "a symbolic link", id="link"),
+        pytest.param(
+            header("a", kind=tarfile.SYMTYPE), "^'a': .*a symbolic link", id="link"
+        ),
         pytest.param(header("a", kind=tarfile.LNKTYPE), "a link", id="hard link"),
         pytest.param(header("a", kind=tarfile.CHRTYPE), "a device", id="device"),
         pytest.param(header("a", kind=tarfile.FIFOTYPE), "a pipe", id="pipe"),

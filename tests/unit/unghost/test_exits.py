@@ -50,5 +50,14 @@ def test_a_refusal_lists_every_fault():
     assert lines == ["two faults (bad_annotation)", "  /boxes/0: is wrong"]
 
 
+def test_a_single_fault_is_not_said_twice():
+    fault = {"pointer": "/name", "code": "x", "detail": "expected a text"}
+    problem = {**PROBLEM, "detail": "/name: expected a text", "errors": [fault]}
+
+    assert list(explain(errors.Invalid(422, problem))) == [
+        "/name: expected a text (bad_annotation)"
+    ]
+
+
 def test_a_fault_of_the_server_names_the_request():
     assert "r1" in list(explain(errors.ServerFault(500, PROBLEM)))[-1]

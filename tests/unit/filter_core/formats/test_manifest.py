@@ -49,10 +49,11 @@ def test_a_mark_at_the_beginning_and_empty_lines_are_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("{", "frames.jsonl, line 2: expected one JSON object"),
-        ("[]", "found list"),
+        ("{", "frames.jsonl, line 2: expected one JSON object, found a fault at col"),
+        ("{\xff", "expected one JSON object, found a fault at column 2: Expecting pr"),
+        ("[]", "found a list of 0"),
         ("[" * 100_000, "expected one JSON object"),
-        ('{"boxes": []}', '"key" of 1 to 512 characters, found None'),
+        ('{"boxes": []}', '"key" of 1 to 512 characters, found null'),
         ('{"key": 7}', "found 7"),
         (json.dumps({"key": "k" * 513}), '"key" of 1 to 512'),
         ('{"key": "a", "image": 3}', "line 2, image: expected a path, found 3"),
