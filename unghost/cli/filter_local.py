@@ -8,22 +8,18 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Final
 
 import typer
 
 from unghost.cli.command import command
 from unghost.cli.exits import PARTLY, REFUSED
+from unghost.cli.filter_work import FrameLine, decided_lines
 from unghost.cli.options import OutputOptions
 from unghost.cli.push_report import without_key
 from unghost.cli.screen import Screen
 from unghost.cli.source_options import LocalFilterOptions
 from unghost.cli.sources import open_source, read_config
-
-if TYPE_CHECKING:
-    from filter_core.config import FilterConfig
-    from filter_core.formats.frame_source import FrameSet
-    from filter_core.local_filter import FrameOutcome
 
 Write = Callable[[bytes], object]
 
@@ -63,24 +59,15 @@ def filter_local(options: FilterOptions) -> None:
     config = read_config(options.config, options, options.screen)
     found = open_source(options.source, options)
     tally = _Tally(options.screen)
-    line = _lines()
     with _output(options.output) as write:
-        decided = _decided(found, config, options.workers)
-        for outcome in tally.watch(decided, found.count):
-            write(line(outcome))
+        decided = decided_lines(found, config, options.workers)
+        for line in tally.watch(decided, found.count):
+            write(line.content)
     for file in found.unmatched:
         tally.screen.note(f"not matched: {file.path}: {file.why}")
     tally.print_summary(options.output)
     if tally.failed or found.unmatched:
         raise typer.Exit(PARTLY if tally.decided else REFUSED)
-
-
-def _lines() -> Callable[[FrameOutcome], bytes]:
-    """What makes the lines: a frame has some 700 values, so the encoder matters."""
-    from pydantic import TypeAdapter
-
-    encoder = TypeAdapter(dict[str, Any])
-    return lambda outcome: encoder.dump_json(outcome.as_dict()) + b"\n"
 
 
 def _spare_source(options: FilterOptions) -> None:
@@ -89,14 +76,6 @@ def _spare_source(options: FilterOptions) -> None:
     manifest = source / "manifest.jsonl" if source.is_dir() else source
     if options.output.resolve() == manifest.resolve():
         raise typer.BadParameter(f"--output {options.output} is the source itself")
-
-
-def _decided(
-    found: FrameSet, config: FilterConfig, workers: int | None
-) -> Iterator[FrameOutcome]:
-    from filter_core.local_filter import filter_source
-
-    return filter_source(found, config, workers=workers)
 
 
 @contextmanager
@@ -128,23 +107,23 @@ class _Tally:
         self._boxes: Counter[str] = Counter()
 
     def watch(
-        self, outcomes: Iterable[FrameOutcome], total: int | None
-    ) -> Iterator[FrameOutcome]:
-        """The outcomes, counted, under a bar."""
+        self, lines: Iterable[FrameLine], total: int | None
+    ) -> Iterator[FrameLine]:
+        """The lines, counted, under a bar."""
         with self.screen.progress("filter", "frames") as advance:
-            for outcome in outcomes:
-                self._add(outcome)
-                yield outcome
+            for line in lines:
+                self._add(line)
+                yield line
                 advance(self.decided + self.failed, total)
 
-    def _add(self, outcome: FrameOutcome) -> None:
-        if outcome.error is not None:
+    def _add(self, line: FrameLine) -> None:
+        if line.fault is not None:
             self.failed += 1
-            said = without_key(outcome.error["detail"], outcome.key)
-            self.screen.note(f"refused: {outcome.key}: {said}")
+            said = without_key(line.fault, line.key)
+            self.screen.note(f"refused: {line.key}: {said}")
             return
         self.decided += 1
-        self._boxes.update(str(each["verdict"]) for each in outcome.decisions or ())
+        self._boxes.update(line.verdicts)
 
     def print_summary(self, output: Path) -> None:
         """Frames and boxes by what became of them."""

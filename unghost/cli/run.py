@@ -8,6 +8,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from unghost.cli.command import command
+from unghost.cli.config_files import config_text, naming
 from unghost.cli.options import ConfigFile, DatasetName, ServerOptions
 from unghost.cli.waiting import run_line, wait_for_run
 
@@ -66,8 +67,9 @@ def run(options: RunOptions) -> None:
     The verdicts that count stay as they are, unless --activate.
     """
     with options.connect() as client:
-        text = options.config.read_text(encoding="utf-8")
-        version = client.add_config(options.dataset, text)
+        text = config_text(options.config)
+        with naming(options.config):
+            version = client.add_config(options.dataset, text)
         started = client.start_run(
             options.dataset, version.digest, activate=options.activate
         )

@@ -143,5 +143,6 @@ class LocalFilterOptions(SourceOptions, SegmentationReading):
         ),
     ] = None
     workers: Annotated[
-        int | None, typer.Option(min=1, max=256, help="Threads; else all cores.")
+        int | None,
+        typer.Option(min=1, max=256, help="Frames at the same time; else all cores."),
     ] = None

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unghost.cli.config_files import naming
 from unghost.cli.exits import Refused
 from unghost.outgoing import NotSent, OutgoingFrame
 
@@ -43,7 +44,8 @@ def read_config(
     from filter_core.config import FilterConfig
     from filter_core.config_file import load_config
 
-    loaded = load_config(path.read_bytes() if path is not None else b"")
+    with naming(path):
+        loaded = load_config(path.read_bytes() if path is not None else b"")
     if loaded.unused_keys:
         screen.note(f"not used here: {', '.join(loaded.unused_keys)}")
     return FilterConfig.from_mapping({**loaded.config.as_dict(), **reading.reading})
