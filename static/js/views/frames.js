@@ -92,7 +92,7 @@ function Sentinel({ onSeen }) {
 /** @param {{app: App, frame: FrameItem, query: Query}} props */
 function Thumb({ app, frame, query }) {
   const { id, key, counts, has_image, lossy } = frame;
-  const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : counts.boxes ? "all answered" : "no boxes";
+  const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : !counts.boxes ? "no boxes" : counts.reviewed ? "all answered" : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
       ${has_image ? html`<img src=${app.api.thumbnailUrl(id)} alt="" loading="lazy" decoding="async" />` : html`<${Icon} name="image" />`}

@@ -3,6 +3,7 @@
 
 import { html, useState } from "../html.js";
 import { shownKey } from "../keymap.js";
+import { linkTo } from "../router.js";
 import { countOf, countText } from "../wording.js";
 import { useValue } from "./hooks.js";
 import { Icon } from "./icons.js";
@@ -34,7 +35,7 @@ export function VerdictBar({ counts }) {
 /** How far people have come. @param {{counts: FrameCounts}} props */
 export function ReviewProgress({ counts }) {
   const all = counts.reviewed + counts.to_review;
-  const percent = all ? Math.floor((100 * counts.reviewed) / all) : 100;
+  const percent = all ? Math.floor((100 * counts.reviewed) / all) : counts.boxes ? 100 : 0;
   const left = counts.to_review ? `${countText(counts.to_review)} to review` : "nothing to review";
   return html`<div class="progress">
     <div class="progress__text">
@@ -66,13 +67,16 @@ export function Notice({ title, children, icon = "image", actions }) {
 
 /** What went wrong, in the server's words, and a way on. @param {{error: Error, onRetry: () => void}} props */
 export function Failure({ error, onRetry }) {
-  const problem = /** @type {{problem?: {title?: string, request_id?: string}}} */ (error).problem;
+  const { problem, status } = /** @type {{problem?: {title?: string, request_id?: string}, status?: number}} */ (error);
   return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
-    actions=${html`<button class="button" onClick=${onRetry}>Try again</button>`}>
+    actions=${html`${status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`}<button class="button" onClick=${onRetry}>Try again</button>`}>
     <p role="alert">${error.message}</p>
     ${problem?.request_id && html`<p class="faint">Request ${problem.request_id}</p>`}
   <//>`;
 }
+
+/** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
+export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));
 
 /** A command to copy. @param {{text: string}} props */
 export function Command({ text }) {

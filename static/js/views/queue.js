@@ -16,7 +16,7 @@ import { useActions, useBoxes, useLoaded, useTitle, useValue } from "./hooks.js"
 import { Inspector } from "./inspector.js";
 import { Failure } from "./parts.js";
 import { BlindPanel } from "./queue_blind.js";
-import { AllDone, Conflicts, Fetching } from "./queue_states.js";
+import { AllDone, Conflicts, Fetching, NoBoxesYet } from "./queue_states.js";
 import { QueueHead } from "./queue_head.js";
 import { QueueStage } from "./queue_stage.js";
 import { QueueStrip } from "./queue_strip.js";
@@ -46,12 +46,12 @@ export function QueueView({ app, route }) {
       ${failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${QueueHead} app=${app} sitting=${sitting} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
-            <${Sitter} key=${sitting} app=${app} sitting=${sitting} query=${route.query} onQuery=${setQuery} />`}
+            <${Sitter} key=${sitting} app=${app} sitting=${sitting} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`}
     </main>`;
 }
 
-/** @param {{app: App, sitting: Sitting, query: Query, onQuery: (query: Query) => void}} props */
-function Sitter({ app, sitting, query, onQuery }) {
+/** @param {{app: App, sitting: Sitting, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function Sitter({ app, sitting, query, isEmpty, onQuery }) {
   const media = useMemo(() => createMedia(app), [app]);
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
@@ -92,15 +92,16 @@ function Sitter({ app, sitting, query, onQuery }) {
           ${isHidden
             ? html`<${BlindPanel} key=${box.box_id} box=${shown} sitting=${sitting} onSee=${() => onQuery({ ...query, blind: "off" })} />`
             : html`<${Inspector} app=${app} frame=${media.ready(box.frame_id)?.frame ?? null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
-      : html`<${NoBox} app=${app} sitting=${sitting} query=${query} actions=${actions} onQuery=${onQuery} />`}
+      : html`<${NoBox} app=${app} sitting=${sitting} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
   </div>`;
 }
 
-/** @param {{app: App, sitting: Sitting, query: Query, actions: import("../queue/actions.js").QueueActions, onQuery: (query: Query) => void}} props */
-function NoBox({ app, sitting, query, actions, onQuery }) {
+/** @param {{app: App, sitting: Sitting, query: Query, actions: import("../queue/actions.js").QueueActions, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function NoBox({ app, sitting, query, actions, isEmpty, onQuery }) {
   const { state, error, isEnd } = useValue(sitting.supply);
   if (state === "error" && error) return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void sitting.refill()} /></div>`;
   if (!isEnd) return html`<${Fetching} />`;
+  if (isEmpty) return html`<${NoBoxesYet} />`;
   return html`<${AllDone} app=${app} sitting=${sitting} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
 

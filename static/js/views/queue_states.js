@@ -34,6 +34,8 @@ export function AllDone({ app, sitting, query, actions, onAll }) {
   </div>`;
 }
 
+export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>Nothing has been pushed to this dataset.</p><//></div>`;
+
 /** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, sitting: Sitting, actions: import("../queue/actions.js").QueueActions, onAll: () => void}} props */
 function Ways({ dataset, order, query, open, elsewhere, sitting, actions, onAll }) {
   return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Go through ${open === 1 ? "it" : "them"}</button>`}

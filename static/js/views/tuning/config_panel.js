@@ -4,6 +4,7 @@
 import { html, useState } from "../../html.js";
 import { differences, toYaml, valueOf, valueText } from "../../tuning.js";
 import { Icon } from "../icons.js";
+import { Words } from "../parts.js";
 import { NumberField } from "./field.js";
 
 /** @typedef {import("./state.js").Tuning} Tuning */
@@ -35,11 +36,11 @@ export function ConfigPanel({ tuning }) {
   const ofClasses = differences({ ...tried, classes: {} }, tried);
   return html`<section class="panelbox" aria-labelledby="config-title">
     <header class="panelbox__head"><h2 id="config-title">Configuration</h2><span class="faint">all keys; what can be answered from stored numbers can be changed here</span></header>
-    <div class="tablewrap"><table class="table">
+    <div class="tablewrap"><table class="table table--keys">
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
       <tbody>
-        ${keys.map((key) => html`<tr key=${key}><th scope="row"><code>${key}</code></th><td><${Value} tuning=${tuning} name=${key} /></td><td class="num faint">${valueText(valueOf(active.config, key))}</td><td class="table__text faint">${KEYS[key]?.text ?? ""}</td></tr>`)}
-        ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code>${row.path}</code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">this class alone</td></tr>`)}
+        ${keys.map((key) => html`<tr key=${key}><th scope="row"><code><${Words} text=${key} /></code></th><td><${Value} tuning=${tuning} name=${key} /></td><td class="num faint">${valueText(valueOf(active.config, key))}</td><td class="table__text faint">${KEYS[key]?.text ?? ""}</td></tr>`)}
+        ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">this class alone</td></tr>`)}
       </tbody>
     </table></div>
     <${Yaml} text=${toYaml(tried)} />

@@ -1,0 +1,128 @@
+"""Long names, narrow windows, empty datasets: nothing stretches, breaks or touches."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
+
+from tests.browser import crowds
+from tests.browser.conftest import PHONE, WIDE, MakeScene, Scene, Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+LONG_KEY = f"{'a-run-whose-name-says-everything-' * 4}/front-camera/000001"
+OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
+TOP = "(element) => element.getBoundingClientRect().top"
+BROKEN_WORDS = """(elements) => elements.flatMap((element) => {
+  const broken = [];
+  const nodes = document.createTreeWalker(element, NodeFilter.SHOW_TEXT);
+  while (nodes.nextNode()) {
+    const range = document.createRange();
+    range.selectNodeContents(nodes.currentNode);
+    if (range.getClientRects().length > 1) broken.push(nodes.currentNode.data);
+  }
+  return broken;
+})"""
+GAPS = """(buttons) => buttons.slice(1).map((button, i) => {
+  const [one, other] = [buttons[i], button].map((each) => each.getBoundingClientRect());
+  return Math.max(other.left - one.right, other.top - one.bottom);
+})"""
+
+
+@pytest.fixture
+def empty(api: httpx.Client) -> str:
+    """A dataset without frames."""
+    name = "nothing-in-it"
+    assert api.post("/datasets", json={"name": name}).status_code in (201, 409)
+    return name
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_a_long_key_stretches_no_picture(
+    scene: Scene, visit: Visit, size: ViewportSize
+):
+    scene.push(LONG_KEY)
+    page = visit(viewport=size).open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb img")).to_have_count(2)
+
+    widths = page.locator(".thumb__picture").evaluate_all(
+        "(all) => all.map((one) => one.getBoundingClientRect().width)"
+    )
+
+    assert widths[0] == pytest.approx(widths[1], abs=1)
+    assert page.evaluate(OVERFLOW) <= 0
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_an_empty_queue_says_so_below_its_head(visit, empty, size):
+    page = visit(viewport=size).open(f"#/datasets/{empty}/queue")
+    notice = page.locator(".notice")
+
+    expect(notice).to_contain_text("No boxes yet")
+    expect(notice).to_contain_text("Nothing has been pushed to this dataset.")
+    expect(page.locator(".strip-list")).to_be_hidden()
+    assert notice.evaluate(TOP) < 240
+
+
+def test_whether_one_agrees_with_the_filter_stands_in_one_line(
+    make_scene: MakeScene, ada: Visitor
+):
+    scene = make_scene(boxes=crowds.crowd(3))
+    page = ada.open(crowds.queue(scene, blind="on"))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+
+    ada.press("a")
+
+    sign, words = page.locator(".agreement > *").all()
+    middles = [(box["y"] + box["height"] / 2) for box in map(placed, (sign, words))]
+    assert middles[0] == pytest.approx(middles[1], abs=2)
+    assert placed(words)["x"] - placed(sign)["x"] - placed(sign)["width"] >= 6
+
+
+def placed(element: Locator) -> FloatRect:
+    expect(element).to_be_visible()
+    found = element.bounding_box()
+    assert found is not None
+    return found
+
+
+def test_buttons_of_a_notice_do_not_touch(ada: Visitor, empty):
+    page = ada.open(f"#/datasets/{empty}/quality")
+    buttons = page.locator(".notice__actions .button")
+    expect(buttons).to_have_count(2)
+
+    assert min(buttons.evaluate_all(GAPS)) >= 8
+
+
+def test_keys_of_a_configuration_break_between_their_words_alone(scene, visit):
+    page = visit(viewport=PHONE).open(f"#/datasets/{scene.dataset}/thresholds")
+    keys = page.locator("th code")
+    expect(keys.filter(has_text="threshold_small_box")).to_be_visible()
+
+    assert keys.evaluate_all(BROKEN_WORDS) == []
+    for table in page.locator(".tablewrap").all():
+        assert table.evaluate("(one) => one.scrollWidth - one.clientWidth") <= 0
+    assert page.evaluate(OVERFLOW) <= 0
+
+
+@pytest.mark.parametrize("link", ["#/datasets/nowhere/frames", "#/frames/999999"])
+def test_what_is_not_there_leads_to_what_is(ada, link):
+    page: Page = ada.open("#/datasets")
+    page.goto(f"{ada.url}/{link}")
+
+    page.locator(".notice").get_by_role("link", name="All datasets").click()
+
+    expect(page.get_by_role("heading", name="Datasets")).to_be_visible()
+
+
+def test_what_nobody_answered_is_not_called_answered(make_scene, ada, empty):
+    outside = [{"id": "a", "class": "car", "xyxy": [-20, -20, -5, -5]}]
+    scene = make_scene(boxes=outside)
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+
+    expect(page.locator("a.thumb")).to_contain_text("nothing to review")
+
+    page = ada.open("#/datasets")
+    progress = page.locator(".card", has_text=empty).get_by_role("progressbar")
+    expect(progress).to_have_attribute("aria-valuenow", "0")
