@@ -30,6 +30,7 @@ from app.services.run_requests import RunRequest, request_run
 from app.services.runs import carry_out
 from app.settings import Settings
 from filter_core.config import FilterConfig
+from tests.api import frames as scene
 from tests.databases import settings_of
 
 _numbers = count(1)
@@ -41,6 +42,20 @@ def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
     chosen = {**settings_of(folder), **chosen}
     with running(Settings(data=folder, workers=2, **chosen)) as context:
         yield Services(context)
+
+
+def filled_folder(data: Path, **chosen: Any) -> Path:
+    """A data folder of two frames with an image and a segmentation each, not served."""
+    with running_services(data, **chosen) as services:
+        street = services.dataset()
+        for number in range(2):
+            street.put(
+                f"f/{number}",
+                scene.annotation(),
+                image=scene.image(number),
+                segmentation=scene.segmentation(number),
+            )
+    return data
 
 
 @dataclass(frozen=True)

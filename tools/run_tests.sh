@@ -10,11 +10,17 @@ work=$(mktemp -d)
 trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 
+BESIDE_BROWSER="tests/api/replicas tests/api/s3"
+
 # What a group consists of, for pytest.
 paths() {
     case $1 in
-    browser) echo tests/browser ;;
-    service) echo tests/api tests/hostile ;;
+    # With as much of what needs a service as makes all groups equally long.
+    browser) echo tests/browser $BESIDE_BROWSER ;;
+    service)
+        echo tests/api tests/hostile
+        printf ' --ignore=%s' $BESIDE_BROWSER
+        ;;
     others) echo --ignore=tests/browser --ignore=tests/api --ignore=tests/hostile ;;
     postgres)
         for one in runs export_jobs statistics box_selection ids; do
