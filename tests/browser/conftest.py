@@ -97,6 +97,10 @@ class Scene:
         search = "&".join(f"{key}={value}" for key, value in wanted.items())
         return f"#/frames/{self.frame['id']}{'?' if search else ''}{search}"
 
+    def decide(self, **config: object) -> None:
+        """Make a configuration the one that decides, and wait until it does."""
+        scenes.decide(self.api, self.dataset, config)
+
     def push(self, key: str, **kwargs: Any) -> dict[str, Any]:
         """One more frame."""
         return scenes.push(self.api, self.dataset, key, **kwargs)

@@ -6,6 +6,8 @@ The picture is one even grey, so that whatever else is on the stage was drawn th
 from __future__ import annotations
 
 import json
+import time
+from collections.abc import Mapping
 from typing import Any
 
 import cv2
@@ -17,6 +19,7 @@ from filter_core.palettes import FAMILIES
 WIDTH, HEIGHT = 640, 360
 FAMILY = "carla-0.9.14"
 GREY = 118
+RUN_S = 60
 
 CAR = (80, 200, 240, 300)
 HALF_HIDDEN = (300, 180, 400, 280)
@@ -98,6 +101,17 @@ def push(
     answer = api.put(f"/datasets/{dataset}/frames/{key}", files=files)
     assert answer.status_code == 201, answer.text
     return get(api, f"/frames/{answer.json()['frame']['id']}")
+
+
+def decide(api: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:
+    """A run that is over when this returns."""
+    body = {"config": config, "activate": True}
+    answer = api.post(f"/datasets/{dataset}/runs", json=body)
+    assert answer.status_code == 202, answer.text
+    deadline = time.monotonic() + RUN_S
+    while (run := get(api, f"/runs/{answer.json()['id']}"))["state"] != "done":
+        assert time.monotonic() < deadline, run
+        time.sleep(0.05)
 
 
 def get(api: httpx.Client, path: str) -> dict[str, Any]:

@@ -279,6 +279,7 @@ def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, ada)
     page.unroute("**/crop?**")
 
     page.context.set_offline(True)
+    page.wait_for_function("!navigator.onLine")
     page.context.set_offline(False)
 
     expect(cell(page, 0).locator("img")).to_be_visible()

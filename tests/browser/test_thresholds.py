@@ -156,8 +156,7 @@ def test_applying_runs_to_the_end_and_becomes_what_is_active(ada, street):
 
 
 def test_an_older_version_can_be_tried_and_made_active_again(ada, street):
-    body = {"config": {"threshold_small_box": 60}, "activate": True}
-    street.api.post(f"/datasets/{street.dataset}/runs", json=body)
+    street.decide(threshold_small_box=60)
     page = opened(ada, street)
     expect(page.locator(".version.is-active")).to_contain_text("decides now")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
@@ -193,8 +192,7 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
     page = opened(ada, street)
     line = page.locator(".tuning__channel")
     expect(line).to_have_count(0)
-    body = {"config": {"evidence": "ordered"}, "activate": True}
-    street.api.post(f"/datasets/{street.dataset}/runs", json=body)
+    street.decide(evidence="ordered")
 
     page.reload()
 
@@ -206,8 +204,7 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
 
 
 def test_the_numbers_that_other_channels_need_can_be_tried(ada, street):
-    body = {"config": {"evidence": "ordered"}, "activate": True}
-    street.api.post(f"/datasets/{street.dataset}/runs", json=body)
+    street.decide(evidence="ordered")
     page = opened(ada, street)
     expect(page.locator(".tuning__channel")).to_be_visible()
     kept = figure(page, "kept")

@@ -152,8 +152,13 @@ def cluster(folder: Path) -> Iterator[Cluster]:
 
 
 def working_process(worker: Node) -> int:
-    """The one that works, of the two processes of a worker."""
-    (child,) = children(worker.process.pid)
+    """The one that works, of the two processes of a worker.
+
+    There is none for a moment where another one was killed.
+    """
+    parent = worker.process.pid
+    until(lambda: len(children(parent)) == 1, "no process works")
+    (child,) = children(parent)
     return child
 
 

@@ -142,17 +142,22 @@ def test_cancelling_ends_a_run_and_its_work_within_a_second(whole, long_street):
     )
 
 
-def test_only_the_documented_ports_listen_and_only_on_loopback(whole):
-    def of_workers():
+def ports_of_workers(whole):
+    """Where each listens, once all do: one may just be starting its process again."""
+
+    def found():
         return [
             listening(worker.process.pid, working_process(worker))
             for worker in whole.workers
         ]
 
-    # One whose working process was killed may just be starting another.
-    until(lambda: all(of_workers()), "every worker listens")
+    until(lambda: all(found()), "every worker listens")
+    return found()
+
+
+def test_only_the_documented_ports_listen_and_only_on_loopback(whole):
+    workers = ports_of_workers(whole)
     scheduler = listening(whole.scheduler.process.pid)
-    workers = of_workers()
     server = listening(whole.server.process.pid)
 
     assert scheduler == {("127.0.0.1", whole.cluster.port)}
@@ -187,9 +192,7 @@ def test_every_port_of_work_asks_for_a_certificate_of_the_authority(whole, tmp_p
     foreign = tmp_path / "foreign"
     make_certificates(foreign, ("127.0.0.1",), 2)
     ports = {whole.cluster.port}
-    ports |= {
-        port for one in whole.workers for _, port in listening(working_process(one))
-    }
+    ports |= {port for worker in ports_of_workers(whole) for _, port in worker}
 
     answers = [
         [answered(port, shown) for shown in (None, foreign, whole.cluster.certificates)]

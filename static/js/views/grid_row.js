@@ -1,7 +1,7 @@
 // @ts-check
 // One row of crops. Cells are drawn again only when something of their own has changed.
 
-import { Component, html, useEffect, useMemo, useState } from "../html.js";
+import { Component, html, useEffect, useLayoutEffect, useMemo, useState } from "../html.js";
 import { cropUrl } from "../calls/boxes.js";
 import { boxIn, cropRequest, placed } from "../grid/placing.js";
 import { matchText, reasonText, spokenText } from "../wording.js";
@@ -114,7 +114,8 @@ function useCrop(app, url) {
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
   const hasFailed = seen?.state === "failed";
-  useEffect(() => {
+  // With the drawing that says so, and not after it: the network may be back by then.
+  useLayoutEffect(() => {
     if (!hasFailed) return;
     const again = () => setAttempt((n) => n + 1);
     addEventListener("online", again);
