@@ -1,6 +1,6 @@
 """What a batch of frames costs, against decoding and measuring their segmentations.
 
-    python -m benchmarks.bench_batch [--frames 1000] [--without-image] [--json]
+    python -m benchmarks.bench_batch [--frames 1000] [--without-image] [--carla]
     python -m benchmarks.bench_batch --memory    peaks at 1,000 and 10,000 frames
     python -m benchmarks.bench_batch --filled    the rate beside a million stored boxes
 
@@ -8,7 +8,8 @@ A real server on a port takes one archive of frames: a 1.3 MB image of their own
 segmentation and 30 boxes each. The client packs and sends from this process, on the
 same cores. Rates are against the rate at which as many threads as there are cores only
 decode and measure the same segmentations, in turns, in the same run: decoded by OpenCV,
-and as installed (`benchmarks/yardstick.py`).
+and as installed (`benchmarks/yardstick.py`). Segmentations are written by OpenCV, or
+with `--carla` as CARLA's `save_to_disk` writes them.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ import httpx
 
 from app.lifetime import running
 from app.settings import Settings
-from benchmarks.bench_filter import Street, street
 from benchmarks.bench_upload import cpu_seconds, decode_seconds, photograph
 from benchmarks.million import NAME as MILLION
 from benchmarks.million import fill
+from benchmarks.street import Street, street
 from benchmarks.yardstick import decoder_in_use, decoding_by_opencv
 from filter_core.annotation import parse_annotation
 from filter_core.config import FilterConfig
@@ -86,11 +87,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=FEW)
     parser.add_argument("--without-image", action="store_true")
+    parser.add_argument("--carla", action="store_true")
     parser.add_argument("--memory", action="store_true")
     parser.add_argument("--filled", action="store_true")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    scene = Scene(street(), b"" if options.without_image else photograph())
+    image = b"" if options.without_image else photograph()
+    scene = Scene(street(as_carla_writes=options.carla), image)
     if options.memory:
         figures = memory(scene)
     elif options.filled:

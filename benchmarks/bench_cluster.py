@@ -2,7 +2,7 @@
 
     python -m benchmarks.bench_cluster [--frames 1600] [--rounds 4] [--json]
 
-Two services have the same frames (`bench_filter`'s segmentation and 30 boxes). One
+Two services have the same frames (`street`'s segmentation and 30 boxes). One
 measures them in its own threads; the other sends chunks over mutual TLS to a worker
 with as many threads. In turns, each measures all frames under settings that nothing was
 measured with; the processor time of every process that takes part counts: service,
@@ -24,8 +24,8 @@ from os import cpu_count
 from pathlib import Path
 
 from benchmarks.bench_batch import Scene, send
-from benchmarks.bench_filter import street
 from benchmarks.bench_upload import cpu_seconds
+from benchmarks.street import street
 from tests.api.long_streets import OTHER_PIXELS
 from tests.api.resources import Api
 from tests.cluster.nodes import children, cluster

@@ -3,7 +3,7 @@
     python -m benchmarks.bench_local [--frames 400] [--rounds 5] [--workers N]
         [--json] [--check]
 
-A manifest of frames like CARLA's (a 1.3 MB image, `bench_filter`'s segmentation, 30
+A manifest of frames like CARLA's (a 1.3 MB image, the street's segmentation, 30
 boxes) is filtered as `unghost filter` does, from its lines to decisions on the disk.
 Beside it as many threads as there are cores only decode and measure the same
 segmentations, which are in memory already: by OpenCV, and by the decoder in use. All in
@@ -23,8 +23,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.bench_filter import HEIGHT, WIDTH, Street, frame_boxes, street
 from benchmarks.bench_upload import photograph
+from benchmarks.street import HEIGHT, WIDTH, Street, frame_boxes, street
 from benchmarks.yardstick import decoder_in_use, decoding_by_opencv
 from filter_core.measure import measure
 from filter_core.segmentation import SegmentationOptions, read_segmentation

@@ -26,10 +26,10 @@ from sqlalchemy import insert, select
 
 from app.db.tables import Frame, FrameFile
 from app.repositories.datasets import DatasetRepository
-from benchmarks.bench_filter import HEIGHT, WIDTH, street
 from benchmarks.bench_runs import opened
 from benchmarks.million import BOXES_PER_FRAME, NAME, fill
 from benchmarks.page_trace import milliseconds_per_frame
+from benchmarks.street import HEIGHT, WIDTH, street
 from tests.browser.conftest import ARGUMENTS, CHROMIUM
 from tests.servers import RunningServer, running_server
 

@@ -23,7 +23,7 @@ import httpx
 import numpy as np
 from playwright.sync_api import Page, ViewportSize, sync_playwright
 
-from benchmarks.bench_filter import HEIGHT, WIDTH, street
+from benchmarks.street import HEIGHT, WIDTH, street
 from tests.browser.conftest import ARGUMENTS, CHROMIUM
 from tests.servers import RunningServer, running_server
 

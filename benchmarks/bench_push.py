@@ -18,9 +18,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.bench_filter import street
 from benchmarks.bench_local import annotation
 from benchmarks.bench_upload import photograph
+from benchmarks.street import street
 from tests.api import frames as tiny
 from tests.servers import RunningServer, running_server
 

@@ -23,7 +23,7 @@ import cv2
 import httpx
 import numpy as np
 
-from benchmarks.bench_filter import HEIGHT, WIDTH, street
+from benchmarks.street import HEIGHT, WIDTH, street
 from tests.servers import RunningServer, running_server
 
 IMAGE_BYTES = 1_300_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from unittest.mock import patch
@@ -10,16 +11,18 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core import color_decoding
-from filter_core.color_decoding import decode_color, png_decoder
+from filter_core import png_decoding
+from filter_core.color_decoding import decode_color
 from filter_core.errors import ImageError
 from filter_core.image_header import read_image_header
+from filter_core.png_decoding import PngCodecs, png_codecs
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 WIDTH, HEIGHT = 37, 23
 RGB, RGBA, INDEXED, GREY = 2, 6, 3, 0
 RNG = np.random.default_rng(2026)
 PIXELS = RNG.integers(0, 256, (HEIGHT, WIDTH, 4), np.uint8)
+STREET = RNG.integers(0, 256, (300, 400, 3), np.uint8)
 PASSES = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)]
 PASSES += [(2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)]
 """First row, first column, and the steps to the next, of an interlaced PNG."""
@@ -30,18 +33,39 @@ def chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", checksum)
 
 
-def rows(pixels: np.ndarray) -> bytes:
-    return b"".join(b"\0" + row.tobytes() for row in pixels)
+def rows(pixels: np.ndarray, filters=b"\0") -> bytes:
+    """Rows as a PNG has them; filters, taken in turns, are 0, 1 or 2."""
+    zeros = np.zeros_like(pixels)
+    left, above = zeros.copy(), zeros.copy()
+    left[:, 1:], above[1:] = pixels[:, :-1], pixels[:-1]
+    stored = [pixels - predicted for predicted in (zeros, left, above)]
+    turns = [filters[row % len(filters)] for row in range(len(pixels))]
+    return b"".join(
+        bytes([turn]) + stored[turn][row].tobytes() for row, turn in enumerate(turns)
+    )
 
 
 def png(pixels, color_type, *extra: bytes, depth=8, interlaced=False) -> bytes:
-    height, width = pixels.shape[:2]
     raw = rows(pixels)
     if interlaced:
         raw = b"".join(rows(pixels[y::dy, x::dx]) for y, x, dy, dx in PASSES)
-    head = struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, interlaced)
-    parts = [chunk(b"IHDR", head), *extra, chunk(b"IDAT", zlib.compress(raw))]
+    form = bytes([depth, color_type, 0, 0, interlaced])
+    return framed(pixels, form, zlib.compress(raw), extra=extra)
+
+
+def framed(pixels, form: bytes, *bodies: bytes, extra: tuple[bytes, ...] = ()) -> bytes:
+    height, width = pixels.shape[:2]
+    head = chunk(b"IHDR", struct.pack(">II", width, height) + form)
+    parts = [head, *extra, *(chunk(b"IDAT", body) for body in bodies)]
     return SIGNATURE + b"".join(parts) + chunk(b"IEND", b"")
+
+
+def filtered(pixels, filters, pieces=1, kept=slice(None)) -> bytes:
+    """A PNG with these filters, its pixels in so many pieces; `kept` of the rows."""
+    body = zlib.compress(rows(pixels, filters)[kept])
+    size = -(-len(body) // pieces)
+    bodies = [body[start : start + size] for start in range(0, len(body), size)]
+    return framed(pixels, bytes([8, RGB, 0, 0, 0]), *bodies)
 
 
 FILES = {
@@ -62,9 +86,28 @@ FILES = {
     "grey": png(PIXELS[..., 0], GREY),
     "followed by notes": png(PIXELS[..., :3], RGB) + b"notes of an editor",
     "jpeg": cv2.imencode(".jpg", PIXELS[..., :3])[1].tobytes(),
-    "filtered": cv2.imencode(".png", np.sort(PIXELS, 1)[..., :3])[1].tobytes(),
+    "by opencv": cv2.imencode(".png", np.sort(PIXELS, 1)[..., :3])[1].tobytes(),
+    "by opencv with alpha": cv2.imencode(".png", PIXELS)[1].tobytes(),
+    "differences, in pieces": filtered(PIXELS[..., :3], b"\1", pieces=5),
+    "some differences": filtered(PIXELS[..., :3], b"\0\1\1"),
+    "rows above": filtered(PIXELS[..., :3], b"\1\2"),
+    "rows above, in many blocks": filtered(STREET, b"\1\2"),
+    "rows above, in full blocks": filtered(STREET[:, :, :1].repeat(3, 2), b"\2"),
+    "every filter": cv2.imencode(
+        ".png",
+        np.sort(PIXELS, 1)[..., :3],
+        [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS],
+    )[1].tobytes(),
 }
-PLAIN = ("rgb", "rgba", "filtered")
+IN_STEPS = [
+    *("rgb", "rgba", "by opencv", "by opencv with alpha"),
+    *("differences, in pieces", "some differences"),
+]
+BY_LIBPNG = [
+    *("rgb with a gamma", "rgb with fewer significant bits", "every filter"),
+    *("rows above", "rows above, in many blocks", "rows above, in full blocks"),
+]
+PLAIN = IN_STEPS + BY_LIBPNG
 
 
 def decoded(content, order):
@@ -75,7 +118,7 @@ def decoded(content, order):
 
 
 def by_opencv(content, order):
-    with patch.object(color_decoding, "png_decoder", lambda: None):
+    with patch.object(png_decoding, "png_codecs", lambda: None):
         return decoded(content, order)
 
 
@@ -84,26 +127,50 @@ def by_opencv(content, order):
 def test_a_file_has_the_same_pixels_whoever_decodes_it(content, order):
     found = decoded(content, order)
 
-    assert found.shape == (HEIGHT, WIDTH, 3)
+    assert found.shape[2] == 3
     assert found.dtype == np.uint8
     assert found.flags.c_contiguous
     np.testing.assert_array_equal(found, by_opencv(content, order))
 
 
+def installed() -> PngCodecs:
+    codecs = png_codecs()
+    assert codecs is not None
+    return codecs
+
+
 @pytest.mark.parametrize("name", PLAIN)
-def test_what_carla_writes_is_decoded_the_fast_way(name):
-    asked = []
-    faster = png_decoder()
-    assert faster is not None
+def test_what_carla_and_opencv_write_is_decoded_the_fast_way(name):
+    codecs, asked = installed(), []
 
-    def decoder(content):
+    def decode(content):
         asked.append(content)
-        return faster(content)
+        return codecs.decode(content)
 
-    with patch.object(color_decoding, "png_decoder", lambda: decoder):
+    watched = codecs._replace(decode=decode)
+    with (
+        patch.object(png_decoding, "png_codecs", lambda: watched),
+        patch.object(cv2, "imdecode", side_effect=AssertionError("OpenCV was asked")),
+    ):
         decoded(FILES[name], "rgb")
 
-    assert asked == [FILES[name]]
+    # What libpng gets is not compressed: one last block, or more, after zlib's header.
+    stored = [re.search(rb"IDAT\x78\x01[\0\1]", one) for one in asked]
+    assert [bool(one) for one in stored] == ([] if name in IN_STEPS else [True])
+
+
+def test_a_build_without_libdeflate_decodes_by_libpng():
+    def lacking(data, *, out):
+        raise ImportError("no libdeflate")
+
+    codecs = installed()._replace(inflate=lacking)
+    with (
+        patch.object(png_decoding, "png_codecs", lambda: codecs),
+        patch.object(cv2, "imdecode", side_effect=AssertionError("OpenCV was asked")),
+    ):
+        found = decoded(FILES["by opencv"], "rgb")
+
+    np.testing.assert_array_equal(found, by_opencv(FILES["by opencv"], "rgb"))
 
 
 def test_pixels_are_those_that_were_written():
@@ -111,7 +178,7 @@ def test_pixels_are_those_that_were_written():
     np.testing.assert_array_equal(decoded(FILES["rgb"], "bgr"), PIXELS[..., 2::-1])
 
 
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", range(9 * 16))
 def test_a_damaged_file_is_judged_the_same_whoever_decodes_it(seed):
     rng = np.random.default_rng(seed)
     content = bytearray(FILES[PLAIN[seed % len(PLAIN)]])
@@ -122,6 +189,35 @@ def test_a_damaged_file_is_judged_the_same_whoever_decodes_it(seed):
         del content[at : at + int(rng.integers(1, 30))]
 
     found, expected = decoded(bytes(content), "rgb"), by_opencv(bytes(content), "rgb")
+
+    assert type(found) is type(expected)
+    np.testing.assert_array_equal(found, expected)
+
+
+BODY = zlib.compress(rows(PIXELS[..., :3], b"\1"))
+FORM = bytes([8, RGB, 0, 0, 0])
+UNSOUND = {
+    "half a row too few": filtered(PIXELS[..., :3], b"\1", kept=slice(None, -50)),
+    "a row too many": framed(PIXELS[:-1, :, :3], FORM, BODY),
+    "a wrong sum behind": framed(PIXELS, FORM, BODY[:-1] + bytes([BODY[-1] ^ 1])),
+    "something behind the sum": framed(PIXELS, FORM, BODY + b"more"),
+    "no such filter": framed(
+        PIXELS, FORM, zlib.compress(rows(PIXELS[..., :3]).replace(b"\0", b"\5", 1))
+    ),
+    "no sum of the header": FILES["by opencv"][:29] + b"1234" + FILES["by opencv"][33:],
+    "no pixels": framed(PIXELS, FORM),
+    "no compression known": framed(PIXELS, bytes([8, RGB, 1, 0, 0]), BODY),
+    "no filters known": framed(PIXELS, bytes([8, RGB, 0, 1, 0]), BODY),
+    "other chunks between": framed(PIXELS, FORM, BODY[:900], extra=()).replace(
+        chunk(b"IEND", b""),
+        chunk(b"tEXt", b"a\0b") + chunk(b"IDAT", BODY[900:]) + chunk(b"IEND", b""),
+    ),
+}
+
+
+@pytest.mark.parametrize("content", UNSOUND.values(), ids=list(UNSOUND))
+def test_what_is_unsound_is_judged_the_same_whoever_decodes_it(content):
+    found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
 
     assert type(found) is type(expected)
     np.testing.assert_array_equal(found, expected)
@@ -147,10 +243,10 @@ def test_what_is_wrong_behind_the_pixels_is_found_whoever_decodes(found):
 
 
 def test_without_imagecodecs_there_is_no_faster_way():
-    png_decoder.cache_clear()
+    png_codecs.cache_clear()
     try:
         with patch.dict("sys.modules", imagecodecs=None):
-            assert png_decoder() is None
+            assert png_codecs() is None
     finally:
-        png_decoder.cache_clear()
-    assert png_decoder() is not None
+        png_codecs.cache_clear()
+    assert png_codecs() is not None
