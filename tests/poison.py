@@ -1,7 +1,8 @@
-"""Frames and exports of which the process dies that works on them.
+"""Frames, decisions and exports of which the process dies that works on them.
 
-Frames say "poison" in their annotation; of exports it is every one. To be laid in
-processes of the tests' own, before these begin to work.
+Frames say "poison" in their annotation; of decisions that store something, and of
+exports, it is every one. To be laid in processes of the tests' own, before these begin
+to work.
 """
 
 from __future__ import annotations
@@ -11,15 +12,16 @@ import signal
 import time
 from typing import Any
 
-FRAMES, EXPORTS = "frames", "exports"
+FRAMES, DECISIONS, EXPORTS = "frames", "decisions", "exports"
 
 
 def lay_poison(kind: str = FRAMES) -> None:
-    """Let this process die where it would measure such a frame, or write any export."""
-    if kind == FRAMES:
-        _lay_in_frames()
-    else:
-        _lay_in_exports()
+    """Let this process die where it would do such a thing."""
+    {
+        FRAMES: _lay_in_frames,
+        DECISIONS: _lay_in_decisions,
+        EXPORTS: _lay_in_exports,
+    }[kind]()
 
 
 def _lay_in_frames() -> None:
@@ -33,6 +35,15 @@ def _lay_in_frames() -> None:
         return measure(plan, annotation, files)
 
     vars(run_measuring)["measure_files"] = deadly
+
+
+def _lay_in_decisions() -> None:
+    from app.repositories.decisions import DecisionRepository
+
+    def deadly(*_: Any) -> Any:
+        _die()
+
+    type.__setattr__(DecisionRepository, "record_flips", deadly)
 
 
 def _lay_in_exports() -> None:

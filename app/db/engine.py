@@ -82,6 +82,11 @@ class Database:
                 isolation_level="REPEATABLE READ"
             )
 
+    @property
+    def has_one_writer(self) -> bool:
+        """Whether nothing at all can be stored while another transaction writes."""
+        return self.engine.dialect.name == "sqlite"
+
     @contextmanager
     def write(self) -> Iterator[Session]:
         """A session that may write: it commits on leaving, or leaves no trace.
@@ -104,7 +109,7 @@ class Database:
         On PostgreSQL it does not wait for its turn behind other writers; SQLite has
         only one place for a writer.
         """
-        if self.engine.dialect.name == "sqlite":
+        if self.has_one_writer:
             with self.write() as session:
                 yield session
             return

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.bulk import insert_rows
+from app.db.bulk import insert_rows, upsert
 from app.db.tables import Chunk, Export, Lease, Run
 from app.jobs import Job
+
+DECISION: Final = 0
+"""The number of a run's last chunk, which decides all of its boxes; others follow 0."""
 
 
 class Span(NamedTuple):
@@ -31,29 +34,34 @@ class LedgerRepository:
     def plan(self, job: Job, spans: Iterable[Span]) -> list[int]:
         """Add chunks to a job; their numbers."""
         number = self._last_number(job)
-        rows = [
-            {
-                "kind": job.kind,
-                "job_id": job.id,
-                "number": number + place,
-                **span._asdict(),
-                "state": "waiting",
-                "attempts": 0,
-                "error": None,
-                "finished_at": None,
-            }
-            for place, span in enumerate(spans, 1)
-        ]
+        rows = [_row(job, number + place, span) for place, span in enumerate(spans, 1)]
         insert_rows(self._session, Chunk, rows)
         return [row["number"] for row in rows]
+
+    def plan_decision(self, job: Job, frames: int) -> None:
+        """Add the chunk that decides a run, unless it is there: it may have a past."""
+        new = upsert(self._session, Chunk).values(
+            _row(job, DECISION, Span(0, 0, frames))
+        )
+        self._session.execute(new.on_conflict_do_nothing())
+
+    def withdraw_decision(self, job: Job) -> None:
+        """Let whoever decides a run notice that somebody is about to cancel it."""
+        rows = delete(Chunk).where(*_of(job), Chunk.number == DECISION)
+        self._session.execute(rows)
 
     def find(self, job: Job, number: int) -> Chunk | None:
         """A chunk, unless its job was forgotten."""
         return self._session.get(Chunk, (job.kind, job.id, number))
 
     def waiting(self, job: Job) -> list[int]:
-        """Numbers of the chunks that an earlier driver has planned and left."""
-        rows = select(Chunk.number).where(*_of(job), Chunk.state == "waiting")
+        """Numbers of the chunks that an earlier driver has planned and left.
+
+        The decision is none of them: before it there may be new frames to measure.
+        """
+        rows = select(Chunk.number).where(
+            *_of(job), Chunk.state == "waiting", Chunk.number != DECISION
+        )
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
     def quarantined(self, job: Job) -> list[Chunk]:
@@ -157,6 +165,19 @@ class LedgerRepository:
     def _last_number(self, job: Job) -> int:
         rows = select(func.max(Chunk.number)).where(*_of(job))
         return self._session.scalar(rows) or 0
+
+
+def _row(job: Job, number: int, span: Span) -> dict[str, Any]:
+    return {
+        "kind": job.kind,
+        "job_id": job.id,
+        "number": number,
+        **span._asdict(),
+        "state": "waiting",
+        "attempts": 0,
+        "error": None,
+        "finished_at": None,
+    }
 
 
 def _of(job: Job) -> list[ColumnElement[bool]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from app.db.engine import once_committed
@@ -89,6 +89,14 @@ class RunRepository:
     def page(self, dataset_id: int, page: NewestPage) -> list[Run]:
         """Runs, newest first."""
         return newest(self._session, Run, dataset_id, page)
+
+    def tell(self, run_id: int, done: int) -> None:
+        """Say how far a run is, beside the transaction that ends it."""
+        self._session.execute(
+            update(Run)
+            .where(Run.id == run_id, Run.state == "running", Run.done < done)
+            .values(done=done)
+        )
 
     def unfinished(self) -> list[Run]:
         """Runs that are queued, or were interrupted, oldest first."""

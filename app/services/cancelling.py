@@ -8,6 +8,7 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.engine import Job
+from app.repositories.ledger import LedgerRepository
 from app.services.context import ServiceContext
 
 
@@ -19,9 +20,13 @@ def interrupt_until_written(
 ) -> None:
     """Make a job let go, before the first statement of the session that cancels it.
 
-    That statement waits for whoever writes, and that may be this job.
+    That statement waits for whoever writes, and that may be this job, here or in
+    another service. Where rows can be written beside it, it finds its chunk gone.
     """
     context.engine.interrupt(job)
+    if not context.database.has_one_writer:
+        with context.database.write_beside() as beside:
+            LedgerRepository(beside).withdraw_decision(job)
     event.listen(
         session, "after_transaction_end", lambda *_: context.engine.let_be(job)
     )

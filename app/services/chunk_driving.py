@@ -18,9 +18,9 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Chunk
 from app.engine import EngineAway, WorkerDied
-from app.engine.jobs import ELSEWHERE, FAILED, GIVEN_BACK, UNWANTED
+from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import LedgerRepository, Span
+from app.repositories.ledger import DECISION, LedgerRepository, Span
 from app.services.chunk_attempts import MOST_ATTEMPTS
 from app.services.chunk_work import work_here
 from app.services.context import ServiceContext
@@ -89,6 +89,18 @@ class ChunkDriver:
         finally:
             self.context.engine.let_go(list(self._in_flight))
         self._check_quarantine()
+
+    def drive_here(self, number: int) -> None:
+        """One chunk, in this thread whatever the engine is; raises as `drive` does.
+
+        It is not done where it had to be given back: look, and begin again.
+        """
+        self._check()
+        outcome = work_here(self.context, *self.lease.job, number)
+        if outcome == GIVEN_UP:
+            self._check_quarantine()
+        elif outcome != DONE:
+            self._ended(number, outcome)
 
     def _send(self) -> bool:
         """Send what there is room for; False once nothing is left."""
@@ -210,10 +222,12 @@ class ChunkDriver:
             given_up = LedgerRepository(session).quarantined(self.lease.job)
             if not given_up:
                 return
-            if self.lease.job.kind == "run":
-                what = self._frames(session, given_up)
-            else:
+            if self.lease.job.kind == "export":
                 what = "writing it"
+            elif given_up[0].number == DECISION:
+                what = "deciding its boxes"
+            else:
+                what = self._frames(session, given_up)
         if what:
             detail = (
                 f"{what} ended the process that was at it {MOST_ATTEMPTS} times; the "

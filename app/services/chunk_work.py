@@ -16,16 +16,27 @@ from app.engine import Job, JobStopped
 from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.errors import AppError
 from app.repositories.leases import LeaseRepository
-from app.repositories.ledger import LedgerRepository
+from app.repositories.ledger import DECISION, LedgerRepository
 from app.services.chunk_attempts import Attempt
 from app.services.context import ServiceContext
 from app.services.export_writing import export_at_work, write_chunk
 from app.services.run_measuring import Stored, measure_chunk
 from app.services.run_states import run_at_work
+from app.services.run_switching import decide_all
 from filter_core.errors import FilterError
 
+
+def _measure_or_decide(
+    context: ServiceContext, run_id: int, number: int, stored: Stored
+) -> None:
+    if number == DECISION:
+        decide_all(context, run_id, stored)
+    else:
+        measure_chunk(context, run_id, number, stored)
+
+
 Work = Callable[[ServiceContext, int, int, Stored], None]
-_WORK: Final[Mapping[str, Work]] = {"run": measure_chunk, "export": write_chunk}
+_WORK: Final[Mapping[str, Work]] = {"run": _measure_or_decide, "export": write_chunk}
 _AT_WORK: Final[Mapping[str, Callable[..., object]]] = {
     "run": run_at_work,
     "export": export_at_work,

@@ -1,10 +1,16 @@
-"""The end of a run: one transaction that stores what changed and makes it current."""
+"""The end of a run: one transaction that stores what changed and makes it current.
+
+It is a chunk like those that measure, so that nobody ever sees half a dataset decided:
+what ends its process is tried again, and not for ever. Doing it twice does no harm,
+because whoever comes second finds the run over.
+"""
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -12,20 +18,24 @@ from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.tables import Dataset, Run
-from app.engine import LocalEngine
+from app.engine import Job, JobStopped
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
+from app.repositories.ledger import DECISION, LedgerRepository
+from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.numbers import DatasetNumbers
-from app.services.run_states import job_of
+from app.services.run_measuring import RunScope, Stored, is_measured
+from app.services.run_states import job_of, run_at_work
 from filter_core.config import FilterConfig
 from filter_core.decide import decide
 from filter_core.types import BoolArray, Decisions, IntArray, Verdict
 
+TELL_EVERY_S: Final = 0.5
 _REASONS: Final = 32
 """More than there are reasons; they are packed into one number with flags."""
 
@@ -49,10 +59,27 @@ class BeforeAndAfter:
             yield cls(before, after)
 
 
-def prepare(context: ServiceContext, session: Session, run: Run) -> None:
-    """Load what `switch` needs while nobody waits for it, if it can be kept."""
-    if context.numbers.fits(session, run.dataset_id):
-        next(BeforeAndAfter.parts(context, session, run))
+def decide_all(context: ServiceContext, run_id: int, begun: Stored) -> None:
+    """Decide all boxes of a run and end it, unless frames have come in meanwhile.
+
+    Raises
+    ------
+    JobStopped
+        The run is over, or somebody is about to cancel it.
+    """
+    # Loading a million numbers holds no lock; the transaction finds them cached.
+    with context.database.read() as session:
+        run = run_at_work(session, run_id)
+        if context.numbers.fits(session, run.dataset_id):
+            next(BeforeAndAfter.parts(context, session, run))
+    with context.database.write() as session:
+        run = run_at_work(session, run_id)
+        scope = RunScope.of(session, run)
+        if is_measured(session, scope):
+            switch(context, session, run, scope.config)
+            LedgerRepository(session).forget(scope.job)
+        else:
+            begun(session)
 
 
 def switch(
@@ -62,7 +89,7 @@ def switch(
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     active = config_of(active_version(session, dataset))
     boxes = FrameRepository(session).state(dataset.id)[1]
-    turn = _Turn(session, run, _Progress(context.engine, run, boxes))
+    turn = _Turn(session, run, _Progress(context, run.id, run.total, boxes))
     for numbers in BeforeAndAfter.parts(context, session, run):
         turn.decide(numbers, active, config)
     run.previous_run_id = dataset.active_run_id
@@ -145,25 +172,40 @@ class _Turn:
 class _Progress:
     """Called with rows as they are written: says how far it is, and may end it."""
 
-    engine: LocalEngine
-    run: Run
+    context: ServiceContext
+    run_id: int
+    total: int
     boxes: int
     _before: int = 0
     _part: int = 0
     _rows: int = 0
     _written: int = 0
+    _told_at: float = field(default_factory=time.monotonic)
 
     def begin(self, boxes: int, rows: int) -> None:
         """A part of so many boxes, of which so many rows are to be written."""
         self._before, self._part = self._before + self._part, boxes
         self._rows, self._written = rows, 0
+        self(0)
 
     def __call__(self, rows: int) -> None:
-        job = job_of(self.run.id)
-        self.engine.check(job)
+        job = job_of(self.run_id)
+        self.context.engine.check(job)
         self._written += rows
         boxes = self._before + self._part * self._written // max(self._rows, 1)
-        self.engine.report(job, self.run.total * boxes // max(self.boxes, 1))
+        done = self.total * boxes // max(self.boxes, 1)
+        self.context.engine.report(job, done)
+        is_due = time.monotonic() - self._told_at >= TELL_EVERY_S
+        if is_due and not self.context.database.has_one_writer:
+            self._tell(job, done)
+            self._told_at = time.monotonic()
+
+    def _tell(self, job: Job, done: int) -> None:
+        """Let other services know, and learn from them that somebody cancels it."""
+        with self.context.database.write_beside() as session:
+            if LedgerRepository(session).find(job, DECISION) is None:
+                raise JobStopped(job)
+            RunRepository(session).tell(self.run_id, done)
 
 
 def _activate(session: Session, dataset: Dataset, run: Run) -> None:

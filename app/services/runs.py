@@ -22,15 +22,14 @@ from app.engine import JobStopped
 from app.errors import AppError, Conflict
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import LedgerRepository, Span
+from app.repositories.ledger import DECISION, LedgerRepository, Span
 from app.repositories.runs import RunRepository
 from app.services.cancelling import interrupt_until_written
 from app.services.chunk_driving import ChunkDriver, ChunkFailed
 from app.services.context import ServiceContext
 from app.services.leases import JobLease
-from app.services.run_measuring import RunScope, is_measured, plan_frames
+from app.services.run_measuring import RunScope, plan_frames
 from app.services.run_states import OPEN, job_of, run_at_work
-from app.services.run_switching import prepare, switch
 from filter_core.errors import FilterError
 
 log = logging.getLogger(__name__)
@@ -132,25 +131,26 @@ def _begin(context: ServiceContext, lease: JobLease, run_id: int) -> RunScope:
 
 
 def _finish(context: ServiceContext, scope: RunScope, lease: JobLease) -> None:
-    """Measure, decide and switch; repeated for frames that came in meanwhile."""
-    while True:
-        _measure_missing(context, scope, lease)
-        # Loading a million numbers holds no lock; the transaction finds them cached.
-        with context.database.read() as session:
-            run = run_at_work(session, scope.run_id)
-            prepare(context, session, run)
-        lease.check()
+    """Measure and decide; repeated for frames that came in meanwhile.
+
+    Deciding is arithmetic, and is done here whatever the engine is.
+    """
+    is_over = False
+    while not is_over:
+        driver = _driver(context, scope, lease)
+        driver.drive()
         with context.database.write() as session:
+            lease.require(session)
             run = run_at_work(session, scope.run_id)
-            if is_measured(session, scope):
-                lease.end(session)
-                switch(context, session, run, scope.config)
-                LedgerRepository(session).forget(scope.job)
-                return
+            LedgerRepository(session).plan_decision(scope.job, run.total)
+        driver.drive_here(DECISION)
+        with context.database.read() as session:
+            found = RunRepository(session).find(scope.run_id)
+            is_over = found is None or found.state not in OPEN
 
 
-def _measure_missing(context: ServiceContext, scope: RunScope, lease: JobLease) -> None:
-    """Make the numbers that are not there yet, chunk by chunk."""
+def _driver(context: ServiceContext, scope: RunScope, lease: JobLease) -> ChunkDriver:
+    """Of the numbers that are not there yet, chunk by chunk."""
     with context.database.read() as session:
         run = run_at_work(session, scope.run_id)
     frames = context.engine.chunk_frames(run.total - run.done)
@@ -158,7 +158,7 @@ def _measure_missing(context: ServiceContext, scope: RunScope, lease: JobLease) 
     def more(session: Session, after: int, most: int) -> list[Span]:
         return plan_frames(session, scope, after, spans=most, frames=frames)
 
-    ChunkDriver(context, lease, more, run_at_work).drive()
+    return ChunkDriver(context, lease, more, run_at_work)
 
 
 def _fail(context: ServiceContext, lease: JobLease, error: Mapping[str, Any]) -> bool:

@@ -14,7 +14,8 @@ from app.db.base import Base, JsonText, Key, UtcDateTime
 class Chunk(Base):
     """A part of a job: frames from one id to another that lacked their numbers.
 
-    An export is one chunk; its ids are 0. `attempts` counts the processes in a row that
+    An export is one chunk, and so is the decision that ends a run; their ids are 0, and
+    so is the number of a decision. `attempts` counts the processes in a row that
     ended while they worked on it; where the driver itself does, also the one that does.
     """
 

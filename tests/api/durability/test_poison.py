@@ -22,11 +22,12 @@ from tests.api.resources import FINISHED, Api
 from tests.cluster.nodes import PATIENCE_S, until
 from tests.cluster.totals import check_totals, ended, state_of
 from tests.databases import rows_of
-from tests.poison import EXPORTS, FRAMES
+from tests.poison import DECISIONS, EXPORTS, FRAMES
 from tests.servers import start, stop, wait_for_link
 
 MOST_DEATHS = 3
 KILLED = -9
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 POISON = {"boxes": [], "poison": True}
 BEFORE = 60
 KILLS = 5
@@ -76,8 +77,8 @@ def asked(api, url, body):
     assert answer.status_code == 202, answer.text
 
 
-def wanted(api, name):
-    asked(api, f"/datasets/{name}/runs", {"config": FROM_PIXELS, "activate": True})
+def wanted(api, name, config=FROM_PIXELS):
+    asked(api, f"/datasets/{name}/runs", {"config": config, "activate": True})
 
 
 def measured(servers, run_id):
@@ -162,6 +163,26 @@ def test_an_export_that_kills_the_service_fails_and_says_so(servers):
     assert deaths == [KILLED] * MOST_DEATHS
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
     assert failed["error"]["detail"].startswith("writing it ended the process")
+
+
+@pytest.mark.long
+def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
+    with client(servers.poisoned(DECISIONS)) as api:
+        name = api.dataset()
+        put(api, name, "a", "b")
+        before = api.json(f"/datasets/{name}/stats")
+        wanted(api, name, NOTHING_VISIBLE)
+    deaths = [servers.ended(ask=False)]
+    deaths += [servers.dies(DECISIONS) for _ in range(MOST_DEATHS - 1)]
+    with alive(servers, servers.poisoned(DECISIONS)) as api:
+        run = api.json(f"/datasets/{name}/runs")["items"][0]
+        failed = ended(api, run["id"])
+        after = api.json(f"/datasets/{name}/stats")
+
+    assert deaths == [KILLED] * MOST_DEATHS
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
+    assert failed["error"]["detail"].startswith("deciding its boxes ended the process")
+    assert after == before
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ from sqlalchemy import event, exc, select
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import LocalEngine
-from app.repositories.ledger import LedgerRepository, Span
+from app.repositories.ledger import DECISION, LedgerRepository, Span
 from app.repositories.runs import RunRepository
 from app.services.chunk_attempts import MOST_ATTEMPTS, Attempt
 from app.services.run_states import job_of
@@ -28,6 +28,8 @@ from tests.unit.app.test_chunks import (
 )
 
 __all__ = ["street"]
+
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 
 
 class Watched(LocalEngine):
@@ -170,6 +172,72 @@ def test_a_service_that_stops_is_not_to_blame(street):
     assert run.state == "running"
     assert (seen[0], attempts(street, run_id)) == ({1: 2}, {1: 0})
     check_whole(street, go_on(street, run_id))
+
+
+class Deciding(LocalEngine):
+    """Looks whenever a decision says how far it is."""
+
+    def __init__(self, look) -> None:
+        super().__init__(2)
+        self._look = look
+
+    def report(self, job, done):
+        super().report(job, done)
+        self._look(self)
+
+
+def cut_off_deciding(street, ended):
+    """A run of stored numbers whose decision has ended so many processes."""
+    run_id = street.request(NOTHING_VISIBLE)
+    with street.context.database.write() as session:
+        ledger, job = LedgerRepository(session), job_of(run_id)
+        ledger.plan_decision(job, FRAMES)
+        session.get_one(Chunk, (*job, DECISION)).attempts = ended
+    return run_id
+
+
+def go_on_deciding(street, run_id, look=lambda _engine: None):
+    with engine_of(street, Deciding(look)) as context:
+        carry_out(context, run_id)
+    return run_of(street, run_id)
+
+
+def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
+    seen, run_id = [], cut_off_deciding(street, MOST_ATTEMPTS - 1)
+
+    run = go_on_deciding(
+        street, run_id, lambda _: seen.append(attempts(street, run_id))
+    )
+
+    assert (run.state, run.changed > 0) == ("done", True)
+    assert seen
+    assert {one[DECISION] for one in seen} == {MOST_ATTEMPTS}
+    assert left(street, Chunk, run) == []
+
+
+def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
+    before = street.reasons()
+
+    run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
+
+    assert run.state == "failed"
+    assert run.error == {
+        "code": "quarantined",
+        "detail": "deciding its boxes ended the process that was at it 3 times; the "
+        "log of the process may say why",
+    }
+    assert street.reasons() == before
+    assert street.run(NOTHING_VISIBLE).state == "done"
+
+
+def test_a_decision_that_is_interrupted_is_not_to_blame(street):
+    run_id = cut_off_deciding(street, 1)
+
+    run = go_on_deciding(street, run_id, lambda engine: engine.stopping.set())
+
+    assert run.state == "running"
+    assert attempts(street, run_id) == {DECISION: 0}
+    assert go_on_deciding(street, run_id).state == "done"
 
 
 def test_the_end_of_an_attempt_outlasts_a_database_that_is_away(street):
