@@ -8,7 +8,12 @@ from typing import Final
 from filter_core.annotation_boxes import read_boxes, read_extra
 from filter_core.annotation_camera import read_camera, read_sensors, require_camera
 from filter_core.annotation_json import decode_json
-from filter_core.annotation_text import read_kept_object, read_text, read_time
+from filter_core.annotation_text import (
+    is_encodable,
+    read_kept_object,
+    read_text,
+    read_time,
+)
 from filter_core.annotation_types import (
     AnnotationLimits,
     BoxAnnotation,
@@ -91,7 +96,8 @@ def without_key(raw: bytes, name: str) -> tuple[str, Mapping[str, object] | byte
     Raises
     ------
     AnnotationErrors
-        ``bad_key``: the key is no text. ``not_json``: it is not JSON.
+        ``bad_key``: the key is no text, or none that UTF-8 has a form for.
+        ``not_json``: it is not JSON.
     """
     faults = Faults(name)
     document = decode_json(raw, faults)
@@ -99,8 +105,9 @@ def without_key(raw: bytes, name: str) -> tuple[str, Mapping[str, object] | byte
         return name, raw
     rest = dict(document)
     key = rest.pop("key")
-    if not isinstance(key, str):
-        faults.add(Place() / "key", "bad_key", "a text", shown(key))
+    if not isinstance(key, str) or not is_encodable(key):
+        expected = "a text without NUL and halves of surrogate pairs"
+        faults.add(Place() / "key", "bad_key", expected, shown(key))
         raise faults.as_error()
     return key, rest
 

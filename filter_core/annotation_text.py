@@ -134,12 +134,13 @@ def _check_leaf(value: object, at: Place, faults: Faults) -> None:
             faults.add(at, "not_finite", "a finite number", shown(value))
     elif not isinstance(value, str):
         faults.add(at, "not_json", "a JSON value", shown(value))
-    elif not _is_encodable(value):
+    elif not is_encodable(value):
         expected = "a text without NUL and halves of surrogate pairs"
         faults.add(at, "control_character", expected, shown(value))
 
 
-def _is_encodable(text: str) -> bool:
+def is_encodable(text: str) -> bool:
+    """No NUL and no halves of surrogate pairs."""
     # Line breaks are fine in a kept text; these two no database column takes.
     return "\0" not in text and (
         text.isascii() or not any("\ud800" <= char <= "\udfff" for char in text)

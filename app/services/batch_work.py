@@ -16,7 +16,7 @@ from app.repositories.decisions import DecisionRepository
 from app.services.active import ActiveDataset
 from app.services.batch_frames import IncomingFrame
 from app.services.context import ServiceContext
-from app.services.frame_keys import checked_key
+from app.services.frame_keys import MAX_KEY, checked_key
 from app.services.frame_rows import write_frames
 from app.services.incoming import (
     FrameUpload,
@@ -169,7 +169,9 @@ def _insert(
 
 def _told(session: Session, active: ActiveDataset, work: FrameWork) -> FrameLine:
     if isinstance(work.error, FilterError):
-        note_problem(session, active.row.dataset_id, work.key, work.error)
+        # A name in the archive may be longer; no frame has such a key.
+        key = work.key[:MAX_KEY]
+        note_problem(session, active.row.dataset_id, key, work.error)
     return FrameLine(work.key, work.frame_id, error=work.error)
 
 

@@ -32,7 +32,7 @@ def packed(
 ) -> bytes:
     """An archive as Python writes it."""
     out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w", format=tarfile.USTAR_FORMAT) as archive:
+    with tarfile.open(fileobj=out, mode="w", format=form) as archive:
         for name, content in members:
             member = tarfile.TarInfo(name)
             member.size = len(content)
