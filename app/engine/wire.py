@@ -99,8 +99,15 @@ def prepare() -> None:
         ) from exc
     dask.config.set(_OPTIONS)
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    # It tells with a traceback what the driver says in a line.
+    # They tell with a traceback what the driver says in a line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    logging.getLogger("tornado.application").addFilter(_is_no_lost_connection)
+
+
+def _is_no_lost_connection(record: logging.LogRecord) -> bool:
+    from distributed.comm import CommClosedError
+
+    return not (record.exc_info and isinstance(record.exc_info[1], CommClosedError))
 
 
 def security(files: Certificates, *, encrypted: bool) -> Security:
@@ -118,7 +125,10 @@ def security(files: Certificates, *, encrypted: bool) -> Security:
 
 def reason_of(error: BaseException) -> str:
     """What lies at the bottom of an error of dask, without dask's own words."""
-    while error.__cause__ is not None:
-        error = error.__cause__
-    said = error.strerror if isinstance(error, OSError) else None
-    return said or str(error) or type(error).__name__
+    cause: BaseException | None = error
+    said = type(error).__name__
+    while cause is not None:
+        # That something stopped waiting says nothing; the error above it says for what.
+        said = getattr(cause, "strerror", None) or str(cause) or said
+        cause = cause.__cause__
+    return said

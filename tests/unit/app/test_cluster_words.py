@@ -1,0 +1,46 @@
+"""What is said of a scheduler that is away: why, in words, and no traceback."""
+
+from __future__ import annotations
+
+import logging
+from asyncio import CancelledError
+from itertools import pairwise
+
+import pytest
+from distributed.comm import CommClosedError
+
+from app.engine.wire import prepare, reason_of
+
+
+def caused(*errors: BaseException) -> BaseException:
+    """The first error, caused by the second, and so on."""
+    for error, cause in pairwise(errors):
+        error.__cause__ = cause
+    return errors[0]
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError(111, "Connection refused"), "Connection refused"),
+        (caused(OSError("it timed out"), OSError(111, "Refused")), "Refused"),
+        (
+            caused(OSError("it timed out"), TimeoutError(), CancelledError()),
+            "it timed out",
+        ),
+        (caused(OSError("it timed out"), CancelledError()), "it timed out"),
+    ],
+)
+def test_the_reason_is_the_last_one_that_says_something(error, words):
+    assert reason_of(error) == words
+
+
+@pytest.mark.parametrize(
+    ("error", "told"), [(CommClosedError("away"), 0), (ValueError("wrong"), 1)]
+)
+def test_a_connection_that_was_lost_is_not_told_by_libraries(caplog, error, told):
+    prepare()
+
+    logging.getLogger("tornado.application").error("in a callback", exc_info=error)
+
+    assert len(caplog.records) == told
