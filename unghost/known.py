@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 from unghost.outgoing import AlreadyThere, NotSent, OutgoingFrame, is_text
+from unghost.retry import PATIENCE
 from unghost.transport import Call, Transport, body_of
 
 _HASHING: Final = 2
@@ -50,7 +51,7 @@ class KnownFrames:
                 yield AlreadyThere(frame.key, frame_id) if digest == known else frame
 
     def _ask(self, keys: Sequence[str]) -> dict[str, tuple[int, str]]:
-        call = Call("POST", self._path, json={"keys": keys})
+        call = Call("POST", self._path, json={"keys": keys}, patience=PATIENCE)
         response = self._transport.send(call)
         items = body_of(response).get("items", ())
         return {item["key"]: (item["frame_id"], item["digest"]) for item in items}

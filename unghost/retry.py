@@ -8,6 +8,9 @@ from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
 from typing import Final
 
+PATIENCE: Final = 2
+"""Times the attempts of a single call, for one of many that are a whole together: a
+server may be started anew meanwhile."""
 RETRIED_STATUS: Final = frozenset({408, 429, 502, 503, 504})
 
 

@@ -27,7 +27,10 @@ Files = Mapping[str, tuple[str, bytes, str]]
 
 @dataclass(frozen=True)
 class Call:
-    """A request that can be sent more than once: its bodies are values, not streams."""
+    """A request that can be sent more than once: its bodies are values, not streams.
+
+    It is sent `patience` times as often as the policy says.
+    """
 
     method: str
     path: str
@@ -37,6 +40,7 @@ class Call:
     content: bytes | None = None
     headers: Mapping[str, str] = field(default_factory=dict)
     retried: bool = True
+    patience: int = 1
 
 
 class Transport:
@@ -147,7 +151,9 @@ class Transport:
     def _again(self, call: Call, attempt: int) -> bool:
         if not call.retried or call.method not in _REPEATABLE:
             return False
-        return attempt < self.retry.attempts and not self._closed.is_set()
+        return (
+            attempt < call.patience * self.retry.attempts and not self._closed.is_set()
+        )
 
 
 def body_of(response: httpx.Response) -> Mapping[str, Any]:

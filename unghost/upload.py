@@ -16,6 +16,7 @@ from unghost.known import KnownFrames
 from unghost.outgoing import AlreadyThere, NotSent, Outcome, OutgoingFrame, Sent
 from unghost.packing import PackedFrame, pack
 from unghost.put import put
+from unghost.retry import PATIENCE
 from unghost.transport import Transport
 
 _LOOKED_UP: Final = 250
@@ -23,8 +24,6 @@ _LOOKED_UP: Final = 250
 _BATCH_FRAMES: Final = 200
 """Well below what the buffers of a connection hold of the answer."""
 _BATCH_BYTES: Final = 256 << 20
-_PATIENCE: Final = 2
-"""Times the attempts of a single call: a server may be started anew meanwhile."""
 _LISTEN_S: Final = 0.5
 
 ItemT = TypeVar("ItemT")
@@ -159,7 +158,7 @@ class _Senders:
             f"{upload.path}/batches", {"replace": upload.replace or None}
         )
         once = upload.transport.retry
-        patient = replace(once, attempts=_PATIENCE * once.attempts)
+        patient = replace(once, attempts=PATIENCE * once.attempts)
         sender = BatchSender(endpoint, patient, self._wait)
         self._own.sender = sender
         self._all.append(sender)

@@ -37,7 +37,10 @@ class Taken:
 
 
 class BatchServer:
-    """Takes every frame it reads, in `turns`; knows the frames in `known`."""
+    """Takes every frame it reads, in `turns`; knows the frames in `known`.
+
+    It hangs up on the first `unheard` who ask what it knows.
+    """
 
     def __init__(self) -> None:
         self.turns: list[Turn] = []
@@ -46,6 +49,7 @@ class BatchServer:
         self.heads: list[tuple[str, dict[str, str]]] = []
         self.known: dict[str, str] = {}
         self.asked_about: list[list[str]] = []
+        self.unheard = 0
         self._http = _Http(("127.0.0.1", 0), self._handler())
         self.url = f"http://127.0.0.1:{self._http.server_port}"
         self._thread = threading.Thread(target=self._http.serve_forever, args=(0.01,))
@@ -99,6 +103,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _tell_known(self) -> None:
         asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        if self.owner.unheard:
+            self.owner.unheard -= 1
+            self.close_connection = True
+            return
         self.owner.asked_about.append(asked["keys"])
         known = self.owner.known
         items = [

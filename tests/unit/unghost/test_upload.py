@@ -208,6 +208,12 @@ def test_nothing_is_asked_for_more_keys_than_a_request_may_have(batches, client)
     assert max(map(len, batches.asked_about)) <= 1000
 
 
+def test_a_server_may_start_anew_while_it_is_asked_what_it_has(batches, client):
+    batches.unheard = 2 * QUICK.attempts - 1
+
+    assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
+
+
 def test_a_file_that_no_frame_has_is_a_mistake_of_the_caller(client):
     with pytest.raises(TypeError, match="'seg' is not a file of a frame"):
         client.put_frame("town", "a", {"boxes": []}, seg=b"")
