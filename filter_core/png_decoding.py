@@ -10,6 +10,7 @@ with vector instructions.
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Callable, Sized
@@ -29,6 +30,8 @@ _CHANNELS: Final = {"rgb": 3, "rgba": 4}
 _METHODS: Final = slice(26, 29)
 """Where the header names compression, filters and interlacing; 0 is the common one."""
 _NO_FILTER, _SUB = 0, 1
+_ANIMATION: Final = (b"acTL", b"fcTL")
+"""OpenCV knows what these mean, and refuses what they may not say."""
 _FIRST_CHUNK: Final = 8
 _BARE: Final = 33
 """Where the pixels begin if nothing but the header comes before them."""
@@ -40,6 +43,10 @@ _BLOCK: Final = 0xFFFF
 """Bytes of the longest block that is stored as it is (RFC 1951, 3.2.4)."""
 _BLOCK_HEAD: Final = struct.Struct("<BHH")
 _SUM: Final = struct.Struct(">I")
+
+
+_MOST_BYTES: Final = 1 << 26
+"""Bytes of pixels, of which the steps hold three times as many, libpng one."""
 
 
 class Inflate(Protocol):
@@ -92,9 +99,11 @@ def decode_png(content: bytes, header: ImageHeader) -> Bytes | None:
     parts = _Parts.of(content)
     if parts is None:
         return None
+    shape = header.height, header.width, channels
     # Errors are of many kinds: of damaged files, and of builds that lack a library.
-    with suppress(Exception):
-        return _in_steps(codecs, parts, (header.height, header.width, channels))
+    if math.prod(shape) <= _MOST_BYTES:
+        with suppress(Exception):
+            return _in_steps(codecs, parts, shape)
     with suppress(Exception):
         return codecs.decode(content)
     return None
@@ -166,7 +175,7 @@ class _Parts:
             following = position + _AROUND_BODY + length
             chunk = view[position:following]
             is_looked_at = kind == b"IDAT" or position == _FIRST_CHUNK
-            if is_looked_at and not _is_sound(chunk):
+            if kind in _ANIMATION or (is_looked_at and not _is_sound(chunk)):
                 return None
             if kind == b"IDAT":
                 begin = begin or position

@@ -173,6 +173,22 @@ def test_a_build_without_libdeflate_decodes_by_libpng():
     np.testing.assert_array_equal(found, by_opencv(FILES["by opencv"], "rgb"))
 
 
+def test_a_very_large_image_is_libpngs_alone_which_holds_it_once():
+    inflated = []
+
+    def watched(data, *, out):
+        inflated.append(len(out))
+        return installed().inflate(data, out=out)
+
+    codecs = installed()._replace(inflate=watched)
+    with patch.object(png_decoding, "png_codecs", lambda: codecs):
+        for side in (100, 5000):
+            content = cv2.imencode(".png", np.zeros((side, side, 3), np.uint8))[1]
+            assert decoded(content.tobytes(), "rgb").shape == (side, side, 3)
+
+    assert inflated == [100 * 301]
+
+
 def test_pixels_are_those_that_were_written():
     np.testing.assert_array_equal(decoded(FILES["rgba"], "rgb"), PIXELS[..., :3])
     np.testing.assert_array_equal(decoded(FILES["rgb"], "bgr"), PIXELS[..., 2::-1])
@@ -196,6 +212,7 @@ def test_a_damaged_file_is_judged_the_same_whoever_decodes_it(seed):
 
 BODY = zlib.compress(rows(PIXELS[..., :3], b"\1"))
 FORM = bytes([8, RGB, 0, 0, 0])
+LARGER = struct.pack(">IIIIIHHBB", 0, WIDTH + 1, HEIGHT, 0, 0, 1, 10, 0, 0)
 UNSOUND = {
     "half a row too few": filtered(PIXELS[..., :3], b"\1", kept=slice(None, -50)),
     "a row too many": framed(PIXELS[:-1, :, :3], FORM, BODY),
@@ -206,6 +223,9 @@ UNSOUND = {
     ),
     "no sum of the header": FILES["by opencv"][:29] + b"1234" + FILES["by opencv"][33:],
     "no pixels": framed(PIXELS, FORM),
+    "a frame of an animation, which is larger": framed(
+        PIXELS, FORM, BODY, extra=(chunk(b"fcTL", LARGER),)
+    ),
     "no compression known": framed(PIXELS, bytes([8, RGB, 1, 0, 0]), BODY),
     "no filters known": framed(PIXELS, bytes([8, RGB, 0, 1, 0]), BODY),
     "other chunks between": framed(PIXELS, FORM, BODY[:900], extra=()).replace(
