@@ -1,37 +1,33 @@
-"""PNGs of eight bits and three or four channels, decoded by imagecodecs if it is there.
+"""PNGs of eight bits and three or four channels, inflated by zlib-ng.
 
-Most of what decoding a mask costs is zlib's. imagecodecs (``unghost[fast]``) brings
-libdeflate, which inflates one in a tenth of the time. What is left then are rows that
-were filtered (ISO/IEC 15948, 9). OpenCV writes differences of neighbours in a row,
-which one pass adds up. Rows that depend on those above, as CARLA's ``save_to_disk``
-writes them, are given to libpng, in a PNG that is not compressed: it undoes the filters
-with vector instructions.
+Most of what decoding a mask costs is inflating it, and zlib-ng, with vector
+instructions, takes a tenth of zlib's time for it. What is left then are rows that were
+filtered (ISO/IEC 15948, 9). OpenCV writes differences of neighbours in a row, which one
+pass adds up. Rows that depend on those above, as CARLA's ``save_to_disk`` writes them,
+are left to OpenCV, in a PNG that is not compressed.
 """
 
 from __future__ import annotations
 
-import math
 import struct
-import zlib
-from collections.abc import Callable, Sized
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Final, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from zlib_ng import zlib_ng
 
 from filter_core.image_header import ImageHeader
 
 Bytes: TypeAlias = NDArray[np.uint8]
 
+MOST_BYTES: Final = 1 << 26
+"""Bytes of pixels that are held twice or thrice on the way; OpenCV alone holds them
+once."""
 _CHANNELS: Final = {"rgb": 3, "rgba": 4}
 _METHODS: Final = slice(26, 29)
 """Where the header names compression, filters and interlacing; 0 is the common one."""
 _NO_FILTER, _SUB = 0, 1
-_ANIMATION: Final = (b"acTL", b"fcTL")
-"""OpenCV knows what these mean, and refuses what they may not say."""
 _FIRST_CHUNK: Final = 8
 _BARE: Final = 33
 """Where the pixels begin if nothing but the header comes before them."""
@@ -43,111 +39,77 @@ _BLOCK: Final = 0xFFFF
 """Bytes of the longest block that is stored as it is (RFC 1951, 3.2.4)."""
 _BLOCK_HEAD: Final = struct.Struct("<BHH")
 _SUM: Final = struct.Struct(">I")
+_ERROR: Final = cast("type[Exception]", zlib_ng.error)
 
 
-_MOST_BYTES: Final = 1 << 26
-"""Bytes of pixels, of which the steps hold three times as many, libpng one."""
+@dataclass(frozen=True)
+class InflatedPng:
+    """What a PNG has before its pixels, and its rows: each a filter and its bytes."""
+
+    head: bytes
+    rows: Bytes
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, content: bytes, header: ImageHeader) -> InflatedPng | None:
+        """None if somebody else has to judge it: it is of another kind, or damaged."""
+        channels = _CHANNELS.get(header.color_model, 0)
+        shape = header.height, header.width, channels
+        size = header.height * (1 + header.width * channels)
+        is_plain = header.media_type == "image/png" and header.bit_depth == 8
+        if not (channels and is_plain) or any(content[_METHODS]) or size > MOST_BYTES:
+            return None
+        parts = _Parts.of(content)
+        data = None if parts is None else _inflated(parts.body, size)
+        if parts is None or data is None:
+            return None
+        rows = np.frombuffer(data, np.uint8).reshape(header.height, -1)
+        return cls(parts.head, rows, shape)
+
+    def added_up(self) -> Bytes | None:
+        """(H, W, C) uint8, if all rows are as they are or differences in themselves."""
+        filters, stored = self.rows[:, 0], self.rows[:, 1:].reshape(self.shape)
+        if len(self.head) != _BARE or int(filters.max()) > _SUB:
+            return None
+        pixels = np.add.accumulate(stored, axis=1, dtype=np.uint8)
+        if not filters.all():
+            pixels[filters == _NO_FILTER] = stored[filters == _NO_FILTER]
+        return pixels
+
+    def uncompressed(self) -> Bytes:
+        """A PNG whose pixels are in blocks that are stored as they are."""
+        data = self.rows.reshape(-1)
+        blocks, last = divmod(data.size - 1, _BLOCK)
+        cut, last = blocks * _BLOCK, last + 1
+        before = self.head + bytes(4) + b"IDAT" + _ZLIB
+        at = len(before) + cut + _BLOCK_HEAD.size * blocks
+        behind = at + _BLOCK_HEAD.size + last
+        png = np.empty(behind + _SUM.size * 2 + len(_END), np.uint8)
+
+        png.data[: len(before)] = before
+        stored = png[len(before) : at].reshape(blocks, _BLOCK_HEAD.size + _BLOCK)
+        stored[:, : _BLOCK_HEAD.size] = np.frombuffer(_block_head(_BLOCK), np.uint8)
+        stored[:, _BLOCK_HEAD.size :] = data[:cut].reshape(blocks, _BLOCK)
+        png.data[at : at + _BLOCK_HEAD.size] = _block_head(last, is_last=True)
+        png[behind - last : behind] = data[cut:]
+        _SUM.pack_into(png.data, behind, zlib_ng.adler32(data.data))
+
+        chunk = png.data[len(self.head) : behind + 2 * _SUM.size]
+        _SUM.pack_into(chunk, 0, len(chunk) - _AROUND_BODY)
+        _SUM.pack_into(chunk, len(chunk) - _SUM.size, zlib_ng.crc32(chunk[4:-4]))
+        png.data[-len(_END) :] = _END
+        return png
 
 
-class Inflate(Protocol):
-    """Undo zlib's compression into an array; the part of it that was filled."""
-
-    def __call__(self, data: bytes, /, *, out: memoryview) -> Sized: ...
-
-
-class AddUp(Protocol):
-    """Sums along an axis, modulo 256."""
-
-    def __call__(self, data: Bytes, /, *, axis: int) -> NDArray[Any]: ...
-
-
-class PngCodecs(NamedTuple):
-    """What imagecodecs does for a PNG: all of it, or one of its steps."""
-
-    decode: Callable[..., NDArray[Any]]
-    inflate: Inflate
-    add_up: AddUp
-    crc32: Callable[..., int]
-    adler32: Callable[..., int]
-
-
-@cache
-def png_codecs() -> PngCodecs | None:
-    """What decodes PNGs faster than OpenCV; None where it is not installed."""
+def _inflated(body: bytes, size: int) -> bytes | None:
+    """So many bytes, whose checksum is right; None if there are more or fewer."""
+    inflate = zlib_ng.decompressobj()
     try:
-        import imagecodecs as found
-    except ImportError:
+        # With room for one more, it reads on to the end and to the checksum.
+        data: bytes = inflate.decompress(body, size + 1)
+    except _ERROR:
         return None
-    return PngCodecs(
-        decode=found.png_decode,
-        inflate=found.deflate_decode,
-        add_up=found.delta_decode,
-        crc32=found.deflate_crc32,
-        adler32=found.deflate_adler32,
-    )
-
-
-def decode_png(content: bytes, header: ImageHeader) -> Bytes | None:
-    """(H, W, 3 or 4) uint8, red first; None if somebody else has to judge the file.
-
-    That is where imagecodecs is missing, the PNG is of another kind, or it is damaged.
-    """
-    codecs, channels = png_codecs(), _CHANNELS.get(header.color_model)
-    is_plain = header.media_type == "image/png" and header.bit_depth == 8
-    if codecs is None or channels is None or not is_plain or any(content[_METHODS]):
-        return None
-    parts = _Parts.of(content)
-    if parts is None:
-        return None
-    shape = header.height, header.width, channels
-    # Errors are of many kinds: of damaged files, and of builds that lack a library.
-    if math.prod(shape) <= _MOST_BYTES:
-        with suppress(Exception):
-            return _in_steps(codecs, parts, shape)
-    with suppress(Exception):
-        return codecs.decode(content)
-    return None
-
-
-def _in_steps(
-    codecs: PngCodecs, parts: _Parts, shape: tuple[int, int, int]
-) -> Bytes | None:
-    height, width, channels = shape
-    rows = np.empty((height, 1 + width * channels), np.uint8)
-    if len(codecs.inflate(parts.body, out=rows.reshape(-1).data)) != rows.size:
-        return None
-    filters, stored = rows[:, 0], rows[:, 1:].reshape(shape)
-    if len(parts.head) != _BARE or int(filters.max()) > _SUB:
-        return codecs.decode(_uncompressed(codecs, parts.head, rows))
-    pixels = codecs.add_up(stored, axis=1)
-    if not filters.all():
-        pixels[filters == _NO_FILTER] = stored[filters == _NO_FILTER]
-    return pixels
-
-
-def _uncompressed(codecs: PngCodecs, head: bytes, rows: Bytes) -> memoryview:
-    """A PNG whose pixels are in blocks that are stored as they are."""
-    data = rows.reshape(-1)
-    blocks, last = divmod(data.size - 1, _BLOCK)
-    cut, last = blocks * _BLOCK, last + 1
-    before = head + bytes(4) + b"IDAT" + _ZLIB
-    behind = len(before) + cut + _BLOCK_HEAD.size * (blocks + 1) + last
-    png = np.empty(behind + _SUM.size * 2 + len(_END), np.uint8)
-
-    png[: len(before)] = np.frombuffer(before, np.uint8)
-    at = behind - last - _BLOCK_HEAD.size
-    stored = png[len(before) : at].reshape(blocks, _BLOCK_HEAD.size + _BLOCK)
-    stored[:, : _BLOCK_HEAD.size] = np.frombuffer(_block_head(_BLOCK), np.uint8)
-    stored[:, _BLOCK_HEAD.size :] = data[:cut].reshape(blocks, _BLOCK)
-    png.data[at : at + _BLOCK_HEAD.size] = _block_head(last, is_last=True)
-    png[behind - last : behind] = data[cut:]
-    _SUM.pack_into(png.data, behind, codecs.adler32(data.data))
-
-    chunk = png.data[len(head) : behind + 2 * _SUM.size]
-    _SUM.pack_into(chunk, 0, len(chunk) - _AROUND_BODY)
-    _SUM.pack_into(chunk, len(chunk) - _SUM.size, codecs.crc32(chunk[4:-4]))
-    png.data[-len(_END) :] = _END
-    return png.data
+    return data if inflate.eof and len(data) == size else None
 
 
 def _block_head(size: int, *, is_last: bool = False) -> bytes:
@@ -158,8 +120,8 @@ def _block_head(size: int, *, is_last: bool = False) -> bytes:
 class _Parts:
     """A PNG whose pixels are sound, and which ends with them.
 
-    imagecodecs stops at the last pixel; OpenCV reads on, and refuses what is wrong. So
-    do checksums of pixels beyond the last one count, which nothing else looks at.
+    OpenCV reads on behind the last pixel, and refuses what is wrong there: any doubt
+    leaves it the whole file.
     """
 
     head: bytes
@@ -175,7 +137,7 @@ class _Parts:
             following = position + _AROUND_BODY + length
             chunk = view[position:following]
             is_looked_at = kind == b"IDAT" or position == _FIRST_CHUNK
-            if kind in _ANIMATION or (is_looked_at and not _is_sound(chunk)):
+            if is_looked_at and not _is_sound(chunk):
                 return None
             if kind == b"IDAT":
                 begin = begin or position
@@ -188,4 +150,4 @@ class _Parts:
 
 
 def _is_sound(chunk: memoryview) -> bool:
-    return struct.pack(">I", zlib.crc32(chunk[4:-4])) == chunk[-4:]
+    return _SUM.pack(zlib_ng.crc32(chunk[4:-4])) == chunk[-4:]

@@ -13,8 +13,9 @@ MODULE_OF = {
     "opencv-python-headless": "cv2",
     "python-multipart": "python_multipart",
     "pyyaml": "yaml",
+    "zlib-ng": "zlib_ng",
 }
-EXTRAS = ("fast", "parquet", "postgres", "s3", "cluster", "carla")
+EXTRAS = ("parquet", "postgres", "s3", "cluster", "carla")
 # Used by name, never imported: uvicorn serves with them.
 NOT_IMPORTED = {"httptools", "uvloop"}
 

@@ -146,10 +146,10 @@ def test_services_and_workers_agree_about_all_three_places():
 def test_the_image_takes_the_extras_that_the_cluster_needs():
     last = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))[-1]
 
-    assert last.all("ARG") == ['EXTRAS="[fast]"']
+    assert last.all("ARG") == ['EXTRAS=""']
     assert '"$(ls /wheels/*.whl)$EXTRAS"' in last.all("RUN")[0]
     assert {SERVICES[name]["build"]["args"]["EXTRAS"] for name in OURS} == {
-        "[cluster,fast,postgres,s3]"
+        "[cluster,postgres,s3]"
     }
 
 

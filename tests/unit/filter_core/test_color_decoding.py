@@ -1,21 +1,21 @@
-"""Colour images decoded by imagecodecs and OpenCV: the same pixels and faults."""
+"""Colour images decoded in steps and by OpenCV: the same pixels and faults."""
 
 from __future__ import annotations
 
 import re
 import struct
 import zlib
+from contextlib import contextmanager
 from unittest.mock import patch
 
 import cv2
 import numpy as np
 import pytest
 
-from filter_core import png_decoding
 from filter_core.color_decoding import decode_color
 from filter_core.errors import ImageError
 from filter_core.image_header import read_image_header
-from filter_core.png_decoding import PngCodecs, png_codecs
+from filter_core.png_decoding import InflatedPng
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 WIDTH, HEIGHT = 37, 23
@@ -103,11 +103,11 @@ IN_STEPS = [
     *("rgb", "rgba", "by opencv", "by opencv with alpha"),
     *("differences, in pieces", "some differences"),
 ]
-BY_LIBPNG = [
+BY_OPENCV = [
     *("rgb with a gamma", "rgb with fewer significant bits", "every filter"),
     *("rows above", "rows above, in many blocks", "rows above, in full blocks"),
 ]
-PLAIN = IN_STEPS + BY_LIBPNG
+PLAIN = IN_STEPS + BY_OPENCV
 
 
 def decoded(content, order):
@@ -118,7 +118,7 @@ def decoded(content, order):
 
 
 def by_opencv(content, order):
-    with patch.object(png_decoding, "png_codecs", lambda: None):
+    with patch.object(InflatedPng, "of", lambda *_: None):
         return decoded(content, order)
 
 
@@ -133,60 +133,41 @@ def test_a_file_has_the_same_pixels_whoever_decodes_it(content, order):
     np.testing.assert_array_equal(found, by_opencv(content, order))
 
 
-def installed() -> PngCodecs:
-    codecs = png_codecs()
-    assert codecs is not None
-    return codecs
+@contextmanager
+def watching_opencv():
+    """What OpenCV is given to decode."""
+    asked = list[bytes]()
+
+    def decode(content, flags):
+        asked.append(bytes(content))
+        return imdecode(content, flags)
+
+    imdecode = cv2.imdecode
+    with patch.object(cv2, "imdecode", decode):
+        yield asked
 
 
 @pytest.mark.parametrize("name", PLAIN)
 def test_what_carla_and_opencv_write_is_decoded_the_fast_way(name):
-    codecs, asked = installed(), []
-
-    def decode(content):
-        asked.append(content)
-        return codecs.decode(content)
-
-    watched = codecs._replace(decode=decode)
-    with (
-        patch.object(png_decoding, "png_codecs", lambda: watched),
-        patch.object(cv2, "imdecode", side_effect=AssertionError("OpenCV was asked")),
-    ):
+    with watching_opencv() as asked:
         decoded(FILES[name], "rgb")
 
-    # What libpng gets is not compressed: one last block, or more, after zlib's header.
+    # What OpenCV gets is not compressed: one last block, or more, after zlib's header.
     stored = [re.search(rb"IDAT\x78\x01[\0\1]", one) for one in asked]
     assert [bool(one) for one in stored] == ([] if name in IN_STEPS else [True])
 
 
-def test_a_build_without_libdeflate_decodes_by_libpng():
-    def lacking(data, *, out):
-        raise ImportError("no libdeflate")
+def test_a_very_large_image_is_opencvs_alone_which_holds_it_once():
+    small, large = (
+        cv2.imencode(".png", np.zeros((side, side, 3), np.uint8))[1].tobytes()
+        for side in (100, 5000)
+    )
 
-    codecs = installed()._replace(inflate=lacking)
-    with (
-        patch.object(png_decoding, "png_codecs", lambda: codecs),
-        patch.object(cv2, "imdecode", side_effect=AssertionError("OpenCV was asked")),
-    ):
-        found = decoded(FILES["by opencv"], "rgb")
+    with watching_opencv() as asked:
+        shapes = [decoded(content, "rgb").shape for content in (small, large)]
 
-    np.testing.assert_array_equal(found, by_opencv(FILES["by opencv"], "rgb"))
-
-
-def test_a_very_large_image_is_libpngs_alone_which_holds_it_once():
-    inflated = []
-
-    def watched(data, *, out):
-        inflated.append(len(out))
-        return installed().inflate(data, out=out)
-
-    codecs = installed()._replace(inflate=watched)
-    with patch.object(png_decoding, "png_codecs", lambda: codecs):
-        for side in (100, 5000):
-            content = cv2.imencode(".png", np.zeros((side, side, 3), np.uint8))[1]
-            assert decoded(content.tobytes(), "rgb").shape == (side, side, 3)
-
-    assert inflated == [100 * 301]
+    assert shapes == [(100, 100, 3), (5000, 5000, 3)]
+    assert asked == [large]
 
 
 def test_pixels_are_those_that_were_written():
@@ -260,13 +241,3 @@ def test_what_is_wrong_behind_the_pixels_is_found_whoever_decodes(found):
 
     assert by_opencv(content, "rgb") is None
     assert decoded(content, "rgb") is None
-
-
-def test_without_imagecodecs_there_is_no_faster_way():
-    png_codecs.cache_clear()
-    try:
-        with patch.dict("sys.modules", imagecodecs=None):
-            assert png_codecs() is None
-    finally:
-        png_codecs.cache_clear()
-    assert png_codecs() is not None
