@@ -11,13 +11,12 @@ from typing import BinaryIO, Final
 
 import httpx
 
-from unghost.errors import DamagedDownload
+from unghost.errors import DamagedDownload, Unavailable
+from unghost.retry import PATIENCE
 from unghost.transport import Call, Transport
 
 Progress = Callable[[int, "int | None"], object]
 _CHUNK_BYTES: Final = 1 << 20
-_ATTEMPTS: Final = 4
-_PAUSE_S: Final = 0.5
 _PARTIAL_CONTENT: Final = 206
 
 
@@ -40,16 +39,24 @@ class Download:
 def fetch(
     transport: Transport, wanted: Download, progress: Progress | None = None
 ) -> Path:
-    """Download to `wanted.path`; the file there appears whole or not at all."""
+    """Download to `wanted.path`; the file there appears whole or not at all.
+
+    Broken off, it goes on where it stopped; it gives up when no more bytes come.
+    """
     wanted.path.parent.mkdir(parents=True, exist_ok=True)
-    for attempts_left in reversed(range(_ATTEMPTS)):
+    attempt = 1
+    while True:
+        before = _bytes_there(wanted)
         try:
             _continue(transport, wanted, progress)
             break
-        except httpx.TransportError:
-            if not attempts_left:
+        except (httpx.TransportError, Unavailable) as error:
+            attempt = attempt if _bytes_there(wanted) <= before else 1
+            if transport.closed or attempt >= PATIENCE * transport.retry.attempts:
                 raise
-            transport.pause(_PAUSE_S)
+            asked = error.retry_after_s if isinstance(error, Unavailable) else None
+            transport.pause(transport.retry.delay_s(attempt, asked))
+            attempt += 1
     _check(wanted)
     wanted.partial.replace(wanted.path)
     return wanted.path

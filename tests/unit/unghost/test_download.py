@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import httpx
 import pytest
 
-from tests.unit.unghost.conftest import Reply
+from tests.unit.unghost.conftest import QUICK, Reply
 from unghost import DamagedDownload, Export
+from unghost.retry import PATIENCE
 
 CONTENT = bytes(range(256)) * 40
 EXPORT = Export(
@@ -47,8 +49,29 @@ def test_a_connection_that_breaks_is_taken_up_again(scripted, client, tmp_path):
     assert scripted.asked[1].headers["Range"] == "bytes=5000-"
 
 
+def test_bytes_are_a_new_start_and_silence_is_not(scripted, client, tmp_path):
+    starts = range(0, len(CONTENT), 999)
+    scripted.answer(*[replace(rest(start), hang_up=999) for start in starts])
+    client.download(EXPORT, tmp_path / "x.zip")
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+
+    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * 9)
+    with pytest.raises(httpx.RemoteProtocolError):
+        client.download(EXPORT, tmp_path / "y.zip")
+    assert scripted.replies
+
+
+def test_a_server_that_starts_anew_meanwhile_is_waited_for(scripted, client, tmp_path):
+    away = Reply(503, b"{}", {"Retry-After": "0"})
+    scripted.answer(Reply(body=CONTENT, hang_up=5000), away, away, rest(5000))
+
+    client.download(EXPORT, tmp_path / "x.zip")
+
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+
+
 def test_a_later_download_takes_up_what_is_there(scripted, client, tmp_path):
-    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * 4)
+    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * PATIENCE * QUICK.attempts)
     with pytest.raises(httpx.RemoteProtocolError):
         client.download(EXPORT, tmp_path / "x.zip")
     (part,) = tmp_path.iterdir()
