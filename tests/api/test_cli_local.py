@@ -69,6 +69,7 @@ def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
             "kept": 2,
             "rejected": 2,
             "unmeasured": 0,
+            "unmatched": [],
         }
     ]
     assert "refused: run/000001" in answer.err
@@ -136,10 +137,14 @@ def test_what_does_not_match_is_listed(unghost, tmp_path):
         (tmp_path / "yolo" / "images" / f"{stem}.png").write_bytes(frame.read_bytes())
 
     answer = unghost("filter", "yolo", "-o", "out.jsonl")
+    as_json = unghost("filter", "yolo", "-o", "out.jsonl", "--json")
 
     assert answer.code == PARTLY
     assert "not matched: images/b.png" in answer.err
     assert "1 unmeasured" in answer.out
+    why = "no label file for this image"
+    unmatched = [{"path": "images/b.png", "why": why}]
+    assert as_json.records[0]["unmatched"] == unmatched
 
 
 def test_version_is_printed(unghost):

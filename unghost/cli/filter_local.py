@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -20,6 +20,9 @@ from unghost.cli.push_report import without_key
 from unghost.cli.screen import Screen
 from unghost.cli.source_options import LocalFilterOptions
 from unghost.cli.sources import open_source, read_config
+
+if TYPE_CHECKING:
+    from filter_core.formats.frame_source import Unmatched
 
 Write = Callable[[bytes], object]
 
@@ -65,7 +68,7 @@ def filter_local(options: FilterOptions) -> None:
             write(line.content)
     for file in found.unmatched:
         tally.screen.note(f"not matched: {file.path}: {file.why}")
-    tally.print_summary(options.output)
+    tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched:
         raise typer.Exit(PARTLY if tally.decided else REFUSED)
 
@@ -125,8 +128,8 @@ class _Tally:
         self.decided += 1
         self._boxes.update(line.verdicts)
 
-    def print_summary(self, output: Path) -> None:
-        """Frames and boxes by what became of them."""
+    def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
+        """Frames and boxes by what became of them; with `--json` what fits no frame."""
         frames = {"decided": self.decided, "failed": self.failed}
         boxes = {name: self._boxes[name] for name in ("kept", "rejected", "unmeasured")}
         counts = {**frames, **boxes}
@@ -134,4 +137,6 @@ class _Tally:
         if output == _STDOUT:
             self.screen.note(text)
         else:
-            self.screen.record({"output": str(output), **counts}, text)
+            left = [vars(file) for file in unmatched]
+            record = {"output": str(output), **counts, "unmatched": left}
+            self.screen.record(record, text)
