@@ -154,6 +154,7 @@ def test_changed_frames_are_refused_and_replaced_on_request(unghost, pushed, tmp
     assert refused.code == PARTLY
     assert "0 stored\t2 already_there\t1 refused" in refused.out
     assert "another frame 'run/000001'" in refused.err
+    assert "1 frame has other content there; --replace stores it" in refused.err
     assert replaced.code == DONE
     assert "1 stored\t2 already_there\t0 refused" in replaced.out
 

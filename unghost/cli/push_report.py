@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from unghost.cli.screen import Screen
-from unghost.errors import ApiError
+from unghost.errors import ApiError, Conflict
 from unghost.outgoing import NotSent, Outcome, Sent
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ class PushReport:
         self._verdicts: Counter[str] = Counter()
         self._outcomes: Counter[str] = Counter()
         self._problems: list[str] = []
+        self._changed = 0
 
     @property
     def seen(self) -> int:
@@ -56,13 +57,21 @@ class PushReport:
         if isinstance(outcome, Sent):
             for verdict in _VERDICTS:
                 self._verdicts[verdict] += getattr(outcome.counts, verdict)
-        elif isinstance(outcome, NotSent) and len(self._problems) < _LISTED:
-            self._problems.append(_line(outcome))
+        elif isinstance(outcome, NotSent):
+            self._changed += isinstance(outcome.error, Conflict)
+            if len(self._problems) < _LISTED:
+                self._problems.append(_line(outcome))
         self._screen.record(_record(outcome))
 
     def print_problems(self) -> None:
         """The frames that were refused, one by one."""
         self._print_some(self._problems, self.refused)
+        if self._changed:
+            # The server's words name a parameter that is no option here.
+            have = (
+                "1 frame has" if self._changed == 1 else f"{self._changed} frames have"
+            )
+            self._screen.note(f"{have} other content there; --replace stores it")
 
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Say what happened; the problems one by one."""
