@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import httpx
+
 from unghost.cli.screen import Screen
 from unghost.client import Client
-from unghost.errors import Conflict
+from unghost.errors import Conflict, Unavailable
 from unghost.work_results import Export, Run
 
 
@@ -23,6 +25,11 @@ def wait_for_run(
     except KeyboardInterrupt:
         said = _cancelled(client, run) if cancel else _goes_on(run)
         raise KeyboardInterrupt(said) from None
+    except (httpx.TransportError, Unavailable):
+        screen.note(
+            f"run {run.id} goes on with the server: `unghost wait {run.id}` follows it"
+        )
+        raise
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
