@@ -13,9 +13,18 @@ FRAMES = 30
 
 
 @pytest.fixture(scope="module")
-def export_id(api) -> int:
-    dataset = api.dataset()
-    send(api, dataset, packed([one for n in range(FRAMES) for one in frame(f"{n}")]))
+def dataset(api) -> str:
+    name: str = api.dataset()
+    send(api, name, packed([one for n in range(FRAMES) for one in frame(f"{n}")]))
+    return name
+
+
+@pytest.fixture(scope="module")
+def export_id(api, dataset) -> int:
+    return asked_for_export(api, dataset)
+
+
+def asked_for_export(api, dataset) -> int:
     asked = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
     assert asked.status_code == 202, asked.text
     number: int = asked.json()["id"]
@@ -42,14 +51,27 @@ def test_who_has_the_last_event_is_told_to_stop_asking(api, export_id):
     assert (over.status_code, over.content) == (204, b"")
 
 
-def test_a_run_and_an_export_of_one_number_are_told_apart(api, export_id):
+def number_of_both(api, dataset):
+    run_id = export_id = 0
+    while run_id != export_id or not run_id:
+        if run_id <= export_id:
+            run_id = api.run(dataset, {})["id"]
+        else:
+            export_id = asked_for_export(api, dataset)
+            events(api, export_id, of="exports")
+    return run_id
+
+
+def test_a_run_and_an_export_of_one_number_are_told_apart(api, dataset):
+    number = number_of_both(api, dataset)
+
     with (
-        open_events(api, export_id) as of_run,
-        open_events(api, export_id, of="exports") as of_export,
+        open_events(api, number) as of_run,
+        open_events(api, number, of="exports") as of_export,
     ):
         run, export = next(of_run).data, next(of_export).data
 
-    assert (run["id"], export["id"]) == (export_id, export_id)
+    assert (run["id"], export["id"]) == (number, number)
     assert ("config" in run, "format" in run) == (True, False)
     assert ("config" in export, "format" in export) == (False, True)
 
