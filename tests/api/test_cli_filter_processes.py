@@ -18,9 +18,10 @@ from filter_core.formats.layouts import read_source
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
 from unghost.cli import filter_work
-from unghost.cli.filter_work import FEWEST_FRAMES, decided_lines
+from unghost.cli.filter_work import FEWEST_FRAMES, FEWEST_PROCESSES, decided_lines
 
 DONE, REFUSED = 0, 1
+WORKERS = FEWEST_PROCESSES
 TO_ALL = ("-o", "all.jsonl")
 MARK = "UNGHOST_TEST_MARK"
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
@@ -67,10 +68,10 @@ def test_processes_write_what_threads_write(tmp_path, monkeypatch):
     (tmp_path / "frames" / "seg" / "000007.png").write_bytes(b"no picture")
     (tmp_path / "frames" / "seg" / "000009.png").unlink()
     config = FilterConfig.from_mapping({"threshold_small_box": 30})
-    by_threads = list(decided_lines(found, config, 2))
+    by_threads = list(decided_lines(found, config, WORKERS))
 
     monkeypatch.setattr(filter_work, "FEWEST_FRAMES", 1)
-    by_processes = list(decided_lines(found, config, 2))
+    by_processes = list(decided_lines(found, config, WORKERS))
 
     assert by_processes == by_threads
     assert [line.key for line in by_threads if line.fault] == [
@@ -84,7 +85,7 @@ def test_many_frames_come_out_in_their_order(marked, tmp_path):
     one, keys = manifest.read_text(), [f"run/{n:06}" for n in range(FEWEST_FRAMES)]
     manifest.write_text("".join(one.replace("run/000000", key) for key in keys))
 
-    answer = marked("filter", folder, *TO_ALL, "--workers", "2")
+    answer = marked("filter", folder, *TO_ALL, "--workers", WORKERS)
 
     assert answer.code == DONE
     assert answer.out.startswith(f"{FEWEST_FRAMES} decided\t")
@@ -96,8 +97,8 @@ def test_many_frames_come_out_in_their_order(marked, tmp_path):
 @on_linux
 def test_processes_end_with_a_command_that_is_killed(marked, tmp_path):
     folder = many(tmp_path / "frames", 20_000)
-    with marked.running("filter", folder, *TO_ALL, "--workers", "2") as command:
-        until(lambda: len(list(processes_of(tmp_path, working=True))) == 2)
+    with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
+        until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
 
         command.kill()
         command.wait()
@@ -108,8 +109,8 @@ def test_processes_end_with_a_command_that_is_killed(marked, tmp_path):
 @on_linux
 def test_frames_that_end_a_process_are_named(marked, tmp_path):
     folder = many(tmp_path / "frames", 20_000)
-    with marked.running("filter", folder, *TO_ALL, "--workers", "2") as command:
-        until(lambda: len(list(processes_of(tmp_path, working=True))) == 2)
+    with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
+        until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
 
         os.kill(next(processes_of(tmp_path, working=True)), signal.SIGKILL)
         _, err = command.communicate(timeout=60)
@@ -130,7 +131,7 @@ def test_who_stops_listening_is_not_worked_for(tmp_path, monkeypatch):
             read.append(frame.key)
             yield frame
 
-    lines = decided_lines(replace(found, frames=frames), FilterConfig(), 2)
+    lines = decided_lines(replace(found, frames=frames), FilterConfig(), WORKERS)
 
     first = next(lines)
     lines.close()

@@ -1,9 +1,9 @@
 """Frames of a folder decided on all cores, each as the line that stands for it.
 
 Decoding lets go of Python's lock, describing decisions does not: the more threads, the
-longer they wait for each other. Processes do not, but take a second to start, so a few
-frames are left to threads. Lines come in the order of the frames either way, a bounded
-number ahead.
+longer they wait for each other. Processes do not, but take a second to start and pass
+lines on, so a few frames, or two cores, are left to threads. Lines come in the order of
+the frames either way, a bounded number ahead.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 FEWEST_FRAMES: Final = 1000
 """Fewer are decided before processes would have started."""
+FEWEST_PROCESSES: Final = 3
+"""Two threads wait for each other less than two processes cost."""
 _PART: Final = 8
 """Frames that are handed to a process together."""
 _PARTS_AHEAD: Final = 4
@@ -60,7 +62,7 @@ def decided_lines(
     """
     count = workers or os.cpu_count() or 1
     is_short = found.count is not None and found.count < FEWEST_FRAMES
-    if count == 1 or is_short:
+    if count < FEWEST_PROCESSES or is_short:
         from filter_core.local_filter import in_order
 
         return in_order(partial(_line_of, config), found, workers)
