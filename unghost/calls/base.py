@@ -32,9 +32,15 @@ class Calls:
     _transport: Transport
 
     def _get(
-        self, kind: type[ResultT], path: str, params: Params | None = None
+        self,
+        kind: type[ResultT],
+        path: str,
+        params: Params | None = None,
+        *,
+        patience: int = 1,
     ) -> ResultT:
-        return self._call(kind, Call("GET", path, params=params or {}))
+        call = Call("GET", path, params=params or {}, patience=patience)
+        return self._call(kind, call)
 
     def _post(self, kind: type[ResultT], path: str, body: object = None) -> ResultT:
         return self._call(kind, Call("POST", path, json=body))

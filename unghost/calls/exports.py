@@ -10,6 +10,7 @@ from unghost.calls.base import dataset_path
 from unghost.calls.followed import FollowedCalls
 from unghost.download import Download, fetch
 from unghost.errors import run_failed
+from unghost.retry import PATIENCE
 from unghost.transport import API
 from unghost.work_results import Export
 
@@ -50,7 +51,7 @@ class ExportCalls(FollowedCalls):
         export_id = _id_of(export)
         ended = self._ended(
             lambda: self.export_events(export_id),
-            lambda: self.export(export_id),
+            lambda: self._get(Export, f"{API}/exports/{export_id}", patience=PATIENCE),
             progress,
             timeout_s,
         )

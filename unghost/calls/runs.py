@@ -8,6 +8,7 @@ from typing import Any
 from unghost.calls.base import dataset_path
 from unghost.calls.followed import FollowedCalls
 from unghost.errors import run_failed
+from unghost.retry import PATIENCE
 from unghost.transport import API
 from unghost.work_results import Diff, Flip, Run
 
@@ -71,7 +72,10 @@ class RunCalls(FollowedCalls):
         """
         run_id = _id_of(run)
         ended = self._ended(
-            lambda: self.events(run_id), lambda: self.run(run_id), progress, timeout_s
+            lambda: self.events(run_id),
+            lambda: self._get(Run, f"{API}/runs/{run_id}", patience=PATIENCE),
+            progress,
+            timeout_s,
         )
         if ended.state != "done":
             raise run_failed(f"run {run_id}", ended.state, ended.error)
