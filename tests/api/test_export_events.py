@@ -51,19 +51,12 @@ def test_who_has_the_last_event_is_told_to_stop_asking(api, export_id):
     assert (over.status_code, over.content) == (204, b"")
 
 
-def number_of_both(api, dataset):
-    run_id = export_id = 0
-    while run_id != export_id or not run_id:
-        if run_id <= export_id:
-            run_id = api.run(dataset, {})["id"]
-        else:
-            export_id = asked_for_export(api, dataset)
-            events(api, export_id, of="exports")
-    return run_id
-
-
-def test_a_run_and_an_export_of_one_number_are_told_apart(api, dataset):
-    number = number_of_both(api, dataset)
+def test_a_run_and_an_export_of_one_number_are_told_apart(start_api):
+    _, api = start_api()
+    name = api.dataset()
+    number = asked_for_export(api, name)
+    while api.run(name, {})["id"] < number:
+        pass
 
     with (
         open_events(api, number) as of_run,
