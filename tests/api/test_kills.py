@@ -1,6 +1,6 @@
 """A server that is killed in the middle of a run goes on as if nothing had been.
 
-A few rounds with every test run; ``make test-long`` does fifty (KILL_ROUNDS).
+Not with every test run: ``make test-long`` does fifty rounds (KILL_ROUNDS).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Server and client are killed in the middle of pushes; nothing that was said is lost.
 
-A few rounds with every test run; ``make test-long`` does fifty (KILL_ROUNDS).
+Not with every test run: ``make test-long`` does fifty rounds (KILL_ROUNDS).
 """
 
 from __future__ import annotations
