@@ -18,6 +18,8 @@ from app.http_errors import PROBLEM_TYPE, Problem
 from app.logs import Answered, known_as, log_answer
 from app.settings import Settings
 
+MOST_UNWANTED: Final = 1 << 26
+"""Bytes of a body that are read after its request was answered."""
 _MALFORMED: Final = Problem(
     400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
 )
@@ -55,7 +57,7 @@ class ProblemProtocol(HttpToolsProtocol):
         self._most = int(settings.max_head_bytes)
         self._head_wait_s = settings.head_wait_s
         self._body_wait_s = settings.body_wait_s
-        self._held = 0
+        self._held = self._unwanted = 0
         self._gives = self._has_begun = False
         self._fault = _MALFORMED
         self._patience: asyncio.TimerHandle | None = None
@@ -79,6 +81,7 @@ class ProblemProtocol(HttpToolsProtocol):
         """A request begins: the first one, or another on the same connection."""
         super().on_message_begin()
         self._has_begun = True
+        self._unwanted = 0
         if self._patience is None:
             self._be_patient(self._head_wait_s)
 
@@ -97,9 +100,18 @@ class ProblemProtocol(HttpToolsProtocol):
     def on_body(self, body: bytes) -> None:
         """A piece of a body, which has limits of its own."""
         self._gives = True
+        if self.cycle.response_complete:
+            self._pass_over(body)
+            return
         if not self.cycle.body:
             self.cycle.body = cast("bytearray", Pieces())
         super().on_body(body)
+
+    def _pass_over(self, body: bytes) -> None:
+        # Who still sends reads its answer late, if at all; but not for ever.
+        self._unwanted += len(body)
+        if self._unwanted > MOST_UNWANTED:
+            self.transport.close()
 
     def on_message_complete(self) -> None:
         """The end of a request."""

@@ -12,6 +12,7 @@ from tests.api.live import live
 
 pytestmark = pytest.mark.long
 
+TB = str(10**12)
 SOON_S = 0.5
 LONG_S = 60
 STREET = "/api/v1/datasets/street"
@@ -54,6 +55,29 @@ def test_a_head_without_end_is_cut_off(service):
             pass
 
     assert sent < 20_000_000  # most of it in the buffers of the two ends
+
+
+def test_a_body_that_was_refused_is_not_read_without_end(service):
+    begin = head(
+        service,
+        "POST",
+        "/api/v1/datasets",
+        Authorization="no",
+        **{"Content-Length": TB},
+    )
+    sent = 0
+    with connected(service) as connection:
+        connection.sendall(begin)
+        answer = connection.recv(65536)
+        try:
+            while sent < 1_000_000_000:
+                connection.sendall(b"x" * 1_000_000)
+                sent += 1_000_000
+        except OSError:
+            pass
+
+    assert answer.startswith(b"HTTP/1.1 401 ")
+    assert sent < 200_000_000
 
 
 @pytest.mark.parametrize("begun", [b"GE", b"GET /healthz HTTP/1.1\r\nHost: loc"])
