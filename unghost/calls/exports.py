@@ -29,6 +29,10 @@ class ExportCalls(FollowedCalls):
         body = {"format": format, "options": options}
         return self._post(Export, dataset_path(dataset, "exports"), body)
 
+    def cancel_export(self, export: Export | int) -> Export:
+        """End an export that is not over; `Conflict` if it is."""
+        return self._post(Export, f"{API}/exports/{_id_of(export)}/cancel")
+
     def export(self, export_id: int) -> Export:
         """One export as it is now."""
         return self._get(Export, f"{API}/exports/{export_id}")

@@ -6,7 +6,7 @@ import httpx
 
 from unghost.cli.screen import Screen
 from unghost.client import Client
-from unghost.errors import Conflict, Unavailable
+from unghost.errors import ApiError, Conflict, Unavailable
 from unghost.work_results import Export, Run
 
 
@@ -33,17 +33,17 @@ def wait_for_run(
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
-    """The export when its file is ready; RunFailed if it did not succeed."""
+    """The export when its file is ready; RunFailed if it did not succeed.
+
+    Interrupted, it is ended: nobody else asked for it.
+    """
     try:
         with screen.progress(f"export {export.id}", "frames") as advance:
             return client.wait_for_export(
                 export, progress=lambda state: advance(state.done, state.total)
             )
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"interrupted; export {export.id} goes on at the server, and the same "
-            "command makes it anew"
-        ) from None
+        raise KeyboardInterrupt(_ended(client, export)) from None
 
 
 def run_line(run: Run) -> str:
@@ -61,6 +61,17 @@ def _goes_on(run: Run) -> str:
         f"interrupted; run {run.id} goes on at the server: `unghost wait {run.id}` "
         f"follows it, `unghost cancel {run.id}` ends it"
     )
+
+
+def _ended(client: Client, export: Export) -> str:
+    said, anew = f"interrupted; export {export.id}", "the same command makes it anew"
+    try:
+        client.cancel_export(export)
+    except Conflict:  # it was faster
+        return f"{said} was over already, and {anew}"
+    except (ApiError, httpx.TransportError):
+        return f"{said} goes on at the server, and {anew}"
+    return f"{said} was cancelled; {anew}"
 
 
 def _cancelled(client: Client, run: Run) -> str:

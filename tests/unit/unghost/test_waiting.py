@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import contextmanager
+
 import httpx
 import pytest
 
-from tests.unit.unghost.conftest import QUICK, Reply, json_reply
-from unghost import Client, Run
+from tests.unit.unghost.conftest import QUICK, Reply, json_reply, problem
+from unghost import Client, Export, Run
 from unghost.cli.screen import Screen
-from unghost.cli.waiting import wait_for_run
+from unghost.cli.waiting import wait_for_export, wait_for_run
 from unghost.retry import PATIENCE
 
+EXPORT = {"id": 4, "dataset": "town", "state": "done", "total": 9, "done": 9}
 RUN = {"id": 21, "dataset": "town", "state": "running", "total": 9, "done": 3}
+
+
+class Impatient(Screen):
+    """Of somebody who presses Ctrl-C when the first progress is shown."""
+
+    @contextmanager
+    def progress(self, *_):
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        yield interrupt
 
 
 def test_a_run_whose_server_is_away_goes_on_and_can_be_followed(closed_port, capsys):
@@ -27,6 +42,25 @@ def test_a_run_whose_server_is_away_goes_on_and_can_be_followed(closed_port, cap
     assert "run 21 goes on with the server: `unghost wait 21` follows it" in said
 
 
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (json_reply({**EXPORT, "state": "cancelled"}), "was cancelled; the same"),
+        (problem(409, "export_over"), "was over already, and the same"),
+        (problem(403, "forbidden"), "goes on at the server, and the same"),
+    ],
+)
+def test_an_interrupted_export_is_ended_and_says_so(scripted, client, answer, words):
+    told = json.dumps({**EXPORT, "state": "running"})
+    events = f"event: progress\nid: 1\ndata: {told}\n\n"
+    scripted.answer(Reply(body=events.encode()), answer)
+
+    with pytest.raises(KeyboardInterrupt, match=f"export 4 {words} command makes it"):
+        wait_for_export(client, Export.read(EXPORT), Impatient())
+
+    assert scripted.asked[-1].path == "/api/v1/exports/4/cancel"
+
+
 def test_who_waits_outlasts_a_server_that_is_started_anew(scripted, client):
     silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
     done = {**RUN, "state": "done", "done": 9}
@@ -38,8 +72,7 @@ def test_who_waits_outlasts_a_server_that_is_started_anew(scripted, client):
 
 
 def test_who_waits_for_an_export_outlasts_it_too(scripted, client):
-    export = {"id": 4, "dataset": "town", "state": "done", "total": 9, "done": 9}
     silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
-    scripted.answer(*silence, json_reply(export))
+    scripted.answer(*silence, json_reply(EXPORT))
 
     assert client.wait_for_export(4, timeout_s=60).state == "done"
