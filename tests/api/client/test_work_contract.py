@@ -85,6 +85,13 @@ def test_an_export_is_made_and_downloaded(client, filled, tmp_path):
     assert sum(name.endswith("000001.txt") for name in names) == 1
 
 
+def test_an_export_that_is_over_cannot_be_cancelled(client, filled):
+    export = client.wait_for_export(client.start_export(filled, "yolo"))
+
+    with pytest.raises(unghost.Conflict, match=f"export {export.id} is done already"):
+        client.cancel_export(export)
+
+
 def test_decisions_are_exported_as_lines(client, filled, tmp_path):
     export = client.wait_for_export(client.start_export(filled, "decisions-jsonl"))
 
