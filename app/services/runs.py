@@ -69,6 +69,8 @@ def cancel_run(context: ServiceContext, session: Session, run_id: int) -> Run:
     run.state, run.finished_at = "cancelled", utc_now()
     session.flush()
     LedgerRepository(session).forget(job_of(run_id))
+    # One that had to wait for it has been looked at already.
+    start_after(context, session)
     return run
 
 

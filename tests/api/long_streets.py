@@ -9,7 +9,7 @@ from filter_core.palettes import FAMILIES
 from tests.api import frames as scene
 from tests.api.resources import Api
 
-LARGER = 20
+LARGER = 28
 WIDE, HIGH = scene.WIDTH * LARGER, scene.HEIGHT * LARGER
 FROM_PIXELS = {"profile": "carlasimu"}
 """A configuration that needs other numbers than a new dataset has."""
@@ -32,7 +32,7 @@ def annotation(number: int) -> dict[str, object]:
 
 
 def fill(api: Api, frames: int) -> str:
-    """A dataset of so many frames, each of which takes some ten milliseconds."""
+    """A dataset of so many frames, each of which takes some twenty milliseconds."""
     tags = np.kron(scene.tags(), np.ones((LARGER, LARGER), np.uint8))
     noise = np.random.default_rng(7).integers(0, 2, tags.shape, np.uint8)
     palette = FAMILIES[scene.FAMILY]

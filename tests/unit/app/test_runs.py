@@ -214,6 +214,20 @@ def test_a_run_that_could_not_be_cancelled_goes_on(services):
     assert services.context.engine.interrupted() == set()
 
 
+def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
+    """Whoever was asked for it has looked already, and would look again much later."""
+    street = services.dataset()
+    put(street, "a")
+    before = street.request({"min_visible_pixels": 10**6})
+    run_id = street.request({"min_visible_pixels": 10**5})
+    assert not carry_out(services.context, run_id)
+
+    with services.context.database.write() as session:
+        cancel_run(services.context, session, before)
+
+    assert street.wait(run_id).state == "done"
+
+
 def test_progress_is_seen_while_the_last_transaction_is_open(services):
     street = services.dataset()
     put(street, "a")
