@@ -47,8 +47,8 @@ class LedgerRepository:
 
     def withdraw_decision(self, job: Job) -> None:
         """Let whoever decides a run notice that somebody is about to cancel it."""
-        rows = delete(Chunk).where(*_of(job), Chunk.number == DECISION)
-        self._session.execute(rows)
+        waiting = Chunk.number == DECISION, Chunk.state == "waiting"
+        self._session.execute(delete(Chunk).where(*_of(job), *waiting))
 
     def find(self, job: Job, number: int) -> Chunk | None:
         """A chunk, unless its job was forgotten."""

@@ -230,6 +230,16 @@ def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
     assert street.run(NOTHING_VISIBLE).state == "done"
 
 
+def test_a_decision_that_was_given_up_is_not_withdrawn(street):
+    """It is kept for who wants to know, also if somebody cancels too late."""
+    run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
+
+    with street.context.database.write() as session:
+        LedgerRepository(session).withdraw_decision(job_of(run.id))
+
+    assert [chunk.state for chunk in left(street, Chunk, run)] == ["quarantined"]
+
+
 def test_a_decision_that_is_interrupted_is_not_to_blame(street):
     run_id = cut_off_deciding(street, 1)
 
