@@ -21,7 +21,7 @@ from filter_core.image_header import ImageHeader
 
 Bytes: TypeAlias = NDArray[np.uint8]
 
-MOST_BYTES: Final = 1 << 26
+_MOST_BYTES: Final = 1 << 26
 """Bytes of pixels that are held twice or thrice on the way; OpenCV alone holds them
 once."""
 _CHANNELS: Final = {"rgb": 3, "rgba": 4}
@@ -57,11 +57,13 @@ class InflatedPng:
         shape = header.height, header.width, channels
         size = header.height * (1 + header.width * channels)
         is_plain = header.media_type == "image/png" and header.bit_depth == 8
-        if not (channels and is_plain) or any(content[_METHODS]) or size > MOST_BYTES:
+        if not (channels and is_plain) or any(content[_METHODS]) or size > _MOST_BYTES:
             return None
         parts = _Parts.of(content)
-        data = None if parts is None else _inflated(parts.body, size)
-        if parts is None or data is None:
+        if parts is None:
+            return None
+        data = _inflated(parts.body, size)
+        if data is None:
             return None
         rows = np.frombuffer(data, np.uint8).reshape(header.height, -1)
         return cls(parts.head, rows, shape)

@@ -59,7 +59,7 @@ class BeforeAndAfter:
             yield cls(before, after)
 
 
-def decide_all(context: ServiceContext, run_id: int, begun: Stored) -> None:
+def decide_all(context: ServiceContext, run_id: int, stored: Stored) -> None:
     """Decide all boxes of a run and end it, unless frames have come in meanwhile.
 
     Raises
@@ -79,7 +79,7 @@ def decide_all(context: ServiceContext, run_id: int, begun: Stored) -> None:
             switch(context, session, run, scope.config)
             LedgerRepository(session).forget(scope.job)
         else:
-            begun(session)
+            stored(session)  # what was measured meanwhile: a sign of life
 
 
 def switch(
