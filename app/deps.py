@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from typing import Annotated, Final, TypeVar
 
 from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
 from fastapi import Depends, Path, Query, Request
-from fastapi.security import APIKeyCookie, HTTPBearer
+from fastapi.security import HTTPBearer
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
@@ -16,11 +16,10 @@ from app.db.engine import Database
 from app.errors import DatabaseBusy, Forbidden, Unauthorised
 from app.security import (
     SAFE_METHODS,
-    SESSION_COOKIE,
     Principal,
     Role,
     bearer_token,
-    comes_from_own_page,
+    comes_from_no_other_page,
 )
 from app.services import access
 from app.services.audit import AuditTrail
@@ -31,8 +30,11 @@ from app.settings import Settings
 Result = TypeVar("Result")
 
 MAX_ID: Final = 2**63 - 1
-MAX_WRITERS: Final = 16
-"""Well below the 40 threads that anyio gives to the routes of a process."""
+MAX_WRITERS: Final = 12
+MAX_UPLOADS: Final = 8
+"""Together well below the 40 threads that anyio gives to the routes of a process, and
+below the connections that it may have. Frames have places of their own: no answer of a
+person is to wait for them."""
 WRITE_WAIT_S: Final = 30
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
@@ -84,20 +86,19 @@ async def authorise(request: Request, needed: Role) -> Principal:
 
 async def _identify(request: Request) -> Principal:
     header = request.headers.get("authorization")
-    cookie = request.cookies.get(SESSION_COOKIE)
-    if header is None and cookie is None:
+    if header is None:
         raise Unauthorised("show a token: Authorization: Bearer ug_...")
     callers = services_of(request).callers
-    shown = f"session {cookie}" if header is None else f"token {header}"
-    principal = callers.find(shown)
+    principal = callers.find(header)
     if principal is None:
         before = callers.taken_back
-        secret = (cookie if header is None else bearer_token(header)) or ""
+        secret = bearer_token(header) or ""
         with unless_guessing(request, secret):
-            principal = await run_in_threadpool(_look_up, request, header, secret)
-        callers.remember(shown, principal, before)
-    by_page = header is None and request.method not in SAFE_METHODS
-    if by_page and not comes_from_own_page(request.headers):
+            principal = await run_in_threadpool(_look_up, request, secret)
+        callers.remember(header, principal, before)
+    services_of(request).last_uses.note(principal.token_id)
+    by_page = principal.session_hash is not None and request.method not in SAFE_METHODS
+    if by_page and not comes_from_no_other_page(request.headers):
         raise Forbidden("the page's session only writes for the page itself")
     return principal
 
@@ -116,11 +117,15 @@ def unless_guessing(request: Request, secret: str) -> Iterator[None]:
     guesses.succeeded(address, secret)
 
 
-def _look_up(request: Request, header: str | None, secret: str) -> Principal:
+def is_no_guess(request: Request, secret: str) -> None:
+    """This was given out just now: no neighbour who guesses keeps its owner out."""
+    address = request.client.host if request.client else None
+    services_of(request).failed_logins.succeeded(address, secret)
+
+
+def _look_up(request: Request, secret: str) -> Principal:
     with database_of(request).read() as session:
-        if header is not None:
-            return access.by_token(session, secret)
-        return access.by_session(session, secret)
+        return access.by_secret(session, secret)
 
 
 def current_principal(request: Request) -> Principal:
@@ -151,7 +156,18 @@ async def writers_turn(request: Request) -> AsyncIterator[None]:
     Only one transaction writes at a time. If all threads waited for it, it would not
     get one itself to make its answer and to commit.
     """
-    places: CapacityLimiter = request.app.state.writers
+    async with _place(request, request.app.state.writers):
+        yield
+
+
+async def uploads_turn(request: Request) -> AsyncIterator[None]:
+    """A place among the requests that store frames; the others wait for one."""
+    async with _place(request, request.app.state.uploads):
+        yield
+
+
+@asynccontextmanager
+async def _place(request: Request, places: CapacityLimiter) -> AsyncIterator[None]:
     try:
         places.acquire_on_behalf_of_nowait(request)
     except WouldBlock:
@@ -171,6 +187,7 @@ async def _wait_for(places: CapacityLimiter, request: Request) -> None:
 
 
 WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
+UploadsTurn = Annotated[None, Depends(uploads_turn, scope="function")]
 
 
 async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[Session]:
@@ -179,11 +196,27 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     It begins with the route's first statement. A route that has its answer ready may
     commit in its own thread; what is left to do here then needs none.
     """
-    transaction = database_of(request).write()
+    if request.method == "DELETE":
+        services_of(request).reserve.give_up()
+    async with _transaction(request, person=True) as session:
+        repeatable = getattr(request.state, "repeatable", None)
+        if repeatable is not None:
+            claim_on_begin(session, repeatable)
+        yield session
+
+
+async def upload_session(
+    request: Request, _turn: UploadsTurn
+) -> AsyncIterator[Session]:
+    """As `write_session`, for frames: answers of people are stored before them."""
+    async with _transaction(request, person=False) as session:
+        yield session
+
+
+@asynccontextmanager
+async def _transaction(request: Request, *, person: bool) -> AsyncIterator[Session]:
+    transaction = database_of(request).write(person=person)
     session = transaction.__enter__()
-    repeatable = getattr(request.state, "repeatable", None)
-    if repeatable is not None:
-        claim_on_begin(session, repeatable)
     request.state.write_session = session
     try:
         yield session
@@ -206,15 +239,7 @@ BEARER = Depends(
     HTTPBearer(
         auto_error=False,
         scheme_name="token",
-        description="A token (ug_...), as printed at first start.",
-    )
-)
-COOKIE = Depends(
-    APIKeyCookie(
-        name=SESSION_COOKIE,
-        auto_error=False,
-        scheme_name="session",
-        description="The page's session; writing needs the page's own Origin.",
+        description="A token (ug_...), or the session of the page (us_...).",
     )
 )
 
@@ -237,6 +262,7 @@ CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 # scope="function": it ends, and commits, before the answer is sent. 201 means stored.
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]
+UploadSession = Annotated[Session, Depends(upload_session, scope="function")]
 
 
 async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:

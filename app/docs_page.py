@@ -7,25 +7,6 @@ from html import escape
 from typing import Any, Final
 
 _METHODS: Final = ("get", "post", "put", "patch", "delete")
-_STYLE: Final = """
-:root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
-body { max-width: 60rem; margin: 0 auto; padding: 1.5rem; }
-h2 { margin: 2rem 0 0.5rem; text-transform: capitalize; }
-details { border: 1px solid color-mix(in srgb, currentcolor 20%, transparent);
-  border-radius: 8px; margin: 0.5rem 0; padding: 0.5rem 1rem; }
-summary { cursor: pointer; }
-code { font: 0.9375rem/1.5 ui-monospace, monospace; overflow-wrap: anywhere; }
-.method { display: inline-block; min-width: 4.5rem; font-weight: 700; }
-.brief { opacity: 0.75; }
-table { border-collapse: collapse; width: 100%; }
-td { border-top: 1px solid color-mix(in srgb, currentcolor 15%, transparent);
-  padding: 0.25rem 1rem 0.25rem 0; vertical-align: top; }
-"""
-
-
-def docs_style() -> str:
-    """The style sheet of the description."""
-    return _STYLE.lstrip()
 
 
 def docs_page(schema: Mapping[str, Any]) -> str:
@@ -46,7 +27,8 @@ def docs_page(schema: Mapping[str, Any]) -> str:
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<title>{title}: API</title><link rel="stylesheet" href="/docs/style.css">'
+        f"<title>{title}: API</title>"
+        '<link rel="stylesheet" href="/static/css/docs.css">'
         f"</head><body><main><h1>{title}: API</h1>"
         '<p>For machines: <a href="/openapi.json">openapi.json</a>. Every error is '
         f"<code>application/problem+json</code>.</p>{body}</main></body></html>"

@@ -10,9 +10,11 @@ AppError                     anything that the service says no to
 |   `-- NoSuchFile           the frame is there, but came without this file
 |-- Conflict                 the state, or other content, is in the way
 |   |-- FrameConflict        another frame is stored under this key
-|   `-- CountChanged         a filter selects more or fewer boxes than were seen
+|   `-- CountChanged         a list has more or fewer boxes than were expected
 |-- StaleRevision            someone changed the thing since it was looked at
-|   `-- StaleReview          ... the thing is a box under review
+|   |-- StaleReview          ... the thing is a box under review
+|   |-- LostRace             ... or was answered in the same moment
+|   `-- StaleSnapshot        ... the thing is all that a filter selects
 |-- TooLarge                 larger than a limit of the settings
 |-- TooSlow                  a body that stopped arriving
 |-- UnsupportedMedia         a media type that is not read here
@@ -129,7 +131,7 @@ class FrameConflict(Conflict):
 
 
 class CountChanged(Conflict):
-    """More or fewer boxes are selected than a person was shown."""
+    """More or fewer boxes are listed than whoever asked expected."""
 
     code = "count_changed"
 
@@ -163,6 +165,35 @@ class StaleReview(StaleRevision):
     ) -> None:
         super().__init__(
             f"box {box_id} is at revision {found}, you reviewed revision {seen}",
+            current=current,
+        )
+
+
+class LostRace(StaleRevision):
+    """A box was answered by someone else in the same moment: to clients, stale."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "someone answered one of these boxes at the same moment; look again",
+            current=None,
+        )
+        self.kind = StaleReview.code
+
+
+class StaleSnapshot(StaleRevision):
+    """A filter selects other boxes than were seen, or some of them have changed.
+
+    `current` is what a list of the filter says now: `total` and `snapshot`.
+    """
+
+    code = "stale_snapshot"
+
+    def __init__(
+        self, *, expected: int, found: int, changed: int, current: Mapping[str, Any]
+    ) -> None:
+        super().__init__(
+            f"the filter selects {found} boxes, {expected} when you looked; {changed} "
+            "of them came, were decided anew or were answered since",
             current=current,
         )
 

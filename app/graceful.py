@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import faulthandler
 import os
 import signal
 import socket
@@ -42,7 +43,8 @@ class GracefulServer(uvicorn.Server):
 
     async def main_loop(self) -> None:
         """Say that it has started, and serve: a stop from here on is a clean one."""
-        self._ready()
+        # It writes to the database, which may keep it waiting: not on the loop.
+        await asyncio.to_thread(self._ready)
         await super().main_loop()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -61,6 +63,7 @@ class GracefulServer(uvicorn.Server):
         self.config.timeout_graceful_shutdown = left_s
         await _cancelled(begun)
         await super().shutdown(sockets)
+        faulthandler.cancel_dump_traceback_later()
         server_log.info("stopped")
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
@@ -69,6 +72,9 @@ class GracefulServer(uvicorn.Server):
             with suppress(RuntimeError):  # it may have come in the middle of a line
                 server_log.warning("ended by a second signal")
             os._exit(128 + sig)
+        # If the loop stands still it never learns of the signal: no lock is taken here.
+        with suppress(ValueError, OSError, AttributeError):
+            faulthandler.dump_traceback_later(self._wait_s + 2 * LAST_S, exit=True)
         super().handle_exit(sig, frame)
 
 

@@ -20,9 +20,10 @@ from starlette.routing import Match
 from app import errors
 from app.errors import AppError, Fault
 from app.logs import current_request_id, error_log
-from app.security import SESSION_COOKIE
 from app.validation_words import in_words
+from filter_core.config_values import pointer_token
 from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.faults import MAX_FAULTS
 
 PROBLEM_TYPE: Final = "application/problem+json"
 BUSY_RETRY_S: Final = 2
@@ -64,6 +65,7 @@ _LOCKED: Final = ("locked", "busy", "deadlock", "could not serialize", "lock tim
 _FULL: Final = ("disk is full", "no space left", "disk full")
 _FULL_ERRNO: Final = (errno.ENOSPC, errno.EDQUOT)
 _READ_ONLY: Final = ("readonly database", "read-only transaction")
+_NO_DESCRIPTOR_ERRNO: Final = (errno.EMFILE, errno.ENFILE)
 _READ_ONLY_ERRNO: Final = (errno.EROFS, errno.EACCES, errno.EPERM)
 _NUL: Final = ("cannot contain nul",)
 _DAMAGED: Final = ("malformed", "not a database", "invalid page")
@@ -71,26 +73,32 @@ _DAMAGED: Final = ("malformed", "not a database", "invalid page")
 
 @dataclass(frozen=True)
 class Problem:
-    """One error as it goes over the wire."""
+    """One error as it goes over the wire; `more` faults are counted, not listed."""
 
     status: int
     code: str
     detail: str
     faults: tuple[Fault, ...] = ()
+    more: int = 0
     headers: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def document(self, *, instance: str, request_id: str) -> dict[str, Any]:
         """The problem itself; `instance` is the path that was asked for."""
+        extra = {"more_errors": self.more} if self.more else {}
         return {
             "type": "about:blank",
             "title": HTTPStatus(self.status).phrase,
             "status": self.status,
-            "detail": self.detail,
+            "detail": _sayable(self.detail),
             "instance": instance,
             "code": self.code,
             "request_id": request_id,
-            "errors": [vars(fault) for fault in self.faults],
+            "errors": [
+                {name: _sayable(said) for name, said in vars(fault).items()}
+                for fault in self.faults
+            ],
+            **extra,
             **jsonable_encoder(self.extra),
         }
 
@@ -102,6 +110,11 @@ class Problem:
             headers=dict(self.headers),
             media_type=PROBLEM_TYPE,
         )
+
+
+def _sayable(text: str) -> str:
+    # Whatever is repeated of a request: half of a character would be an error of ours.
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def install(app: FastAPI) -> None:
@@ -127,7 +140,7 @@ async def _answer(request: Request, exc: Exception) -> Response:
 
 def _methods_at(request: Request) -> Iterator[str]:
     # Starlette names the methods of the first route that fits the path only.
-    for method in ("GET", "POST", "PUT", "PATCH", "DELETE"):
+    for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
         scope: dict[str, Any] = {"type": "http", "method": method, "headers": []}
         scope |= {"path": request.url.path, "root_path": "", "app": request.app}
         routes = request.app.router.routes
@@ -161,6 +174,12 @@ def _translated(exc: Exception) -> Exception:
         error_log.error("no room left", exc_info=exc)
         return errors.StorageFull(
             "there is no room left to store this", retry_after_s=AWAY_RETRY_S
+        )
+    if number in _NO_DESCRIPTOR_ERRNO:
+        error_log.error("too many files are open", exc_info=exc)
+        return errors.NotReady(
+            "too many files and connections are open; try again",
+            retry_after_s=AWAY_RETRY_S,
         )
     if number in _READ_ONLY_ERRNO or _says(exc, _READ_ONLY):
         error_log.error("the data folder is read-only", exc_info=exc)
@@ -206,7 +225,9 @@ def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
 def _app_problem(exc: AppError) -> Problem:
     status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
     headers, extra = dict(_headers_of(exc)), dict(_more_of(exc))
-    return Problem(int(status), exc.kind, exc.detail, exc.faults, headers, extra)
+    return Problem(
+        int(status), exc.kind, exc.detail, exc.faults, headers=headers, extra=extra
+    )
 
 
 def _more_of(exc: AppError) -> Iterator[tuple[str, Any]]:
@@ -229,9 +250,11 @@ def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
 
 
 def _filter_problem(exc: FilterError) -> Problem:
-    single = exc.errors if isinstance(exc, AnnotationErrors) else (exc,)
-    faults = [Fault(one.pointer, one.kind, one.detail) for one in single]
-    return Problem(422, exc.kind, exc.detail, tuple(faults))
+    if not isinstance(exc, AnnotationErrors):
+        fault = Fault(exc.pointer, exc.kind, exc.detail)
+        return Problem(422, exc.kind, exc.detail, (fault,))
+    faults = tuple(Fault(one.pointer, one.kind, one.detail) for one in exc.errors)
+    return Problem(422, exc.kind, exc.detail, faults, exc.more_errors)
 
 
 def _http_problem(exc: HTTPException) -> Problem:
@@ -242,30 +265,25 @@ def _http_problem(exc: HTTPException) -> Problem:
 
 
 def _invalid_request(exc: RequestValidationError) -> Problem:
-    faults = tuple(_fault_of(error) for error in exc.errors())
-    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-    at = faults[0].pointer if exc.errors()[0]["loc"][0] == "body" else ""
+    errors = exc.errors()
+    faults = tuple(_fault_of(error) for error in errors[:MAX_FAULTS])
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    at = faults[0].pointer if errors[0]["loc"][0] == "body" else ""
     detail = f"{at}{': ' if at else ''}{faults[0].detail}{more}"
-    return Problem(422, "invalid_request", detail, faults)
+    return Problem(422, "invalid_request", detail, faults, len(errors) - len(faults))
 
 
 def _fault_of(error: Mapping[str, Any]) -> Fault:
     # Never the input itself: it may be a token.
     where, *path = error["loc"]
-    if error["type"] == "json_invalid":
-        detail = f"expected JSON, found a fault at character {path[0]}"
-        return Fault("", "json_invalid", detail)
     detail = in_words(error)
     if error["type"] == "missing" and not path:
         detail = "expected a body of JSON, found none"
     if where != "body":
         detail = f"{where} parameter {path[0]!r}: {detail}"
         path = [where, *path]
-    if SESSION_COOKIE in path:
-        detail = "the session cookie cannot be read"
     return Fault(_json_pointer(path), error["type"], detail)
 
 
 def _json_pointer(path: list[str | int]) -> str:
-    steps = (str(step).replace("~", "~0").replace("/", "~1") for step in path)
-    return "".join(f"/{step}" for step in steps)
+    return "".join(f"/{pointer_token(step)}" for step in path)

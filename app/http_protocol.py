@@ -1,87 +1,137 @@
 """HTTP by a parser in C; what is not HTTP is answered with a problem as well.
 
 The parser holds what it has not given on yet, and waits for as long as it takes. Nobody
-has shown a token by then, so how much and how long is bounded here.
+has shown a token by then, so how much and how long is bounded here; and so is how long
+somebody may take to read an answer.
 """
 
 from __future__ import annotations
 
 import asyncio
+import select
 import uuid
+from collections.abc import Callable
 from http import HTTPStatus
-from typing import Final, cast
+from typing import Any, Final, cast
 
 from fastapi import FastAPI
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import (
+    HttpToolsProtocol,
+    RequestResponseCycle,
+)
 
+from app.connections import MOST_TURNED_AWAY, Connections
 from app.http_errors import PROBLEM_TYPE, Problem
 from app.logs import Answered, known_as, log_answer
+from app.pieces import Pieces
 from app.settings import Settings
+from app.watched_transport import WatchedTransport
 
 MOST_UNWANTED: Final = 1 << 26
 """Bytes of a body that are read after its request was answered."""
+MOST_PIPELINED: Final = 32
+"""Requests that wait on one connection behind the one that is being answered."""
+_FULL_RETRY_S: Final = 5
+_TURN_AWAY_S: Final = 1.0
+"""How long somebody who is turned away may take to read why."""
 _MALFORMED: Final = Problem(
     400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
 )
-
-
-class Pieces:
-    """What has arrived of a body and was not asked for yet.
-
-    Uvicorn copies each piece into an array and the array into the message. A batch is
-    gigabytes: here a piece that is asked for before the next one comes is not copied.
-    """
-
-    def __init__(self) -> None:
-        self._pieces: list[bytes] = []
-        self._size = 0
-
-    def __iadd__(self, piece: bytes) -> Pieces:
-        self._pieces.append(piece)
-        self._size += len(piece)
-        return self
-
-    def __len__(self) -> int:
-        return self._size
-
-    def __bytes__(self) -> bytes:
-        return self._pieces[0] if len(self._pieces) == 1 else b"".join(self._pieces)
 
 
 class ProblemProtocol(HttpToolsProtocol):
     """Uvicorn's HTTP/1.1, but for the answer to what it cannot parse, and bounded."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Wait for the first request, but not for ever."""
-        settings: Settings = cast("FastAPI", self.config.app).state.settings
+        """Wait for the first request, but not for ever; or say that all is full."""
+        state = cast("FastAPI", self.config.app).state
+        settings: Settings = state.settings
+        self._others: Connections = state.connections
         self._most = int(settings.max_head_bytes)
         self._head_wait_s = settings.head_wait_s
         self._body_wait_s = settings.body_wait_s
         self._held = self._unwanted = 0
         self._gives = self._has_begun = False
+        self._is_turned_away = self._is_signed_in = self._asks_too_much = False
         self._fault = _MALFORMED
         self._patience: asyncio.TimerHandle | None = None
-        super().connection_made(cast("asyncio.Transport", transport))
-        self._be_patient(self._head_wait_s)
+        self._answered: RequestResponseCycle | None = None
+        self._writer = WatchedTransport(
+            cast("asyncio.Transport", transport), self.loop, settings.answer_wait_s
+        )
+        super().connection_made(cast("asyncio.Transport", self._writer))
+        refusal = self._others.refusal(self)
+        if refusal is None:
+            self._be_patient(self._head_wait_s)
+        else:
+            self._turn_away(refusal)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Nobody is waited for any more."""
+        """Nobody is waited for any more, and whoever answers is told so."""
         self._stop_waiting()
+        self._writer.stop()
+        self._others.leave(self)
+        answered = self._answered
+        if answered is not None and not answered.response_complete:
+            # Uvicorn tells the last request that came, which may still wait its turn.
+            answered.disconnected = True
+            answered.message_event.set()
         super().connection_lost(exc)
+
+    @property
+    def address(self) -> str | None:
+        """Where the connection comes from; behind a proxy, the proxy's address."""
+        return self.client[0] if self.client else None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a valid token or session was shown on this connection."""
+        return self._is_signed_in or _is_signed_in(self._answered)
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether nothing came that was not read, and nothing has to be sent."""
+        if self.transport.get_write_buffer_size():
+            return False
+        return not _has_arrived(self.transport.get_extra_info("socket").fileno())
+
+    def give_way(self) -> None:
+        """Hang up at once: another connection needs the place."""
+        self.transport.abort()
+
+    def _turn_away(self, refusal: str) -> None:
+        if len(self._others.turned_away) >= MOST_TURNED_AWAY:
+            self.transport.abort()
+            return
+        self._is_turned_away = True
+        self._others.turned_away.add(self)
+        headers = {"Retry-After": str(_FULL_RETRY_S)}
+        status = HTTPStatus.SERVICE_UNAVAILABLE
+        self._say(Problem(status, "too_many_connections", refusal, headers=headers))
+        # Closed with a request unread, the answer would be lost on some systems.
+        self.transport.write_eof()
+        self._be_patient(_TURN_AWAY_S)
 
     def data_received(self, data: bytes) -> None:
         """Parse; what the parser keeps to itself may not grow without end."""
+        if self._is_turned_away:
+            self.transport.close()
+            return
         self._gives = False
         super().data_received(data)
         self._held = 0 if self._gives else self._held + len(data)
-        if self._held > self._most:
+        if self._held > self._most and not self._asks_too_much:
             self._refuse(self._too_long())
 
     def on_message_begin(self) -> None:
         """A request begins: the first one, or another on the same connection."""
+        if len(self.pipeline) >= MOST_PIPELINED:
+            self._asks_too_much = True
+            raise ValueError("too many requests wait")  # the parser stops
         super().on_message_begin()
         self._has_begun = True
         self._unwanted = 0
+        self._others.work(self)
         if self._patience is None:
             self._be_patient(self._head_wait_s)
 
@@ -120,13 +170,29 @@ class ProblemProtocol(HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         """Wait for the rest of a body that nobody wants, or for the next request."""
+        self._is_signed_in = self.is_known
         is_whole = not self.cycle.more_body
         self._be_patient(self._head_wait_s if is_whole else self._body_wait_s)
         super().on_response_complete()
+        if self.pipeline:  # what came already is answered before more is read
+            self.flow.pause_reading()
+        elif not self._has_begun and not self._is_answering():
+            self._others.wait(self)
+
+    def _start_asgi_task(
+        self, cycle: RequestResponseCycle, app: Callable[..., Any]
+    ) -> None:
+        self._answered = cycle
+        super()._start_asgi_task(cycle, app)
 
     def send_400_response(self, msg: str) -> None:
         """Answer and hang up. No request exists yet, so no middleware sees this."""
-        self._refuse(self._fault)
+        if self._asks_too_much:
+            # What was taken is answered; its client asks for the rest once more.
+            self.cycle.keep_alive = False
+            self.flow.pause_reading()
+        else:
+            self._refuse(self._fault)
 
     def _be_patient(self, seconds: float) -> None:
         self._stop_waiting()
@@ -162,23 +228,38 @@ class ProblemProtocol(HttpToolsProtocol):
     def _refuse(self, problem: Problem) -> None:
         if self.transport.is_closing():
             return
-        if self._is_answering():  # another answer is on its way: only hang up
-            self.transport.close()
-            return
+        if not self._is_answering():  # else only hang up: an answer is on its way
+            self._say(problem)
+        self.transport.close()
+
+    def _say(self, problem: Problem) -> None:
         request_id = uuid.uuid4().hex
         answer = problem.response(instance="", request_id=request_id)
-        client = self.client[0] if self.client else None
         with known_as(request_id):
+            client = self.address
             log_answer(Answered("-", "-", None, problem.status, 0.0, None, client))
         status = HTTPStatus(problem.status)
         head = (
             f"HTTP/1.1 {status.value} {status.phrase}",
             f"content-type: {PROBLEM_TYPE}",
             f"content-length: {len(answer.body)}",
+            *(f"{name.lower()}: {value}" for name, value in problem.headers.items()),
             "x-content-type-options: nosniff",
             f"x-request-id: {request_id}",
             "connection: close",
         )
         self.transport.write("\r\n".join((*head, "", "")).encode())
         self.transport.write(bytes(answer.body))
-        self.transport.close()
+
+
+def _is_signed_in(cycle: RequestResponseCycle | None) -> bool:
+    return cycle is not None and "principal" in cycle.scope.get("state", {})
+
+
+def _has_arrived(descriptor: int) -> bool:
+    """Whether bytes wait in a socket; False where nobody can tell (Windows)."""
+    if not hasattr(select, "poll"):
+        return False
+    looked_at = select.poll()
+    looked_at.register(descriptor, select.POLLIN)
+    return bool(looked_at.poll(0))

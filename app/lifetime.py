@@ -10,12 +10,12 @@ from app.db.engine import Database
 from app.db.migrate import migrate
 from app.engine import LocalEngine
 from app.engine.cluster import ClusterEngine, Scheduler
+from app.engine.pixels import PixelPool
 from app.engine.wire import Certificates
 from app.engine_address import LOCAL
 from app.repositories.leases import LeaseRepository
 from app.repositories.locks import migrating_alone
 from app.resources import migrations_dir
-from app.services import access
 from app.services.context import ServiceContext
 from app.services.data_folder import (
     check_same_version,
@@ -23,9 +23,14 @@ from app.services.data_folder import (
     keep_private,
 )
 from app.services.file_store import check_moved, usable_store
+from app.services.first_token import ensure_first_token
 from app.services.idempotency import forget_old_answers
 from app.services.job_watch import watching_jobs
+from app.services.page_check import checking_pages
+from app.services.removals import removing
+from app.services.room import Reserve
 from app.services.safety_copies import keep_before_migrating
+from app.services.token_upkeep import keeping_tokens
 from app.settings import Settings
 from app.storage import make_folder, open_store
 from filter_core.config import FilterConfig
@@ -37,6 +42,7 @@ from filter_core.errors import FilterError
 def running(settings: Settings) -> Iterator[ServiceContext]:
     """Bring the data folder up to date, open everything, and close it at the end."""
     make_folder(settings.data)
+    Reserve(settings.data).give_up()
     default_config = _default_config(settings)
     with usable_store(settings):
         store = open_store(settings)
@@ -48,7 +54,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             keep_before_migrating(settings, database.engine)
             migrate(database.engine, migrations_dir())
         with database.write() as session:
-            access.ensure_first_token(session, settings.token_file)
+            ensure_first_token(session, settings.token_file)
             forget_old_answers(session, timedelta(hours=settings.idempotency_hours))
         with usable_store(settings):
             store.prepare()
@@ -58,10 +64,16 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             database=database,
             storage=store,
             engine=_engine(settings, database),
+            pixels=pixel_pool(settings),
             default_config=default_config,
         )
         try:
-            with watching_jobs(services):
+            with (
+                watching_jobs(services),
+                removing(services),
+                checking_pages(services),
+                keeping_tokens(services),
+            ):
                 yield services
         finally:
             services.close()
@@ -88,6 +100,7 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
             database=database,
             storage=store,
             engine=LocalEngine(settings.workers),
+            pixels=pixel_pool(settings),
         )
         try:
             yield services
@@ -109,6 +122,16 @@ def _engine(settings: Settings, database: Database) -> LocalEngine:
 def certificates_of(settings: Settings) -> Certificates:
     """What this node shows to others, and whom it believes."""
     return Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
+
+
+def pixel_pool(settings: Settings) -> PixelPool:
+    """Child processes for pictures, as many as threads wait for them."""
+    return PixelPool(
+        settings.workers,
+        seconds=settings.max_pixel_seconds,
+        memory_bytes=int(settings.max_pixel_memory_bytes),
+        preload=("app.services.pixel_work", "app.services.drawing"),
+    )
 
 
 class UnusableConfig(Exception):

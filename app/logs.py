@@ -25,7 +25,7 @@ server_log: Final = logging.getLogger("unghost.server")
 TEXT: Final = "%(asctime)s %(levelname)s %(name)s [%(request_id)s] %(message)s"
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 # Nothing here logs a token; somebody may put one into an address all the same.
-_TOKEN: Final = re.compile(r"ug_[A-Za-z0-9_-]{20,}")
+_TOKEN: Final = re.compile(r"(u[gscd]_)[A-Za-z0-9_-]{20,}")
 
 
 @contextmanager
@@ -45,7 +45,7 @@ def one_line(text: str) -> str:
 
 def harmless(text: str) -> str:
     """One line of text without tokens."""
-    return _TOKEN.sub("ug_...", one_line(text))
+    return _TOKEN.sub(r"\1...", one_line(text))
 
 
 class OneRecordPerLine(logging.Formatter):
@@ -59,6 +59,13 @@ class OneRecordPerLine(logging.Formatter):
         record.request_id = current_request_id.get()
         record.message = harmless(record.message)
         return super().formatMessage(record)
+
+    def format(self, record: logging.LogRecord) -> str:
+        """A record, and below it the calls that it may name."""
+        calls = getattr(record, "facts", {}).get("stack", ())
+        return "\n".join(
+            [super().format(record), *(f"  | {harmless(c)}" for c in calls)]
+        )
 
     def formatException(self, ei: object) -> str:  # noqa: N802  # logging's name
         """A traceback, each line marked as a continuation."""

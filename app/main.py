@@ -14,7 +14,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
 from app import http_errors, openapi, routes
-from app.deps import MAX_WRITERS
+from app.bodies import MAX_READERS
+from app.connections import Connections
+from app.deps import MAX_UPLOADS, MAX_WRITERS
 from app.draining import NoNewWork
 from app.lifetime import running
 from app.metrics import RequestMetrics
@@ -28,8 +30,9 @@ from app.middleware import (
 )
 from app.page_files import content_security_policy
 from app.resources import static_dir
-from app.routing import repeat_answer
+from app.routing import ReadingPlaces, repeat_answer
 from app.services.idempotency import AlreadyAnswered
+from app.services.loop_watch import LoopWatch
 from app.services.readiness import Readiness
 from app.settings import Settings
 from app.version import VERSION
@@ -51,6 +54,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
     )
     app.state.settings, app.state.metrics = settings, metrics
+    app.state.connections = Connections.of(settings)
     http_errors.install(app)
     app.add_exception_handler(AlreadyAnswered, repeat_answer)
     for router in _routers():
@@ -71,18 +75,26 @@ def _routers() -> Iterator[APIRouter]:
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     # Opening and closing block (migrations, waiting for work to stop): off the loop.
     lifetime = running(app.state.settings)
+    workers = app.state.settings.workers
     app.state.writers = CapacityLimiter(MAX_WRITERS)
-    app.state.readiness = Readiness()
-    try:
-        services = await run_in_threadpool(lifetime.__enter__)
-    except Exception as exc:
-        app.state.failure = exc  # a server only reports that there was one
-        raise
-    app.state.database, app.state.services = services.database, services
-    try:
-        yield
-    finally:
-        await run_in_threadpool(lifetime.__exit__, None, None, None)
+    app.state.uploads = CapacityLimiter(MAX_UPLOADS)
+    app.state.readers = CapacityLimiter(MAX_READERS)
+    app.state.reading = ReadingPlaces()
+    app.state.preparing = CapacityLimiter(MAX_UPLOADS + workers)
+    app.state.drawings = CapacityLimiter(workers)
+    watch = LoopWatch()
+    app.state.readiness = Readiness(watch)
+    with watch.watching():
+        try:
+            services = await run_in_threadpool(lifetime.__enter__)
+        except Exception as exc:
+            app.state.failure = exc  # a server only reports that there was one
+            raise
+        app.state.database, app.state.services = services.database, services
+        try:
+            yield
+        finally:
+            await run_in_threadpool(lifetime.__exit__, None, None, None)
 
 
 def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middleware]:
@@ -94,9 +106,5 @@ def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middlewar
         Middleware(Problems),
         Middleware(NoNewWork),
         Middleware(KnownHosts, hosts=settings.served_hosts),
-        Middleware(
-            BodyLimit,
-            max_body_bytes=int(settings.max_body_bytes),
-            wait_s=settings.body_wait_s,
-        ),
+        Middleware(BodyLimit, wait_s=settings.body_wait_s),
     ]

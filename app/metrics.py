@@ -41,6 +41,18 @@ MEASURE_SECONDS: Final = Histogram(
     "Time to measure the boxes of a decoded frame.",
     buckets=WORK_BUCKETS_S,
 )
+LOOP_STALLS: Final = Counter(
+    "unghost_loop_stalls_total",
+    "How often the event loop stood still for more than a second.",
+)
+LOOP_STALL_SECONDS: Final = Counter(
+    "unghost_loop_stall_seconds_total", "How long it stood in all, once it went on."
+)
+PIXEL_PROCESSES_ENDED: Final = Counter(
+    "unghost_pixel_processes_ended_total",
+    "Processes that read pictures and were ended, by a limit or by a picture.",
+    ("reason",),
+)
 
 WORK: Final[tuple[Instrument, ...]] = (
     FRAMES,
@@ -51,6 +63,9 @@ WORK: Final[tuple[Instrument, ...]] = (
     REVIEWS,
     DECODE_SECONDS,
     MEASURE_SECONDS,
+    LOOP_STALLS,
+    LOOP_STALL_SECONDS,
+    PIXEL_PROCESSES_ENDED,
 )
 """Of this process since it started; what is stored counts once it is committed."""
 

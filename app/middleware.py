@@ -27,7 +27,9 @@ from app.security import host_name
 from app.settings import ANY_HOST
 
 BODY_ALLOWANCE: Final = "unghost.body_allowance"
-"""Key of the ASGI scope: a `BodyAllowance`, which a route may raise for itself."""
+"""Key of the ASGI scope: a `BodyAllowance`, which a route sets for itself."""
+MAX_UNASKED_BYTES: Final = 4096
+"""A body that no route asked for; also one with a token to log in."""
 
 SECURITY_HEADERS: Final[Mapping[str, str]] = {
     "X-Content-Type-Options": "nosniff",
@@ -191,22 +193,35 @@ class KnownHosts:
 
 @dataclass
 class BodyAllowance:
-    """How large the body of one request may be, and how long it may take."""
+    """How large the body of one request may be, and how long it may take.
 
-    max_bytes: int
+    `announced` is the Content-Length; `until` is on the clock of `time.monotonic`.
+    """
+
+    announced: int
+    max_bytes: int = MAX_UNASKED_BYTES
     until: float = math.inf
-    """On the clock of `time.monotonic`."""
+
+    def limit_to(self, max_bytes: int) -> None:
+        """Allow so many bytes; TooLarge if more are announced."""
+        self.max_bytes = max_bytes
+        self.check(self.announced)
+
+    def check(self, size: int) -> None:
+        """Raise TooLarge if a body of this size is not allowed."""
+        if size > self.max_bytes:
+            raise TooLarge(f"the body is larger than {self.max_bytes} bytes")
 
 
 class BodyLimit:
     """Stops reading a body that is larger than allowed, whatever it said it was.
 
+    Hardly anything is allowed before a route has said what it takes.
     One that stops arriving is not waited for either: it would hold its place for ever.
     """
 
-    def __init__(self, app: ASGIApp, max_body_bytes: int, wait_s: float) -> None:
+    def __init__(self, app: ASGIApp, wait_s: float) -> None:
         self._app = app
-        self._max_body_bytes = max_body_bytes
         self._wait_s = wait_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -214,8 +229,9 @@ class BodyLimit:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        allowance = scope[BODY_ALLOWANCE] = BodyAllowance(self._max_body_bytes)
-        announced = Headers(scope=scope).get("content-length", "0")
+        length = Headers(scope=scope).get("content-length", "0")
+        announced = int(length) if length.isdecimal() else 0
+        allowance = scope[BODY_ALLOWANCE] = BodyAllowance(announced)
         received = 0
         is_whole = False
 
@@ -226,9 +242,7 @@ class BodyLimit:
             message = await self._next(receive, allowance)
             is_whole = not message.get("more_body", False)
             received += len(message.get("body", b""))
-            promised = int(announced) if announced.isdecimal() else 0
-            if max(received, promised) > allowance.max_bytes:
-                raise TooLarge(f"the body is larger than {allowance.max_bytes} bytes")
+            allowance.check(max(received, announced))
             return message
 
         await self._app(scope, receive_limited, send)

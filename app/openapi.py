@@ -9,6 +9,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 
 from app.http_errors import PROBLEM_TYPE
+from filter_core.faults import MAX_FAULTS
 
 _TEXT: Final = {"type": "string"}
 FAULT_SCHEMA: Final = {
@@ -39,7 +40,16 @@ PROBLEM_SCHEMA: Final = {
         "instance": _TEXT,
         "code": _TEXT,
         "request_id": _TEXT,
-        "errors": {"type": "array", "items": {"$ref": "#/components/schemas/Fault"}},
+        "errors": {
+            "type": "array",
+            "maxItems": MAX_FAULTS,
+            "items": {"$ref": "#/components/schemas/Fault"},
+        },
+        "more_errors": {
+            "type": "integer",
+            "description": "How many more errors there are than are listed; absent "
+            "where none are.",
+        },
         "current": {"type": ["object", "null"]},
     },
 }

@@ -1,6 +1,7 @@
 """The router of every route: nobody can forget who may call it, or what it takes.
 
-Before a body is read: authorisation, unknown query parameters, the media type. Around
+Before a body is read: authorisation, its limit, unknown query parameters, the media
+type. Around
 the work: Idempotency-Key. The rest of a route is its own.
 """
 
@@ -9,7 +10,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from datetime import timedelta
+from functools import partial
 from typing import Any, Final
+from weakref import WeakValueDictionary
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Request, params
@@ -19,9 +22,11 @@ from pydantic import BaseModel
 from starlette.convertors import Convertor, register_url_convertor
 from starlette.responses import Response
 
-from app.deps import BEARER, COOKIE, authorise, settings_of, write_session
+from app.bodies import StrictRequest, beside_the_loop
+from app.deps import BEARER, authorise, settings_of, write_session
 from app.errors import UnknownParameter, UnsupportedMedia
-from app.middleware import BODY_ALLOWANCE
+from app.head_requests import HeadRoute
+from app.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
 from app.security import SAFE_METHODS, Role
 from app.services.idempotency import (
     AlreadyAnswered,
@@ -53,36 +58,71 @@ class _AnyText(Convertor[str]):
 
 register_url_convertor("any", _AnyText())
 
-LARGE_BODY: Final = {"x-large-body": True}
-"""``openapi_extra`` of a route that streams its body: up to ``max_batch_bytes``."""
+BODY_LIMIT: Final = "x-body-limit"
+"""In ``openapi_extra`` of a route: the setting that says how large its body may be."""
 
 
-MAX_OPEN_BYTES: Final = 4096
-"""A body from somebody without a token: a token, and little else."""
+def body_up_to(setting: str) -> dict[str, str]:
+    """``openapi_extra`` of a route that reads its body by itself."""
+    return {BODY_LIMIT: setting}
 
 
-class OpenRoute(APIRoute):
+LARGE_BODY: Final = body_up_to("max_batch_bytes")
+"""Of a route that streams its body, and so cannot answer a repeated request."""
+
+
+MAX_READS_PER_TOKEN: Final = 12
+"""Of the 40 threads that the routes of a process share."""
+CLIENT_LEFT: Final = 499
+"""A status for the log alone: whoever asked has closed the connection."""
+
+
+class OpenRoute(HeadRoute):
     """A route that anybody may call; still no unknown parameters or media types."""
 
-    def allow(self, request: Request) -> None:
-        """How large and how slow the body of nobody in particular may be."""
-        allowance = request.scope[BODY_ALLOWANCE]
-        allowance.max_bytes = min(allowance.max_bytes, MAX_OPEN_BYTES)
+    @property
+    def takes_json(self) -> bool:
+        """Whether the body is read by a schema."""
+        body = self.body_field
+        return body is not None and not isinstance(body.field_info, params.Form)
+
+    @property
+    def body_setting(self) -> str | None:
+        """The setting that bounds the body; None: hardly any is taken."""
+        default = "max_json_bytes" if self.takes_json else None
+        named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
+        return named
+
+    async def admit(self, request: Request) -> None:
+        """Say how large and how slow the body of nobody in particular may be."""
+        allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
+        allowance.limit_to(min(self.max_body_bytes(request), MAX_UNASKED_BYTES))
         allowance.until = time.monotonic() + settings_of(request).body_wait_s
+
+    def max_body_bytes(self, request: Request) -> int:
+        """How large the body may be."""
+        name = self.body_setting
+        if name is None:
+            return MAX_UNASKED_BYTES
+        return int(getattr(settings_of(request), name))
+
+    async def answer(self, endpoint: Handler, request: Request) -> Response:
+        """What the endpoint says."""
+        return await endpoint(request)
 
     def get_route_handler(self) -> Handler:
         """The endpoint behind the checks that all routes share."""
         endpoint = super().get_route_handler()
         known = frozenset(_query_names(self.dependant))
-        body = self.body_field
-        takes_json = body is not None and not isinstance(body.field_info, params.Form)
+        takes_json = self.takes_json
 
         async def checked(request: Request) -> Response:
+            await self.admit(request)
             _refuse_unknown_parameters(request, known)
             if takes_json:
-                self.allow(request)
                 _expect_json(request)
-            return await endpoint(request)
+            strict = StrictRequest(request.scope, request.receive)
+            return await self.answer(endpoint, strict)
 
         return checked
 
@@ -93,33 +133,51 @@ class ApiRoute(OpenRoute):
     reading_needs = Role.VIEWER
     writing_needs = Role.REVIEWER
 
-    def allow(self, request: Request) -> None:
-        """A JSON body is held in memory: it has a smaller limit than a stream."""
-        allowance = request.scope[BODY_ALLOWANCE]
-        limit = int(settings_of(request).max_json_bytes)
-        allowance.max_bytes = min(allowance.max_bytes, limit)
+    async def admit(self, request: Request) -> None:
+        """Let in whose role allows it, and say how large their body may be."""
+        reads = request.method in SAFE_METHODS
+        await authorise(request, self.reading_needs if reads else self.writing_needs)
+        allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
+        allowance.limit_to(self.max_body_bytes(request))
 
-    def get_route_handler(self) -> Handler:
-        """The endpoint behind authorisation and idempotency."""
-        endpoint = super().get_route_handler()
-        large = LARGE_BODY.items() <= (self.openapi_extra or {}).items()
-        repeatable = is_repeatable(self) and not large
+    async def answer(self, endpoint: Handler, request: Request) -> Response:
+        """What the endpoint says; of a repeated request what it said before."""
+        if request.method == "POST" and "idempotency-key" in request.headers:
+            checked_key(request.headers["idempotency-key"])
+            if is_repeatable(self) and self.body_setting != LARGE_BODY[BODY_LIMIT]:
+                return await _answer_once(endpoint, request)
+        if request.method in SAFE_METHODS:
+            return await _read(endpoint, request)
+        return await endpoint(request)
 
-        async def authorised(request: Request) -> Response:
-            reads = request.method in SAFE_METHODS
-            await authorise(
-                request, self.reading_needs if reads else self.writing_needs
-            )
-            if large:
-                allowance = request.scope[BODY_ALLOWANCE]
-                allowance.max_bytes = settings_of(request).max_batch_bytes
-            if request.method == "POST" and "idempotency-key" in request.headers:
-                checked_key(request.headers["idempotency-key"])
-                if repeatable:
-                    return await _answer_once(endpoint, request)
-            return await endpoint(request)
 
-        return authorised
+async def _read(endpoint: Handler, request: Request) -> Response:
+    """Answer one of a few requests of a token at the same time.
+
+    The others wait without a thread, so that no token takes all of them, and those
+    whose client has left meanwhile are not answered at all.
+    """
+    places = request.app.state.reading.of(request.state.principal.token_id)
+    has_to_wait = places.available_tokens < 1
+    async with places:
+        if has_to_wait and await request.is_disconnected():
+            return Response(status_code=CLIENT_LEFT)
+        return await endpoint(request)
+
+
+class ReadingPlaces:
+    """How many requests of each token read at the same time."""
+
+    def __init__(self, most: int = MAX_READS_PER_TOKEN) -> None:
+        self._most = most
+        self._of: WeakValueDictionary[int, CapacityLimiter] = WeakValueDictionary()
+
+    def of(self, token_id: int) -> CapacityLimiter:
+        """The places of one token; forgotten when nobody reads by it."""
+        places = self._of.get(token_id)
+        if places is None:
+            places = self._of[token_id] = CapacityLimiter(self._most)
+        return places
 
 
 class ApiRouter(APIRouter):
@@ -144,7 +202,7 @@ class ApiRouter(APIRouter):
             prefix=prefix,
             tags=[tag] if tag else None,
             route_class=Guarded,
-            dependencies=[BEARER, COOKIE],
+            dependencies=[BEARER],
             redirect_slashes=False,
         )
 
@@ -180,12 +238,13 @@ async def repeat_answer(_request: Request, exc: Exception) -> Response:
 async def _answer_once(endpoint: Handler, request: Request) -> Response:
     """Call the endpoint with the key's claim prepared, and keep what it answers."""
     url = request.url
-    digest = request_digest(
+    about = (
         request.method.encode(),
         f"{url.path}?{url.query}".encode(),
         request.headers.get("content-type", "").encode(),
-        await request.body(),
     )
+    body = await request.body()
+    digest = await beside_the_loop(request, body, partial(request_digest, *about))
     repeatable = RepeatableRequest(
         request.state.principal.token_id,
         checked_key(request.headers["idempotency-key"]),
@@ -194,19 +253,36 @@ async def _answer_once(endpoint: Handler, request: Request) -> Response:
     )
     request.state.repeatable = repeatable
     response = await endpoint(request)
-
-    def store() -> None:
-        store_answer(
-            request.state.write_session,
-            repeatable,
-            status=response.status_code,
-            headers=response.headers,
-            body=getattr(response, "body", None),
-        )
-
-    # A thread of its own: the shared ones may all be waiting for this transaction.
-    await to_thread.run_sync(store, limiter=CapacityLimiter(1))
+    if request.state.repeatable is not None:
+        # A thread of its own: the shared ones may all be waiting for this transaction.
+        await to_thread.run_sync(_keep, request, response, limiter=CapacityLimiter(1))
     return response
+
+
+def committed(request: Request, response: Response) -> Response:
+    """The answer of a route that uses `WriteSession`, committed in this thread.
+
+    Else the transaction ends only when the answer was made by other threads, and all
+    that time nobody else can write. For routes that are called very often.
+    """
+    _keep(request, response)
+    request.state.write_session.commit()
+    return response
+
+
+def _keep(request: Request, response: Response) -> None:
+    """Store the answer with the work, if the request may be repeated."""
+    repeatable = getattr(request.state, "repeatable", None)
+    if repeatable is None:
+        return
+    store_answer(
+        request.state.write_session,
+        repeatable,
+        status=response.status_code,
+        headers=response.headers,
+        body=getattr(response, "body", None),
+    )
+    request.state.repeatable = None
 
 
 def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:

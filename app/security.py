@@ -11,8 +11,13 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-TOKEN_PREFIX: Final = "ug_"  # lets secret scanners recognise a leaked token
-SESSION_COOKIE: Final = "unghost_session"
+# Prefixes let secret scanners, and our own log, recognise what has leaked.
+TOKEN_PREFIX: Final = "ug_"
+SESSION_PREFIX: Final = "us_"
+LOGIN_CODE_PREFIX: Final = "uc_"
+DOWNLOAD_PREFIX: Final = "ud_"
+FORMER_COOKIE: Final = "unghost_session"
+"""What the page was let in by once. No route takes it; browsers are told to drop it."""
 SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 _SECRET_BYTES: Final = 32
 _PORT: Final = re.compile(r":\d{1,5}$")
@@ -35,7 +40,7 @@ class Role(str, Enum):
 class Principal:
     """Who is asking: a token, shown directly or through the page's session.
 
-    `name` is the reviewer. `session_hash` is set if a cookie was shown.
+    `name` is the reviewer. `session_hash` is set if a session was shown.
     """
 
     token_id: int
@@ -49,17 +54,27 @@ def new_token() -> str:
     return TOKEN_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
 
 
-def new_session_id() -> str:
-    """The value of a session cookie.
+def new_session() -> str:
+    """The secret of a page's session.
 
     Random and stored as a hash, rather than signed: logging out, or revoking the
     token, ends the session at once, and there is no signing key to lose.
     """
-    return secrets.token_urlsafe(_SECRET_BYTES)
+    return SESSION_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+
+
+def new_login_code() -> str:
+    """What a login link carries: it opens one session, within minutes."""
+    return LOGIN_CODE_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+
+
+def new_download_key() -> str:
+    """What the address of a download carries: it opens one file, for minutes."""
+    return DOWNLOAD_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
 
 
 def hash_secret(secret: str) -> str:
-    """What is stored of a token or cookie.
+    """What is stored of a token or of anything else that opens something.
 
     SHA-256 without salt or stretching is enough for 256 random bits.
     """
@@ -72,7 +87,7 @@ def same_hash(one: str, other: str) -> bool:
 
 
 def bearer_token(authorization: str) -> str | None:
-    """The token of an ``Authorization: Bearer`` header; None for any other."""
+    """The secret of an ``Authorization: Bearer`` header; None for any other."""
     scheme, _, token = authorization.strip().partition(" ")
     return token.strip() if scheme.lower() == "bearer" and token.strip() else None
 
@@ -80,18 +95,6 @@ def bearer_token(authorization: str) -> str | None:
 def host_name(host: str) -> str:
     """A Host header without its port, in lower case."""
     return _PORT.sub("", host).lower()
-
-
-def comes_from_own_page(headers: Mapping[str, str]) -> bool:
-    """True if a browser says that our own page sent this request.
-
-    SameSite does not tell ports of one machine apart; Origin and Sec-Fetch-Site do.
-    One of them must be there, and none may name another place.
-    """
-    origin, site = headers.get("origin"), headers.get("sec-fetch-site")
-    if origin is None and site is None:
-        return False
-    return comes_from_no_other_page(headers)
 
 
 def comes_from_no_other_page(headers: Mapping[str, str]) -> bool:

@@ -105,7 +105,8 @@ class Settings(BaseSettings):
         default_factory=lambda: os.cpu_count() or 1,
         ge=1,
         le=256,
-        description="Threads that measure pixels; the number of cores by default.",
+        description="Processes that read pictures, and threads that wait for them; the "
+        "number of cores by default.",
     )
     engine_insecure: bool = Field(
         default=False,
@@ -136,7 +137,8 @@ class Settings(BaseSettings):
     min_free_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
         ge=0,
-        description="Free disk space below which the service says it is not ready.",
+        description="Free disk space below which the service says it is not ready, "
+        "and takes no frames.",
     )
     shutdown_wait_s: float = Field(
         default=20,
@@ -151,6 +153,18 @@ class Settings(BaseSettings):
         description="Hours for which the answer to an Idempotency-Key is kept.",
     )
 
+    max_connections: int | None = Field(
+        default=None,
+        ge=1,
+        description="Most connections at the same time; unset: what the limit of open "
+        "files leaves room for, at most 2048.",
+    )
+    max_connections_per_address: int | None = Field(
+        default=None,
+        ge=1,
+        description="Most connections of one address, other than a trusted proxy's; "
+        "unset: half of all.",
+    )
     max_head_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024),
         ge=1024,
@@ -166,6 +180,12 @@ class Settings(BaseSettings):
         gt=0,
         description="Seconds that a body may pause before it is given up.",
     )
+    answer_wait_s: float = Field(
+        default=60,
+        gt=0,
+        description="Seconds for which a client may read nothing of its answer before "
+        "it is cut off.",
+    )
     max_body_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
         ge=1024,
@@ -174,7 +194,7 @@ class Settings(BaseSettings):
     max_json_bytes: ByteSize = Field(
         default=ByteSize(16 * 1024**2),
         ge=1024,
-        description="Largest JSON body of a request; annotations have their own limit.",
+        description="Largest JSON body of a request, and largest annotation.",
     )
     max_batch_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**3),
@@ -184,7 +204,7 @@ class Settings(BaseSettings):
     max_part_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**2),
         ge=1024,
-        description="Largest file of a frame, and largest annotation.",
+        description="Largest file of a frame.",
     )
     max_parts: int = Field(
         default=16, ge=3, le=1000, description="Most parts of one upload."
@@ -209,6 +229,19 @@ class Settings(BaseSettings):
     )
     max_image_pixels: int = Field(
         default=64_000_000, ge=1, description="Most pixels of one image."
+    )
+    max_pixel_seconds: float = Field(
+        default=30,
+        gt=0,
+        le=3600,
+        description="Seconds that reading the pictures of one frame, or drawing one, "
+        "may take.",
+    )
+    max_pixel_memory_bytes: ByteSize = Field(
+        default=ByteSize(2 * 1024**3),
+        ge=64 * 1024**2,
+        description="Memory that reading the pictures of one frame, or drawing one, "
+        "may take.",
     )
     max_boxes_per_frame: int = Field(
         default=10_000, ge=1, description="Most boxes in one annotation."

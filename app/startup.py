@@ -7,9 +7,9 @@ import json
 import os
 import socket
 import sys
-import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +17,7 @@ import uvicorn
 from fastapi import FastAPI
 from sqlalchemy.exc import DatabaseError
 
+from app.descriptors import raise_descriptor_limit
 from app.engine import UnusableEngine
 from app.graceful import GracefulServer, exit_on_sigterm
 from app.http_protocol import ProblemProtocol
@@ -24,8 +25,10 @@ from app.lifetime import UnusableConfig
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
 from app.memory import keep_freed_memory, settle
-from app.services.access import write_secret
+from app.services.access import code_is_over
+from app.services.context import ServiceContext
 from app.services.data_folder import CannotMaintain
+from app.services.first_token import make_first_code, write_secret
 from app.settings import Settings, bracketed
 from app.version import VERSION
 
@@ -39,7 +42,18 @@ _HINTS: Final = {
     errno.EACCES: "ports below 1024 need rights that no service needs; "
     "--port chooses another port",
 }
-OnReady = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class LoginLink:
+    """What a person opens to be let in; it works once, within ten minutes."""
+
+    url: str
+    is_over: Callable[[], bool]
+    """Whether it was used, or its time is up."""
+
+
+OnReady = Callable[[LoginLink], None]
 
 
 class CannotServe(Exception):
@@ -49,12 +63,11 @@ class CannotServe(Exception):
 def serve(
     settings: Settings,
     *,
-    open_browser: bool = False,
     on_ready: OnReady | None = None,
 ) -> None:
     """Serve until interrupted.
 
-    `on_ready` gets the login link as soon as requests are answered.
+    `on_ready` gets a login link as soon as requests are answered.
 
     Raises
     ------
@@ -63,20 +76,23 @@ def serve(
     """
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
+    limit = raise_descriptor_limit()
     with _listen(settings) as listener:
         url = _url(settings, listener.getsockname()[1])
         note = ServerNote(url, settings.token_file)
+
+        app = create_app(settings)
 
         def ready() -> None:
             settle()
             note.write()
             server_log.info("ready at %s, version %s", url, VERSION)
-            link = f"{url}/#token={settings.token_file.read_text('utf-8').strip()}"
-            (on_ready or _print_link)(link)
-            if open_browser:
-                webbrowser.open(link)
-
-        app = create_app(settings)
+            server_log.info(
+                "at most %s files and connections may be open, %d of them connections",
+                "any number of" if limit is None else limit,
+                app.state.connections.most,
+            )
+            (on_ready or _print_link)(first_link(app.state.services, url))
 
         def stopping() -> None:
             note.remove()
@@ -217,9 +233,30 @@ def _url(settings: Settings, port: int) -> str:
     return f"http://{bracketed(_ANYWHERE.get(host, host))}:{port}"
 
 
-def _print_link(link: str) -> None:
-    sys.stdout.write(f"Unghost is ready. Log in with\n\n    {link}\n\n")
+def first_link(services: ServiceContext, url: str) -> LoginLink:
+    """A login link of the token in the data folder."""
+    database = services.database
+    with database.write() as session:
+        code, secret = make_first_code(session, services.settings.token_file)
+
+    def is_over() -> bool:
+        with database.read() as session:
+            return code_is_over(session, code.id)
+
+    return LoginLink(f"{url}/#code={secret}", is_over)
+
+
+def _print_link(link: LoginLink) -> None:
+    sys.stdout.write(f"{ready_text(link.url)}\n")
     sys.stdout.flush()
+
+
+def ready_text(link: str) -> str:
+    """What a person is told once requests are answered."""
+    return (
+        f"Unghost is ready. Log in with\n\n    {link}\n\n"
+        "The link works once, within ten minutes; `unghost login` prints another.\n"
+    )
 
 
 def _state_folder() -> Path:

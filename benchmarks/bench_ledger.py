@@ -131,6 +131,7 @@ def drive(context: ServiceContext, chunks: int) -> None:
         database=context.database,
         storage=context.storage,
         engine=Instant(1),
+        pixels=context.pixels,
     )
     with context.leases.driving(context.database, JOB) as lease:
         with context.database.write() as session:

@@ -16,12 +16,18 @@ import sys
 import tempfile
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import cv2
 import httpx
 import numpy as np
-from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    Page,
+    StorageState,
+    ViewportSize,
+    sync_playwright,
+)
 from sqlalchemy import insert, select
 
 from app.db.tables import Frame, FrameFile
@@ -143,11 +149,9 @@ def measured(server: RunningServer, crowd: int) -> dict[str, float]:
 
 def visit(browser: Browser, server: RunningServer) -> Page:
     """A window of somebody who is signed in and has loaded nothing yet."""
-    context = browser.new_context(viewport=SIZE, reduced_motion="reduce")
-    context.request.post(
-        f"{server.url}/api/v1/session",
-        data={"token": server.token},
-        headers={"Origin": server.url},
+    state = cast("StorageState", server.signed_in())
+    context = browser.new_context(
+        viewport=SIZE, reduced_motion="reduce", storage_state=state
     )
     return context.new_page()
 

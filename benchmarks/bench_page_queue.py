@@ -16,12 +16,12 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import cv2
 import httpx
 import numpy as np
-from playwright.sync_api import Page, ViewportSize, sync_playwright
+from playwright.sync_api import Page, StorageState, ViewportSize, sync_playwright
 
 from benchmarks.street import HEIGHT, WIDTH, street
 from tests.browser.conftest import ARGUMENTS, CHROMIUM
@@ -104,11 +104,8 @@ def answered(server: RunningServer, count: int, pause_ms: int) -> list[float]:
     path = str(CHROMIUM) if CHROMIUM.exists() else None
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
-        context = browser.new_context(viewport=SIZE)
-        origin = {"Origin": server.url}
-        token = {"token": server.token}
-        context.request.post(f"{server.url}/api/v1/session", data=token, headers=origin)
-        page = context.new_page()
+        state = cast("StorageState", server.signed_in())
+        page = browser.new_context(viewport=SIZE, storage_state=state).new_page()
         page.goto(f"{server.url}/#/datasets/{DATASET}/queue?order=random")
         page.wait_for_function(SHOWN)
         times = answer_all(page, count + WARM_UP, pause_ms)

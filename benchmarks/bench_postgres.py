@@ -31,9 +31,10 @@ from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
 from app.lifetime import running
 from app.repositories.datasets import DatasetRepository
+from app.security import Principal, Role
 from app.services.context import ServiceContext
 from app.services.datasets import NewDataset, create_dataset
-from app.services.ingest import FrameUpload, store_frame
+from app.services.ingest import FrameUpload, prepare_frame, store_frame
 from app.services.measuring import DatasetReading
 from app.settings import Settings
 from benchmarks.million import BOXES_PER_FRAME, MadeRows, Wanted, make, rows_of
@@ -45,6 +46,7 @@ SIZES = (1, 2, 4, 8, 16, 32, 64, 256, 1_000, 10_000)
 ROWS_PER_SIZE = 10_000
 REPEATS = 3
 UPLOADED = 400
+ADA = Principal(1, "ada", Role.REVIEWER)
 """Frames that are stored as the service does it: pixels and all."""
 WIDTH, HEIGHT = 1280, 720
 GROWING = ("frames", "frame_files", "blobs", "boxes", "evidence", "decisions")
@@ -235,9 +237,10 @@ def upload(context: ServiceContext) -> None:
     for number in range(UPLOADED):
         content = json.dumps(annotation(rng, number)).encode()
         files = {"segmentation": segmentation(rng)}
-        wanted = FrameUpload(f"town/{number:06}", content, files, "ada", False)
+        wanted = FrameUpload(f"town/{number:06}", content, files, ADA, False)
+        ready = prepare_frame(context, "uploaded", wanted)
         with context.database.write() as session:
-            store_frame(context, session, "uploaded", wanted)
+            store_frame(context, session, "uploaded", ready)
 
 
 def annotation(rng: np.random.Generator, number: int) -> dict[str, Any]:

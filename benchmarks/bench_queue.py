@@ -156,13 +156,13 @@ def bulk(client: httpx.Client) -> Iterator[tuple[str, float]]:
 def answer_all(client: httpx.Client, filters: dict[str, Any]) -> tuple[int, int, float]:
     """One answer on all boxes of a filter: the batch, how many, and the seconds."""
     query = {"dataset": NAME, "limit": 1, "count": "true", **filters}
-    total = client.get("/boxes", params=query).json()["total"]
+    seen = client.get("/boxes", params=query).json()
     body = {"dataset": NAME, "filter": filters, "verdict": "keep"}
     begun = time.perf_counter()
-    answer = client.post("/reviews/bulk", json=body | {"expected_count": total})
+    answer = client.post("/reviews/bulk", json=body | {"snapshot": seen["snapshot"]})
     took = time.perf_counter() - begun
     answer.raise_for_status()
-    return answer.json()["id"], total, took
+    return answer.json()["id"], seen["total"], took
 
 
 if __name__ == "__main__":

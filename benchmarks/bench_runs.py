@@ -22,6 +22,7 @@ from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Dataset, Run
 from app.engine import LocalEngine
+from app.lifetime import pixel_pool
 from app.memory import settle
 from app.repositories.datasets import DatasetRepository
 from app.resources import migrations_dir
@@ -73,6 +74,7 @@ def opened(folder: Path) -> ServiceContext:
         database=database,
         storage=FolderStorage(folder / "blobs"),
         engine=LocalEngine(settings.workers),
+        pixels=pixel_pool(settings),
     )
 
 

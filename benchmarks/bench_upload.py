@@ -136,9 +136,16 @@ def put(client: httpx.Client, key: str, parts: dict, annotation: dict) -> None:
 
 
 def cpu_seconds(pid: int) -> float:
-    """User and system time of a process, as Linux counts them."""
+    """User and system time of a process and of those that it has started."""
+    tasks = Path(f"/proc/{pid}/task")
+    children = [
+        int(child)
+        for task in tasks.iterdir()
+        for child in (task / "children").read_text().split()
+    ]
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    own = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return own + sum(map(cpu_seconds, children))
 
 
 if __name__ == "__main__":

@@ -78,7 +78,9 @@ def parse_annotation(
         names the box (index and id), the field, what was expected and what was found.
     """
     faults = Faults(frame)
-    document = decode_json(raw, faults) if isinstance(raw, (bytes, str)) else raw
+    document: object = raw
+    if isinstance(raw, (bytes, str)):
+        document = decode_json(raw, faults, limits.json)
     if not isinstance(document, Mapping):
         faults.add(Place(), "not_an_object", "an object", shown(document))
         raise faults.as_error()
@@ -87,7 +89,9 @@ def parse_annotation(
     return annotation
 
 
-def without_key(raw: bytes, name: str) -> tuple[str, Mapping[str, object] | bytes]:
+def without_key(
+    raw: bytes, name: str, limits: AnnotationLimits = _DEFAULT_LIMITS
+) -> tuple[str, Mapping[str, object] | bytes]:
     """The frame's key that stands in its annotation, and the annotation without it.
 
     Without a ``key`` it is `name`; so it is where the annotation cannot be read, which
@@ -97,10 +101,10 @@ def without_key(raw: bytes, name: str) -> tuple[str, Mapping[str, object] | byte
     ------
     AnnotationErrors
         ``bad_key``: the key is no text, or none that UTF-8 has a form for.
-        ``not_json``: it is not JSON.
+        ``not_json``, ``json_too_large``: it is not JSON, or beyond the limits.
     """
     faults = Faults(name)
-    document = decode_json(raw, faults)
+    document = decode_json(raw, faults, limits.json)
     if len(faults) or not isinstance(document, Mapping) or "key" not in document:
         return name, raw
     rest = dict(document)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import json
+from collections import Counter
 from collections.abc import Mapping
 from functools import partial
 
 from filter_core.annotation_boxes import box_place
+from filter_core.errors import JsonError
 from filter_core.faults import Faults, Place, shown
+from filter_core.json_text import JsonLimits, read_json
 
 
 class _Repeating(dict[str, object]):
@@ -16,23 +18,24 @@ class _Repeating(dict[str, object]):
     repeated: tuple[str, ...] = ()
 
 
-def decode_json(raw: bytes | str, faults: Faults) -> object:
+def decode_json(raw: bytes | str, faults: Faults, limits: JsonLimits) -> object:
     """The document; repeated keys are noted, NaN and Infinity are left to their field.
 
     Raises
     ------
     AnnotationErrors
-        ``not_json``: it is not JSON, or not in UTF-8.
+        ``not_json``, ``json_too_large``: as `read_json`, which reads it.
     """
+    repeating: list[_Repeating] = []
     try:
-        text = raw.decode("utf-8-sig") if isinstance(raw, bytes) else raw
-        repeating: list[_Repeating] = []
-        document = json.loads(text, object_pairs_hook=partial(_object_of, repeating))
-        if repeating:
-            _note_repeated(document, Place(), faults)
-    except (ValueError, RecursionError) as error:
-        faults.add(Place(), "not_json", "JSON in UTF-8", fault_of(error))
+        document = read_json(
+            raw, limits, object_pairs_hook=partial(_object_of, repeating), halves=True
+        )
+    except JsonError as error:
+        faults.add(Place(), error.kind, "JSON in UTF-8", error.found)
         raise faults.as_error() from error
+    if repeating:
+        _note_repeated(document, Place(), faults)
     return document
 
 
@@ -43,21 +46,10 @@ def _object_of(
     if len(plain) == len(pairs):
         return plain
     repeating = _Repeating(plain)
-    keys = [key for key, _ in pairs]
-    repeating.repeated = tuple(key for key in plain if keys.count(key) > 1)
+    times = Counter(key for key, _ in pairs)
+    repeating.repeated = tuple(key for key, count in times.items() if count > 1)
     found.append(repeating)
     return repeating
-
-
-def fault_of(error: Exception) -> str:
-    """What was found where JSON was expected, as reading it says."""
-    if isinstance(error, json.JSONDecodeError):
-        return f"a fault at line {error.lineno}, column {error.colno}: {error.msg}"
-    if isinstance(error, UnicodeDecodeError):
-        return f"other bytes at offset {error.start}"
-    if isinstance(error, RecursionError):
-        return "JSON that is nested too deeply"
-    return "a number of too many digits"
 
 
 def _note_repeated(value: object, at: Place, faults: Faults) -> None:
@@ -69,7 +61,7 @@ def _note_repeated(value: object, at: Place, faults: Faults) -> None:
         for key, item in value.items():
             _note_repeated(item, at / key, faults)
     elif isinstance(value, list):
-        is_boxes = at.pointer == "/boxes"
+        is_boxes = at.is_boxes
         for index, item in enumerate(value):
             place = box_place(index, item) if is_boxes else at / index
             _note_repeated(item, place, faults)

@@ -8,6 +8,7 @@ from typing import Final
 
 from filter_core.boxes import FORMS
 from filter_core.camera import Camera
+from filter_core.json_text import JsonLimits
 from filter_core.pose import Transform
 
 VERTICES: Final = "vertices"
@@ -27,10 +28,19 @@ class AnnotationLimits:
         Boxes per frame.
     max_text : int
         Characters of an id, a class, a type and of the frame's own texts.
+    max_bytes : int
+        Bytes of JSON.
     """
 
     max_boxes: int = 10_000
     max_text: int = 256
+    max_bytes: int = 16 << 20
+
+    @property
+    def json(self) -> JsonLimits:
+        """What its JSON may hold: fifty values for each box."""
+        values = max(JsonLimits.max_values, 50 * self.max_boxes)
+        return JsonLimits(self.max_bytes, max_values=values, max_keys=values)
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final, Protocol
 
 import yaml
 
 from filter_core.config import FilterConfig
-from filter_core.errors import ConfigError
+from filter_core.errors import ConfigError, JsonError
+from filter_core.json_text import JsonLimits, read_json
 
 _MAX_CHARACTERS: Final = 64 * 1024
 _MAX_DEPTH: Final = 16
+_MAX_VALUES: Final = 10_000
+"""More take seconds: YAML is read by Python, sign by sign."""
+_JSON_LIMITS: Final = JsonLimits(
+    max_depth=_MAX_DEPTH, max_values=_MAX_VALUES, max_keys=_MAX_VALUES
+)
+_MAX_KEY: Final = 1000
+_MAX_DIGITS: Final = 1000
+_MAX_UNUSED: Final = 100
+_SHOWN_KEY: Final = 80
 _CARLASIMU_ROOT: Final = "sitting"
 _THRESHOLDS: Final = ("threshold_small_box", "size_big_box", "threshold_big_box")
 _DISTANCES: Final = ("min_distance", "max_distance")
@@ -40,7 +50,8 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
     Returns
     -------
     LoadedConfig
-        `unused_keys` lists what concerns only the capture, as ``sitting.cam_rgb.3D``.
+        `unused_keys` lists what concerns only the capture, as ``sitting.cam_rgb.3D``:
+        the first 100, and of long keys the beginning.
 
     Raises
     ------
@@ -65,7 +76,8 @@ def parse_yaml(text: str | bytes) -> object:
     ------
     ConfigError
         Not YAML, a key twice, an alias (a few bytes of them can stand for gigabytes),
-        more than 64 Ki characters, or nested too deeply.
+        a text that UTF-8 has no form for, more than 64 Ki characters, more than 10,000
+        values, or nested too deeply.
     """
     if len(text) > _MAX_CHARACTERS:
         raise ConfigError(
@@ -77,8 +89,8 @@ def parse_yaml(text: str | bytes) -> object:
         plain = text.decode("utf-8-sig") if isinstance(text, bytes) else text
         if plain.lstrip().startswith("{"):
             # Nearly YAML, but for tabs and for numbers such as 1e1.
-            with suppress(json.JSONDecodeError, RecursionError):
-                return json.loads(plain, object_pairs_hook=_unique)
+            with suppress(JsonError):
+                return read_json(plain, _JSON_LIMITS, object_pairs_hook=_unique)
         return _StrictLoader(plain).get_single_data()
     except ConfigError:
         raise
@@ -92,8 +104,9 @@ def parse_yaml(text: str | bytes) -> object:
         ) from exc
     except yaml.YAMLError as exc:
         raise ConfigError(f"not readable as YAML: {exc}", code="bad_yaml") from exc
-    except (ValueError, LookupError, AttributeError) as exc:
-        # A date that no calendar has, a number of a million digits; and what PyYAML
+    except (ArithmeticError, ValueError, LookupError, AttributeError) as exc:
+        # A date that no calendar has, a number of a million digits, one of hours and
+        # minutes (1:30:00) that is larger than floats are; and what PyYAML
         # stumbles over if a tag is written out: `!!int _`, `!!bool x`, `!!timestamp x`.
         raise ConfigError(f"not a value: {exc}", code="bad_yaml") from exc
 
@@ -112,20 +125,44 @@ class _StrictLoader(yaml.SafeLoader):
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
-        self._depth = 0
+        self._depth = self._values = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]  # stubs
         if isinstance(event, yaml.AliasEvent):
             raise _refused("aliases are not allowed", event)
         self._depth += 1
+        self._values += 1
         if self._depth > _MAX_DEPTH:
             raise _refused("nested too deeply", event)
+        if self._values > _MAX_VALUES:
+            raise _refused(f"more than {_MAX_VALUES} values", event)
         node = super().compose_node(parent, index)
         self._depth -= 1
         if isinstance(node, yaml.MappingNode):
             _refuse_bad_keys(node)
+        if isinstance(node, yaml.ScalarNode) and not _is_encodable(node.value):
+            raise _refused("half of a surrogate pair is no text", node)
         return node
+
+
+def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    # Also in base 16 and 60; Python writes no integer of thousands of digits.
+    if len(node.value) > _MAX_DIGITS:
+        raise _refused("not a value: a number of too many digits", node)
+    number: int = loader.construct_yaml_int(node)
+    return number
+
+
+_StrictLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+
+
+def _is_encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _refuse_bad_keys(node: yaml.MappingNode) -> None:
@@ -133,6 +170,8 @@ def _refuse_bad_keys(node: yaml.MappingNode) -> None:
     for key, _value in node.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag.endswith(":merge"):
             raise _refused("expected a plain key", key)
+        if len(key.value) > _MAX_KEY:
+            raise _refused(f"a key of more than {_MAX_KEY} characters", key)
         if key.value in seen:
             raise _refused(f"the key {key.value[:60]!r} is given twice", key)
         seen.add(key.value)
@@ -172,15 +211,14 @@ def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
     config = FilterConfig.from_mapping({"profile": "carlasimu", **given})
     used = {f"{_CARLASIMU_ROOT}.{key}" for key in _THRESHOLDS}
     used |= {f"{_CARLASIMU_ROOT}.cam_rgb.{key}" for key in _DISTANCES}
-    unused = [
-        path for path in _leaf_paths(sitting, _CARLASIMU_ROOT) if path not in used
-    ]
+    paths = _leaf_paths(sitting, _CARLASIMU_ROOT)
+    unused = islice((path for path in paths if path not in used), _MAX_UNUSED)
     return LoadedConfig(config, tuple(unused))
 
 
 def _leaf_paths(section: Mapping[object, object], prefix: str) -> Iterator[str]:
     for key, value in section.items():
-        path = f"{prefix}.{key}"
+        path = f"{prefix}.{str(key)[:_SHOWN_KEY]}"
         if isinstance(value, Mapping) and value:
             yield from _leaf_paths(value, path)
         else:

@@ -7,6 +7,7 @@ FilterError
 |-- SegmentationError     an image, but not a segmentation that can be trusted
 |-- AnnotationError       one fault in a frame's annotation
 |-- AnnotationErrors      all faults of one annotation
+|-- JsonError             text that is not JSON, or more of it than is read
 |-- ConfigError           a filter configuration that cannot be used
 |-- NotAvailable          asked for something this version does not offer
 `-- LayoutError           a folder or label file that cannot be read
@@ -17,7 +18,7 @@ Messages name the thing, what was expected and what was found; never a server's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 
 class FilterError(ValueError):
@@ -34,6 +35,19 @@ class FilterError(ValueError):
         self.detail = detail
         self.pointer = pointer
         self.kind = code or type(self).code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Errors travel between processes with all that they say."""
+        return restored, (type(self), self.args, vars(self))
+
+
+def restored(
+    kind: type[FilterError], args: tuple[object, ...], said: dict[str, object]
+) -> FilterError:
+    """An error as another process raised it."""
+    error = kind.__new__(kind, *args)
+    vars(error).update(said)
+    return error
 
 
 class ImageError(FilterError):
@@ -67,15 +81,42 @@ class AnnotationError(FilterError):
 
 
 class AnnotationErrors(FilterError):
-    """All faults of one annotation, found in one pass."""
+    """The faults of one annotation, found in one pass.
+
+    `errors` are the first of them, one at least; `count` is how many there are in all,
+    which is more where a reader stopped keeping them.
+    """
 
     code = "bad_annotation"
 
-    def __init__(self, errors: Sequence[AnnotationError]) -> None:
-        first = errors[0].detail
-        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        super().__init__(f"{first}{more}", pointer=errors[0].pointer)
+    def __init__(
+        self, errors: Sequence[AnnotationError], count: int | None = None
+    ) -> None:
         self.errors = tuple(errors)
+        self.count = len(self.errors) if count is None else count
+        first = errors[0].detail
+        more = f" (and {self.count - 1} more)" if self.count > 1 else ""
+        super().__init__(f"{first}{more}", pointer=errors[0].pointer)
+
+    @property
+    def more_errors(self) -> int:
+        """How many faults there are beside those in `errors`."""
+        return self.count - len(self.errors)
+
+
+class JsonError(FilterError):
+    """Text that is not JSON, or more of it than is read.
+
+    `found` is what was found instead; `position` is the character, or the byte of what
+    is not UTF-8, and 0 where the fault is the whole.
+    """
+
+    code = "not_json"
+
+    def __init__(self, found: str, *, position: int = 0, code: str = "") -> None:
+        super().__init__(f"expected JSON in UTF-8, found {found}", code=code)
+        self.found = found
+        self.position = position
 
 
 class ConfigError(FilterError):

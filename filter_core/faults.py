@@ -10,10 +10,14 @@ import numpy as np
 
 from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
 
+MAX_FAULTS: Final = 100
+"""Of one annotation; those beyond it are counted only."""
+
 MAX_MAGNITUDE: Final = 1e9
 """A larger number is not a coordinate: in metres it lies beyond any map."""
 
 _SHOWN_TEXT: Final = 60
+_SHOWN_KEY: Final = 80
 _NUMBER: Final = (int, float, np.integer, np.floating)
 
 
@@ -39,11 +43,17 @@ class Place:
         return ""
 
     @property
+    def is_boxes(self) -> bool:
+        """Whether it is the annotation's list of boxes."""
+        root = self._parent
+        return self._key == "boxes" and root is not None and root._parent is None
+
+    @property
     def pointer(self) -> str:
-        """The JSON pointer (RFC 6901)."""
+        """The JSON pointer (RFC 6901); of a long key it has the beginning and "…"."""
         if self._parent is None:
             return ""
-        key = sayable(str(self._key)).replace("~", "~0").replace("/", "~1")
+        key = _sayable(str(self._key)).replace("~", "~0").replace("/", "~1")
         return f"{self._parent.pointer}/{key}"
 
     @property
@@ -58,7 +68,7 @@ class Place:
         label, field = self._parent._label_and_field()
         if isinstance(self._key, int):
             return label, f"{field}[{self._key}]"
-        key = sayable(self._key)
+        key = _sayable(self._key)
         return label, f"{field}.{key}" if field else key
 
 
@@ -81,17 +91,25 @@ _BOXES: Final = Place("boxes", Place())
 
 
 class Faults:
-    """The faults found so far; nothing is raised until `raise_any`."""
+    """The faults found so far; nothing is raised until `raise_any`.
+
+    The first `MAX_FAULTS` are kept, the others counted: whoever sends an annotation
+    decides how many there are.
+    """
 
     def __init__(self, frame: str = "") -> None:
         self._frame = frame
         self._errors: list[AnnotationError] = []
+        self._count = 0
 
     def __len__(self) -> int:
-        return len(self._errors)
+        return self._count
 
     def add(self, at: Place, code: str, expected: str, found: str) -> None:
         """Note one fault: its place, a stable code, what was expected and found."""
+        self._count += 1
+        if self._count > MAX_FAULTS:
+            return
         frame = f"frame {self._frame}" if self._frame else ""
         subject = ", ".join(part for part in (frame, at.words) if part)
         detail = f"{subject or 'annotation'}: expected {expected}, found {found}"
@@ -99,6 +117,9 @@ class Faults:
 
     def take(self, error: FilterError) -> None:
         """Note a fault that a constructor has raised."""
+        self._count += 1
+        if self._count > MAX_FAULTS:
+            return
         frame = f"frame {self._frame}, " if self._frame else ""
         self._errors.append(
             AnnotationError(
@@ -107,8 +128,8 @@ class Faults:
         )
 
     def as_error(self) -> AnnotationErrors:
-        """All faults as one error, in the order in which they were noted."""
-        return AnnotationErrors(self._errors)
+        """The faults as one error, in the order in which they were noted."""
+        return AnnotationErrors(self._errors, self._count)
 
     def raise_any(self) -> None:
         """Raise `as_error` if there are any faults."""
@@ -116,9 +137,10 @@ class Faults:
             raise self.as_error()
 
 
-def sayable(text: str) -> str:
-    """A key of the input as an error can carry it: halves of characters escaped."""
-    return text.encode("utf-8", "backslashreplace").decode()
+def _sayable(text: str) -> str:
+    """A key of the input as an error can carry it: short, halves of pairs escaped."""
+    cut = text if len(text) <= _SHOWN_KEY else text[:_SHOWN_KEY] + "…"
+    return cut.encode("utf-8", "backslashreplace").decode()
 
 
 def shown(value: object) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -136,25 +137,38 @@ class _Reader:
 
     def depth(self) -> DepthImage | None:
         try:
-            return read_depth(
-                self.files.contents["depth"],
-                expected_wh=self.wh,
-                max_side=self.files.max_side,
-            )
+            with _pointing("/depth"):
+                return read_depth(
+                    self.files.contents["depth"],
+                    expected_wh=self.wh,
+                    max_side=self.files.max_side,
+                )
         except ImageError as error:
             if self.lenient and error.kind in ("depth_too_coarse", "lossy_depth"):
                 return None
             raise
 
     def instances(self) -> InstanceImage:
-        return read_instances(
-            self.files.contents["instances"],
-            expected_wh=self.wh,
-            max_side=self.files.max_side,
-        )
+        with _pointing("/instances"):
+            return read_instances(
+                self.files.contents["instances"],
+                expected_wh=self.wh,
+                max_side=self.files.max_side,
+            )
 
     def points(self) -> LidarPoints:
         return read_points(self.files.contents["lidar"])
+
+
+@contextmanager
+def _pointing(pointer: str) -> Iterator[None]:
+    """A fault raised within is of this file."""
+    try:
+        yield
+    except ImageError as error:
+        raise type(error)(
+            error.detail, pointer=error.pointer or pointer, code=error.kind
+        ) from error
 
 
 def _rectangles(

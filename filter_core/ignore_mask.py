@@ -8,6 +8,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from filter_core.color_decoding import decode_image
 from filter_core.errors import FilterError, ImageError
 from filter_core.image_header import MAX_SIDE, read_image_header, require_size
 from filter_core.types import BoolArray, FloatArray, Mask
@@ -60,7 +61,7 @@ def read_ignore_mask(source: bytes | Sequence[Polygon], wh: tuple[int, int]) -> 
 def _mask_from_image(content: bytes, wh: tuple[int, int]) -> Mask:
     header = read_image_header(content, max_side=max(MAX_SIDE, *wh))
     require_size(header, wh, what="the ignore mask", than="the image")
-    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels = decode_image(content, header, cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise ImageError("the ignore mask cannot be decoded: it is damaged")
     if pixels.ndim == 2:

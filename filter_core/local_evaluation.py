@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ from filter_core.errors import FilterError, LayoutError
 from filter_core.evaluation import COMPARED, Evaluation
 from filter_core.formats.frame_source import FrameSource
 from filter_core.frame_filter import MeasuredFrame
+from filter_core.json_text import read_json
 from filter_core.local_filter import in_order, measure_source, problem_of
 from filter_core.segmentation import SegmentationOptions
 from filter_core.types import BoolArray, Evidence, IntArray
@@ -152,7 +152,7 @@ def read_truth(path: Path) -> dict[str, dict[str, bool]]:
     truth: dict[str, dict[str, bool]] = {}
     for number, line in _lines(path):
         try:
-            told = json.loads(line)
+            told: Any = read_json(line)
             key, box_id, visible = told["key"], told["id"], told["visible"]
         except (ValueError, TypeError, KeyError) as error:
             raise LayoutError(

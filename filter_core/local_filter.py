@@ -150,15 +150,17 @@ def measure_source(
 
 def problem_of(error: FilterError) -> dict[str, Any]:
     """An error as the problem object that the API answers, without its HTTP part."""
-    parts = error.errors if isinstance(error, AnnotationErrors) else (error,)
+    several = error if isinstance(error, AnnotationErrors) else None
+    more = several.more_errors if several else 0
     return {
         "title": type(error).__name__,
         "detail": error.detail,
         "code": error.kind,
         "errors": [
             {"pointer": part.pointer, "code": part.kind, "detail": part.detail}
-            for part in parts
+            for part in (several.errors if several else (error,))
         ],
+        **({"more_errors": more} if more else {}),
     }
 
 
@@ -196,7 +198,7 @@ def _size(image: Path) -> tuple[int, int]:
         if not os.fstat(file.fileno()).st_size:
             return read_image_header(b"").wh
         with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-            return read_image_header(content).wh
+            return read_image_header(content, whole=False).wh
 
 
 def _read(path: Path, what: str) -> bytes:

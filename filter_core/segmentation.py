@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, cast
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.color_codes import NO_FAMILY, ChannelOrder, exact_codes
-from filter_core.color_decoding import decode_color
+from filter_core.color_decoding import decode_color, decode_image
 from filter_core.color_pixels import (
     read_exact_colors,
     read_nearest_colors,
@@ -262,21 +262,17 @@ def _contradict(text: str) -> None:
 def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:
     """(H, W) or (H, W, 2 or 4) if it is grey, else (H, W, 3) red, green, blue."""
     is_grey = header.color_model in ("grey", "grey_alpha")
-    pixels = _decode_grey(content) if is_grey else decode_color(content, header, "rgb")
-    if pixels is None or pixels.shape[:2] != (header.height, header.width):
+    pixels = (
+        decode_image(content, header, cv2.IMREAD_UNCHANGED)
+        if is_grey
+        else decode_color(content, header, "rgb")
+    )
+    if pixels is None:
         raise ImageError(
             f"the {header.media_type} of {header.width} x {header.height} pixels "
             "cannot be decoded: it is damaged"
         )
     return pixels
-
-
-def _decode_grey(content: bytes) -> NDArray[np.uint8] | None:
-    try:
-        found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
-    return cast("NDArray[np.uint8] | None", found)
 
 
 def _first_channel(pixels: NDArray[np.uint8]) -> TagImage:

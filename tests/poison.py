@@ -29,10 +29,10 @@ def _lay_in_frames() -> None:
 
     measure = measuring.measure_files
 
-    def deadly(plan: Any, annotation: Any, files: Any) -> Any:
+    def deadly(pool: Any, plan: Any, annotation: Any, files: Any) -> Any:
         if "poison" in annotation.raw:
             _die()
-        return measure(plan, annotation, files)
+        return measure(pool, plan, annotation, files)
 
     vars(run_measuring)["measure_files"] = deadly
 

@@ -9,10 +9,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import httpx
 
 from tests.databases import environment_of
 
 STOP_WAIT_S = 30
+SESSION_KEY = "unghost.session.v1"
+"""Where the page keeps its session in the browser's storage."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +32,26 @@ class RunningServer:
 
     @property
     def login_link(self) -> str:
-        """What a person would open."""
-        return f"{self.url}/#token={self.token}"
+        """What a person would open: a new one each time, because it works once."""
+        return self.login_link_of(self.token)
+
+    def login_link_of(self, token: str) -> str:
+        """As `login_link`, for whoever has this token."""
+        headers = {"Authorization": f"Bearer {token}"}
+        made = httpx.post(f"{self.url}/api/v1/login-codes", headers=headers)
+        assert made.status_code == 201, made.text
+        return f"{self.url}/#code={made.json()['code']}"
+
+    def signed_in(self, token: str = "") -> dict[str, Any]:
+        """What a browser keeps of somebody who is signed in, as Playwright takes it."""
+        body = {"token": token or self.token}
+        opened = httpx.post(f"{self.url}/api/v1/session", json=body)
+        assert opened.status_code == 201, opened.text
+        kept = {"name": SESSION_KEY, "value": opened.text}
+        return {
+            "cookies": [],
+            "origins": [{"origin": self.url, "localStorage": [kept]}],
+        }
 
     @property
     def headers(self) -> dict[str, str]:
@@ -50,8 +73,8 @@ def running_server(
     log = data.with_name(f"{data.name}.log")
     process = start([sys.executable, "-m", "app"], data, log, settings or {})
     try:
-        url, token = wait_for_link(process, log)
-        yield RunningServer(url, token, data, log, process)
+        url = wait_for_link(process, log).partition("/#")[0]
+        yield RunningServer(url, token_of(data), data, log, process)
     finally:
         stop(process)
 
@@ -80,14 +103,18 @@ def start(
         )
 
 
-def wait_for_link(process: subprocess.Popen[str], log: Path) -> tuple[str, str]:
-    """Address and token, from the line that the server prints when it is ready."""
+def wait_for_link(process: subprocess.Popen[str], log: Path) -> str:
+    """The login link that the server prints when it is ready."""
     assert process.stdout is not None
     for line in process.stdout:
-        url, found, token = line.strip().partition("/#token=")
-        if found:
-            return url.split()[-1], token
+        if "/#code=" in line:
+            return line.split()[-1]
     raise AssertionError(f"the server did not start:\n{log.read_text('utf-8')}")
+
+
+def token_of(data: Path) -> str:
+    """The first token of a data folder."""
+    return (data / "token").read_text("utf-8").strip()
 
 
 def stop(process: subprocess.Popen[str]) -> None:

@@ -17,13 +17,21 @@ from sqlalchemy import func, select
 from app.db.tables import Dataset, Decision, Run
 from app.lifetime import running
 from app.repositories.datasets import DatasetRepository
+from app.repositories.review_batches import SeenBoxes
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
+from app.security import Principal, Role
 from app.services import datasets, frames, reviews
+from app.services.audit import AuditTrail
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.history import history
-from app.services.ingest import FrameUpload, StoredFrame, store_frame
+from app.services.ingest import (
+    FrameUpload,
+    StoredFrame,
+    prepare_frame,
+    store_frame,
+)
 from app.services.measuring import DatasetReading
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
@@ -89,17 +97,23 @@ class Street:
     def context(self) -> ServiceContext:
         return self.services.context
 
+    @property
+    def by(self) -> Principal:
+        return Principal(1, self.services.author, Role.REVIEWER)
+
     def put(
         self, key: str, annotation: Mapping[str, Any], **files: bytes
     ) -> StoredFrame:
         content = json.dumps(annotation).encode()
-        upload = FrameUpload(key, content, files, self.services.author, replace=True)
+        upload = FrameUpload(key, content, files, self.by, replace=True)
+        ready = prepare_frame(self.context, self.name, upload)
         with self.context.database.write() as session:
-            return store_frame(self.context, session, self.name, upload)
+            return store_frame(self.context, session, self.name, ready)
 
     def delete(self, key: str) -> None:
         with self.context.database.write() as session:
-            frames.remove_frame(session, self.row(session), key)
+            audit = AuditTrail(session, self.by)
+            frames.remove_frame(audit, self.by, self.row(session), key)
 
     def review(self, box_id: int, verdict: str) -> None:
         with self.context.database.write() as session:
@@ -111,13 +125,14 @@ class Street:
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
         answer = reviews.Answer(verdict, "", self.services.author)
+        as_they_are = [SeenBoxes(box_ids, None)]
         with self.context.database.write() as session:
             dataset = self.row(session)
-            return reviews.review_many(session, dataset, box_ids, answer)[0].id
+            return reviews.review_many(session, dataset, as_they_are, answer).batch.id
 
     def undo(self, batch_id: int) -> None:
         with self.context.database.write() as session:
-            reviews.undo_batch(session, batch_id, self.services.author)
+            reviews.undo_batch(session, batch_id, self.by)
 
     def request(
         self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any

@@ -35,7 +35,7 @@ def _give_answers(url: str, token: str, boxes: Sequence[Decision]) -> None:
     rng = np.random.default_rng(_SEED)
     people = {"ada": boxes, "bo": boxes[:_SHARED]}
     with httpx.Client(base_url=f"{url}/api/v1", timeout=120) as http:
-        for name, own in people.items():
+        for earlier, (name, own) in enumerate(people.items()):
             reviewer = _token(http, token, name)
             answers = _answers(own, rng)
             for verdict in sorted(set(answers)):
@@ -44,7 +44,12 @@ def _give_answers(url: str, token: str, boxes: Sequence[Decision]) -> None:
                     for box, said in zip(own, answers, strict=True)
                     if said == verdict
                 ]
-                body = {"dataset": DATASET, "box_ids": chosen, "verdict": verdict}
+                body = {
+                    "dataset": DATASET,
+                    "box_ids": chosen,
+                    "seen_revisions": [earlier] * len(chosen),
+                    "verdict": verdict,
+                }
                 _post(http, "/reviews/bulk", reviewer, body)
 
 

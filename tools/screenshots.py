@@ -106,39 +106,40 @@ def main() -> int:
     options = parser.parse_args()
     wanted = [one for one in PICTURES if not options.names or one.name in options.names]
     FOLDER.mkdir(parents=True, exist_ok=True)
-    with served_demo(options.data) as login_link, launched() as browser:
-        url, _, token = login_link.partition("/#token=")
+    with served_demo(options.data) as url, launched() as browser:
+        token = (options.data / "token").read_text("utf-8").strip()
         give_life(url, token)
         with Client(url, token) as client:
             box = best_ghost(client)
-        for picture in wanted:
-            for scheme in SCHEMES:
-                take(browser, login_link, picture, box, scheme)
+            for picture in wanted:
+                for scheme in SCHEMES:
+                    code = client.create_login_code().code
+                    take(browser, f"{url}/#code={code}", picture, box, scheme)
     return 0
 
 
 @contextmanager
 def served_demo(data: Path) -> Iterator[str]:
-    """The login link of a demo of our own, rendered the first time."""
+    """The address of a demo of our own, rendered the first time."""
     data.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "unghost.cli", "demo", "--port", "0"]
     process = subprocess.Popen(
         [*command, "--data", str(data)], stdout=subprocess.PIPE, text=True
     )
     try:
-        yield _login_link(process)
+        yield _address(process)
     finally:
         process.terminate()
         process.wait()
 
 
-def _login_link(process: subprocess.Popen[str]) -> str:
+def _address(process: subprocess.Popen[str]) -> str:
     assert process.stdout is not None
     lines = (line.strip() for line in process.stdout)
-    link = next((line for line in lines if "/#token=" in line), None)
+    link = next((line for line in lines if "/#code=" in line), None)
     if link is None:
         raise RuntimeError("the demo ended before it was ready; see its messages above")
-    return link.split()[-1]
+    return link.split()[-1].partition("/#")[0]
 
 
 @contextmanager
@@ -175,7 +176,7 @@ def take(
     scheme: Literal["light", "dark"],
 ) -> None:
     """One picture in one appearance, in a window of its own."""
-    url = login_link.partition("/#token=")[0]
+    url = login_link.partition("/#")[0]
     context = browser.new_context(
         viewport=picture.size, color_scheme=scheme, reduced_motion="reduce"
     )

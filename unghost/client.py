@@ -61,9 +61,7 @@ class Client(
         server = find_server(url, token)
         self.url = server.url
         self.token = server.token
-        self._transport = Transport(
-            server.url, server.token, timeout=timeout, retry=retry
-        )
+        self._transport = Transport(server, timeout=timeout, retry=retry)
 
     def __repr__(self) -> str:
         # Without the token: representations end in logs.

@@ -1,7 +1,8 @@
 """Where the server is, and the token of a server on this machine.
 
 A token that was found in a file is only ever given to a server on this machine: it
-opens that server and is no business of any other.
+opens that server and is no business of any other, nor of another user's program that
+took the port of a server that has ended.
 """
 
 from __future__ import annotations
@@ -16,21 +17,40 @@ from typing import Final
 
 import httpx
 
+from unghost.listeners import listening_uids
+
 DEFAULT_URL: Final = "http://127.0.0.1:8000"
 DEFAULT_DATA: Final = Path("unghost-data")
 _DEFAULT_PORT: Final = {"http": 80, "https": 443}
+_ROOT: Final = 0
+
+
+@dataclass(frozen=True)
+class TokenFile:
+    """Where a token was found, and the user whose file it is."""
+
+    path: Path
+    owner: int
 
 
 @dataclass(frozen=True)
 class Server:
-    """A server's address, and the token to show there (None: none was found)."""
+    """A server's address, and the token to show there (None: none was found).
+
+    `token_file` is where the token was found; None if it was given.
+    """
 
     url: str
     token: str | None
+    token_file: TokenFile | None = None
 
 
 class BadServerUrl(ValueError):
     """An address that is not http://HOST[:PORT] or https://HOST[:PORT]."""
+
+
+class ForeignServer(Exception):
+    """Another user listens where the server of a token that was found should be."""
 
 
 def find_server(
@@ -43,12 +63,35 @@ def find_server(
 
     The token is the first of: the one given, `UNGHOST_TOKEN`, the `token` file in the
     folder `UNGHOST_DATA`, what `unghost serve` noted for just this address, the `token`
-    file in `./unghost-data`.
+    file in `./unghost-data`. ForeignServer if it is from a file, and somebody else than
+    that file's owner listens at the address.
     """
     env = os.environ if environ is None else environ
     address = _checked(url or env.get("UNGHOST_SERVER") or DEFAULT_URL)
     said = token or env.get("UNGHOST_TOKEN")
-    return Server(address, said.strip() if said else _local_token(address, env))
+    if said:
+        return Server(address, said.strip())
+    server = _local_server(address, env)
+    refuse_foreign(server)
+    return server
+
+
+def refuse_foreign(server: Server) -> None:
+    """ForeignServer if a token from a file would go to somebody else than its owner."""
+    file = server.token_file
+    if file is None:
+        return
+    parsed = httpx.URL(server.url)
+    port = parsed.port or _DEFAULT_PORT[parsed.scheme]
+    # Root may be the proxy of a container, or have opened the port for a service.
+    foreign = listening_uids(parsed.host, port) - {file.owner, _ROOT}
+    if foreign:
+        raise ForeignServer(
+            f"user {min(foreign)} listens at {server.url}, but {file.path} belongs to "
+            f"user {file.owner}: its token was not sent. If this is your server, give "
+            "the token as UNGHOST_TOKEN; if not, start yours again, on another port "
+            "while this one is taken."
+        )
 
 
 def server_note(url: str, environ: Mapping[str, str] | None = None) -> Path:
@@ -56,9 +99,14 @@ def server_note(url: str, environ: Mapping[str, str] | None = None) -> Path:
     env = os.environ if environ is None else environ
     parsed = httpx.URL(url)
     port = parsed.port or _DEFAULT_PORT[parsed.scheme]
-    state = env.get("XDG_STATE_HOME") or Path(_home(env), ".local", "state")
     host = "127.0.0.1" if parsed.host == "localhost" else parsed.host
-    return Path(state, "unghost", "servers", f"{host}_{port}.json")
+    return state_folder(env) / "servers" / f"{host}_{port}.json"
+
+
+def state_folder(env: Mapping[str, str]) -> Path:
+    """Where commands of this person leave what others of theirs find."""
+    state = env.get("XDG_STATE_HOME") or Path(_home(env), ".local", "state")
+    return Path(state, "unghost")
 
 
 def _home(env: Mapping[str, str]) -> Path:
@@ -78,9 +126,9 @@ def _checked(url: str) -> str:
     return url.rstrip("/")
 
 
-def _local_token(url: str, env: Mapping[str, str]) -> str | None:
+def _local_server(url: str, env: Mapping[str, str]) -> Server:
     if not is_local(httpx.URL(url).host):
-        return None
+        return Server(url, None)
     said = env.get("UNGHOST_DATA")
     files = [
         Path(said, "token") if said else None,
@@ -88,8 +136,19 @@ def _local_token(url: str, env: Mapping[str, str]) -> str | None:
         # Only a guess: the server may have been started with another folder.
         DEFAULT_DATA / "token",
     ]
-    tokens = (_read(file) for file in files if file is not None)
-    return next((token for token in tokens if token), None)
+    found = (_server(url, file) for file in files if file is not None)
+    return next((server for server in found if server.token), Server(url, None))
+
+
+def _server(url: str, file: Path) -> Server:
+    # Absent, or another person's: then it is not for us.
+    try:
+        with file.open(encoding="utf-8") as opened:
+            token = opened.read().strip()
+            owner = os.fstat(opened.fileno()).st_uid
+    except (OSError, UnicodeDecodeError):
+        return Server(url, None)
+    return Server(url, token, TokenFile(file, owner))
 
 
 def is_local(host: str) -> bool:

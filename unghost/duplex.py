@@ -31,12 +31,16 @@ class FileChanged(Exception):
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where to connect, with which headers; `timeout_s` is the longest silence."""
+    """Where to connect, with which headers; `timeout_s` is the longest silence.
+
+    `check` is called before each connection, and raises where none is to be made.
+    """
 
     url: httpx.URL
     headers: Mapping[str, str]
     timeout_s: float | None
     tls: Callable[[], ssl.SSLContext] = field(default=httpx.create_ssl_context)
+    check: Callable[[], None] = field(default=lambda: None)
 
 
 @dataclass(frozen=True)
@@ -169,6 +173,7 @@ class Duplex:
         return sock
 
     def _connect(self) -> socket.socket:
+        self._endpoint.check()
         url = self._endpoint.url
         secure = url.scheme == "https"
         port = url.port or (443 if secure else 80)

@@ -6,9 +6,9 @@ ApiError                the server answered, and the answer is not a success
 |-- Forbidden           403: the token's role does not allow it
 |-- NotFound            404
 |-- Conflict            409: other content under the same name, or the wrong state
-|   `-- StaleReview     412: someone answered meanwhile; `current` says what
+|   `-- StaleReview     412: someone changed it meanwhile; `current` says how
 |-- TooLarge            413
-|-- Invalid             422 and 415: `errors` lists every fault
+|-- Invalid             422 and 415: `errors` lists the faults
 |-- Unavailable         408, 429, 502, 503, 504: try again later
 |-- ServerFault         500
 `-- UnexpectedAnswer    an answer that is not Unghost's
@@ -45,7 +45,8 @@ class ApiError(Exception):
     """The server answered, and the answer is not a success.
 
     `code` is stable and for programs, `detail` is for people, `errors` are the single
-    faults, `request_id` finds the request in the server's log, `retry_after_s` is how
+    faults, the first hundred of them, and `more_errors` is how many there are beside
+    these, `request_id` finds the request in the server's log, `retry_after_s` is how
     long to wait if the server said so.
     """
 
@@ -62,6 +63,8 @@ class ApiError(Exception):
         self.request_id = problem.get("request_id")
         self.retry_after_s = retry_after_s
         self.errors = tuple(_faults(problem.get("errors")))
+        more = problem.get("more_errors")
+        self.more_errors = more if isinstance(more, int) else 0
         super().__init__(self.detail)
 
 
@@ -86,11 +89,14 @@ class Conflict(ApiError):
 
 
 class StaleReview(Conflict):
-    """412: someone answered meanwhile; `current` is the decision as it is now."""
+    """412: someone answered meanwhile; `current` is what is there now.
+
+    That is the decision of the box; of a selection of boxes, `total` and `snapshot`.
+    """
 
     @property
     def current(self) -> Mapping[str, Any] | None:
-        """The box as the server has it now, `revision` and verdicts included."""
+        """What the server has now; None if it did not say."""
         current = self.problem.get("current")
         return current if isinstance(current, Mapping) else None
 
@@ -100,7 +106,7 @@ class TooLarge(ApiError):
 
 
 class Invalid(ApiError):
-    """422 or 415: the content cannot be used; `errors` lists every fault."""
+    """422 or 415: the content cannot be used; `errors` lists the faults."""
 
 
 class Unavailable(ApiError):

@@ -43,6 +43,7 @@ class Token(Result):
     created_at: datetime | None = None
     expires_at: datetime | None = None
     revoked_at: datetime | None = None
+    last_used_at: datetime | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +51,22 @@ class NewToken(Token):
     """A token that was just made; `token` is shown this once."""
 
     token: str = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoginCode(Result):
+    """What a login link carries, without the code; it opens one session."""
+
+    id: int
+    expires_at: datetime
+    used_at: datetime | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewLoginCode(LoginCode):
+    """A code that was just made; `code` is shown this once."""
+
+    code: str = field(repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)

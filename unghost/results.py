@@ -78,8 +78,10 @@ class Claim(Result):
 class Decision(Result):
     """One box: the filter's verdict, why, the numbers, and what a person said.
 
-    `verdict` is always the filter's, `effective_verdict` is what counts. What only a
-    server knows (`box_id`, `run`, `review`) is None in decisions made locally.
+    `verdict` is always the filter's, `effective_verdict` is what counts. `revision`
+    counts the answers that the box has got; an answer names the one that was seen.
+    What only a server knows (`box_id`, `run`, `review`) is None in decisions made
+    locally.
     """
 
     id: str
@@ -114,6 +116,7 @@ class Decision(Result):
     edges: tuple[XYXY, ...] | None = None
     config: str | None = None
     run: int | None = None
+    revision: int = 0
     review: ReviewMark | None = None
     effective_verdict: Verdict | None = None
     neighbours: tuple[int, ...] = ()
@@ -181,11 +184,14 @@ class StoredFrame(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryEntry(Result):
-    """A decision or a review of a box's past; `kind` says which."""
+    """A decision or a review of a box's past; `kind` says which.
+
+    `verdict` is the filter's or the person's; None of a run whose numbers are gone.
+    """
 
     kind: Literal["decision", "review"]
     at: datetime
-    verdict: str
+    verdict: Verdict | Answer | None = None
     run: int | None = None
     config: str | None = None
     reason: str | None = None
@@ -212,13 +218,28 @@ class Review(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewBatch(Result):
-    """One answer on many boxes; `skipped` are those that it was not given for."""
+    """One answer on many boxes.
+
+    It was not given for those that are gone (`skipped`), nor for those that somebody
+    had answered (`stale`).
+    """
 
     id: int
     count: int
     dataset: str | None = None
     verdict: Answer | None = None
     skipped: tuple[int, ...] = ()
+    stale: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """All boxes of a filter as they were when the server counted them."""
+
+    dataset: str
+    filter: Mapping[str, Any]
+    count: int
+    snapshot: str
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,13 @@ import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
 
-from unghost.discovery import is_local
+from unghost.discovery import Server, is_local, refuse_foreign
 from unghost.duplex import Endpoint
 from unghost.errors import error_of, json_object, unexpected
 from unghost.retry import RETRIED_STATUS, RetryPolicy, retry_after_s
@@ -48,20 +49,21 @@ class Transport:
 
     def __init__(
         self,
-        url: str,
-        token: str | None,
+        server: Server,
         *,
         timeout: float | httpx.Timeout,
         retry: RetryPolicy,
     ) -> None:
+        token = server.token
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._server = server
         # Redirects are not followed: the token would go along.
         self._http = httpx.Client(
-            base_url=url,
+            base_url=server.url,
             headers=headers,
             timeout=timeout,
             # A proxy for the network has no way to this machine.
-            trust_env=not is_local(httpx.URL(url).host),
+            trust_env=not is_local(httpx.URL(server.url).host),
         )
         self.retry: Final = retry
         self._closed = threading.Event()
@@ -83,7 +85,12 @@ class Transport:
         headers = {
             name: request.headers[name] for name in kept if name in self._http.headers
         }
-        return Endpoint(request.url, headers, self._http.timeout.read)
+        return Endpoint(
+            request.url,
+            headers,
+            self._http.timeout.read,
+            check=partial(refuse_foreign, self._server),
+        )
 
     @property
     def behind_proxy(self) -> bool:
@@ -146,7 +153,13 @@ class Transport:
             files=call.files,
             content=call.content,
             headers=headers,
+            extensions={"trace": self._before_connecting},
         )
+
+    def _before_connecting(self, event: str, _: object) -> None:
+        # The server may have ended since, and its port be somebody else's.
+        if event == "connection.connect_tcp.started":
+            refuse_foreign(self._server)
 
     def _again(self, call: Call, attempt: int) -> bool:
         if not call.retried or call.method not in _REPEATABLE:

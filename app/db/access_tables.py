@@ -1,4 +1,4 @@
-"""Tables of access: tokens, sessions, keys of repeated requests, the audit log."""
+"""Tables of access: tokens and what they open, repeated requests, the audit log."""
 
 from __future__ import annotations
 
@@ -26,17 +26,50 @@ class Token(Base):
     hash: Mapped[str] = mapped_column(String(64), unique=True)
     expires_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     revoked_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    last_used_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
 
 
 class LoginSession(Base):
-    """A browser that was let in by a token; only the hash of its cookie is stored."""
+    """A page that was let in by a token; only the hash of its secret is stored."""
 
     __tablename__ = "login_sessions"
 
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
     token_id: Mapped[int] = mapped_column(
         Key, ForeignKey("tokens.id", ondelete="CASCADE"), index=True
+    )
+    expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class LoginCode(Base):
+    """What a login link carries: it opens one session. Only its hash is stored."""
+
+    __tablename__ = "login_codes"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    hash: Mapped[str] = mapped_column(String(64), unique=True)
+    token_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("tokens.id", ondelete="CASCADE"), index=True
+    )
+    expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    used_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+
+
+class DownloadLink(Base):
+    """An address that gives one export to whoever has it; only its hash is stored."""
+
+    __tablename__ = "download_links"
+
+    hash: Mapped[str] = mapped_column(String(64), primary_key=True)
+    token_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("tokens.id", ondelete="CASCADE"), index=True
+    )
+    export_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("exports.id", ondelete="CASCADE"), index=True
     )
     expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

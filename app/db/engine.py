@@ -8,16 +8,28 @@ from pathlib import Path
 from typing import Any, Final
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
+from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
 from app.db.postgres import make_postgres_engine
+from app.db.turns import Turns
 
 BUSY_TIMEOUT_MS: Final = 30_000
-CACHE_KIB: Final = 256 * 1024
-STREAM_CACHE_KIB: Final = 8 * 1024
+KEPT_CONNECTIONS: Final = 16
+MOST_CONNECTIONS: Final = 48
+CACHE_KIB: Final = 4 * 1024
+"""Of each connection. What it has not, the system has: a cache that all share."""
+WRITER_CACHE_KIB: Final = 64 * 1024
+"""Of the one that writes, for as long as it does: changes are put into order there."""
 WAL_PAGES: Final = 16_384
 """Pages in the write-ahead log before it is folded back: 64 MiB."""
 
+STEPS_BETWEEN_LOOKS: Final = 100_000
+"""Of SQLite's machine: some milliseconds."""
+_CACHE_OF_A_READER: Final = f"PRAGMA cache_size=-{CACHE_KIB}"
+_CACHE_OF_THE_WRITER: Final = f"PRAGMA cache_size=-{WRITER_CACHE_KIB}"
+_DAMAGED: Final = ("malformed", "is not a database")
 _ONCE_COMMITTED: Final = "once committed"
 
 
@@ -26,15 +38,26 @@ def sqlite_url(path: Path) -> str:
     return f"sqlite:///{path}"
 
 
-def make_engine(url: str) -> Engine:
-    """An engine whose commits are durable when they return."""
+def make_engine(url: str, turns: Turns | None = None) -> Engine:
+    """An engine whose commits are durable when they return.
+
+    Its transactions with the option ``writes`` take turns; those of a ``person`` first.
+    """
     parsed = make_url(url)
+    turns = turns or Turns()
     if parsed.get_backend_name() == "postgresql":
-        return make_postgres_engine(parsed)
+        return make_postgres_engine(parsed, turns=turns)
     # Errors name their statement, and what people wrote is no part of it.
-    engine = create_engine(parsed, pool_size=16, max_overflow=32, hide_parameters=True)
+    engine = create_engine(
+        parsed,
+        pool_size=KEPT_CONNECTIONS,
+        max_overflow=MOST_CONNECTIONS - KEPT_CONNECTIONS,
+        hide_parameters=True,
+    )
     event.listen(engine, "connect", _prepare_sqlite)
+    turns.rule(engine)
     event.listen(engine, "begin", _begin_sqlite)
+    event.listen(engine, "checkin", _keep_little)
     return engine
 
 
@@ -57,12 +80,18 @@ def _begin_sqlite(connection: Connection) -> None:
     # A transaction that starts by reading and writes later can fail at once with
     # "database is locked", whatever the time-out: writers take their place first.
     if connection.get_execution_options().get("writes", False):
+        connection.connection.cursor().execute(_CACHE_OF_THE_WRITER)
         connection.exec_driver_sql("BEGIN IMMEDIATE")
         return
     # Every request reads, and this cannot fail: not worth SQLAlchemy's way round.
     driver = connection.connection.cursor()
     driver.execute("BEGIN")
     driver.close()
+
+
+def _keep_little(connection: DBAPIConnection | None, _record: object) -> None:
+    if connection is not None:  # else it was lost
+        connection.cursor().execute(_CACHE_OF_A_READER)
 
 
 def once_committed(session: Session, tell: Callable[[], None]) -> None:
@@ -74,8 +103,15 @@ class Database:
     """The database of one service."""
 
     def __init__(self, url: str) -> None:
-        self.engine = make_engine(url)
+        self.turns = Turns()
+        self.engine = make_engine(url, self.turns)
+        self.damage: str | None = None
+        """What SQLite said of pages that it cannot read, from the first time on."""
+        self.pages_checked = False
+        if self.engine.dialect.name == "sqlite":
+            event.listen(self.engine, "handle_error", self._note_damage)
         self._writer = self.engine.execution_options(writes=True)
+        self._person = self._writer.execution_options(person=True)
         self._reader = self.engine
         if self.engine.dialect.name == "postgresql":
             self._reader = self.engine.execution_options(
@@ -88,14 +124,16 @@ class Database:
         return self.engine.dialect.name == "sqlite"
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
+    def write(self, *, person: bool = False) -> Iterator[Session]:
         """A session that may write: it commits on leaving, or leaves no trace.
 
         The transaction begins with the first statement, so work done before that
-        holds no lock.
+        holds no lock. It waits for its turn then; what a `person` waits for comes
+        before other work.
         """
+        bind = self._person if person else self._writer
         with (
-            Session(self._writer, expire_on_commit=False, autoflush=False) as session,
+            Session(bind, expire_on_commit=False, autoflush=False) as session,
             session.begin(),
         ):
             yield session
@@ -122,19 +160,44 @@ class Database:
         with Session(self._reader, expire_on_commit=False, autoflush=False) as session:
             yield session
 
-    @contextmanager
-    def stream(self) -> Iterator[Session]:
-        """As `read`, for reading very much once: it is not kept in memory."""
-        with self.read() as session:
-            if self.engine.dialect.name != "sqlite":
-                yield session
-                return
-            connection = session.connection()
-            connection.exec_driver_sql(f"PRAGMA cache_size=-{STREAM_CACHE_KIB}")
+    def check_pages(self, stop: Callable[[], bool]) -> bool:
+        """Look at all pages of SQLite; False if it was told to stop before the end.
+
+        What is wrong with them is in `damage` afterwards.
+        """
+        with self.engine.connect() as connection:
+            driver: Any = connection.connection.dbapi_connection
+            driver.set_progress_handler(stop, STEPS_BETWEEN_LOOKS)
             try:
-                yield session
+                found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
+            except OperationalError as exc:
+                if "interrupted" in str(exc.orig):
+                    return False
+                raise
+            except DatabaseError:  # noted already, as damage or not
+                if self.damage is None:
+                    raise
+                return True
             finally:
-                connection.exec_driver_sql(f"PRAGMA cache_size=-{CACHE_KIB}")
+                driver.set_progress_handler(None, 0)
+        if found != "ok":
+            self.damage = str(found).partition("\n")[0]
+        self.pages_checked = True
+        return True
+
+    def _note_damage(self, context: ExceptionContext) -> None:
+        text = str(context.original_exception)
+        if any(words in text for words in _DAMAGED):
+            self.damage = self.damage or text
+
+    def fold_log(self) -> None:
+        """Write what is in SQLite's log to its place, so that the log begins anew."""
+        if self.file is None:
+            return
+        with self.engine.connect() as connection:
+            driver = connection.connection.dbapi_connection
+            if driver is not None:
+                driver.cursor().execute("PRAGMA wal_checkpoint(PASSIVE)")
 
     @property
     def file(self) -> Path | None:

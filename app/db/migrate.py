@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
-from alembic import command
+from alembic import command, context, op
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, Engine
+from sqlalchemy import Connection, Engine, func, select, text
+
+_MAY_LOSE: Final = "may_lose"
 
 
-def migrate(engine: Engine, scripts: Path, revision: str = "head") -> None:
+class WouldLose(Exception):
+    """A downgrade would lose what people made; the text says what, and how much."""
+
+
+def migrate(
+    engine: Engine, scripts: Path, revision: str = "head", *, may_lose: bool = False
+) -> None:
     """Upgrade (or downgrade) to a revision, in one transaction, all or nothing.
+
+    Raises `WouldLose` where a downgrade would drop a table with rows that people made,
+    such as the audit log, unless it `may_lose` them.
 
     SQLite rebuilds a table to change it, and with foreign keys on that would silently
     delete the rows of its children: they are off meanwhile and checked afterwards.
@@ -24,12 +36,12 @@ def migrate(engine: Engine, scripts: Path, revision: str = "head") -> None:
     with engine.connect() as connection:
         if connection.dialect.name != "sqlite":
             with connection.begin():
-                _run(connection, scripts, revision)
+                _run(connection, scripts, revision, may_lose=may_lose)
             return
         _sqlite_foreign_keys(connection, on=False)
         try:
             with connection.execution_options(writes=True).begin():
-                _run(connection, scripts, revision)
+                _run(connection, scripts, revision, may_lose=may_lose)
                 _check_foreign_keys(connection)
         finally:
             _sqlite_foreign_keys(connection, on=True)
@@ -52,9 +64,23 @@ def is_known(scripts: Path, revision: str) -> bool:
     return any(script.revision == revision for script in known)
 
 
-def _run(connection: Connection, scripts: Path, revision: str) -> None:
+def refuse_to_lose(table: str) -> None:
+    """Called by a downgrade before it drops a table of what people made."""
+    connection, config = op.get_bind(), context.config
+    rows = connection.execute(select(func.count()).select_from(text(table)))
+    if (count := rows.scalar_one()) and not config.attributes.get(_MAY_LOSE, False):
+        raise WouldLose(
+            f"this downgrade would lose the {count} rows of {table}, and nothing was "
+            "changed; make a backup, and say may_lose=True to lose them"
+        )
+
+
+def _run(
+    connection: Connection, scripts: Path, revision: str, *, may_lose: bool
+) -> None:
     config = _config(scripts)
     config.attributes["connection"] = connection
+    config.attributes[_MAY_LOSE] = may_lose
     if revision == "head" or _is_ahead(connection, scripts, revision):
         command.upgrade(config, revision)
     else:

@@ -7,6 +7,8 @@ from typing import Any, Final
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event
 
+from app.db.turns import Turns
+
 WRITER: Final = 0x7772697465  # "write"; any number that other locks do not have
 LOCK_WAIT_MS: Final = 30_000
 LONGEST_IDLE_MS: Final = 20_000
@@ -33,7 +35,9 @@ _FIRST: Final = (
 )
 
 
-def make_postgres_engine(url: URL, *, only_read: bool = False) -> Engine:
+def make_postgres_engine(
+    url: URL, *, only_read: bool = False, turns: Turns | None = None
+) -> Engine:
     """An engine that survives the server: a connection is tried before it is used."""
     engine = create_engine(
         url,
@@ -46,6 +50,8 @@ def make_postgres_engine(url: URL, *, only_read: bool = False) -> Engine:
         isolation_level="READ COMMITTED",
         execution_options={"postgresql_readonly": only_read},
     )
+    if turns is not None:  # here first, then among all processes
+        turns.rule(engine)
     event.listen(engine, "begin", _begin)
     return engine
 

@@ -6,6 +6,7 @@ from typing import Final
 
 from sqlalchemy import Connection
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import TimeoutError as WaitedTooLong
 
 from app.db.engine import BUSY_TIMEOUT_MS, Database
 
@@ -24,10 +25,19 @@ def takes_writes(database: Database) -> bool:
     """
     sqlite = database.engine.dialect.name == "sqlite"
     with database.engine.connect() as connection:
-        _be_patient(connection, sqlite, PATIENCE_MS)
+        if sqlite:
+            # In the queue of the writers, but not for as long as they wait.
+            _wait_for_others(connection, PATIENCE_MS)
+            connection.execution_options(
+                writes=True, person=True, turn_wait_s=PATIENCE_MS / 1000
+            )
         try:
+            if not sqlite:
+                connection.exec_driver_sql(f"SET LOCAL lock_timeout = {PATIENCE_MS}")
             connection.exec_driver_sql(_NOTHING_NEW)
             connection.commit()
+        except WaitedTooLong:
+            return False
         except OperationalError as exc:
             if any(word in str(exc.orig).lower() for word in _BUSY):
                 return False
@@ -35,12 +45,12 @@ def takes_writes(database: Database) -> bool:
         finally:
             connection.rollback()
             if sqlite:
-                _be_patient(connection, sqlite, BUSY_TIMEOUT_MS)
+                _wait_for_others(connection, BUSY_TIMEOUT_MS)
     return True
 
 
-def _be_patient(connection: Connection, sqlite: bool, for_ms: int) -> None:
-    setting = f"PRAGMA busy_timeout={for_ms}"
-    if not sqlite:
-        setting = f"SET LOCAL lock_timeout = {for_ms}"
-    connection.exec_driver_sql(setting)
+def _wait_for_others(connection: Connection, for_ms: int) -> None:
+    # To the driver itself: this is to hold before the transaction begins.
+    driver = connection.connection.dbapi_connection
+    if driver is not None:
+        driver.cursor().execute(f"PRAGMA busy_timeout={for_ms}")

@@ -46,7 +46,7 @@ _ACTIVE: Final = (
     )
     .join(ConfigVersion, ConfigVersion.id == Dataset.active_config_id)
     .join(Measurement, Measurement.id == Dataset.active_measurement_id)
-    .where(Dataset.name == bindparam("name"))
+    .where(Dataset.name == bindparam("name"), Dataset.removed_at.is_(None))
 )
 _ACTIVE_AND_KEY: Final = _ACTIVE.add_columns(
     Frame.id,

@@ -9,7 +9,7 @@ from sqlalchemy import func, select, union_all
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks
-from app.db.tables import Decision
+from app.db.tables import Box, Decision
 from app.repositories.box_filter import BoxFilter
 from filter_core.types import IntArray
 
@@ -35,6 +35,10 @@ class BoxProbes:
         rows: Iterable[tuple[int | None]] = self._session.execute(union_all(*ends))
         found = [box_id for (box_id,) in rows if box_id is not None]
         return (min(found), max(found)) if found else None
+
+    def newest_id(self) -> int:
+        """The number of the newest box of all datasets; 0 if there is none."""
+        return self._session.scalar(select(func.max(Box.id))) or 0
 
     def count(self, wanted: BoxFilter) -> int:
         """How many boxes the filter selects, by looking at them."""

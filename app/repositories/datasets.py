@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from sqlalchemy import bindparam, delete, func, select, update
+from sqlalchemy import ColumnElement, bindparam, delete, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.bulk import run
-from app.db.tables import Dataset, DatasetClass
+from app.db.tables import Dataset, DatasetClass, Export, Run, Tally
 from app.errors import Conflict, NotFound, Unprocessable
 
 _CLASSES: Final = (
@@ -19,6 +19,17 @@ _CLASSES: Final = (
     .where(DatasetClass.dataset_id == bindparam("dataset"))
     .order_by(DatasetClass.position)
 )
+
+
+def is_there() -> ColumnElement[bool]:
+    """That a dataset was not deleted."""
+    return Dataset.removed_at.is_(None)
+
+
+def is_deleted(session: Session, dataset_id: int) -> bool:
+    """Whether what belongs to a dataset is not to be seen any more."""
+    found = session.get(Dataset, dataset_id)
+    return found is None or found.removed_at is not None
 
 
 class DatasetRepository:
@@ -29,15 +40,16 @@ class DatasetRepository:
 
     def named(self, name: str) -> Dataset:
         """The dataset; NotFound if there is none of this name."""
-        found = self._session.scalar(select(Dataset).where(Dataset.name == name))
+        rows = select(Dataset).where(Dataset.name == name, is_there())
+        found = self._session.scalar(rows)
         if found is None:
             raise NotFound("dataset", name)
         return found
 
     def with_id(self, dataset_id: int) -> Dataset:
-        """The dataset that another row refers to."""
+        """The dataset that another row refers to; NotFound if it was deleted."""
         found = self._session.get(Dataset, dataset_id)
-        if found is None:
+        if found is None or found.removed_at is not None:
             raise NotFound("dataset", dataset_id)
         return found
 
@@ -45,7 +57,7 @@ class DatasetRepository:
         """The next datasets by name."""
         rows = (
             select(Dataset)
-            .where(Dataset.name > after)
+            .where(Dataset.name > after, is_there())
             .order_by(Dataset.name)
             .limit(limit)
         )
@@ -97,13 +109,32 @@ class DatasetRepository:
             .values(classes_frozen_at=utc_now())
         )
 
-    def remove(self, dataset: Dataset) -> None:
-        """Delete with everything that belongs to it."""
-        self._session.execute(delete(Dataset).where(Dataset.id == dataset.id))
+    def hide(self, dataset: Dataset) -> None:
+        """Delete: from now on nobody sees it, and its name is free.
+
+        What belongs to it goes later, see `RemovalRepository`; jobs and tallies, which
+        are counted over all datasets, go now.
+        """
+        for table in (Run, Export):
+            self._session.execute(
+                update(table)
+                .where(
+                    table.dataset_id == dataset.id,
+                    table.state.in_(("queued", "running")),
+                )
+                .values(state="cancelled", finished_at=utc_now())
+            )
+        self._session.execute(delete(Tally).where(Tally.dataset_id == dataset.id))
+        # No dataset can be given such a name.
+        values = {"name": f"/{dataset.id}", "removed_at": utc_now()}
+        self._session.execute(
+            update(Dataset).where(Dataset.id == dataset.id).values(values)
+        )
 
     def count(self) -> int:
         """How many datasets there are."""
-        return self._session.scalar(select(func.count()).select_from(Dataset)) or 0
+        rows = select(func.count()).select_from(Dataset).where(is_there())
+        return self._session.scalar(rows) or 0
 
     def _append_classes(
         self, dataset_id: int, names: Sequence[str], *, start: int

@@ -13,6 +13,7 @@ from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Decision, Flips
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
+from app.repositories.datasets import is_deleted
 from filter_core.types import Decisions, Evidence, FloatArray, IntArray
 
 
@@ -56,7 +57,7 @@ class DecisionRepository:
         """The dataset of a box that has a current decision."""
         rows = select(Decision.dataset_id).where(Decision.box_id == box_id)
         found = self._session.scalar(rows)
-        if found is None:
+        if found is None or is_deleted(self._session, found):
             raise NotFound("box", box_id)
         return found
 

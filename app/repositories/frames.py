@@ -24,6 +24,7 @@ from app.db.bulk import chunks, insert_rows, run, run_each, upsert_in
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem, Tally
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
+from app.repositories.datasets import is_deleted
 
 # Built once: every upload runs them, and building costs more than running.
 _TAKE_IDS: Final = (
@@ -99,7 +100,7 @@ class FrameRepository:
         """A frame, with its annotation on request; NotFound."""
         options = [undefer(Frame.annotation)] if annotation else []
         found = self._session.get(Frame, frame_id, options=options)
-        if found is None:
+        if found is None or is_deleted(self._session, found.dataset_id):
             raise NotFound("frame", frame_id)
         return found
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import (
     CTE,
+    ColumnElement,
     Select,
     case,
     delete,
@@ -23,6 +24,8 @@ from app.db.base import UtcDateTime, utc_now
 from app.db.bulk import chunks
 from app.db.tables import Claim, Decision, Review, ReviewBatch
 from app.errors import NotFound
+from app.repositories.datasets import is_deleted
+from app.repositories.reviews import insert_answers
 from app.repositories.tallies import TallyKey, TallyRepository
 
 COLUMNS = (
@@ -44,6 +47,20 @@ class Alike(NamedTuple):
     boxes: int
 
 
+class SeenBoxes(NamedTuple):
+    """Boxes to answer that somebody saw at the same revision.
+
+    `revision` None: they were seen in the state that they are in now; `UNANSWERED`:
+    nothing is known of what was seen, and only boxes without an answer are taken.
+    """
+
+    box_ids: Sequence[int]
+    revision: int | None
+
+
+UNANSWERED: Final = -1
+
+
 class ReviewBatches:
     """Rows of `review_batches`, and the answers that belong to them."""
 
@@ -59,7 +76,7 @@ class ReviewBatches:
     def with_id(self, batch_id: int) -> ReviewBatch:
         """A batch; NotFound."""
         found = self._session.get(ReviewBatch, batch_id)
-        if found is None:
+        if found is None or is_deleted(self._session, found.dataset_id):
             raise NotFound("review batch", batch_id)
         return found
 
@@ -73,21 +90,25 @@ class ReviewBatches:
         rows = select(Review.box_id).where(Review.batch_id == batch_id)
         return list(self._session.scalars(rows.order_by(Review.box_id)))
 
-    def answer(self, batch: ReviewBatch, box_ids: Sequence[int], comment: str) -> int:
-        """Give the batch's answer on those boxes that the dataset has; how many."""
-        for chunk in chunks(box_ids):
-            answers = select(
-                Decision.box_id,
-                Decision.revision + 1,
-                literal(batch.verdict),
-                literal(comment),
-                *_signed(batch),
-            ).where(
-                Decision.box_id.in_(chunk),
-                # Said so that the boxes are looked up by their ids and nothing else.
-                Decision.dataset_id + 0 == batch.dataset_id,
-            )
-            self._insert(answers)
+    def size(self, batch_id: int) -> int:
+        """How many answers a batch is made of."""
+        rows = select(func.count()).where(Review.batch_id == batch_id)
+        return self._session.scalar(rows) or 0
+
+    def answer(
+        self, batch: ReviewBatch, boxes: Iterable[SeenBoxes], comment: str
+    ) -> int:
+        """Answer boxes of the dataset that are as they were seen; how many."""
+        for seen in boxes:
+            for chunk in chunks(seen.box_ids):
+                answers = select(
+                    Decision.box_id,
+                    Decision.revision + 1,
+                    literal(batch.verdict),
+                    literal(comment),
+                    *_signed(batch),
+                ).where(Decision.box_id.in_(chunk), *_as_seen(batch, seen))
+                self._insert(answers)
         return self._apply(batch)
 
     def answer_as_before(self, batch: ReviewBatch, undone: ReviewBatch) -> int:
@@ -115,7 +136,7 @@ class ReviewBatches:
 
     def _insert(self, answers: Select[Any]) -> None:
         statement = insert(Review).from_select(list(COLUMNS), answers)
-        self._session.connection().execute(statement)
+        insert_answers(self._session, statement)
 
     def _apply(self, batch: ReviewBatch) -> int:
         """Make the batch's answers the latest ones; how many there are."""
@@ -155,6 +176,15 @@ class ReviewBatches:
             Alike(TallyKey(row[0], row[1], row[2], row[3]), row[4], row[5])
             for row in self._session.execute(rows)
         ]
+
+
+def _as_seen(batch: ReviewBatch, seen: SeenBoxes) -> Iterator[ColumnElement[bool]]:
+    # Said so that the boxes are looked up by their ids and nothing else.
+    yield Decision.dataset_id + 0 == batch.dataset_id
+    if seen.revision == UNANSWERED:
+        yield Decision.review.is_(None).is_(True)
+    elif seen.revision is not None:
+        yield Decision.revision == seen.revision
 
 
 def _standing(batch_id: int) -> CTE:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from sqlalchemy import func, insert, select
+import numpy as np
+from sqlalchemy import Executable, func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks, update_rows
-from app.db.tables import Decision, Review
-from app.errors import Conflict
+from app.db.tables import Box, Decision, Frame, Review
+from app.errors import LostRace
+from filter_core.types import IntArray
 
 
 class LatestReview(NamedTuple):
@@ -25,6 +27,24 @@ class LatestReview(NamedTuple):
     batch_id: int | None
 
 
+def insert_answers(
+    session: Session, statement: Executable, rows: Sequence[dict[str, Any]] = ()
+) -> None:
+    """Insert answers, listed or selected by the statement itself.
+
+    Unique (box, revision) settles a race between two people.
+
+    Raises
+    ------
+    LostRace
+        A box has an answer of this revision already.
+    """
+    try:
+        session.connection().execute(statement, rows or None)
+    except IntegrityError as error:
+        raise LostRace from error
+
+
 class ReviewRepository:
     """Rows of `reviews`."""
 
@@ -32,14 +52,8 @@ class ReviewRepository:
         self._session = session
 
     def add(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Insert answers; unique (box, revision) settles a race between two people."""
-        try:
-            self._session.execute(insert(Review), list(rows))
-        except IntegrityError as error:
-            raise Conflict(
-                "someone answered one of these boxes at the same moment; look again",
-                code="stale_review",
-            ) from error
+        """Insert answers; LostRace if somebody answered a box at the same moment."""
+        insert_answers(self._session, insert(Review), list(rows))
         update_rows(
             self._session,
             Decision,
@@ -57,6 +71,17 @@ class ReviewRepository:
         """All answers on a box, oldest first."""
         rows = select(Review).where(Review.box_id == box_id).order_by(Review.revision)
         return list(self._session.scalars(rows))
+
+    def reviewers_of(self, dataset_id: int, key: str) -> dict[str, int]:
+        """How many answers each person gave on a frame, in all of its revisions."""
+        rows = (
+            select(Review.reviewer, func.count())
+            .join(Box, Box.id == Review.box_id)
+            .join(Frame, Frame.id == Box.frame_id)
+            .where(Frame.dataset_id == dataset_id, Frame.key == key)
+            .group_by(Review.reviewer)
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
 
     def latest(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The newest answer of each box that has one."""
@@ -88,6 +113,12 @@ class ReviewRepository:
     def newest_id(self) -> int:
         """The number of the newest answer of all datasets; 0 if there is none."""
         return self._session.scalar(select(func.max(Review.id))) or 0
+
+    def boxes_after(self, review_id: int) -> IntArray:
+        """The box of each answer after this one, of all datasets."""
+        # Not distinct: SQLite would read all answers in the order of their boxes.
+        rows = select(Review.box_id).where(Review.id > review_id)
+        return np.fromiter(self._session.scalars(rows), np.int64)
 
     def last_id(self, dataset_id: int) -> int:
         """The number of the newest answer in a dataset; 0 if there is none."""

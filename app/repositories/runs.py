@@ -10,9 +10,10 @@ from sqlalchemy.orm import Session
 
 from app.db.engine import once_committed
 from app.db.flip_record import find_flip
-from app.db.tables import ConfigVersion, Export, Flips, Problem, Run
+from app.db.tables import ConfigVersion, Dataset, Export, Flips, Problem, Run
 from app.errors import NotFound
 from app.metrics import REFUSED
+from app.repositories.datasets import is_deleted, is_there
 from app.repositories.newest import NewestPage, newest
 
 
@@ -39,7 +40,11 @@ class ConfigRepository:
 
     def with_digest(self, digest: str) -> ConfigVersion:
         """Any dataset's version with this digest; they are equal."""
-        rows = select(ConfigVersion).where(ConfigVersion.digest == digest)
+        rows = (
+            select(ConfigVersion)
+            .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
+            .where(ConfigVersion.digest == digest, is_there())
+        )
         found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
         if found is None:
             raise NotFound("config", digest)
@@ -77,7 +82,10 @@ class RunRepository:
 
     def find(self, run_id: int) -> Run | None:
         """A run, unless it was deleted with its dataset."""
-        return self._session.get(Run, run_id)
+        found = self._session.get(Run, run_id)
+        if found is None or is_deleted(self._session, found.dataset_id):
+            return None
+        return found
 
     def with_id(self, run_id: int) -> Run:
         """A run; NotFound."""
@@ -171,7 +179,10 @@ class ExportRepository:
 
     def find(self, export_id: int) -> Export | None:
         """An export, unless it was deleted with its dataset."""
-        return self._session.get(Export, export_id)
+        found = self._session.get(Export, export_id)
+        if found is None or is_deleted(self._session, found.dataset_id):
+            return None
+        return found
 
     def with_id(self, export_id: int) -> Export:
         """An export; NotFound."""

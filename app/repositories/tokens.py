@@ -1,14 +1,14 @@
-"""Tokens and the sessions that they opened. Never sees a secret, only hashes."""
+"""Tokens, and the sessions, codes and links of each. Sees no secret, only hashes."""
 
 from __future__ import annotations
 
 from datetime import datetime
 from typing import Final, NamedTuple
 
-from sqlalchemy import bindparam, delete, or_, select
+from sqlalchemy import bindparam, delete, or_, select, update
 from sqlalchemy.orm import Session
 
-from app.db.access_tables import LoginSession, Token
+from app.db.access_tables import DownloadLink, LoginCode, LoginSession, Token
 
 _VALID: Final = (
     Token.revoked_at.is_(None),
@@ -57,18 +57,28 @@ class Tokens:
         row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
-    def replace(self, name: str, role: str, digest: str) -> Token:
+    def replace(self, name: str, role: str, digest: str, expires_at: datetime) -> Token:
         """Give the token of this name a new hash; what the old one opened ends."""
         token = self.by_name(name)
         if token is None:
-            token = Token(name=name, role=role, hash=digest)
+            token = Token(name=name, role=role, hash=digest, expires_at=expires_at)
             self.add(token)
             return token
         self.end_sessions_of(token.id)
         token.hash, token.role = digest, role
-        token.revoked_at = token.expires_at = None
+        token.revoked_at, token.expires_at = None, expires_at
         self._session.flush()
         return token
+
+    def note_use(self, token_id: int, at: datetime) -> None:
+        """Remember when a token was last used; never an earlier time than is known."""
+        earlier = or_(Token.last_used_at.is_(None), Token.last_used_at < at)
+        self._session.execute(
+            update(Token)
+            .where(Token.id == token_id, earlier)
+            .values(last_used_at=at)
+            .execution_options(synchronize_session=False)
+        )
 
     def add(self, token: Token) -> None:
         """Store a new token."""
@@ -117,6 +127,7 @@ class Tokens:
         """Let nobody in with it any more; the first time is what counts."""
         token.revoked_at = token.revoked_at or now
         self.end_sessions_of(token.id)
+        self._session.execute(delete(LoginCode).where(LoginCode.token_id == token.id))
         self._session.flush()
 
     def open_session(self, token_id: int, digest: str, expires_at: datetime) -> None:
@@ -136,6 +147,60 @@ class Tokens:
         if session_digest is not None:
             ends.append(self._session.scalar(session))
         return min((end for end in ends if end is not None), default=None)
+
+    def add_code(self, code: LoginCode) -> None:
+        """Store a login code, and forget those that ended before it was made."""
+        ended = delete(LoginCode).where(LoginCode.expires_at <= code.created_at)
+        self._session.execute(ended)
+        self._session.add(code)
+        self._session.flush()
+
+    def code(self, code_id: int) -> LoginCode | None:
+        """The login code with this id, used or not."""
+        return self._session.get(LoginCode, code_id)
+
+    def code_by_hash(self, digest: str) -> LoginCode | None:
+        """The login code with this hash, used or not."""
+        return self._session.scalars(
+            select(LoginCode).where(LoginCode.hash == digest).order_by(LoginCode.id)
+        ).one_or_none()
+
+    def use_code(self, code_id: int, now: datetime) -> bool:
+        """Note that a login code was used; False if somebody was first, or it ended."""
+        noted = self._session.execute(
+            update(LoginCode)
+            .where(
+                LoginCode.id == code_id,
+                LoginCode.used_at.is_(None),
+                LoginCode.expires_at > now,
+            )
+            .values(used_at=now)
+            .returning(LoginCode.id)
+        )
+        return noted.first() is not None
+
+    def add_link(self, link: DownloadLink) -> None:
+        """Store the address of a download, and forget those that have ended."""
+        ended = delete(DownloadLink).where(DownloadLink.expires_at <= link.created_at)
+        self._session.execute(ended)
+        self._session.add(link)
+        self._session.flush()
+
+    def valid_by_link(self, digest: str, export_id: int, now: datetime) -> bool:
+        """Whether this link opens this export, and its token is still valid."""
+        row = self._session.execute(
+            select(Token.id)
+            .join(DownloadLink, DownloadLink.token_id == Token.id)
+            .where(
+                DownloadLink.hash == digest,
+                DownloadLink.export_id == export_id,
+                DownloadLink.expires_at > bindparam("now"),
+                *_VALID,
+            )
+            .order_by(Token.id),
+            {"now": now},
+        )
+        return row.first() is not None
 
     def end_session(self, digest: str) -> None:
         """Forget one session."""

@@ -8,6 +8,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from app.db.tables import Blob, Dataset, Export, Run, Tally
+from app.repositories.datasets import is_there
 
 _STATES: Final = ("queued", "running", "done", "failed", "cancelled")
 
@@ -27,7 +28,7 @@ class Totals:
 
     def datasets(self) -> int:
         """How many datasets there are."""
-        rows = select(func.count()).select_from(Dataset)
+        rows = select(func.count()).select_from(Dataset).where(is_there())
         return self._session.scalar(rows) or 0
 
     def boxes_by_reason(self) -> dict[int, int]:
@@ -46,7 +47,12 @@ class Totals:
         found: dict[tuple[str, str], int] = {}
         for kind, table in (("run", Run), ("export", Export)):
             found |= {(kind, state): 0 for state in _STATES}
-            rows = select(table.state, func.count()).group_by(table.state)
+            rows = (
+                select(table.state, func.count())
+                .join(Dataset, Dataset.id == table.dataset_id)
+                .where(is_there())
+                .group_by(table.state)
+            )
             for state, count in self._session.execute(rows):
                 found[kind, state] = count
         return found

@@ -18,7 +18,7 @@ router = ApiRouter(prefix="/api/v1", tag="audit", read=Role.ADMIN, write=Role.AD
 
 @router.get("/audit", response_model=Page[AuditEntryOut])
 def list_audit(wanted: Newest, session: ReadSession) -> Response:
-    """Who did what to tokens, datasets, configurations and jobs, newest first."""
+    """Who did what to tokens, data, configurations, jobs and many answers at once."""
     limit = wanted.page.limit
     found = AuditRepository(session).page(wanted.page)
     following = str(found[limit - 1].id) if len(found) > limit else None

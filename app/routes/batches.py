@@ -23,6 +23,7 @@ from app.routing import LARGE_BODY, ApiRouter
 from app.services.batch_work import BatchOf, FrameLine
 from app.services.batches import ArchiveFrames, BatchIntake
 from app.services.context import ServiceContext
+from app.services.room import require_room
 
 ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"
@@ -60,7 +61,7 @@ async def post_batch(
 ) -> Response:
     """Store the frames of a tar while it comes; each is answered once it is durable."""
     _expect_archive(request)
-    return BatchAnswer(request, services, BatchOf(dataset, principal.name, replace))
+    return BatchAnswer(request, services, BatchOf(dataset, principal, replace))
 
 
 def _expect_archive(request: Request) -> None:
@@ -122,12 +123,13 @@ class BatchAnswer(Response):
         await send({"type": "http.response.body", "body": b""})
 
     def _require_dataset(self) -> None:
+        require_room(self._services.settings, self._services.storage)
         with self._services.database.read() as session:
             self._services.plans.active(session, self._batch.dataset)
 
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
-        writers = self._request.app.state.writers
-        intake = BatchIntake(self._services, self._batch, writers)
+        places = self._request.app.state.uploads
+        intake = BatchIntake(self._services, self._batch, places)
         told: Counter[str] = Counter(stored=0, same=0, refused=0)
         end: dict[str, Any] = {"end": True}
         try:

@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+import threading
 from typing import Final
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from starlette.datastructures import Headers
 
+from app.engine.pixels import PixelsRefused
 from app.errors import RangeNotSatisfiable
+from app.head_requests import asks_for_head, without_length
+from app.routing import CLIENT_LEFT
+from app.services.context import ServiceContext
+from app.services.pictures import Drawing
 from app.storage import Blob
 
 IMMUTABLE: Final = "private, max-age=31536000, immutable"
 REVALIDATE: Final = "private, no-cache"
 _MAX_DIGITS: Final = 18
 _SANDBOX: Final = "default-src 'none'; sandbox"
+
+
+def known_response(request: Request, digest: str) -> Response | None:
+    """The answer to whoever has a file already: it is not even looked at."""
+    headers = blob_headers(digest)
+    if not _is_known(request, headers["ETag"]):
+        return None
+    return Response(status_code=304, headers=headers)
 
 
 def file_response(
@@ -59,14 +74,54 @@ def _streamed(
     )
 
 
-def drawn_response(
-    request: Request, tag: str, media_type: str, draw: Callable[[], bytes]
+async def drawn_response(
+    request: Request, services: ServiceContext, drawing: Drawing
 ) -> Response:
-    """A picture that is drawn only if the browser does not have it yet."""
-    headers = blob_headers(tag) | {"Cache-Control": REVALIDATE}
+    """A picture, drawn unless the browser has it or it was drawn lately.
+
+    As many are drawn at the same time as there are processes for it; the others wait
+    without a thread. A client that leaves ends the drawing of its picture.
+    """
+    headers = blob_headers(drawing.tag) | {"Cache-Control": REVALIDATE}
     if _is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    return Response(draw(), media_type=media_type, headers=headers)
+    if asks_for_head(request):  # its length alone is not worth drawing it
+        return without_length(Response(media_type=drawing.media_type, headers=headers))
+    content = services.drawn.find(drawing.tag)
+    if content is None:
+        content = await _drawn(request, services, drawing)
+    if content is None:
+        return Response(status_code=CLIENT_LEFT)
+    services.drawn.keep(drawing.tag, content)
+    return Response(content, media_type=drawing.media_type, headers=headers)
+
+
+async def _drawn(
+    request: Request, services: ServiceContext, drawing: Drawing
+) -> bytes | None:
+    """The picture itself; None if nobody waits for it any more."""
+    given_up = threading.Event()
+    places: CapacityLimiter = request.app.state.drawings
+    drawn = asyncio.ensure_future(
+        to_thread.run_sync(drawing.draw, services.pixels, given_up, limiter=places)
+    )
+    left = asyncio.ensure_future(_has_left(request))
+    try:
+        await asyncio.wait({drawn, left}, return_when=asyncio.FIRST_COMPLETED)
+        return drawn.result() if drawn.done() else None
+    except PixelsRefused as refused:
+        services.drawn.refuse(drawing.tag, refused)
+        raise
+    finally:
+        given_up.set()
+        drawn.cancel()
+        left.cancel()
+        await asyncio.wait({drawn, left})
+
+
+async def _has_left(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 def blob_headers(tag: str) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 
 from app.deps import AppServices, ReadSession, RowId
 from app.repositories.datasets import DatasetRepository
@@ -18,8 +18,9 @@ from app.schemas.reviews import HistoryOut
 from app.services import boxes
 from app.services.box_counts import count_boxes
 from app.services.box_selection import to_filter
+from app.services.bulk_selection import take_snapshot
 from app.services.history import history
-from app.services.pictures import crop, frame_pictures, visible_rectangle
+from app.services.pictures import Drawing, frame_pictures, visible_rectangle
 
 router = ApiRouter(prefix="/api/v1", tag="boxes")
 
@@ -33,13 +34,15 @@ def list_boxes(
 ) -> Response:
     """Boxes of a dataset by id, doubt, match or crowding."""
     dataset = DatasetRepository(session).named(query.dataset)
-    wanted = to_filter(session, dataset, selection_of(query))
+    selection = selection_of(query)
+    wanted = to_filter(session, dataset, selection)
     page = boxes.PageRequest(query.sort, query.cursor or "", query.limit)
     items, cursor = boxes.list_boxes(session, dataset, wanted, page)
-    total = None
-    if query.count:
-        total = count_boxes(services, session, dataset, wanted)
-    return page_response(request, items, cursor, total=total)
+    if not query.count:
+        return page_response(request, items, cursor)
+    total = count_boxes(services, session, dataset, wanted)
+    snapshot = take_snapshot(session, dataset, selection, total)
+    return page_response(request, items, cursor, total=total, snapshot=snapshot)
 
 
 @router.get("/boxes/{box_id}", response_model=BoxOut)
@@ -54,27 +57,26 @@ def get_history(box_id: RowId, session: ReadSession) -> dict[str, Any]:
     return {"items": history(session, box_id)}
 
 
+def _crop(
+    box_id: RowId, services: AppServices, query: Annotated[CropQuery, Query()]
+) -> Drawing:
+    with services.database.read() as session:
+        decision = boxes.describe_box(session, box_id)
+        found = frame_pictures(services.storage, session, decision["frame_id"])
+    xyxy = visible_rectangle(decision)
+    return found.crop(query.layer, xyxy, query.pad, query.height)
+
+
 @router.get(
     "/boxes/{box_id}/crop",
     response_class=Response,
     responses=JPEG,
     openapi_extra=TAGGED,
 )
-def get_crop(
-    box_id: RowId,
+async def get_crop(
     request: Request,
-    session: ReadSession,
     services: AppServices,
-    query: Annotated[CropQuery, Query()],
+    drawing: Annotated[Drawing, Depends(_crop)],
 ) -> Response:
     """The part of the frame around a box as JPEG."""
-    decision = boxes.describe_box(session, box_id)
-    found = frame_pictures(services.storage, session, decision["frame_id"])
-    xyxy = visible_rectangle(decision)
-    tag = found.tag("crop", xyxy, *query.model_dump().values())
-    return drawn_response(
-        request,
-        tag,
-        "image/jpeg",
-        lambda: crop(found.layer(query.layer), xyxy, query.pad, query.height),
-    )
+    return await drawn_response(request, services, drawing)

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends, Request
 
-from app.deps import settings_of
+from app.bodies import beside_the_loop
 from app.errors import UnsupportedMedia
-from app.middleware import BODY_ALLOWANCE
+from app.routing import body_up_to
 from filter_core.config_file import LoadedConfig, load_config
 
 _MEDIA_TYPES: Final = (
@@ -27,9 +27,7 @@ async def config_body(request: Request) -> LoadedConfig:
             "the body must be application/json or application/yaml, "
             f"it says {media_type or 'nothing'!r}"
         )
-    limit = settings_of(request).max_config_bytes
-    request.scope[BODY_ALLOWANCE].max_bytes = int(limit)
-    return load_config(await request.body())
+    return await beside_the_loop(request, await request.body(), load_config)
 
 
 ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
@@ -43,4 +41,5 @@ def described_config() -> dict[str, Any]:
         "every key is optional, nothing at all is the defaults.",
     }
     content = {name: {"schema": schema} for name in _MEDIA_TYPES[:2]}
-    return {"requestBody": {"required": True, "content": content}}
+    body = {"requestBody": {"required": True, "content": content}}
+    return {**body, **body_up_to("max_config_bytes")}

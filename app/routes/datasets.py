@@ -119,11 +119,13 @@ def change_dataset(
 def delete_dataset(
     dataset: DatasetName,
     session: WriteSession,
+    services: AppServices,
     audit: Audited,
     confirm: Confirmation = None,
 ) -> Response:
     """Delete a dataset with everything in it; `confirm` repeats its name."""
-    datasets.remove_dataset(session, DatasetRepository(session).named(dataset), confirm)
+    found = DatasetRepository(session).named(dataset)
+    datasets.remove_dataset(services, session, found, confirm)
     audit.note(Act.DATASET_DELETED, dataset)
     return Response(status_code=204)
 

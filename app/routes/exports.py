@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from datetime import datetime
+from typing import Annotated, Any
 
-from fastapi import Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from sqlalchemy.orm import Session
 
 from app.db.tables import Export
 from app.deps import (
@@ -15,6 +18,7 @@ from app.deps import (
     ReadSession,
     RowId,
     WriteSession,
+    unless_guessing,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
@@ -22,11 +26,14 @@ from app.routes.blobs import file_response
 from app.routes.datasets import DatasetName
 from app.routes.event_stream import LastEventId, events_of, watch
 from app.routes.newest_first import Newest
-from app.routing import ApiRouter
+from app.routing import ApiRouter, OpenRouter
 from app.schemas.pages import Page
 from app.schemas.pictures import RESUMABLE, file_of
 from app.schemas.runs import ExportIn, ExportOut
+from app.security import Role
+from app.services import access
 from app.services.audit import Act
+from app.services.context import ServiceContext
 from app.services.export_writing import job_of
 from app.services.exports import (
     MEDIA_TYPE,
@@ -36,8 +43,20 @@ from app.services.exports import (
     finished_file,
     request_export,
 )
+from app.services.timestamps import rfc3339
 
-router = ApiRouter(prefix="/api/v1", tag="exports")
+inside = ApiRouter(prefix="/api/v1", tag="exports")
+# Whoever may download may have an address to download from.
+addresses = ApiRouter(prefix="/api/v1", tag="exports", write=Role.VIEWER)
+by_address = OpenRouter(prefix="/api/v1", tag="exports")
+
+
+class LinkOut(BaseModel):
+    """Where the file of one export can be had without a token, and until when."""
+
+    url: str
+    expires_at: datetime
+
 
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
     **file_of(MEDIA_TYPE),
@@ -45,7 +64,7 @@ _ARCHIVE: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get("/datasets/{dataset}/exports", response_model=Page[ExportOut])
+@inside.get("/datasets/{dataset}/exports", response_model=Page[ExportOut])
 def list_exports(
     dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
@@ -55,22 +74,23 @@ def list_exports(
     return wanted.answer(rows, lambda export: describe_export(export, dataset))
 
 
-@router.post("/datasets/{dataset}/exports", status_code=202, response_model=ExportOut)
+@inside.post("/datasets/{dataset}/exports", status_code=202, response_model=ExportOut)
 def create_export(
     dataset: DatasetName,
     body: ExportIn,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Response:
     """Write the labels of the dataset; its classes keep their order from now on."""
     found = DatasetRepository(session).named(dataset)
-    wanted = ExportRequest(body.format, body.options.model_dump(), principal.name)
+    wanted = ExportRequest(body.format, body.options.model_dump(), audit.name)
     export = request_export(services, session, found, wanted)
+    audit.note(Act.EXPORT_CREATED, export.id, dataset=dataset, format=body.format)
     return _accepted(export, dataset)
 
 
-@router.post("/exports/{export_id}/cancel", status_code=202, response_model=ExportOut)
+@inside.post("/exports/{export_id}/cancel", status_code=202, response_model=ExportOut)
 def stop_export(
     export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
@@ -89,7 +109,7 @@ def _accepted(export: Export, dataset: str) -> Response:
     )
 
 
-@router.get("/exports/{export_id}", response_model=ExportOut)
+@inside.get("/exports/{export_id}", response_model=ExportOut)
 def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
     """An export and how far it is."""
     export = ExportRepository(session).with_id(export_id)
@@ -97,7 +117,7 @@ def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
     return describe_export(export, dataset.name)
 
 
-@router.get(
+@inside.get(
     "/exports/{export_id}/events",
     response_class=Response,
     responses=events_of(ExportOut, "export"),
@@ -112,7 +132,7 @@ async def watch_export(
     return await watch(request, services, job_of(export_id), last_event_id)
 
 
-@router.get(
+@inside.get(
     "/exports/{export_id}/download",
     response_class=Response,
     responses=_ARCHIVE,
@@ -122,8 +142,64 @@ def download_export(
     export_id: RowId, request: Request, session: ReadSession, services: AppServices
 ) -> Response:
     """The archive of a finished export; a download can be resumed by ranges."""
+    return _archive(request, session, services, export_id)
+
+
+@addresses.post(
+    "/exports/{export_id}/download-links", status_code=201, response_model=LinkOut
+)
+def create_download_link(
+    export_id: RowId,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """An address of this one file, for whatever can show no token, such as a browser.
+
+    It works for five minutes, ranges included, and no longer than the token does.
+    """
+    export = ExportRepository(session).with_id(export_id)
+    finished_file(services, export)
+    key, ends = access.make_link(session, principal.token_id, export_id)
+    url = f"/api/v1/exports/{export_id}/file?key={key}"
+    # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
+    return JSONResponse(
+        {"url": url, "expires_at": rfc3339(ends)},
+        status_code=201,
+        headers={"Cache-Control": "no-store"},
+    )
+
+
+@by_address.get(
+    "/exports/{export_id}/file",
+    response_class=Response,
+    responses=_ARCHIVE,
+    openapi_extra=RESUMABLE,
+)
+def download_by_address(
+    export_id: RowId,
+    key: Annotated[str, Query(min_length=1, max_length=200)],
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
+) -> Response:
+    """The same archive, by an address that `download-links` gave."""
+    with unless_guessing(request, key):
+        access.check_link(session, key, export_id)
+    return _archive(request, session, services, export_id)
+
+
+def _archive(
+    request: Request, session: Session, services: ServiceContext, export_id: int
+) -> Response:
     export = ExportRepository(session).with_id(export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     blob = finished_file(services, export)
     name = f"{dataset.name}-{export.format}-{export.id}.zip"
     return file_response(request, blob, export.sha256 or "", MEDIA_TYPE, name)
+
+
+router = APIRouter(redirect_slashes=False)
+router.include_router(inside)
+router.include_router(addresses)
+router.include_router(by_address)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from enum import Enum
 from typing import Annotated
 
-from fastapi import Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 
 from app.deps import AppServices, ReadSession, RowId
-from app.errors import NotFound
-from app.routes.blobs import drawn_response, file_response
+from app.head_requests import asks_for_head
+from app.routes.blobs import drawn_response, file_response, known_response
 from app.routing import ApiRouter
 from app.schemas.pictures import FILE, JPEG, PICTURE, RESUMABLE, TAGGED, OverlayQuery
+from app.services.drawing import DrawnBox
 from app.services.frames import describe_frame, frame_file
-from app.services.pictures import frame_pictures, overlay, thumbnail
+from app.services.pictures import Drawing, frame_pictures
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
@@ -29,26 +30,39 @@ class FileKind(str, Enum):
     RADAR = "radar"
 
 
+def _thumbnail(frame_id: RowId, services: AppServices) -> Drawing:
+    with services.database.read() as session:
+        return frame_pictures(services.storage, session, frame_id).thumbnail()
+
+
 @router.get(
     "/frames/{frame_id}/thumbnail",
     response_class=Response,
     responses=JPEG,
     openapi_extra=TAGGED,
 )
-def get_thumbnail(
-    frame_id: RowId, request: Request, session: ReadSession, services: AppServices
+async def get_thumbnail(
+    request: Request,
+    services: AppServices,
+    drawing: Annotated[Drawing, Depends(_thumbnail)],
 ) -> Response:
     """A small JPEG of the image."""
-    found = frame_pictures(services.storage, session, frame_id)
-    if "image" not in found.files:
-        raise NotFound("image of frame", frame_id)
-    digest = found.files["image"].sha256
-    return drawn_response(
-        request,
-        f"{digest}-thumbnail",
-        "image/jpeg",
-        lambda: thumbnail(services.storage.read(digest)),
-    )
+    return await drawn_response(request, services, drawing)
+
+
+def _overlay(
+    frame_id: RowId, services: AppServices, query: Annotated[OverlayQuery, Query()]
+) -> Drawing:
+    wanted = query.verdicts()
+    with services.database.read() as session:
+        found = frame_pictures(services.storage, session, frame_id)
+        shown = describe_frame(session, frame_id)["boxes"] if wanted else []
+    boxes = [
+        DrawnBox(one["effective_verdict"], one["xyxy"], one["edges"])
+        for one in shown
+        if one["effective_verdict"] in wanted
+    ]
+    return found.overlay(query.layer, boxes, edges=query.edges == "3d")
 
 
 @router.get(
@@ -57,25 +71,13 @@ def get_thumbnail(
     responses=PICTURE,
     openapi_extra=TAGGED,
 )
-def get_overlay(
-    frame_id: RowId,
+async def get_overlay(
     request: Request,
-    session: ReadSession,
     services: AppServices,
-    query: Annotated[OverlayQuery, Query()],
+    drawing: Annotated[Drawing, Depends(_overlay)],
 ) -> Response:
     """A layer of the frame with its boxes as JPEG; without boxes, lossless PNG."""
-    found = frame_pictures(services.storage, session, frame_id)
-    wanted = query.verdicts()
-    shown = describe_frame(session, frame_id)["boxes"] if wanted else []
-    drawn = [one for one in shown if one["effective_verdict"] in wanted]
-    lines = [(one["effective_verdict"], one["xyxy"], one["edges"]) for one in drawn]
-    return drawn_response(
-        request,
-        found.tag("overlay", query.layer, query.edges, lines),
-        "image/jpeg" if drawn else "image/png",
-        lambda: overlay(found.layer(query.layer), drawn, edges=query.edges == "3d"),
-    )
+    return await drawn_response(request, services, drawing)
 
 
 @router.get(
@@ -93,5 +95,11 @@ def get_file(
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
     file = frame_file(session, frame_id, kind.value)
+    known = known_response(request, file.sha256)
+    if known is not None:
+        return known
+    if asks_for_head(request):  # its content is compared with its hash by a GET
+        blob = services.storage.whole(file.sha256, size_bytes=file.size_bytes)
+        return file_response(request, blob, file.sha256, file.media_type)
     blob = services.storage.intact(file.sha256, size_bytes=file.size_bytes)
     return file_response(request, blob, file.sha256, file.media_type)

@@ -6,10 +6,12 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends, Request
 
-from app.deps import settings_of
+from app.deps import services_of, settings_of
 from app.errors import Unprocessable, UnsupportedMedia
 from app.routes.multipart import PartLimits, read_parts
+from app.routing import body_up_to
 from app.services.frame_files import KINDS
+from app.services.room import require_room
 
 ANNOTATION: Final = "annotation"
 _MEDIA_TYPE: Final = "multipart/form-data"
@@ -23,6 +25,7 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
             f"the body must be {_MEDIA_TYPE}, it says {media_type or 'nothing'!r}"
         )
     settings = settings_of(request)
+    require_room(settings, services_of(request).storage)
     limits = PartLimits(settings.max_parts, settings.max_part_bytes)
     parts: dict[str, bytes] = {}
     for part in await read_parts(media_type, request.stream(), limits):
@@ -59,6 +62,6 @@ def described_body() -> dict[str, Any]:
         "description": "Boxes, camera and more; see the guide to formats.",
     }
     schema = {"type": "object", "properties": properties, "required": [ANNOTATION]}
-    return {
-        "requestBody": {"required": True, "content": {_MEDIA_TYPE: {"schema": schema}}}
-    }
+    content = {_MEDIA_TYPE: {"schema": schema}}
+    body = {"requestBody": {"required": True, "content": content}}
+    return {**body, **body_up_to("max_body_bytes")}

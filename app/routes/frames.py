@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import TypeAdapter
@@ -14,7 +15,7 @@ from app.deps import (
     CurrentPrincipal,
     ReadSession,
     RowId,
-    WriteSession,
+    UploadSession,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameFilter
@@ -26,10 +27,10 @@ from app.schemas.boxes import FrameListQuery
 from app.schemas.frames import FrameOut, FrameSummary, StoredFrameOut
 from app.schemas.pages import Page, page_response
 from app.services import frames
-from app.services.audit import Act
 from app.services.box_selection import to_filter
 from app.services.frame_keys import checked_key
-from app.services.ingest import FrameUpload, store_frame
+from app.services.incoming import ReadyFrame
+from app.services.ingest import FrameUpload, prepare_frame, store_frame
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
@@ -48,8 +49,23 @@ async def frame_upload(
 ) -> FrameUpload:
     """A frame as it was sent. Asynchronous: not worth a thread of its own."""
     files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
-    return FrameUpload(
-        checked_key(key), parts[ANNOTATION], files, principal.name, replace
+    return FrameUpload(checked_key(key), parts[ANNOTATION], files, principal, replace)
+
+
+async def ready_frame(
+    request: Request,
+    dataset: DatasetName,
+    upload: Annotated[FrameUpload, Depends(frame_upload)],
+    services: AppServices,
+) -> ReadyFrame | int:
+    """A frame that is checked and measured, or the id that it is stored under already.
+
+    Before the request takes a place among those that write: a frame may take long. The
+    threads are its own, because all shared ones might wait for such frames.
+    """
+    places: CapacityLimiter = request.app.state.preparing
+    return await to_thread.run_sync(
+        prepare_frame, services, dataset, upload, limiter=places
     )
 
 
@@ -62,12 +78,12 @@ async def frame_upload(
 )
 def put_frame(
     dataset: DatasetName,
-    upload: Annotated[FrameUpload, Depends(frame_upload)],
-    session: WriteSession,
+    ready: Annotated[ReadyFrame | int, Depends(ready_frame)],
+    session: UploadSession,
     services: AppServices,
 ) -> Response:
     """Store a frame: measured, decided and durable before this is answered."""
-    stored = store_frame(services, session, dataset, upload)
+    stored = store_frame(services, session, dataset, ready)
     answer = stored.answer or frames.describe_stored(session, stored.frame_id)
     response = Response(
         _JSON.dump_json(answer),
@@ -109,11 +125,11 @@ def get_frame_by_key(
 
 @router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
 def delete_frame(
-    dataset: DatasetName, key: FrameKey, session: WriteSession, audit: Audited
+    dataset: DatasetName, key: FrameKey, principal: CurrentPrincipal, audit: Audited
 ) -> Response:
-    """Delete a frame with all its revisions and answers."""
-    frames.remove_frame(session, DatasetRepository(session).named(dataset), key)
-    audit.note(Act.FRAME_DELETED, key, dataset=dataset)
+    """Delete a frame with all its revisions and answers; others' need an admin."""
+    found = DatasetRepository(audit.session).named(dataset)
+    frames.remove_frame(audit, principal, found, key)
     return Response(status_code=204)
 
 

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel
 
+from app.connections import Connections
 from app.deps import AppServices
 from app.metrics import WORK, RequestMetrics
 from app.process_facts import process_facts
@@ -68,7 +69,14 @@ async def running_version() -> Version:
 def metrics(request: Request, services: AppServices) -> PlainTextResponse:
     """Requests, work, queues, verdicts and room, for Prometheus."""
     counts: RequestMetrics = request.app.state.metrics
-    found = (*counts.instruments(), *WORK, *gauges(services), *process_facts())
+    connections: Connections = request.app.state.connections
+    found = (
+        *counts.instruments(),
+        *connections.instruments(),
+        *WORK,
+        *gauges(services),
+        *process_facts(),
+    )
     lines = [line for one in found for line in one.lines()]
     return PlainTextResponse("\n".join((*lines, "")), media_type=PROMETHEUS_TYPE)
 

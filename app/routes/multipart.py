@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterable
 from dataclasses import dataclass, field
+from typing import Final
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from app.errors import BadRequest, TooLarge
+from app.pieces import Pieces
+
+MOST_MEDIA_TYPE: Final = 1024
+"""Characters of a Content-Type; taking apart a long one takes long."""
+MOST_HEADERS: Final = 8
+"""Of one part; forms have two or three."""
+MOST_HEADER_BYTES: Final = 4096
+"""Of one header of a part: its names are read as often as it has any."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,12 @@ async def read_parts(
     """
     form = _Form(limits)
     try:
-        parser = MultipartParser(_boundary(media_type), form.callbacks())  # type: ignore[arg-type]  # a dict of just these names
+        parser = MultipartParser(
+            _boundary(media_type),
+            form.callbacks(),  # type: ignore[arg-type]  # a dict of just these names
+            max_header_count=MOST_HEADERS,
+            max_header_size=MOST_HEADER_BYTES,
+        )
         async for chunk in stream:
             parser.write(chunk)
     except FormParserError as error:
@@ -59,6 +73,11 @@ async def read_parts(
 
 
 def _boundary(media_type: str) -> bytes:
+    if len(media_type) > MOST_MEDIA_TYPE:
+        raise _unreadable(
+            f"its Content-Type has {len(media_type)} characters; "
+            f"expected at most {MOST_MEDIA_TYPE}"
+        )
     _, options = parse_options_header(media_type)
     boundary = options.get(b"boundary")
     if not boundary:
@@ -98,8 +117,7 @@ class _Form:
             raise TooLarge(f"the form has more than {self.limits.max_parts} parts")
         self._name = ""
         self._disposition = self._header = self._value = b""
-        self._chunks: list[memoryview] = []
-        self._size = 0
+        self._content = Pieces()
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
         self._header += data[start:end]
@@ -119,15 +137,14 @@ class _Form:
         self._name = options[b"name"].decode("utf-8", "replace")
 
     def _data(self, data: bytes, start: int, end: int) -> None:
-        self._size += end - start
-        if self._size > self.limits.max_part_bytes:
+        if len(self._content) + end - start > self.limits.max_part_bytes:
             raise TooLarge(
                 f"part {self._name!r} is larger than {self.limits.max_part_bytes} bytes"
             )
-        self._chunks.append(memoryview(data)[start:end])  # copied once, at the end
+        self._content += memoryview(data)[start:end]
 
     def _end(self) -> None:
-        self.parts.append(Part(self._name, b"".join(self._chunks)))
+        self.parts.append(Part(self._name, bytes(self._content)))
 
     def _finish(self) -> None:
         self.is_complete = True

@@ -6,12 +6,14 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from app.docs_page import docs_page, docs_style
+from app.docs_page import docs_page
+from app.head_requests import HeadRoute
 from app.page_files import PageFile, page_file, shell_page
 from app.resources import static_dir
 from app.routing import ApiRouter, OpenRouter
+from app.security import FORMER_COOKIE
 
-shell = APIRouter(redirect_slashes=False)
+shell = APIRouter(redirect_slashes=False, route_class=HeadRoute)
 files = OpenRouter()
 description = ApiRouter()
 
@@ -19,7 +21,10 @@ description = ApiRouter()
 @shell.get("/", include_in_schema=False)
 async def index(request: Request) -> Response:
     """The page. Its filters live in the URL, so any query parameter is allowed."""
-    return _answer(request, shell_page(static_dir()))
+    answer = _answer(request, shell_page(static_dir()))
+    if FORMER_COOKIE in request.cookies:
+        answer.delete_cookie(FORMER_COOKIE, httponly=True, samesite="strict")
+    return answer
 
 
 @files.get("/static/{name:path}", include_in_schema=False)
@@ -35,17 +40,17 @@ async def openapi(request: Request) -> dict[str, Any]:
     return schema
 
 
-@description.get("/docs", include_in_schema=False)
+@files.get("/docs", include_in_schema=False)
 async def docs(request: Request) -> Response:
+    """The page that shows `/docs/content` to whoever is signed in."""
+    return _answer(request, page_file(static_dir(), "docs.html"))
+
+
+@description.get("/docs/content", include_in_schema=False)
+async def docs_content(request: Request) -> Response:
     """The API, for people."""
     page = docs_page(request.app.openapi())
     return Response(page, media_type="text/html; charset=utf-8")
-
-
-@description.get("/docs/style.css", include_in_schema=False)
-async def docs_css() -> Response:
-    """How the description looks."""
-    return Response(docs_style(), media_type="text/css; charset=utf-8")
 
 
 def _answer(request: Request, file: PageFile) -> Response:

@@ -8,6 +8,7 @@ from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 
 from app.db.access_tables import Token
+from app.db.base import utc_now
 from app.deps import AppServices, Audited, ReadSession, RowId, WriteSession
 from app.errors import BadRequest
 from app.repositories.tokens import Tokens
@@ -24,7 +25,10 @@ router = ApiRouter(prefix="/api/v1", tag="tokens", read=Role.ADMIN, write=Role.A
 def list_tokens(
     request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
 ) -> Response:
-    """All tokens, revoked ones included, oldest first. What they open with is gone."""
+    """All tokens, revoked ones included, oldest first. What they open with is gone.
+
+    When one was last used is known to the minute.
+    """
     if cursor is not None and not (cursor.isdecimal() and len(cursor) < 19):
         raise BadRequest("the cursor is damaged", code="bad_cursor")
     found = Tokens(session).page(after_id=int(cursor or 0), limit=limit + 1)
@@ -34,8 +38,8 @@ def list_tokens(
 
 @router.post("/tokens", status_code=201, response_model=NewTokenOut)
 def create_token(body: TokenIn, audit: Audited) -> Response:
-    """A new token. It is shown in this answer and never again."""
-    token, secret = tokens.issue(audit, body.name, body.role, body.expires_at)
+    """A new token. It is shown in this answer and never again; it ends in 90 days."""
+    token, secret = tokens.issue(audit, body.name, body.role, body.ends(utc_now()))
     # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
     return JSONResponse(
         {**_described(token), "token": secret},

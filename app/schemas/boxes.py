@@ -99,8 +99,13 @@ class DecisionOut(BaseModel):
     edges: list[list[float]] | None
     config: str
     run: int
-    revision: int
-    review: CurrentReviewOut | None
+    revision: int = Field(
+        description="How many answers the box has got, those that were taken back "
+        "included: the `seen_revision` of the next one."
+    )
+    review: CurrentReviewOut | None = Field(
+        description="The answer in force; null if there is none, or none any more."
+    )
     effective_verdict: Literal["kept", "rejected", "unmeasured"]
 
 
@@ -109,6 +114,11 @@ class BoxPage(Page[DecisionOut]):
 
     total: int | None = Field(
         default=None, description="All boxes of the filter, exactly; with `count=true`."
+    )
+    snapshot: str | None = Field(
+        default=None,
+        description="Stands for these boxes as they are now; with `count=true`. One "
+        "answer on all of them names it.",
     )
 
 

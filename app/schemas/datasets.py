@@ -27,7 +27,8 @@ ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")
 Description = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
 Pixel = Annotated[float, Field(allow_inf_nan=False)]
 Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
-Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000)]
+Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=True)]
+Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fast=True)]
 
 
 class IgnoreMask(BaseModel):
@@ -35,9 +36,7 @@ class IgnoreMask(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    polygons: Annotated[list[Polygon], Field(min_length=1, max_length=100)] | None = (
-        Field(default=None, description="Corners in pixels.")
-    )
+    polygons: Polygons | None = Field(default=None, description="Corners in pixels.")
     png: Annotated[str, Field(max_length=2_000_000)] | None = Field(
         default=None,
         description="A PNG of the frames' size, in Base64; not black is ignored.",

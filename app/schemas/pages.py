@@ -29,12 +29,10 @@ def page_response(
     request: Request,
     items: Sequence[Mapping[str, Any]],
     next_cursor: str | None,
-    *,
-    total: int | None = None,
+    **more: object,
 ) -> JSONResponse:
     """A page as JSON, with a Link to the next one; rows are not validated again."""
-    body: dict[str, Any] = {"items": items, "next_cursor": next_cursor}
-    return linked(request, body if total is None else body | {"total": total})
+    return linked(request, {"items": items, "next_cursor": next_cursor, **more})
 
 
 def linked(request: Request, page: Mapping[str, Any]) -> JSONResponse:

@@ -14,6 +14,7 @@ Comment = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Id = Annotated[int, Field(ge=1, le=2**63 - 1)]
+Revision = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
 class ReviewIn(BaseModel):
@@ -23,7 +24,9 @@ class ReviewIn(BaseModel):
 
     verdict: Answer
     comment: Comment = ""
-    seen_revision: Annotated[int, Field(ge=0, le=2**31)]
+    seen_revision: Revision = Field(
+        description="The box's `revision` that was seen: 0 if it was never answered."
+    )
 
 
 class ReviewOut(BaseModel):
@@ -67,14 +70,27 @@ class BoxSelection(BaseModel):
 
 
 class BulkIn(BaseModel):
-    """One answer on many boxes: listed, or all of a filter that has so many."""
+    """One answer on many boxes: listed, or all of a filter, as they were seen."""
 
     model_config = ConfigDict(extra="forbid")
 
-    dataset: str
-    box_ids: list[Id] | None = None
+    dataset: Annotated[str, Field(max_length=100)]
+    box_ids: Annotated[list[Id], Field(fail_fast=True)] | None = None
+    seen_revisions: Annotated[list[Revision], Field(fail_fast=True)] | None = Field(
+        default=None,
+        description="The `revision` that was seen of each of `box_ids`, in their "
+        "order; boxes that were answered since are left alone. Without it, boxes "
+        "that have an answer are left alone.",
+    )
     filter: BoxSelection | None = None
-    expected_count: Annotated[int, Field(ge=0)] | None = None
+    snapshot: Annotated[str, Field(max_length=1000)] | None = Field(
+        default=None,
+        description="Of the list with this filter that was seen: `snapshot` of "
+        "`GET /api/v1/boxes?count=true`. 412 if its boxes are not as they were then.",
+    )
+    expected_count: Annotated[int, Field(ge=0)] | None = Field(
+        default=None, description="409 unless so many boxes are listed or selected."
+    )
     verdict: Answer
     comment: Comment = ""
 
@@ -85,8 +101,13 @@ class BulkOut(BaseModel):
     id: int
     dataset: str
     verdict: str
-    count: int
-    skipped: list[int]
+    count: int = Field(description="Boxes that were answered.")
+    skipped: list[int] = Field(
+        description="Boxes that are gone, or of another dataset."
+    )
+    stale: list[int] = Field(
+        description="Boxes that were left alone because somebody answered them since."
+    )
 
 
 class UndoOut(BaseModel):

@@ -1,76 +1,120 @@
-"""Who may come in: the first token, logging in and out, and telling who is asking."""
+"""Who may come in: logging in and out, and telling who is asking."""
 
 from __future__ import annotations
 
-import os
-import secrets
 from datetime import datetime, timedelta
-from pathlib import Path
 from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.db.access_tables import Token
+from app.db.access_tables import DownloadLink, LoginCode, Token
 from app.db.base import utc_now
-from app.errors import Unauthorised
+from app.errors import NotFound, Unauthorised
 from app.repositories.tokens import Tokens
 from app.security import (
+    SESSION_PREFIX,
     Principal,
     Role,
     hash_secret,
-    new_session_id,
-    new_token,
+    new_download_key,
+    new_login_code,
+    new_session,
     same_hash,
 )
 from app.services.audit import Act, AuditTrail
 
-FIRST_TOKEN_NAME: Final = "admin"
+CODE_LIFETIME: Final = timedelta(minutes=10)
+"""How long a login link can be used; it ends earlier when it is."""
+LINK_LIFETIME: Final = timedelta(minutes=5)
+"""How long the address of a download can be opened, ranges included."""
 _NO_ENTRY: Final = "show a valid token, or log in with one"
 
 
-def ensure_first_token(session: Session, file: Path) -> str:
-    """The token in the file; a new one if there is none or it opens nothing.
+def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
+    """Open a session of the page for whoever acts; its secret. `by`: token or code."""
+    secret = new_session()
+    Tokens(audit.session).open_session(
+        audit.token_id, hash_secret(secret), utc_now() + lifetime
+    )
+    audit.note(Act.SESSION_OPENED, audit.name, by=by)
+    return secret
 
-    Deleting the file and starting again therefore changes the token. Whoever can do
-    that can read the database as well. The database sees only the hash.
+
+def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
+    """A code that opens one session, of this token or of who acts, and its secret."""
+    secret, now = new_login_code(), utc_now()
+    code = LoginCode(
+        hash=hash_secret(secret),
+        token_id=audit.token_id if token_id is None else token_id,
+        expires_at=now + CODE_LIFETIME,
+        created_at=now,
+    )
+    Tokens(audit.session).add_code(code)
+    audit.note(Act.CODE_CREATED, code.id)
+    return code, secret
+
+
+def code_is_over(session: Session, code_id: int) -> bool:
+    """Whether nobody can log in with this code any more."""
+    code = Tokens(session).code(code_id)
+    return code is None or code.used_at is not None or code.expires_at <= utc_now()
+
+
+def own_code(session: Session, principal: Principal, code_id: int) -> LoginCode:
+    """A code of one's own token; NotFound for another's as for none."""
+    code = Tokens(session).code(code_id)
+    if code is None or code.token_id != principal.token_id:
+        raise NotFound("login code", code_id)
+    return code
+
+
+def use_code(session: Session, code_id: int) -> None:
+    """Take a code that `by_code` found, so that nobody else can; Unauthorised."""
+    if not Tokens(session).use_code(code_id, utc_now()):
+        raise _code_is_over()
+
+
+def by_code(session: Session, secret: str) -> tuple[Principal, int]:
+    """Whom a login code lets in, and the code's id.
+
+    Raises
+    ------
+    Unauthorised
+        It is unknown, was used, or has ended, or the token that it is for has.
     """
+    digest, now = hash_secret(secret), utc_now()
     tokens = Tokens(session)
-    tokens.end_expired_sessions(utc_now())
-    token = _read(file)
-    if token and tokens.valid_by_hash(hash_secret(token), utc_now()):
-        return token
-    token = new_token()
-    # The file first: a hash whose token is lost would lock everybody out.
-    write_secret(file, token)
-    first = tokens.replace(FIRST_TOKEN_NAME, Role.ADMIN.value, hash_secret(token))
-    AuditTrail(session).note(
-        Act.TOKEN_CREATED, FIRST_TOKEN_NAME, token_id=first.id, role=Role.ADMIN.value
+    code = tokens.code_by_hash(digest)
+    if code is None or code.used_at is not None or code.expires_at <= now:
+        raise _code_is_over()
+    token = tokens.by_id(code.token_id)
+    if token is None or not same_hash(code.hash, digest) or not _is_valid(token, now):
+        raise _refused(token, now)
+    return Principal(token.id, token.name, Role(token.role)), code.id
+
+
+def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, datetime]:
+    """A key that opens the file of one export, and until when."""
+    key, now = new_download_key(), utc_now()
+    link = DownloadLink(
+        hash=hash_secret(key),
+        token_id=token_id,
+        export_id=export_id,
+        expires_at=now + LINK_LIFETIME,
+        created_at=now,
     )
-    return token
+    Tokens(session).add_link(link)
+    return key, link.expires_at
 
 
-def write_secret(file: Path, text: str) -> None:
-    """Write a file that was never, not even for a moment, readable by others."""
-    draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
-    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text + "\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(file)
-    except BaseException:
-        draft.unlink(missing_ok=True)
-        raise
-
-
-def log_in(session: Session, principal: Principal, lifetime: timedelta) -> str:
-    """Open a session for the page; the value of its cookie."""
-    session_id = new_session_id()
-    Tokens(session).open_session(
-        principal.token_id, hash_secret(session_id), utc_now() + lifetime
-    )
-    return session_id
+def check_link(session: Session, key: str, export_id: int) -> None:
+    """Let a key open the file of this export; Unauthorised if it does not."""
+    if not Tokens(session).valid_by_link(hash_secret(key), export_id, utc_now()):
+        raise Unauthorised(
+            "this address of a download has ended, or is of another export: "
+            "ask for a new one",
+            code="link_over",
+        )
 
 
 def log_out(session: Session, principal: Principal) -> None:
@@ -84,6 +128,13 @@ def expiry(session: Session, principal: Principal) -> datetime | None:
     return Tokens(session).expiry(principal.token_id, principal.session_hash)
 
 
+def by_secret(session: Session, secret: str) -> Principal:
+    """Who shows this token, or this session of the page; Unauthorised."""
+    if secret.startswith(SESSION_PREFIX):
+        return by_session(session, secret)
+    return by_token(session, secret)
+
+
 def by_token(session: Session, token: str) -> Principal:
     """Who shows this bearer token.
 
@@ -95,15 +146,16 @@ def by_token(session: Session, token: str) -> Principal:
     """
     digest, now = hash_secret(token), utc_now()
     tokens = Tokens(session)
-    row = tokens.valid_by_hash(digest, now)
+    # One that was renewed opens what it did until it would have ended.
+    row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):
         raise _refused(tokens.by_hash(digest), now)
     return Principal(row.id, row.name, Role(row.role))
 
 
-def by_session(session: Session, session_id: str) -> Principal:
-    """Who shows this cookie; raises `Unauthorised` like `by_token`."""
-    digest, now = hash_secret(session_id), utc_now()
+def by_session(session: Session, secret: str) -> Principal:
+    """Who shows this session; raises `Unauthorised` like `by_token`."""
+    digest, now = hash_secret(secret), utc_now()
     tokens = Tokens(session)
     row = tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):
@@ -129,8 +181,14 @@ def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unautho
     return Unauthorised(_NO_ENTRY, code=otherwise)
 
 
-def _read(file: Path) -> str | None:
-    try:
-        return file.read_text(encoding="utf-8").strip()
-    except FileNotFoundError:
-        return None
+def _is_valid(token: Token, now: datetime) -> bool:
+    ended = token.expires_at is not None and token.expires_at <= now
+    return token.revoked_at is None and not ended
+
+
+def _code_is_over() -> Unauthorised:
+    return Unauthorised(
+        "this login link was used already, or its ten minutes are over; "
+        "`unghost login` prints a new one",
+        code="code_over",
+    )

@@ -1,4 +1,4 @@
-"""The audit log: acts of administration, noted in the transactions that do them."""
+"""The audit log: acts that others must know of, in the transactions that do them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,20 @@ class Act(str, Enum):
 
     TOKEN_CREATED = "token.created"
     TOKEN_REVOKED = "token.revoked"
+    TOKEN_RENEWED = "token.renewed"
+    CODE_CREATED = "login_code.created"
+    SESSION_OPENED = "session.opened"
+    LOGIN_LOCKED = "login.locked"
     DATASET_CREATED = "dataset.created"
     DATASET_CHANGED = "dataset.changed"
     DATASET_DELETED = "dataset.deleted"
+    FRAME_REPLACED = "frame.replaced"
     FRAME_DELETED = "frame.deleted"
+    ANSWERS_GIVEN = "review_batch.created"
+    ANSWERS_TAKEN_BACK = "review_batch.undone"
     CONFIG_ACTIVATED = "config.activated"
     RUN_CANCELLED = "run.cancelled"
+    EXPORT_CREATED = "export.created"
     EXPORT_CANCELLED = "export.cancelled"
 
 
@@ -41,6 +49,13 @@ class AuditTrail:
 
     session: Session
     actor: Principal | None = None
+
+    @property
+    def token_id(self) -> int:
+        """The token of who acts; ValueError if it is the service itself."""
+        if self.actor is None:
+            raise ValueError("the service acts without a token")
+        return self.actor.token_id
 
     @property
     def name(self) -> str:

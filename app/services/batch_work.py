@@ -10,9 +10,17 @@ from typing import Final
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.errors import AppError, FrameConflict, TooLarge, Unprocessable
+from app.errors import (
+    AppError,
+    Forbidden,
+    FrameConflict,
+    StorageFull,
+    TooLarge,
+    Unprocessable,
+)
 from app.repositories.active import key_rows
 from app.repositories.decisions import DecisionRepository
+from app.security import Principal
 from app.services.active import ActiveDataset
 from app.services.batch_frames import IncomingFrame
 from app.services.context import ServiceContext
@@ -22,16 +30,24 @@ from app.services.incoming import (
     FrameUpload,
     PreparedFrame,
     ReadyFrame,
+    annotation_limits,
     received,
     stored_already,
 )
-from app.services.ingest import note_problem
+from app.services.refusals import note_problem
+from app.services.room import require_room
 from app.storage import Drafts
 from filter_core.annotation import without_key
 from filter_core.errors import FilterError
 from filter_core.types import Reason, Verdict
 
-_OF_ONE_FRAME: Final = (FilterError, FrameConflict, TooLarge, Unprocessable)
+_OF_ONE_FRAME: Final = (
+    FilterError,
+    Forbidden,
+    FrameConflict,
+    TooLarge,
+    Unprocessable,
+)
 """What is wrong with one frame; anything else ends the batch."""
 
 log = logging.getLogger(__name__)
@@ -42,7 +58,7 @@ class BatchOf:
     """What all frames of a batch have in common."""
 
     dataset: str
-    sender: str
+    sender: Principal
     replace: bool
 
 
@@ -74,7 +90,8 @@ def work_on(context: ServiceContext, batch: BatchOf, frame: IncomingFrame) -> Fr
     try:
         if frame.fault is not None:
             raise frame.fault
-        key, annotation = without_key(frame.annotation, frame.name)
+        limits = annotation_limits(context.settings)
+        key, annotation = without_key(frame.annotation, frame.name, limits)
         upload = FrameUpload(
             checked_key(key), annotation, frame.files, batch.sender, batch.replace
         )
@@ -105,7 +122,13 @@ def store(
     context: ServiceContext, batch: BatchOf, works: Sequence[FrameWork]
 ) -> list[FrameLine]:
     """Make frames of different keys durable, in one transaction, in their order."""
-    context.storage.settle([work.drafts for work in works if work.drafts])
+    drafts = [work.drafts for work in works if work.drafts]
+    try:
+        require_room(context.settings, context.storage)
+    except StorageFull:
+        context.storage.discard(drafts)
+        raise
+    context.storage.settle(drafts)
     try:
         return _store(context, batch, works)
     except (AppError, FilterError, IntegrityError):
@@ -153,7 +176,7 @@ def _insert(
             lines[frame.key] = FrameLine(frame.key, error=error)
             continue
         if same is None:
-            new.append((frame.content(active), known[frame.key]))
+            new.append((frame.content(context, active), known[frame.key]))
         else:
             lines[frame.key] = FrameLine(frame.key, same)
     if new:

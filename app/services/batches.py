@@ -96,9 +96,9 @@ class BatchIntake:
     """Measures frames in all threads, stores some at a time, and tells of each."""
 
     def __init__(
-        self, context: ServiceContext, batch: BatchOf, writers: CapacityLimiter
+        self, context: ServiceContext, batch: BatchOf, places: CapacityLimiter
     ) -> None:
-        self._context, self._batch, self._writers = context, batch, writers
+        self._context, self._batch, self._to_store = context, batch, places
         self._started: asyncio.Queue[_Started | None] = asyncio.Queue()
         self._places = asyncio.Semaphore(MAX_IN_FLIGHT)
         self._room = _Room(MAX_RECEIVED_BYTES)
@@ -168,7 +168,7 @@ class BatchIntake:
         return works
 
     async def _store(self, works: list[FrameWork]) -> list[FrameLine]:
-        async with self._writers:
+        async with self._to_store:
             return await to_thread.run_sync(store, self._context, self._batch, works)
 
     def _throw_away(self) -> None:

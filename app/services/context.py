@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from app.db.engine import Database
 from app.engine import LocalEngine
+from app.engine.pixels import PixelPool
 from app.services.active import PlanCache
 from app.services.blob_count import BlobCount
 from app.services.callers import RecentCallers
 from app.services.failed_logins import FailedLogins
+from app.services.last_uses import LastUses
 from app.services.leases import Leases
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
+from app.services.pictures import DrawnPictures
+from app.services.room import Reserve
 from app.services.shared_looks import SharedLooks
 from app.settings import Settings
 from app.storage import BlobStore
@@ -28,6 +33,7 @@ class ServiceContext:
     database: Database
     storage: BlobStore
     engine: LocalEngine
+    pixels: PixelPool
     default_config: FilterConfig = field(default_factory=FilterConfig)
     numbers: NumbersCache = field(default_factory=NumbersCache)
     plans: PlanCache = field(default_factory=PlanCache)
@@ -35,6 +41,14 @@ class ServiceContext:
     batches: OpenBatches = field(default_factory=OpenBatches)
     blob_count: BlobCount = field(default_factory=BlobCount)
     leases: Leases = field(default_factory=Leases)
+    last_uses: LastUses = field(default_factory=LastUses)
+    something_to_remove: threading.Event = field(default_factory=threading.Event)
+    drawn: DrawnPictures = field(default_factory=DrawnPictures)
+
+    @cached_property
+    def reserve(self) -> Reserve:
+        """Room that is given up when somebody deletes on a full disk."""
+        return Reserve(self.settings.data)
 
     @cached_property
     def looks(self) -> SharedLooks:
@@ -52,4 +66,5 @@ class ServiceContext:
     def close(self) -> None:
         """Stop the work; the database is closed by who opened it."""
         self.engine.close()
+        self.pixels.close()
         self.storage.close()

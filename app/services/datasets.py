@@ -9,6 +9,7 @@ from typing import Any, Final
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
+from app.db.engine import once_committed
 from app.db.tables import Dataset, Problem, Run
 from app.errors import BadRequest
 from app.repositories.datasets import DatasetRepository
@@ -120,8 +121,12 @@ def change_dataset(
     )
 
 
-def remove_dataset(session: Session, dataset: Dataset, confirmed: str | None) -> None:
+def remove_dataset(
+    context: ServiceContext, session: Session, dataset: Dataset, confirmed: str | None
+) -> None:
     """Delete a dataset with everything in it; its blobs stay until they are swept.
+
+    Nobody sees it from the commit on. Its rows go bit by bit after that.
 
     Raises
     ------
@@ -136,7 +141,8 @@ def remove_dataset(session: Session, dataset: Dataset, confirmed: str | None) ->
             code="not_confirmed",
         )
     LedgerRepository(session).forget_dataset(dataset.id)
-    DatasetRepository(session).remove(dataset)
+    DatasetRepository(session).hide(dataset)
+    once_committed(session, context.something_to_remove.set)
 
 
 def describe_problem(problem: Problem) -> dict[str, Any]:

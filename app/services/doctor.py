@@ -94,7 +94,7 @@ def _token(file: Path) -> Finding:
             "token",
             Severity.WARNING,
             f"others can read the token file (mode {mode:o})",
-            "delete it and start again, which makes another token; keep it at mode 600",
+            "the next start of `unghost serve` mends it and replaces the token",
         )
     return Finding("token", Severity.OK, "only its owner can read the token file")
 

@@ -61,7 +61,7 @@ def write_chunk(
     context.engine.check(job_of(export_id))
     with _empty_folder(context, export_id) as folder:
         file = folder / "export.zip"
-        with context.database.stream() as session:
+        with context.database.read() as session:
             export = export_at_work(session, export_id)
             counts = _stream(context, session, export, file)
         size_bytes = file.stat().st_size

@@ -23,6 +23,7 @@ from app.services.cancelling import interrupt_until_written
 from app.services.context import ServiceContext
 from app.services.export_jobs import OPEN, job_of, start_exports
 from app.services.job_quota import require_a_place
+from app.services.room import require_room
 from app.services.timestamps import rfc3339
 from app.storage import Blob
 from filter_core.formats.export_options import ExportOptions
@@ -49,6 +50,7 @@ def request_export(
     """
     format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
     require_a_place(session, context.settings, wanted.author)
+    require_room(context.settings, context.storage)
     exports = ExportRepository(session)
     DatasetRepository(session).freeze_classes(dataset.id)
     export = exports.add(

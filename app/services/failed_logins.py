@@ -22,13 +22,14 @@ from app.security import hash_secret
 WINDOW_S: Final = 60.0
 _MOST_PLACES: Final = 4096
 _MOST_PROVEN: Final = 4096
+_MOST_LOCKED: Final = 100
 _SIXTY_FOUR: Final = 64
 
 log = logging.getLogger(__name__)
 
 
 class FailedLogins:
-    """Wrong tokens and cookies by where they came from, for a minute."""
+    """Wrong tokens, sessions and codes by where they came from, for a minute."""
 
     def __init__(self, most: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._most = most
@@ -36,6 +37,7 @@ class FailedLogins:
         self._lock = Lock()
         self._failed: OrderedDict[str, dict[str, float]] = OrderedDict()
         self._proven: OrderedDict[tuple[str, str], None] = OrderedDict()
+        self._locked: list[str] = []
 
     def check(self, address: str | None, secret: str) -> None:
         """Let the secret be looked up.
@@ -73,8 +75,16 @@ class FailedLogins:
             while len(self._failed) > _MOST_PLACES:
                 self._failed.popitem(last=False)
             is_full = len(tried) == self._most
+            if is_full and len(self._locked) < _MOST_LOCKED:
+                self._locked.append(place)
         if is_full:
             log.warning("%d wrong tokens within a minute from %s", self._most, place)
+
+    def take_locked(self) -> list[str]:
+        """From where too many were tried since the last time; a hundred at most."""
+        with self._lock:
+            taken, self._locked = self._locked, []
+        return taken
 
     def succeeded(self, address: str | None, secret: str) -> None:
         """The secret was right."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from app.repositories.frames import FileRow
-from app.services.measuring import FrameFiles
+from app.services.pixel_work import FrameFiles
 from app.settings import Settings
 from app.storage import sha256_of
 from filter_core.annotation_types import FrameAnnotation
+from filter_core.channels.points import check_points
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
 from filter_core.image_header import ImageHeader, read_image_header, require_size
 
@@ -18,11 +19,6 @@ PICTURES: Final = ("image", "segmentation", "depth", "instances", "ignore_mask")
 CLOUDS: Final = ("lidar", "radar")
 KINDS: Final = (*PICTURES, *CLOUDS)
 _SAME_SIZE: Final = ("segmentation", "ignore_mask")
-_CLOUD_TYPES: Final = (
-    (b"ply\n", "application/x-ply"),
-    (b"ply\r\n", "application/x-ply"),
-    (b"\x93NUMPY", "application/x-npy"),
-)
 
 
 @dataclass(frozen=True)
@@ -37,18 +33,20 @@ class CheckedFiles:
         """The files by their digests."""
         return {row.sha256: self.contents[row.kind] for row in self.rows}
 
-    def measured(self) -> FrameFiles:
-        """What the measurement reads."""
-        return FrameFiles.of(self.contents, self.image_wh)
+    def measured(self, sensors: tuple[str, ...]) -> FrameFiles:
+        """What a measurement reads that asks for the files of these sensors."""
+        return FrameFiles.of(self.contents, self.image_wh, sensors)
 
 
 def check_files(
     contents: Mapping[str, bytes], annotation: FrameAnnotation, settings: Settings
 ) -> CheckedFiles:
-    """Check types and sizes by the headers alone.
+    """Check types and sizes, and that files are whole; no pixel and no point is read.
 
     Raises
     ------
+    PointsError
+        A point cloud is none, or not as long as its header says.
     ImageError
         A file is no image, is too large, or has another size than the RGB image;
         ``unknown_size``: neither a picture nor the camera says how large the image is.
@@ -60,7 +58,9 @@ def check_files(
     }
     types = {kind: header.media_type for kind, header in headers.items()}
     types |= {
-        kind: _cloud_type(kind, contents[kind]) for kind in CLOUDS if kind in contents
+        kind: check_points(contents[kind], sensor=kind)
+        for kind in CLOUDS
+        if kind in contents
     }
     wh = _image_wh(headers, annotation)
     for kind in _SAME_SIZE:
@@ -106,14 +106,4 @@ def _image_wh(
         "the size of the image is not known: expected an image, a segmentation or a "
         "camera with width and height, found none of them",
         code="unknown_size",
-    )
-
-
-def _cloud_type(kind: str, content: bytes) -> str:
-    for magic, media_type in _CLOUD_TYPES:
-        if content.startswith(magic):
-            return media_type
-    raise ImageError(
-        f"{kind}: expected a .ply or .npy file, found {content[:8]!r}",
-        pointer=f"/{kind}",
     )

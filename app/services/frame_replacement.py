@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -31,7 +32,7 @@ def retire(session: Session, frame: Frame) -> None:
 
 def carry_reviews(
     session: Session, old: Frame, boxes: Sequence[Mapping[str, Any]]
-) -> None:
+) -> dict[str, int]:
     """Repeat the latest answers on boxes whose class and geometry are the same.
 
     Parameters
@@ -39,15 +40,27 @@ def carry_reviews(
     boxes : sequence of mappings
         Of the new revision: ``id`` (the server's), ``source_id``, ``class_id`` and
         ``raw``, the box as it came.
+
+    Returns
+    -------
+    dict of str to int
+        How many answers in force stay behind, by reviewer: their boxes are gone or
+        are others now.
     """
     before = FrameRepository(session).sources(old.id)
-    latest = ReviewRepository(session).latest(box.id for box in before.values())
+    latest = {
+        box_id: review
+        for box_id, review in ReviewRepository(session)
+        .latest(box.id for box in before.values())
+        .items()
+        if review.verdict != "clear"
+    }
     raw_before = old.annotation["boxes"]
     rows = []
     for box in boxes:
         former = before.get(box["source_id"])
         review = latest.get(former.id) if former is not None else None
-        if former is None or review is None or review.verdict == "clear":
+        if former is None or review is None:
             continue
         if former.class_id == box["class_id"] and _geometry(box["raw"]) == _geometry(
             raw_before[former.id - old.first_box_id]
@@ -67,6 +80,10 @@ def carry_reviews(
     if rows:
         ReviewRepository(session).add(rows)
         TallyRepository(session).add(old.dataset_id, _counted_over(session, rows))
+    carried = {row["carried_from"] for row in rows}
+    return Counter(
+        review.reviewer for box_id, review in latest.items() if box_id not in carried
+    )
 
 
 def _counted_over(

@@ -21,10 +21,13 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository, NewBoxes
 from app.repositories.tallies import TallyRepository
+from app.security import Principal
 from app.services.active import ActiveDataset
+from app.services.audit import Act, AuditTrail
 from app.services.frame_files import CheckedFiles
 from app.services.frame_replacement import carry_reviews, retire
 from app.services.measuring import packed
+from app.services.others_answers import require_own
 from app.services.statistics import tallies_of
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.decide import decide
@@ -38,7 +41,7 @@ class FrameContent:
 
     key: str
     digest: str
-    sender: str
+    sender: Principal
     annotation: FrameAnnotation
     files: CheckedFiles
     measured: MeasuredFrame
@@ -80,7 +83,8 @@ def write_frames(
     rows.insert(session)
     for content, former in zip(contents, formers, strict=True):
         if former is not None:
-            _carry(session, former.id, content, rows.boxes_of(content.key))
+            boxes = rows.boxes_of(content.key)
+            _replaced(session, active.name, former, content, boxes)
     for content, known in work:
         if known.has_problem:
             frames.forget_problems(active.row.dataset_id, content.key)
@@ -184,17 +188,29 @@ class _Rows:
         TallyRepository(session).add(self._active.row.dataset_id, tallies_of(alike))
 
 
-def _carry(
+def _replaced(
     session: Session,
-    former_id: int,
+    dataset: str,
+    former: Frame,
     content: FrameContent,
     boxes: Sequence[Mapping[str, Any]],
 ) -> None:
+    """Carry answers over and note those set aside; Forbidden if they are others'."""
     raws = [box.raw for box in content.annotation.boxes]
-    carry_reviews(
+    set_aside = carry_reviews(
         session,
-        FrameRepository(session).with_id(former_id, annotation=True),
+        FrameRepository(session).with_id(former.id, annotation=True),
         [{**box, "raw": raw} for box, raw in zip(boxes, raws, strict=True)],
+    )
+    sender, act = content.sender, f"replacing frame {content.key!r}"
+    of_others = require_own(sender, set_aside, act)
+    AuditTrail(session, sender).note(
+        Act.FRAME_REPLACED,
+        content.key,
+        dataset=dataset,
+        revision=former.revision + 1,
+        answers=sum(set_aside.values()),
+        of_others=of_others,
     )
 
 
@@ -219,7 +235,7 @@ def _frame_row(
         "map": annotation.map,
         "captured_at": annotation.captured_at,
         "annotation": annotation.raw,
-        "created_by": content.sender,
+        "created_by": content.sender.name,
         "created_at": written.created_at,
     }
 

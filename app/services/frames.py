@@ -19,10 +19,14 @@ from app.repositories.frames import (
     FramePage,
     FrameRepository,
 )
+from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey
+from app.security import Principal
+from app.services.audit import Act, AuditTrail
 from app.services.decisions import DecisionReader
 from app.services.frame_answer import describe_files
 from app.services.frame_replacement import retire
+from app.services.others_answers import require_own
 from app.services.statistics import count, summary
 from app.services.timestamps import rfc3339
 
@@ -141,14 +145,32 @@ def frame_file(session: Session, frame_id: int, kind: str) -> FileRow:
     return found
 
 
-def remove_frame(session: Session, dataset: Dataset, key: str) -> None:
-    """Delete a frame with all its revisions; NotFound."""
+def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -> None:
+    """Delete a frame with all its revisions, and the answers on them.
+
+    Raises
+    ------
+    NotFound
+        There is no such frame.
+    Forbidden
+        Other people's answers are among them, and this is no admin.
+    """
+    session = audit.session
     frames = FrameRepository(session)
     current = frames.current(dataset.id, key)
     if current is None:
         raise NotFound("frame", key)
+    answers = ReviewRepository(session).reviewers_of(dataset.id, key)
+    of_others = require_own(by, answers, f"deleting frame {key!r}")
     retire(session, current)
     frames.remove(dataset.id, key)
+    audit.note(
+        Act.FRAME_DELETED,
+        key,
+        dataset=dataset.name,
+        answers=sum(answers.values()),
+        of_others=of_others,
+    )
 
 
 def _keyed(rows: Sequence[Any]) -> dict[TallyKey, int]:

@@ -19,6 +19,7 @@ from app.repositories.locks import keep_turn
 from app.repositories.stored_files import StoredFileRepository
 from app.services.data_folder import Steps, alone, opened
 from app.services.file_store import stored_files_of
+from app.services.room import Reserve
 from app.settings import Settings
 from app.storage import BlobStore, export_of
 
@@ -55,6 +56,7 @@ def collect(
     CannotMaintain
         The folder cannot be used, or another such command is at work.
     """
+    Reserve(settings.data).give_up()
     with (
         alone(settings),
         opened(settings) as database,

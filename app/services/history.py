@@ -6,7 +6,7 @@ measurement and the version of a configuration never change, and deciding is pur
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.db.evidence_record import to_evidence, unpack_channels, unpack_numbers
-from app.db.tables import Box, Frame, Review
+from app.db.tables import Box, Frame, Review, Run
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository, EvidenceRow
 from app.repositories.frames import FrameRepository
@@ -28,16 +28,35 @@ from filter_core.types import Evidence, Reason
 
 
 def history(session: Session, box_id: int) -> list[dict[str, Any]]:
-    """Everything that was said of a box."""
+    """Everything that was said of a box, newest first.
+
+    In the order in which it was stored, whatever a clock said: answers by their
+    revisions, runs by their numbers, and a run after the answers that it found.
+    """
     box = FrameRepository(session).box(box_id)
     frame = FrameRepository(session).with_id(box.frame_id)
+    reviews = ReviewRepository(session).of_box(box_id)
     entries = [_first_decision(session, box, frame)]
+    told = 0
     for run in RunRepository(session).that_flipped(frame.dataset_id, box_id):
+        found = max(told, _answers_before(run, reviews))
+        entries += [_answer(review) for review in reviews[told:found]]
+        told = found
         at = run.finished_at or run.created_at
         entry = _decision(session, box, frame, (run.id, run.config_id), at)
         entries.append(entry | {"activated": run.activate})
-    entries += [_answer(review) for review in ReviewRepository(session).of_box(box_id)]
-    return sorted(entries, key=lambda entry: str(entry["at"]), reverse=True)
+    entries += [_answer(review) for review in reviews[told:]]
+    return entries[::-1]
+
+
+def _answers_before(run: Run, reviews: Sequence[Review]) -> int:
+    """How many of a box's answers there were when a run was done."""
+    if run.last_review_id is not None:
+        last = run.last_review_id
+        return sum(review.id <= last for review in reviews)
+    # Of a run that an earlier version carried out there is only the time.
+    at = run.finished_at or run.created_at
+    return sum(review.created_at <= at for review in reviews)
 
 
 def _first_decision(session: Session, box: Box, frame: Frame) -> dict[str, Any]:

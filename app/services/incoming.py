@@ -11,12 +11,14 @@ from typing import Any, Final
 from app.errors import FrameConflict
 from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
+from app.security import Principal
 from app.services.active import ActiveDataset
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent
 from app.services.measuring import measure_files
 from app.services.refusals import naming
+from app.settings import Settings
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.errors import AnnotationError
@@ -35,7 +37,7 @@ class FrameUpload:
     key: str
     annotation: bytes | Mapping[str, Any]
     files: Mapping[str, bytes]
-    sender: str
+    sender: Principal
     replace: bool = False
 
 
@@ -62,14 +64,14 @@ class ReadyFrame:
         """The frame's key."""
         return self.prepared.upload.key
 
-    def content(self, active: ActiveDataset) -> FrameContent:
+    def content(self, context: ServiceContext, active: ActiveDataset) -> FrameContent:
         """What is stored, measured as the dataset asks for by now.
 
         A run that was activated in between is rare: it may cost a second measurement.
         """
         prepared, measured = self.prepared, self.measured
         if active.row.measurement_digest != self.measured_for.row.measurement_digest:
-            measured = _measure(active, prepared)
+            measured = _measure(context, active, prepared)
         return FrameContent(
             key=prepared.upload.key,
             digest=prepared.digest,
@@ -103,12 +105,21 @@ def received(
     return same
 
 
+def annotation_limits(settings: Settings) -> AnnotationLimits:
+    """What an annotation may hold."""
+    return AnnotationLimits(
+        max_boxes=settings.max_boxes_per_frame,
+        max_text=MAX_TEXT,
+        max_bytes=int(settings.max_json_bytes),
+    )
+
+
 def _prepare(context: ServiceContext, upload: FrameUpload) -> PreparedFrame:
     """Read the annotation and the headers of the files; nothing is decoded yet."""
     settings = context.settings
     annotation = parse_annotation(
         upload.annotation,
-        limits=AnnotationLimits(settings.max_boxes_per_frame, max_text=MAX_TEXT),
+        limits=annotation_limits(settings),
         frame=upload.key,
     )
     with naming(upload.key):
@@ -132,17 +143,19 @@ def _make_ready(
     context: ServiceContext, active: ActiveDataset, prepared: PreparedFrame
 ) -> ReadyFrame:
     """Measure a frame, and refuse a class that the dataset cannot take any more."""
-    measured = _measure(active, prepared)
+    measured = _measure(context, active, prepared)
     if active.row.classes_are_frozen:
         _check_classes(context, active, prepared, measured)
     return ReadyFrame(prepared, measured, active)
 
 
-def _measure(active: ActiveDataset, prepared: PreparedFrame) -> MeasuredFrame:
+def _measure(
+    context: ServiceContext, active: ActiveDataset, prepared: PreparedFrame
+) -> MeasuredFrame:
+    plan = active.plan
+    files = prepared.files.measured(plan.files)
     with naming(prepared.upload.key, "/segmentation"):
-        return measure_files(
-            active.plan, prepared.annotation, prepared.files.measured()
-        )
+        return measure_files(context.pixels, plan, prepared.annotation, files)
 
 
 def _check_classes(

@@ -7,9 +7,6 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.tables import Problem
-from app.repositories.frames import FrameRepository
-from app.repositories.runs import ProblemRepository
 from app.services.context import ServiceContext
 from app.services.frame_answer import describe_new
 from app.services.frame_rows import write_frames
@@ -19,10 +16,10 @@ from app.services.incoming import (
     received,
     stored_already,
 )
-from app.services.refusals import described
+from app.services.refusals import note_problem
 from filter_core.errors import FilterError
 
-__all__ = ["FrameUpload", "StoredFrame", "note_problem", "store_frame"]
+__all__ = ["FrameUpload", "StoredFrame", "prepare_frame", "store_frame"]
 
 
 @dataclass(frozen=True)
@@ -37,13 +34,17 @@ class StoredFrame:
     answer: dict[str, Any] | None = None
 
 
-def store_frame(
-    context: ServiceContext, session: Session, name: str, upload: FrameUpload
-) -> StoredFrame:
-    """Store one frame whole, or raise and store nothing.
+def prepare_frame(
+    context: ServiceContext, name: str, upload: FrameUpload
+) -> ReadyFrame | int:
+    """Check and measure a frame and store its files: all but its rows.
 
-    The pixels are measured before the transaction begins, so frames are decoded in
-    parallel and only their rows wait for each other.
+    No transaction is open meanwhile, so frames are measured in parallel and nobody
+    waits for a frame that takes long.
+
+    Returns
+    -------
+    ReadyFrame, or the id of the frame that is stored already
 
     Raises
     ------
@@ -59,30 +60,28 @@ def store_frame(
             active = context.plans.active(noting, name)
             note_problem(noting, active.row.dataset_id, upload.key, error)
         raise
+    if isinstance(ready, ReadyFrame):
+        context.storage.put(ready.prepared.files.blobs())
+    return ready
+
+
+def store_frame(
+    context: ServiceContext, session: Session, name: str, ready: ReadyFrame | int
+) -> StoredFrame:
+    """Store the rows of a frame from `prepare_frame`: all of them, or none.
+
+    Raises
+    ------
+    FrameConflict
+        Meanwhile another frame has got this key.
+    """
     if isinstance(ready, int):
         return StoredFrame(ready, created=False)
-    context.storage.put(ready.prepared.files.blobs())
-    return _insert(context, session, name, ready)
-
-
-def note_problem(
-    session: Session, dataset_id: int, key: str, error: FilterError
-) -> None:
-    """Remember a refusal, so that nobody has to search for a missing frame."""
-    FrameRepository(session).forget_problems(dataset_id, key)
-    ProblemRepository(session).add(
-        Problem(dataset_id=dataset_id, key=key, error=described(error))
-    )
-
-
-def _insert(
-    context: ServiceContext, session: Session, name: str, ready: ReadyFrame
-) -> StoredFrame:
     active, known = context.plans.active_and_key(session, name, ready.key)
     same = stored_already(known, ready.prepared, name)
     if same is not None:
         return StoredFrame(same, created=False)
-    content = ready.content(active)
+    content = ready.content(context, active)
     # Who collects garbage has its turn as a writer: what is there now stays there.
     context.storage.require(file.sha256 for file in content.files.rows)
     (written,) = write_frames(session, active, [(content, known)])

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
-from base64 import b64decode
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Final, cast
 
 import numpy as np
@@ -20,26 +19,21 @@ from app.db.evidence_record import (
     pack_tag_counts,
 )
 from app.db.tables import Dataset, Measurement
+from app.engine.pixels import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
-from app.services.refusals import naming
+from app.services import pixel_work
+from app.services.pixel_work import SENSORS, FrameFiles, MeasureRequest
 from filter_core.annotation_types import FrameAnnotation
 from filter_core.channel_types import CHANNELS
 from filter_core.config import FilterConfig
 from filter_core.decide_channels import channels_of
 from filter_core.decision_record import FrameGeometry
-from filter_core.frame_channels import FILE_OF, SensorFiles
-from filter_core.frame_filter import FrameOptions, MeasuredFrame, measure_frame
-from filter_core.ignore_mask import read_ignore_mask
-from filter_core.image_header import MAX_SIDE
-from filter_core.segmentation import SegmentationOptions, read_segmentation
-from filter_core.types import Mask
+from filter_core.frame_channels import FILE_OF
+from filter_core.frame_filter import MeasuredFrame
+from filter_core.segmentation import SegmentationOptions
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
 CHANNELS_KEY: Final = "channels"
-MEASURED: Final = ("segmentation", "ignore_mask")
-"""The kinds of files that every measurement reads."""
-SENSORS: Final = ("depth", "instances", "lidar")
-"""Those that channels beside the segmentation read."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +139,17 @@ class MeasurePlan:
         wanted = {*self.channels.names, *names}
         return replace(self, channels=ChannelPlan.measuring(wanted, self.config))
 
+    @cached_property
+    def request(self) -> MeasureRequest:
+        """What is needed of it where pixels are measured."""
+        return MeasureRequest(
+            self.config,
+            self.reading,
+            self.ignored,
+            self.channels.names,
+            self.channels.depth_tolerance,
+        )
+
     @property
     def files(self) -> tuple[str, ...]:
         """The kinds of files that its channels read."""
@@ -166,28 +171,6 @@ class MeasurePlan:
 def _digest(plan: dict[str, Any]) -> str:
     text = json.dumps(plan, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-@dataclass(frozen=True)
-class FrameFiles:
-    """The bytes of a frame that are measured."""
-
-    segmentation: bytes | None
-    image_wh: tuple[int, int]
-    ignore_mask: bytes | None = None
-    max_side_px: int = MAX_SIDE
-    sensors: Mapping[str, bytes] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls,
-        contents: Mapping[str, bytes],
-        image_wh: tuple[int, int],
-    ) -> FrameFiles:
-        """Files by their kinds; those that nothing measures are left out."""
-        sensors = {kind: contents[kind] for kind in SENSORS if kind in contents}
-        segmentation, ignore_mask = map(contents.get, MEASURED)
-        return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
 
 
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasurePlan:
@@ -218,40 +201,25 @@ def _options(source: DatasetReading | FilterConfig) -> SegmentationOptions:
 
 
 def measure_files(
-    plan: MeasurePlan, annotation: FrameAnnotation, files: FrameFiles
+    pool: PixelPool, plan: MeasurePlan, annotation: FrameAnnotation, files: FrameFiles
 ) -> MeasuredFrame:
-    """Decode, project and measure one frame.
+    """Decode, project and measure one frame, in a child process that is waited for.
 
     Raises
     ------
     FilterError
-        Whatever is wrong with the frame, naming it.
+        Whatever is wrong with the frame; `app.engine.pixels.PixelsRefused` if it needs
+        more time or memory than a frame may.
     """
-    begun = time.perf_counter()
-    segmentation = None
-    if files.segmentation is not None:
-        segmentation = read_segmentation(
-            files.segmentation,
-            replace(plan.reading, carla_version=annotation.carla_version),
-            expected_wh=files.image_wh,
-            max_side=files.max_side_px,
-        )
-        DECODE_SECONDS.observe(time.perf_counter() - begun)
-    options = FrameOptions(
-        image_wh=files.image_wh,
-        dataset=plan.reading,
-        ignore=_ignore(plan, files),
-        sensors=SensorFiles(
-            files.sensors,
-            plan.channels.names,
-            files.max_side_px,
-            plan.channels.depth_tolerance,
-        ),
+    # Only what is read there travels: not what came along, to be given back by exports.
+    needed = replace(annotation, raw={}, extra={}, weather={})
+    measured, decode_s, measure_s = pool.run(
+        pixel_work.measure, plan.request, needed, files
     )
-    begun = time.perf_counter()
-    measured = measure_frame(annotation, segmentation, plan.config, options)
-    MEASURE_SECONDS.observe(time.perf_counter() - begun)
-    return measured
+    if decode_s is not None:
+        DECODE_SECONDS.observe(decode_s)
+    MEASURE_SECONDS.observe(measure_s)
+    return replace(measured, annotation=annotation)
 
 
 def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
@@ -264,19 +232,6 @@ def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
         "segmentation": measured.segmentation,
         "lossy": bool((measured.segmentation or {}).get("lossy")),
     }
-
-
-def _ignore(plan: MeasurePlan, files: FrameFiles) -> Mask | None:
-    sources: list[Any] = [] if files.ignore_mask is None else [files.ignore_mask]
-    if plan.ignored is not None:
-        picture = plan.ignored.get("png")
-        sources.append(b64decode(picture) if picture else plan.ignored["polygons"])
-    if not sources:
-        return None
-    with naming(pointer="/ignore_mask"):
-        masks = [read_ignore_mask(source, files.image_wh) for source in sources]
-    joined: Mask = np.logical_or.reduce(masks)
-    return joined
 
 
 def _geometry(found: FrameGeometry) -> list[Geometry | None]:

@@ -1,33 +1,91 @@
-"""Pictures drawn from a frame's files: thumbnails, crops and overlays."""
+"""Pictures that are drawn on request: what they are made of, and the latest ones."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from app.errors import NotFound, Unprocessable
+from app.engine.pixels import PixelPool
+from app.errors import NotFound
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository
-from app.services.drawing import draw_boxes
+from app.services import drawing
+from app.services.drawing import DrawnBox, Layer, LayerName
 from app.storage import BlobStore
-from filter_core.palettes import FAMILIES
-from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.errors import FilterError
 
-Picture = NDArray[np.uint8]
-"""(H, W, 3), B, G, R."""
+JPEG: Final = "image/jpeg"
+PNG: Final = "image/png"
+MOST_REFUSED: Final = 1000
+KEPT_BYTES: Final = 64 * 1024**2
+"""What is kept of pictures that were drawn: some 4,000 crops."""
 
-THUMBNAIL_WIDTH_PX: Final = 384
-_JPEG_QUALITY: Final = 88
-_MAX_ENLARGEMENT: Final = 8
+
+@dataclass(frozen=True)
+class Drawing:
+    """A picture that can be drawn: what it shows is known, its files are not read yet.
+
+    Attributes
+    ----------
+    tag : str
+        Names the picture by everything that it is drawn from.
+    media_type : str
+    draw : function of a PixelPool and what `PixelPool.run` takes beside it
+        Reads the files and returns the encoded picture.
+    """
+
+    tag: str
+    media_type: str
+    draw: Callable[[PixelPool, threading.Event], bytes]
+
+
+class DrawnPictures:
+    """Pictures that were drawn lately, by their tags; usable by any thread.
+
+    What cannot be drawn is remembered as well: it would cost as much each time.
+    """
+
+    def __init__(self, most_bytes: int = KEPT_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._held: OrderedDict[str, bytes] = OrderedDict()
+        self._bytes = 0
+        self._refused: OrderedDict[str, FilterError] = OrderedDict()
+        self._changing = threading.Lock()
+
+    def find(self, tag: str) -> bytes | None:
+        """A picture that is still held; raises what was refused under the tag."""
+        with self._changing:
+            if tag in self._refused:
+                raise self._refused[tag]
+            content = self._held.get(tag)
+            if content is not None:
+                self._held.move_to_end(tag)
+            return content
+
+    def keep(self, tag: str, content: bytes) -> None:
+        """Hold a picture, in place of those that were not asked for the longest."""
+        with self._changing:
+            if len(content) > self._most_bytes // 4:
+                return  # in place of it many others are held
+            self._bytes += len(content) - len(self._held.pop(tag, b""))
+            self._held[tag] = content
+            while self._bytes > self._most_bytes:
+                self._bytes -= len(self._held.popitem(last=False)[1])
+
+    def refuse(self, tag: str, error: FilterError) -> None:
+        """Remember that this cannot be drawn, and why."""
+        with self._changing:
+            self._refused[tag] = error
+            while len(self._refused) > MOST_REFUSED:
+                self._refused.popitem(last=False)
 
 
 @dataclass(frozen=True)
@@ -38,35 +96,67 @@ class FramePictures:
     files: Mapping[str, FileRow]
     report: Mapping[str, Any] | None
 
-    def tag(self, *what: object) -> str:
-        """Names a picture by everything that it is drawn from."""
+    def thumbnail(self) -> Drawing:
+        """A small picture of the image; NotFound."""
+        if "image" not in self.files:
+            raise NotFound("image of frame", "without one")
+        digest = self.files["image"].sha256
+
+        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+            image = self.storage.read(digest)
+            return pool.run(drawing.thumbnail, image, given_up=given_up)
+
+        return Drawing(f"{digest}-thumbnail", JPEG, draw)
+
+    def crop(
+        self, layer: LayerName, xyxy: Sequence[float], pad: float, height: int
+    ) -> Drawing:
+        """The part of a layer around a rectangle; NotFound."""
+        self._require(layer)
+
+        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+            files = self._read(layer)
+            return pool.run(drawing.crop, files, xyxy, pad, height, given_up=given_up)
+
+        return Drawing(self._tag("crop", xyxy, layer, pad, height), JPEG, draw)
+
+    def overlay(
+        self, layer: LayerName, boxes: Sequence[DrawnBox], *, edges: bool
+    ) -> Drawing:
+        """A layer with boxes drawn on it; NotFound."""
+        self._require(layer)
+
+        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+            files = self._read(layer)
+            return pool.run(drawing.overlay, files, boxes, edges, given_up=given_up)
+
+        tag = self._tag("overlay", layer, "3d" if edges else "2d", boxes)
+        return Drawing(tag, JPEG if boxes else PNG, draw)
+
+    def _tag(self, *what: object) -> str:
         digests = [file.sha256 for _, file in sorted(self.files.items())]
         text = json.dumps([digests, self.report, what], default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
-    def layer(self, name: str) -> Picture:
-        """The RGB image, the segmentation in its palette's colours, or both."""
-        if name == "image":
-            return self.image()
-        if name == "segmentation":
-            return self.segmentation()
-        mixed = cv2.addWeighted(self.image(), 0.5, self.segmentation(), 0.5, 0)
-        return np.asarray(mixed, np.uint8)
-
-    def image(self) -> Picture:
-        """The RGB image; without one, grey of the segmentation's size."""
-        if "image" in self.files:
-            return _decoded(self.storage.read(self.files["image"].sha256))
-        return np.full_like(self.segmentation(), 96)
-
-    def segmentation(self) -> Picture:
-        """The segmentation as its palette paints it, whatever it was stored as."""
-        if "segmentation" not in self.files or self.report is None:
+    def _require(self, layer: LayerName) -> None:
+        needs_segmentation = layer != "image" or "image" not in self.files
+        if needs_segmentation and (
+            "segmentation" not in self.files or self.report is None
+        ):
             raise NotFound("segmentation of frame", "without one")
-        content = self.storage.read(self.files["segmentation"].sha256)
-        read = read_segmentation(content, _options(self.report))
-        painted = FAMILIES[read.family].paint(read.tags)
-        return np.ascontiguousarray(painted[:, :, ::-1])
+
+    def _read(self, layer: LayerName) -> Layer:
+        needed = {"image", "segmentation"}
+        if layer == "segmentation":
+            needed = {"segmentation"}
+        elif layer == "image" and "image" in self.files:
+            needed = {"image"}
+        read = {
+            kind: self.storage.read(file.sha256)
+            for kind, file in self.files.items()
+            if kind in needed
+        }
+        return Layer(layer, read.get("image"), read.get("segmentation"), self.report)
 
 
 def frame_pictures(
@@ -88,84 +178,3 @@ def visible_rectangle(decision: Mapping[str, Any]) -> list[float]:
     if xyxy is None:
         raise NotFound("picture of box outside of the image", decision["box_id"])
     return xyxy
-
-
-def thumbnail(content: bytes) -> bytes:
-    """A small JPEG of an image file."""
-    # Decoding at a quarter of the size is three times faster than decoding it all.
-    small = cv2.imdecode(
-        np.frombuffer(content, np.uint8),
-        cv2.IMREAD_REDUCED_COLOR_2 | cv2.IMREAD_IGNORE_ORIENTATION,
-    )
-    if small is None:
-        raise Unprocessable("the image cannot be decoded", code="bad_image")
-    height = max(1, round(small.shape[0] * THUMBNAIL_WIDTH_PX / small.shape[1]))
-    resized = cv2.resize(
-        small, (THUMBNAIL_WIDTH_PX, height), interpolation=cv2.INTER_AREA
-    )
-    return as_jpeg(np.asarray(resized, np.uint8))
-
-
-def crop(picture: Picture, xyxy: Sequence[float], pad: float, height: int) -> bytes:
-    """The part of a picture around a box as JPEG.
-
-    `pad` is added on every side, in parts of the box's longer side.
-    """
-    rows, columns = picture.shape[:2]
-    margin = pad * max(xyxy[2] - xyxy[0], xyxy[3] - xyxy[1], 1.0)
-    x0 = int(np.clip(np.floor(xyxy[0] - margin), 0, columns - 1))
-    y0 = int(np.clip(np.floor(xyxy[1] - margin), 0, rows - 1))
-    x1 = int(np.clip(np.ceil(xyxy[2] + margin), x0 + 1, columns))
-    y1 = int(np.clip(np.ceil(xyxy[3] + margin), y0 + 1, rows))
-    part = picture[y0:y1, x0:x1]
-    scale = min(height / part.shape[0], _MAX_ENLARGEMENT)
-    size = (max(1, round(part.shape[1] * scale)), max(1, round(part.shape[0] * scale)))
-    shrinks = scale < 1
-    resized = cv2.resize(
-        part, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
-    )
-    return as_jpeg(np.asarray(resized, np.uint8))
-
-
-def overlay(
-    picture: Picture, decisions: Sequence[Mapping[str, Any]], *, edges: bool
-) -> bytes:
-    """A picture with boxes drawn on it as JPEG; without boxes, lossless PNG."""
-    if not decisions:
-        return as_png(picture)
-    canvas = picture.copy()
-    draw_boxes(canvas, decisions, edges=edges)
-    return as_jpeg(canvas)
-
-
-def as_jpeg(picture: Picture) -> bytes:
-    """A picture as JPEG."""
-    _, content = cv2.imencode(
-        ".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    )
-    return content.tobytes()
-
-
-def as_png(picture: Picture) -> bytes:
-    """A picture as PNG, quickly."""
-    _, content = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return content.tobytes()
-
-
-def _options(report: Mapping[str, Any]) -> SegmentationOptions:
-    return SegmentationOptions(
-        palette=report["palette"],
-        encoding=report["encoding"],
-        channel_order=report["channel_order"],
-        lossy="nearest" if report["lossy"] else "refuse",
-    )
-
-
-def _decoded(content: bytes) -> Picture:
-    picture = cv2.imdecode(
-        np.frombuffer(content, np.uint8),
-        cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION,
-    )
-    if picture is None:
-        raise Unprocessable("the image cannot be decoded", code="bad_image")
-    return np.asarray(picture, np.uint8)

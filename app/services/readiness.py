@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from anyio import Lock, to_thread
+from anyio import CapacityLimiter, Lock, to_thread
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from app.db.migrate import current_revision, head_revision
@@ -17,6 +16,9 @@ from app.errors import Fault, NotReady, TryLater
 from app.logs import error_log
 from app.resources import migrations_dir
 from app.services.context import ServiceContext
+from app.services.loop_watch import LoopWatch
+from app.services.page_check import ADVICE
+from app.services.room import free_bytes
 
 RETRY_S: Final = 5
 GOOD_FOR_S: Final = 1.0
@@ -34,8 +36,11 @@ class Found:
 class Readiness:
     """Checks a service, once for all who ask at about the same time."""
 
-    def __init__(self) -> None:
+    def __init__(self, loop: LoopWatch) -> None:
+        self._loop = loop
         self._lock = Lock()
+        # A thread of its own: those of the requests may all be busy.
+        self._thread = CapacityLimiter(1)
         self._found = Found()
         self._at = float("-inf")
 
@@ -50,12 +55,18 @@ class Readiness:
         _goes_on(context)
         async with self._lock:
             if time.monotonic() - self._at >= GOOD_FOR_S:
-                self._found = await to_thread.run_sync(_look, context)
+                self._found = await to_thread.run_sync(
+                    _look, context, limiter=self._thread
+                )
                 self._at = time.monotonic()
             found = self._found
-        if found.faults:
-            raise _not_ready(found.faults)
-        return found.checks
+        try:
+            checks, faults = {**found.checks, "event_loop": self._loop.check()}, []
+        except NotReady as exc:
+            checks, faults = found.checks, [Fault("", "event_loop", str(exc))]
+        if found.faults or faults:
+            raise _not_ready([*found.faults, *faults])
+        return checks
 
 
 def _goes_on(context: ServiceContext) -> None:
@@ -71,6 +82,7 @@ def _not_ready(faults: list[Fault]) -> NotReady:
 def _look(context: ServiceContext) -> Found:
     checks: Mapping[str, Callable[[ServiceContext], str]] = {
         "database": _database_takes_writes,
+        "pages": _pages_can_be_read,
         "migrations": _schema_is_current,
         "disk": _disk_has_room,
         "blobs": _store_takes_files,
@@ -101,6 +113,15 @@ def _database_takes_writes(context: ServiceContext) -> str:
     return "takes writes" if takes_writes(context.database) else "is being written"
 
 
+def _pages_can_be_read(context: ServiceContext) -> str:
+    database = context.database
+    if database.damage is not None:
+        raise NotReady(f"the database is damaged: {database.damage}; {ADVICE}")
+    if database.file is None:
+        return "left to the server"
+    return "are whole" if database.pages_checked else "not all looked at"
+
+
 def _schema_is_current(context: ServiceContext) -> str:
     current = current_revision(context.database.engine)
     head = head_revision(migrations_dir())
@@ -112,8 +133,7 @@ def _schema_is_current(context: ServiceContext) -> str:
 
 
 def _disk_has_room(context: ServiceContext) -> str:
-    folders = (context.settings.data, context.storage.temporary_folder())
-    free = min(shutil.disk_usage(folder).free for folder in folders)
+    free = free_bytes((context.settings.data, context.storage.temporary_folder()))
     needed = int(context.settings.min_free_bytes)
     if free < needed:
         raise NotReady(f"{free} bytes are free, {needed} are needed")

@@ -6,6 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from sqlalchemy.orm import Session
+
+from app.db.tables import Problem
+from app.repositories.frames import FrameRepository
+from app.repositories.runs import ProblemRepository
 from filter_core.errors import AnnotationErrors, FilterError
 
 
@@ -27,12 +32,24 @@ def naming(key: str = "", pointer: str = "") -> Iterator[None]:
 
 def described(error: FilterError) -> dict[str, Any]:
     """A refusal as it is remembered: the fault, or each of several."""
-    faults = error.errors if isinstance(error, AnnotationErrors) else (error,)
+    several = error if isinstance(error, AnnotationErrors) else None
+    more = several.more_errors if several else 0
     return {
         "code": error.kind,
         "detail": error.detail,
         "errors": [
             {"pointer": fault.pointer, "code": fault.kind, "detail": fault.detail}
-            for fault in faults
+            for fault in (several.errors if several else (error,))
         ],
+        **({"more_errors": more} if more else {}),
     }
+
+
+def note_problem(
+    session: Session, dataset_id: int, key: str, error: FilterError
+) -> None:
+    """Remember a refusal, so that nobody has to search for a missing frame."""
+    FrameRepository(session).forget_problems(dataset_id, key)
+    ProblemRepository(session).add(
+        Problem(dataset_id=dataset_id, key=key, error=described(error))
+    )

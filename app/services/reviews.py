@@ -11,13 +11,15 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, ReviewBatch
-from app.errors import Conflict, CountChanged, NotFound, StaleReview, TooLarge
+from app.errors import Conflict, NotFound, StaleReview, TooLarge, Unprocessable
 from app.metrics import REVIEWS
 from app.repositories.claims import ClaimRepository
 from app.repositories.decisions import CurrentRow, DecisionRepository
-from app.repositories.review_batches import ReviewBatches
+from app.repositories.review_batches import UNANSWERED, ReviewBatches, SeenBoxes
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
+from app.security import Principal
+from app.services.others_answers import require_own
 from filter_core.types import Reason
 
 
@@ -63,41 +65,101 @@ def review_box(
     return StoredReview(row, effective_verdict(current.reason, review))
 
 
+@dataclass(frozen=True)
+class StoredBatch:
+    """One answer on many boxes as it is stored, and the boxes that were left alone.
+
+    `stale` were answered since they were seen, `skipped` are gone or of another
+    dataset.
+    """
+
+    batch: ReviewBatch
+    answered: int
+    skipped: list[int]
+    stale: list[int]
+
+
 def review_many(
-    session: Session, dataset: Dataset, box_ids: Sequence[int], answer: Answer
-) -> tuple[ReviewBatch, int, list[int]]:
-    """Add one answer to many boxes: the batch, how many, and those that are gone."""
+    session: Session, dataset: Dataset, boxes: Sequence[SeenBoxes], answer: Answer
+) -> StoredBatch:
+    """Add one answer to many boxes, each once, where it is as somebody saw it."""
     batches = ReviewBatches(session)
     batch = batches.add(
         ReviewBatch(
             dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
         )
     )
-    chosen = list(dict.fromkeys(box_ids))
-    answered = batches.answer(batch, chosen, answer.comment)
+    answered = batches.answer(batch, boxes, answer.comment)
     once_committed(session, partial(REVIEWS.add, answered, answer.verdict))
+    chosen = [box_id for seen in boxes for box_id in seen.box_ids]
     if answered == len(chosen):
-        return batch, answered, []
-    found = set(batches.boxes(batch.id))
-    return batch, answered, [box_id for box_id in chosen if box_id not in found]
+        return StoredBatch(batch, answered, [], [])
+    left = sorted(set(chosen).difference(batches.boxes(batch.id)))
+    stale = DecisionRepository(session).ids_in_dataset(left, dataset.id)
+    gone = [box_id for box_id in left if box_id not in stale]
+    return StoredBatch(batch, answered, gone, sorted(stale))
 
 
-def listed_boxes(ids: Sequence[int], expected: int | None, limit: int) -> list[int]:
-    """The boxes that a person listed, each once."""
-    chosen = list(dict.fromkeys(ids))
-    if expected is not None and expected != len(chosen):
-        raise CountChanged("box_ids lists", found=len(chosen), expected=expected)
-    if len(chosen) > limit:
-        raise TooLarge(f"{len(chosen)} boxes, one bulk review changes at most {limit}")
-    return chosen
+def listed_boxes(
+    ids: Sequence[int], seen: Sequence[int] | None, limit: int
+) -> list[SeenBoxes]:
+    """The boxes that a person listed, each once, by the revision that was seen.
+
+    Parameters
+    ----------
+    ids : sequence of int
+    seen : sequence of int, or None
+        The revision of each box, in the order of `ids`. None: nothing is known of
+        what the person saw, so only boxes without an answer are to be taken.
+
+    Raises
+    ------
+    Unprocessable
+        There are more or fewer revisions than boxes, or two of one box.
+    TooLarge
+        More boxes than one act may answer.
+    """
+    revisions = [UNANSWERED] * len(ids) if seen is None else seen
+    if len(revisions) != len(ids):
+        raise Unprocessable(
+            f"seen_revisions: expected one for each of {len(ids)} box_ids, "
+            f"found {len(revisions)}"
+        )
+    revision_of: dict[int, int] = {}
+    for box_id, revision in zip(ids, revisions, strict=True):
+        if revision_of.setdefault(box_id, revision) != revision:
+            raise Unprocessable(
+                f"seen_revisions: expected one revision of box {box_id}, found "
+                f"{revision_of[box_id]} and {revision}"
+            )
+    if len(revision_of) > limit:
+        raise TooLarge(
+            f"{len(revision_of)} boxes, one bulk review changes at most {limit}"
+        )
+    alike: dict[int, list[int]] = {}
+    for box_id, revision in revision_of.items():
+        alike.setdefault(revision, []).append(box_id)
+    return [SeenBoxes(box_ids, revision) for revision, box_ids in alike.items()]
 
 
 def undo_batch(
-    session: Session, batch_id: int, reviewer: str
+    session: Session, batch_id: int, by: Principal
 ) -> tuple[ReviewBatch, int, list[int]]:
-    """Say again what was said before a batch, but where someone spoke since."""
+    """Say again what was said before a batch, but where someone spoke since.
+
+    Raises
+    ------
+    NotFound
+        There is no such batch.
+    Forbidden
+        It is another person's, and this is no admin.
+    Conflict
+        It was undone already.
+    """
     batches = ReviewBatches(session)
     batch = batches.with_id(batch_id)
+    answers = {batch.reviewer: batches.size(batch_id)}
+    require_own(by, answers, f"undoing batch {batch_id}")
     if batches.is_undone(batch_id):
         raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
     undo = batches.add(
@@ -105,7 +167,7 @@ def undo_batch(
             dataset_id=batch.dataset_id,
             verdict="clear",
             undoes_id=batch_id,
-            reviewer=reviewer,
+            reviewer=by.name,
         )
     )
     undone = batches.answer_as_before(undo, batch)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy.orm import Session
 
@@ -22,20 +22,20 @@ from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
 from app.services.enduring import enduring
-from app.services.measuring import (
-    MEASURED,
-    FrameFiles,
-    MeasurePlan,
-    measure_files,
-    packed,
-    plan_of,
-)
+from app.services.measuring import MeasurePlan, measure_files, packed, plan_of
+from app.services.pixel_work import MEASURED, FrameFiles
 from app.services.recounting import recount, recounted_row
-from app.services.refusals import naming
+from app.services.refusals import naming, note_problem
 from app.services.run_states import job_of, run_at_work
 from filter_core.annotation import parse_annotation
 from filter_core.config import FilterConfig
+from filter_core.errors import FilterError
 
+_DAMAGED: Final = (
+    *("bad_image", "image_size_mismatch", "image_too_large"),
+    *("bad_instances", "lossy_instances", "bad_lidar"),
+)
+"""What a file is itself, whatever a configuration asks of it."""
 COMMIT_EVERY_S: Final = 0.25
 """How much work a crash may cost, and how often progress is seen to move."""
 
@@ -165,11 +165,11 @@ def measure_chunk(
         rows = ending.enter_context(closing(results))
         # Threads that wait for a store are to know that nobody waits for them.
         ending.callback(over.set)
-        for row in rows:
+        for measured_frame in rows:
             # When the service stops, what is measured by then is kept.
             context.engine.check_wanted(part.scope.job)
             measured += 1
-            portion.add(row, is_last=measured == len(part.missing))
+            portion.add(measured_frame, is_last=measured == len(part.missing))
     is_whole = measured == len(part.missing)
     portion.keep(is_whole=is_whole)
     if not is_whole:
@@ -187,9 +187,17 @@ def _missing_of(session: Session, scope: RunScope, chunk: Chunk) -> list[int]:
     )
 
 
+class _Measured(NamedTuple):
+    """The row of a frame's numbers; which of its files is damaged, if one is."""
+
+    row: dict[str, Any]
+    key: str = ""
+    damage: FilterError | None = None
+
+
 def _numbers(
     context: ServiceContext, part: _Part, over: threading.Event, frame_id: int
-) -> dict[str, Any]:
+) -> _Measured:
     source = part.source
     if source.needs_pixels:
         frame = part.frames[frame_id]
@@ -197,10 +205,12 @@ def _numbers(
         read = partial(_contents, context, source, files)
         check = partial(_check, context, part.scope, over)
         contents = enduring(context, check, read)
-        return _remeasured(source, frame, contents)
+        return _remeasured(context, source, frame, contents)
     row = part.former[frame_id]
     evidence = recount(row, source.classes, source.plan.config)
-    return recounted_row(row, evidence, source.classes, source.measurement_id)
+    return _Measured(
+        recounted_row(row, evidence, source.classes, source.measurement_id)
+    )
 
 
 class _Portion:
@@ -208,12 +218,12 @@ class _Portion:
 
     def __init__(self, context: ServiceContext, part: _Part, stored: Stored) -> None:
         self._context, self._part, self._stored = context, part, stored
-        self._rows: list[dict[str, Any]] = []
+        self._measured: list[_Measured] = []
         self._begun = time.monotonic()
 
-    def add(self, row: dict[str, Any], *, is_last: bool) -> None:
+    def add(self, measured: _Measured, *, is_last: bool) -> None:
         """One more; those of the last portion wait for `keep`."""
-        self._rows.append(row)
+        self._measured.append(measured)
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
         if not is_last and (is_due or self._part.is_suspect):
             self.keep(is_whole=False)
@@ -223,18 +233,20 @@ class _Portion:
 
         Frames that another process has measured meanwhile are not counted again.
         """
-        rows, self._rows, self._begun = self._rows, [], time.monotonic()
+        measured, self._measured, self._begun = self._measured, [], time.monotonic()
         scope = self._part.scope
-        if not rows and not is_whole:
+        if not measured and not is_whole:
             return
         with self._context.database.write() as session:
             run = run_at_work(session, scope.run_id)
             new = EvidenceRepository(session).lacking(
-                [row["frame_id"] for row in rows], scope.measurement_id
+                [one.row["frame_id"] for one in measured], scope.measurement_id
             )
-            EvidenceRepository(session).add(
-                [row for row in rows if row["frame_id"] in new]
-            )
+            kept = [one for one in measured if one.row["frame_id"] in new]
+            EvidenceRepository(session).add([one.row for one in kept])
+            for one in kept:
+                if one.damage is not None:
+                    note_problem(session, scope.dataset_id, one.key, one.damage)
             run.done = min(run.total, run.done + len(new))
             if new:
                 self._stored(session)
@@ -277,16 +289,41 @@ def _contents(
 
 
 def _remeasured(
-    source: _Source, frame: Frame, contents: Mapping[str, bytes]
-) -> dict[str, Any]:
+    context: ServiceContext,
+    source: _Source,
+    frame: Frame,
+    contents: Mapping[str, bytes],
+) -> _Measured:
+    """A frame's numbers, as if those of its files had not come that are damaged.
+
+    They were stored by a version that looked at less of them.
+    """
     annotation = parse_annotation(frame.annotation, frame=frame.key)
     size = (frame.width or 0, frame.height or 0)
-    pixels = FrameFiles.of(contents, size)
-    with naming(frame.key, "/segmentation"):
-        measured = measure_files(source.plan, annotation, pixels)
+    left, damage = dict(contents), None
+    while True:
+        try:
+            with naming(frame.key, "/segmentation"):
+                pixels = FrameFiles.of(left, size)
+                measured = measure_files(
+                    context.pixels, source.plan, annotation, pixels
+                )
+            break
+        except FilterError as fault:
+            kind = fault.pointer.strip("/")
+            if fault.kind not in _DAMAGED or kind not in left:
+                raise
+            damage = damage or fault
+            # Without its mask, pixels would count that never should.
+            left = {} if kind == "ignore_mask" else _without(left, kind)
     ids = [source.classes[name] for name in measured.evidence.class_names]
-    return {
+    row = {
         "frame_id": frame.id,
         "measurement_id": source.measurement_id,
         **packed(measured, ids),
     }
+    return _Measured(row, frame.key, damage)
+
+
+def _without(contents: Mapping[str, bytes], kind: str) -> dict[str, bytes]:
+    return {name: content for name, content in contents.items() if name != kind}

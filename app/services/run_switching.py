@@ -24,6 +24,7 @@ from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.ledger import DECISION, LedgerRepository
+from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
@@ -99,6 +100,7 @@ def switch(
     run.changed, run.done = turn.changed, run.total
     run.counts = {verdict.value: turn.counts[verdict] for verdict in Verdict}
     run.state, run.finished_at = "done", utc_now()
+    run.last_review_id = ReviewRepository(session).newest_id()
     session.flush()
 
 

@@ -6,15 +6,23 @@ an archive that has them is refused, like one that is damaged or cut short.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 from app.errors import TooLarge, Unprocessable, UnsupportedMedia
+from app.pieces import Pieces
 
 BLOCK: Final = 512
 MAX_EXTENSION: Final = 64 * 1024
 """Bytes of an extended header: a name, and little else."""
+
+_LENGTH_DIGITS: Final = 6
+"""No record of an extended header is longer than five digits can say."""
+_MOST_RECORDS: Final = 1000
+"""Of one extended header; those that programs write have a dozen."""
+_HERE: Final = re.compile(r"(?:\./)*")
 
 _FILE: Final = (b"0", b"\0", b"7")
 _FOLDER: Final = b"5"
@@ -72,7 +80,7 @@ class TarStream:
 
     def __init__(self, limits: TarLimits) -> None:
         self._limits = limits
-        self._held: list[memoryview] = []
+        self._held = Pieces()
         self._missing = BLOCK
         self._ignored = 0
         self._header: _Header | None = None
@@ -107,7 +115,7 @@ class TarStream:
             taken = view[: self._missing]
             view = view[len(taken) :]
             self._missing -= len(taken)
-            self._held.append(taken)
+            self._held += taken
             if self._missing == 0:
                 yield from self._complete()
 
@@ -120,8 +128,7 @@ class TarStream:
 
     def _complete(self) -> Iterator[Member]:
         """A header, or what a header announced, is complete."""
-        block = b"".join(self._held)
-        self._held = []
+        block, self._held = bytes(self._held), Pieces()
         header, self._header = self._header, None
         self._missing = BLOCK
         if header is None:
@@ -137,6 +144,8 @@ class TarStream:
         if self._zero_blocks:
             raise BadArchive("the archive goes on after its end")
         header = _read_header(block, first=self._members == 0)
+        if self._is_folder(header):
+            header = _Header(header.name, 0, _FOLDER)
         self._members += 1
         self._check(header)
         if header.size > self._limits.max_member_bytes:
@@ -146,6 +155,12 @@ class TarStream:
             yield from self._end(header, b"")
         else:
             self._header, self._missing = header, header.size
+
+    def _is_folder(self, header: _Header) -> bool:
+        """A name in the header itself is cut, perhaps behind a slash."""
+        name = header.name if self._long_name is None else self._long_name
+        looks_so = header.kind in (b"0", b"\0") and name.endswith(b"/")
+        return looks_so or header.kind == _FOLDER
 
     def _end(self, header: _Header, content: bytes | None) -> Iterator[Member]:
         if header.kind in _FILE:
@@ -191,10 +206,13 @@ def _read_header(block: bytes, *, first: bool) -> _Header:
     if block[257:263] == b"ustar\0":
         prefix = block[345:500].split(b"\0", 1)[0]
         name = prefix + b"/" + name if prefix else name
-    kind = block[156:157]
-    if kind in (b"0", b"\0") and name.endswith(b"/"):
-        kind = _FOLDER
-    return _Header(name, 0 if kind == _FOLDER else _number(block[124:136]), kind)
+    size = _number(block[124:136])
+    if size is None:
+        raise BadArchive(
+            f"the size of {name[:80].decode('utf-8', 'replace')!r}: expected octal "
+            f"digits or a positive binary number, found {block[124:136]!r}"
+        )
+    return _Header(name, size, block[156:157])
 
 
 def _is_sound(block: bytes) -> bool:
@@ -204,15 +222,15 @@ def _is_sound(block: bytes) -> bool:
     return found == unsigned or found == unsigned - 256 * sum(one > 127 for one in rest)
 
 
-def _number(field: bytes) -> int:
-    """Octal digits, or for large sizes a number of 95 bits."""
+def _number(field: bytes) -> int | None:
+    """Octal digits, or for large sizes a number of 95 bits; None if it is neither.
+
+    A first byte of 0xFF would begin a negative number, which nothing here can be.
+    """
     if field[0] == 0x80:
         return int.from_bytes(field[1:], "big")
-    digits = field.split(b"\0", 1)[0].strip()
-    try:
-        return int(digits or b"0", 8) if b"_" not in digits else -1
-    except ValueError:
-        return -1
+    digits = field.split(b"\0", 1)[0].strip(b" ")
+    return None if digits.strip(b"01234567") else int(digits or b"0", 8)
 
 
 def _extension(header: _Header, content: bytes) -> bytes | None:
@@ -227,14 +245,18 @@ def _extension(header: _Header, content: bytes) -> bytes | None:
 
 def _pax_records(content: bytes) -> Iterator[tuple[str, bytes]]:
     """``LENGTH KEY=VALUE`` and a line end, one after the other."""
-    while content:
-        length, _, _ = content.partition(b" ")
-        size = int(length) if length.isdigit() and len(length) < 6 else 0
-        record, content = content[:size], content[size:]
+    position = records = 0
+    while position < len(content):
+        records += 1
+        length, _, _ = content[position : position + _LENGTH_DIGITS].partition(b" ")
+        size = int(length) if length.isdigit() and len(length) < _LENGTH_DIGITS else 0
+        record = content[position : position + size]
         key, equals, value = record[len(length) + 1 : -1].partition(b"=")
-        if not size or not equals or not record.endswith(b"\n"):
+        is_whole = size > 0 and equals == b"=" and record.endswith(b"\n")
+        if records > _MOST_RECORDS or not is_whole:
             raise BadArchive("an extended header of the archive is damaged")
         yield key.decode("utf-8", "replace"), value
+        position += size
 
 
 def _checked_name(raw: bytes) -> str:
@@ -242,8 +264,7 @@ def _checked_name(raw: bytes) -> str:
         name = raw.decode("utf-8")
     except UnicodeDecodeError as error:
         raise BadArchive(f"the name {raw[:80]!r} is not UTF-8") from error
-    while name.startswith("./"):
-        name = name[2:]
+    name = _HERE.sub("", name, count=1)
     parts = name.split("/")
     leads_out = name.startswith("/") or ".." in parts or "\\" in name
     if not name or leads_out or "\0" in name or name[1:2] == ":":

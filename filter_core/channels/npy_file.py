@@ -20,10 +20,18 @@ _LENGTH_BYTES: Final[Mapping[int, int]] = {1: 2, 2: 4, 3: 4}
 _LONGEST_HEADER: Final = 16_384
 _MOST_SIDES: Final = 4
 _NUMBER: Final = re.compile(r"[<>|=]?(f[248]|[iu][1248]|b1)")
+_NAME: Final = re.compile(r"[^\ud800-\udfff]{1,64}")
+"""Text that UTF-8 has a form for."""
 
 
-def read_npy(content: bytes) -> NDArray[np.generic]:
+def read_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
     """The array of a file of numbers, or of rows of named numbers; not copied.
+
+    Parameters
+    ----------
+    content : bytes
+    whole : bool
+        True: nothing may follow the array.
 
     Raises
     ------
@@ -44,7 +52,7 @@ def read_npy(content: bytes) -> NDArray[np.generic]:
     dtype, by_columns, shape = _header(content[start : start + length])
     body = start + length
     needed = math.prod(shape) * dtype.itemsize
-    if len(content) - body < needed:
+    if len(content) - body < needed or (whole and len(content) - body > needed):
         raise ValueError(f"{len(content) - body:,} bytes instead of {needed:,}")
     flat = np.frombuffer(content, dtype, math.prod(shape), body)
     return flat.reshape(shape, order="F" if by_columns else "C")
@@ -71,8 +79,11 @@ def _dtype(described: object) -> np.dtype[np.generic]:
     columns = []
     for column in described:
         named = isinstance(column, tuple) and len(column) == 2
-        if not named or not isinstance(column[0], str) or not column[0]:
+        if not named or not isinstance(column[0], str):
             raise ValueError("columns that are not names with a type")
+        if not _NAME.fullmatch(column[0]):
+            words = "columns that are not named with 1 to 64 characters of text"
+            raise ValueError(words)
         columns.append((column[0], _number(column[1])))
     if len({name for name, _ in columns}) < len(columns):
         raise ValueError("two columns of one name")

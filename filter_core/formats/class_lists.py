@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from filter_core.config_file import parse_yaml
-from filter_core.errors import ConfigError, LayoutError
+from filter_core.errors import ConfigError, JsonError, LayoutError
 from filter_core.formats.frame_source import read_label_text
+from filter_core.json_text import read_json
 
 CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")
 """The order that carlasimu writes; it has no numbers for two-wheelers."""
@@ -59,8 +59,8 @@ def carlasimu_classes(root: Path) -> tuple[str, ...]:
     if not path.is_file():
         return CARLASIMU_CLASSES
     try:
-        document = json.loads(read_label_text(path, name))
-    except (ValueError, RecursionError):
+        document = read_json(read_label_text(path, name))
+    except JsonError:
         # People put other readmes into folders; only carlasimu's own is JSON.
         return CARLASIMU_CLASSES
     numbers = document.get("classes") if isinstance(document, dict) else None

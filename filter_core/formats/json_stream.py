@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
-from filter_core.errors import LayoutError
+from filter_core.errors import JsonError, LayoutError
+from filter_core.json_text import read_json
 
 _PIECE: Final = 1 << 20
 _MAX_VALUE: Final = 16 << 20
@@ -56,9 +57,9 @@ def read_object(file: BinaryIO, name: str) -> Iterator[Item]:
 def load(content: bytes, name: str) -> Any:  # noqa: ANN401  # any JSON value
     """One value from its own bytes, as UTF-8."""
     try:
-        return json.loads(content.decode("utf-8"), parse_constant=_no_constant)
-    except (ValueError, RecursionError) as exc:
-        raise LayoutError(f"{name}: not JSON: {str(exc)[:100]}") from exc
+        return read_json(content)
+    except JsonError as exc:
+        raise LayoutError(f"{name}: {exc.detail}") from exc
 
 
 def _no_constant(word: str) -> None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from filter_core.errors import LayoutError
+from filter_core.errors import JsonError, LayoutError
 from filter_core.formats.frame_source import MAX_LABEL_BYTES
 from filter_core.formats.label_export import KEYS_NAME
 from filter_core.formats.manifest import MAX_KEY
 from filter_core.formats.matching import FrameFiles, frame_key
+from filter_core.json_text import read_json
 
 
 def with_keys(
@@ -74,9 +74,9 @@ def _lines(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
         ):
             at = f"{path.name}, line {number + 1}"
             try:
-                value = json.loads(line)
-            except (ValueError, RecursionError) as exc:
-                raise LayoutError(f"{at}: not JSON: {str(exc)[:80]}") from exc
+                value = read_json(line)
+            except JsonError as exc:
+                raise LayoutError(f"{at}: {exc.detail}") from exc
             if not isinstance(value, dict):
                 raise LayoutError(f"{at}: expected an object")
             yield at, value

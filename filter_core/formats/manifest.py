@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from filter_core.annotation_json import fault_of
-from filter_core.errors import FilterError, LayoutError
+from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.faults import shown
 from filter_core.formats.frame_source import (
     MAX_LABEL_BYTES,
@@ -16,6 +14,7 @@ from filter_core.formats.frame_source import (
     FrameSource,
     ReadOptions,
 )
+from filter_core.json_text import read_json
 
 MANIFEST_NAME: Final = "manifest.jsonl"
 FILES: Final = (
@@ -72,10 +71,10 @@ def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
 
 def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> FrameSource:
     try:
-        raw = json.loads(line.decode("utf-8-sig").rstrip())
-    except (ValueError, RecursionError) as exc:
+        raw = read_json(line.rstrip(), halves=True)
+    except JsonError as exc:
         # Its line is always the first: which one it is of the file stands before it.
-        found = fault_of(exc).replace("line 1, ", "", 1)
+        found = exc.found.replace("line 1, ", "", 1)
         return _problem(at, "one JSON object", found)
     if not isinstance(raw, dict):
         return _problem(at, "one JSON object", shown(raw))

@@ -15,6 +15,8 @@ from filter_core.errors import LayoutError
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
 _KEPT: Final = ("pose", "truncated", "difficult", "occluded")
 _MAX_SIDE: Final = 1 << 16
+_MAX_DEPTH: Final = 32
+_MAX_ELEMENTS: Final = 500_000
 
 
 class Element(Protocol):
@@ -57,8 +59,8 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
     Raises
     ------
     LayoutError
-        Not XML, with a DTD or entities, or not VOC; names file, line, what was
-        expected and what was found.
+        Not XML, with a DTD or entities, without end, or not VOC; names file, line, what
+        was expected and what was found.
     """
     tree = _parse(content, name)
     if tree.root.tag != "annotation":
@@ -84,17 +86,32 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
     return annotation
 
 
+class _TooMuchXml(ValueError):
+    """More of it than any file of boxes has."""
+
+
 class _LineParser(DefusedXMLParser):
     """Notes the line of each element, which errors are to name."""
 
     def __init__(self) -> None:
         super().__init__(forbid_dtd=True)
         self.lines: dict[Element, int] = {}
+        self._depth = 0
 
     def _start(self, tag: str, attributes: list[str]) -> Element:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH or len(self.lines) == _MAX_ELEMENTS:
+            raise _TooMuchXml(
+                f"at most {_MAX_ELEMENTS} elements in {_MAX_DEPTH} levels are read"
+            )
         started: Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
         self.lines[started] = self.parser.CurrentLineNumber
         return started
+
+    def _end(self, tag: str) -> Element:
+        self._depth -= 1
+        ended: Element = super()._end(tag)  # type: ignore[misc]  # stubs
+        return ended
 
 
 def _parse(content: bytes, name: str) -> _Tree:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
+from app.db.migrate import refuse_to_lose
+
 revision = "0001"
 down_revision: str | None = None
 branch_labels = None
@@ -583,6 +585,8 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
+    for table in ("datasets", "reviews", "tokens"):
+        refuse_to_lose(table)
     op.execute("DROP VIEW readable_decisions")
     op.drop_index(op.f("ix_reviews_batch_id"), table_name="reviews")
     op.drop_table("reviews")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
+from app.db.migrate import refuse_to_lose
+
 revision = "0005"
 down_revision: str | None = "0004"
 branch_labels = None
@@ -32,6 +34,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
+    refuse_to_lose("audit_log")
     op.drop_table("audit_log")
     if op.get_bind().dialect.name != SQLITE:
         op.execute("DROP FUNCTION audit_log_refuse()")

@@ -9,9 +9,15 @@
 /** @typedef {import("./types.js").HistoryItem} HistoryItem */
 /** @typedef {import("./types.js").StoredReview} StoredReview */
 /** @typedef {Record<string, string | number | undefined>} Params */
-/** @typedef {{title?: string, detail?: string, code?: string, request_id?: string, current?: Decision, errors?: {pointer?: string, code?: string, detail?: string}[]}} Problem */
+/** @typedef {{title?: string, detail?: string, code?: string, request_id?: string, current?: Decision, errors?: {pointer?: string, code?: string, detail?: string}[], more_errors?: number}} Problem */
 
 const BASE = "/api/v1";
+
+/** What this page shows to be let in. */
+let session = "";
+
+/** @param {string} secret  empty: nothing */
+export const showSession = (secret) => void (session = secret);
 
 /** The server answered, and said no. */
 export class ApiError extends Error {
@@ -50,7 +56,9 @@ export function urlOf(path, params = {}) {
 
 /** @param {string} url @param {RequestInit} [init] @returns {Promise<Response>} only what succeeded */
 export async function send(url, init = {}) {
-  const response = await fetch(url, { credentials: "same-origin", ...init }).catch((cause) => {
+  const headers = new Headers(init.headers);
+  if (session && !headers.has("Authorization")) headers.set("Authorization", `Bearer ${session}`);
+  const response = await fetch(url, { credentials: "omit", ...init, headers }).catch((cause) => {
     if (init.signal?.aborted) throw cause;
     throw new NoAnswer(cause);
   });
@@ -94,14 +102,14 @@ export function post(path, body, idempotencyKey) {
 export const segment = (name) => encodeURIComponent(name);
 
 export const api = {
-  /** @param {string} token @returns {Promise<void>} */
-  signIn: (token) => post("/session", { token }),
+  /** @param {import("./types.js").Credential} credential @returns {Promise<import("./types.js").NewSession>} */
+  signIn: (credential) => post("/session", credential),
 
   /** @returns {Promise<import("./types.js").Person>} */
   whoAmI: () => request(urlOf("/session")),
 
-  /** @returns {Promise<void>} */
-  signOut: () => request(urlOf("/session"), { method: "DELETE" }),
+  /** @param {string} secret  of the session that ends @returns {Promise<void>} */
+  signOut: (secret) => request(urlOf("/session"), { method: "DELETE", headers: { Authorization: `Bearer ${secret}` } }),
 
   /** @param {Params} [params] @param {AbortSignal} [signal] @returns {Promise<import("./types.js").Page<Dataset>>} */
   datasets: (params, signal) => request(urlOf("/datasets", params), { signal }),
@@ -137,11 +145,7 @@ export const api = {
   paintedUrl: (id) => `${BASE}/frames/${id}/overlay?layer=segmentation&boxes=`,
 
   /** @param {string} url @param {AbortSignal} [signal] @returns {Promise<Blob>} */
-  async blob(url, signal) {
-    const response = await fetch(url, { credentials: "same-origin", signal });
-    if (!response.ok) throw new ApiError(response.status, problemOf(await response.text()), null);
-    return response.blob();
-  },
+  blob: async (url, signal) => (await send(url, { signal })).blob(),
 };
 
 /** @typedef {typeof api} Api */

@@ -9,26 +9,32 @@ import { nameThisTab, createOutbox } from "./outbox.js";
 import { createOpenStores } from "./open_stores.js";
 import { createPrefs } from "./prefs.js";
 import { withAnswer, withStored } from "./reviews.js";
+import { own, unowned } from "./owners.js";
 import { createRouter } from "./router.js";
 import { createSaver } from "./saver.js";
+import { SESSION_KEY, createSession } from "./session.js";
 import { LOCAL, createValue } from "./store.js";
 import { createToasts } from "./toasts.js";
 import { createUndo } from "./undo.js";
 import { uploadCalls } from "./calls/uploads.js";
 import { createUploads } from "./upload/uploads.js";
-import { endedText } from "./wording.js";
+import { countOf, endedText } from "./wording.js";
 
+/** @typedef {import("./types.js").Credential} Credential */
 /** @typedef {import("./types.js").Decision} Decision */
+/** @typedef {import("./types.js").NewSession} NewSession */
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
 /** @typedef {Record<string, () => void>} Actions */
 
 /**
  * @param {import("./api.js").Api} api
  * @param {Storage} storage
+ * @param {() => void} [startAnew]  another person is signed in now: nothing of this page is theirs
  */
-export async function createApp(api, storage) {
+export async function createApp(api, storage, startAnew = () => location.reload()) {
   const { tab, openTabs } = await nameThisTab();
-  const outbox = createOutbox(storage, tab);
+  const session = createSession(storage);
+  const outbox = createOutbox(storage, tab, session.owner);
   outbox.adopt(openTabs);
 
   const router = createRouter();
@@ -36,12 +42,15 @@ export async function createApp(api, storage) {
   const stores = createOpenStores(() => frames.current()?.store);
   const toasts = createToasts();
   const undo = createUndo();
-  const isSignedIn = createValue(true);
+  const isSignedIn = createValue(session.current.get() !== null);
   /** Why one is not any more; empty for whoever never was. */
   const ended = createValue("");
   /** Whose answers these are. */
-  const person = createValue(/** @type {import("./types.js").Person | null} */ (null));
-  const greet = () => api.whoAmI().then(person.set, () => person.set(null));
+  const person = createValue(/** @type {import("./types.js").Person | null} */ (session.current.get()));
+  session.current.observe(person.set);
+  /** Whom a login link would sign in instead, until that is answered. */
+  const newcomer = createValue(/** @type {NewSession | null} */ (null));
+  const greet = () => api.whoAmI().then(person.set, () => {});
   const keys = createValue(loadKeys(storage));
   keys.observe((settings) => saveKeys(storage, settings));
   /** Answers that met somebody else's. */
@@ -80,10 +89,38 @@ export async function createApp(api, storage) {
   const notice = (error) => {
     if (!(error instanceof ApiError) || error.status !== 401) return;
     ended.set(endedText(error.problem.code));
-    isSignedIn.set(false);
+    settle(session.end());
   };
-  const bulk = createBulkActs({ storage, tab, openTabs, stores, frames, toasts, undo, notice });
-  saver.state.observe(({ phase }) => phase === "signed-out" && isSignedIn.set(false));
+  /** The session has changed. @param {boolean} isMine  false: it is another person's now */
+  const settle = (isMine) => {
+    if (!isMine) return startAnew();
+    const wasIn = isSignedIn.get();
+    isSignedIn.set(session.current.get() !== null);
+    if (wasIn || !isSignedIn.get()) return undefined;
+    ended.set("");
+    offerUnowned();
+    void saver.resume();
+    return bulk.resume();
+  };
+  /** @param {NewSession} next */
+  const enter = (next) => {
+    const before = session.current.get()?.session;
+    const isMine = session.keep(next);
+    if (before && before !== next.session) void api.signOut(before).catch(() => {});
+    settle(isMine);
+  };
+  /** Answers that are kept since before they had a name on them. */
+  const offerUnowned = () => {
+    const count = unowned(storage).length;
+    const name = session.owner();
+    if (count === 0 || !name) return;
+    toasts.show(`${countOf(count, "answer")} kept in this browser ${count === 1 ? "has" : "have"} no name.`, {
+      action: { text: `Send as ${name}`, run: () => (own(storage, name), startAnew()) },
+    });
+  };
+  addEventListener("storage", ({ key }) => (key === SESSION_KEY || key === null) && settle(session.follow()));
+  const bulk = createBulkActs({ storage, tab, openTabs, who: session.owner, stores, frames, toasts, undo, notice });
+  saver.state.observe(({ phase }) => phase === "signed-out" && settle(session.end()));
   addEventListener("online", () => (void saver.resume(), bulk.resume()));
 
   return {
@@ -104,7 +141,11 @@ export async function createApp(api, storage) {
     isSignedIn,
     ended,
     person,
+    newcomer,
     greet,
+    offerUnowned,
+    /** How many answers of each person wait in this browser. */
+    kept: outbox.kept,
     uploads: createUploads(uploadCalls, isSignedIn),
     prefs: createPrefs(storage),
 
@@ -121,19 +162,32 @@ export async function createApp(api, storage) {
       conflicts.set(rest);
     },
 
-    /** @param {string} token */
-    async signIn(token) {
-      await api.signIn(token);
-      ended.set("");
-      isSignedIn.set(true);
-      void greet();
-      void saver.resume();
-      bulk.resume();
+    /** @param {Credential} credential */
+    signIn: async (credential) => enter(await api.signIn(credential)),
+
+    /** By a link: whoever is signed in is asked before another person is. @param {Credential} credential */
+    async signInByLink(credential) {
+      const next = await api.signIn(credential);
+      const now = session.current.get();
+      if (now && now.name !== next.name) newcomer.set(next);
+      else enter(next);
+    },
+
+    /** Say why a link signs nobody in, wherever one looks. @param {string} text */
+    refuse: (text) => (isSignedIn.get() ? void toasts.show(text, { kind: "error" }) : ended.set(text)),
+
+    /** The answer to that. @param {boolean} isWanted */
+    async admit(isWanted) {
+      const next = newcomer.get();
+      newcomer.set(null);
+      if (!next) return;
+      if (isWanted) enter(next);
+      else await api.signOut(next.session).catch(() => {});
     },
 
     async signOut() {
-      await api.signOut();
-      isSignedIn.set(false);
+      await api.signOut(session.current.get()?.session ?? "");
+      settle(session.end());
     },
   };
 }

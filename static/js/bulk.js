@@ -7,23 +7,26 @@ import { createValue } from "./store.js";
 
 /** @typedef {import("./types.js").Answer} Answer */
 /** @typedef {import("./types.js").Decision} Decision */
-/** @typedef {{id: number, count: number, skipped: number[]}} BulkOut */
+/** @typedef {{id: number, count: number, skipped: number[], stale: number[]}} BulkOut  `stale`: answered by somebody since they were seen */
 /** @typedef {{id: number, undone: number, skipped: number[]}} UndoOut */
 /** @typedef {Record<string, string | number | boolean>} Filter */
 
 /**
  * @typedef {object} Act
  * @property {string} key  also the Idempotency-Key
- * @property {string} tab  whose it is
+ * @property {string} person  who did it: it is sent under no other name
+ * @property {string} tab  that sends it
  * @property {string} dataset
  * @property {Answer} verdict
  * @property {number[]} [boxIds]
- * @property {Filter} [filter]  all that it selects, as long as they are `count`
+ * @property {number[]} [seen]  the revision of each of these boxes that the person saw
+ * @property {Filter} [filter]  all that it selects, as long as they are as in the snapshot
+ * @property {string} [snapshot]  of the list that the person saw
  * @property {number} count
  */
 /** @typedef {"sending" | "waiting" | "changed" | "refused"} ActState */
 /** @typedef {{act: Act, state: ActState, text: string}} OpenAct */
-/** @typedef {{batchId: number, act: Act, skipped: number[]}} DoneAct */
+/** @typedef {{batchId: number, act: Act, skipped: number[], stale: number[]}} DoneAct */
 
 /**
  * @typedef {object} BulkCalls
@@ -35,17 +38,17 @@ import { createValue } from "./store.js";
  * @property {(done: DoneAct) => void} onDone
  * @property {(act: Act) => void} onGivenUp
  * @property {(batchId: number, out: UndoOut) => void} onUndone
- * @property {(error: unknown) => void} onError
+ * @property {(error: unknown, batchId?: number) => void} onError  `batchId`: it could not be undone
  */
 
 const PREFIX = "unghost.bulk.v1.";
 
 /**
- * @param {Storage} storage @param {string} tab @param {BulkCalls} calls @param {BulkEvents} events
+ * @param {Storage} storage @param {string} tab @param {() => string} who  acts now @param {BulkCalls} calls @param {BulkEvents} events
  * @param {() => string} [newKey]
  */
-export function createBulk(storage, tab, calls, events, newKey = () => crypto.randomUUID()) {
-  const open = createValue(/** @type {readonly OpenAct[]} */ (storedActs(storage).filter((act) => act.tab === tab).map(waiting)));
+export function createBulk(storage, tab, who, calls, events, newKey = () => crypto.randomUUID()) {
+  const open = createValue(/** @type {readonly OpenAct[]} */ ([]));
 
   /** @param {string} key */
   const find = (key) => open.get().find(({ act }) => act.key === key);
@@ -69,7 +72,7 @@ export function createBulk(storage, tab, calls, events, newKey = () => crypto.ra
     try {
       const out = await calls.send(act);
       drop(act);
-      events.onDone({ batchId: out.id, act, skipped: out.skipped });
+      events.onDone({ batchId: out.id, act, skipped: out.skipped, stale: out.stale });
     } catch (error) {
       fail(act, error);
     }
@@ -82,12 +85,12 @@ export function createBulk(storage, tab, calls, events, newKey = () => crypto.ra
     if (!(error instanceof ApiError)) return show(act, "waiting", error instanceof NoAnswer ? "the server does not answer" : message);
     if (error.status === 401) return show(act, "waiting", "you are signed out");
     if (error.isTemporary) return show(act, "waiting", message);
-    return show(act, error.problem.code === "count_changed" ? "changed" : "refused", message);
+    return show(act, error.problem.code === "stale_snapshot" ? "changed" : "refused", message);
   }
 
-  /** @param {Omit<Act, "key" | "tab">} wanted @param {string} [key] */
+  /** @param {Omit<Act, "key" | "tab" | "person">} wanted @param {string} [key] */
   function start(wanted, key = newKey()) {
-    const act = { ...wanted, key, tab };
+    const act = { ...wanted, key, tab, person: who() };
     storage.setItem(PREFIX + act.key, JSON.stringify(act));
     void deliver(act);
   }
@@ -104,15 +107,6 @@ export function createBulk(storage, tab, calls, events, newKey = () => crypto.ra
     retry(key) {
       const entry = find(key);
       if (entry && entry.state !== "sending") void deliver(entry.act);
-    },
-
-    /** The filters select another number by now, and that is all right. @param {string} key @param {number} count */
-    accept(key, count) {
-      const entry = find(key);
-      if (!entry) return;
-      drop(entry.act);
-      const { key: _, tab: __, ...wanted } = entry.act;
-      start({ ...wanted, count });
     },
 
     /** @param {string} key */
@@ -134,15 +128,16 @@ export function createBulk(storage, tab, calls, events, newKey = () => crypto.ra
         events.onUndone(batchId, await calls.undo(batchId));
         return true;
       } catch (error) {
-        events.onError(error);
+        events.onError(error, batchId);
         return false;
       }
     },
 
-    /** Take over what closed tabs have left behind. @param {ReadonlySet<string>} openTabs */
+    /** Take up what this person has left behind, in this tab or in closed ones. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       for (const found of storedActs(storage)) {
-        if (found.tab === tab || openTabs.has(found.tab)) continue;
+        if (found.person !== who() || find(found.key)) continue;
+        if (found.tab !== tab && openTabs.has(found.tab)) continue;
         const act = { ...found, tab };
         storage.setItem(PREFIX + act.key, JSON.stringify(act));
         open.set([...open.get(), waiting(act)]);

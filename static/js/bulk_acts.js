@@ -4,7 +4,7 @@
 
 import { sendBulk, undoBulk } from "./calls/boxes.js";
 import { createBulk } from "./bulk.js";
-import { ApiError } from "./api.js";
+import { ApiError, api } from "./api.js";
 import { seenRevision, withAnswer } from "./reviews.js";
 import { createValue } from "./store.js";
 import { countOf } from "./wording.js";
@@ -14,15 +14,20 @@ import { countOf } from "./wording.js";
 /** @typedef {import("./types.js").Decision} Decision */
 /** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that an act or an undo left alone */
 
+/** Why an undo is refused for good. */
+const NEVER_UNDONE = new Set(["already_undone", "others_answers"]);
+/** Of more boxes than these, the lists are read again instead. */
+const MOST_LOOKS = 20;
+
 /** @type {Record<Answer, string>} */
 const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
 
 /**
- * @param {{storage: Storage, tab: string, openTabs: ReadonlySet<string>, stores: import("./open_stores.js").OpenStores,
+ * @param {{storage: Storage, tab: string, openTabs: ReadonlySet<string>, who: () => string, stores: import("./open_stores.js").OpenStores,
  *   frames: import("./frames.js").Frames, toasts: import("./toasts.js").Toasts, undo: import("./undo.js").Undo,
  *   notice: (error: unknown) => void}} page
  */
-export function createBulkActs({ storage, tab, openTabs, stores, frames, toasts, undo, notice }) {
+export function createBulkActs({ storage, tab, openTabs, who, stores, frames, toasts, undo, notice }) {
   /** Boxes as they were before an act that this page has begun. @type {Map<string, readonly Decision[]>} */
   const before = new Map();
   /** Of a batch that was stored: its act, and the message that offers to undo it. @type {Map<number, {key: string, toast: number}>} */
@@ -31,10 +36,27 @@ export function createBulkActs({ storage, tab, openTabs, stores, frames, toasts,
   /** Counts what has changed on the server by acts on a whole filter: lists are read again. */
   const sweeps = createValue(0);
 
-  /** @param {string} key @param {ReadonlySet<number>} [but] */
-  function putBack(key, but = new Set()) {
+  /** Boxes as they were before an act. @param {string} key @param {{but?: ReadonlySet<number>, isUndo?: boolean}} [how]  an undo is an answer more */
+  function putBack(key, { but = new Set(), isUndo = false } = {}) {
     for (const box of before.get(key) ?? []) {
-      if (!but.has(box.box_id)) stores.tell(box.box_id, (now) => ({ ...box, revision: seenRevision(now) + 1 }));
+      if (!but.has(box.box_id)) stores.tell(box.box_id, (now) => (isUndo ? { ...box, revision: seenRevision(now) + 1 } : box));
+    }
+  }
+
+  /** Whatever boxes were left out, and why. @param {number[]} skipped @param {number[]} stale @returns {Report | null} */
+  function leftOut(skipped, stale) {
+    const why = [];
+    if (stale.length) why.push(`${countOf(stale.length, "box was", "boxes were")} left out: somebody has answered since.`);
+    if (skipped.length) why.push(`${countOf(skipped.length, "box was", "boxes were")} left out: deleted or replaced meanwhile.`);
+    return why.length ? { text: why.join(" "), boxes: [...stale, ...skipped] } : null;
+  }
+
+  /** Others have answered these boxes: shown as they are now. @param {readonly number[]} boxIds */
+  async function lookAgain(boxIds) {
+    if (boxIds.length > MOST_LOOKS) return sweeps.set(sweeps.get() + 1);
+    for (const id of boxIds) {
+      const box = await api.box(id).catch(notice);
+      if (box) stores.tell(id, () => box);
     }
   }
 
@@ -43,50 +65,61 @@ export function createBulkActs({ storage, tab, openTabs, stores, frames, toasts,
     if (await bulk.undo(batchId)) undo.forgetBatch(batchId);
   }
 
-  const bulk = createBulk(storage, tab, { send: sendBulk, undo: undoBulk }, {
-    onDone({ batchId, act, skipped }) {
+  const bulk = createBulk(storage, tab, who, { send: sendBulk, undo: undoBulk }, {
+    onDone({ batchId, act, skipped, stale }) {
       undo.noticeBatch(batchId);
       frames.forgetAll();
       if (act.filter) sweeps.set(sweeps.get() + 1);
-      const toast = toasts.show(`${countOf(act.count - skipped.length, "box", "boxes")} ${DONE[act.verdict]}`, {
+      before.set(act.key, (before.get(act.key) ?? []).filter((box) => !stale.includes(box.box_id)));
+      void lookAgain(stale);
+      const toast = toasts.show(`${countOf(act.count - skipped.length - stale.length, "box", "boxes")} ${DONE[act.verdict]}`, {
         action: { text: "Undo", run: () => void takeBack(batchId) },
       });
       stored.set(batchId, { key: act.key, toast });
-      report.set(skipped.length ? { text: `${countOf(skipped.length, "box was", "boxes were")} left out: deleted or replaced meanwhile.`, boxes: skipped } : null);
+      report.set(leftOut(skipped, stale));
     },
     onGivenUp: (act) => putBack(act.key),
     onUndone(batchId, { undone, skipped }) {
       const { key = "", toast = 0 } = stored.get(batchId) ?? {};
       toasts.dismiss(toast);
-      putBack(key, new Set(skipped));
+      putBack(key, { but: new Set(skipped), isUndo: true });
       frames.forgetAll();
       if (!before.get(key)?.length) sweeps.set(sweeps.get() + 1);
       toasts.show(`${countOf(undone, "answer")} taken back`);
       report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
     },
-    onError(error) {
+    onError(error, batchId) {
       notice(error);
-      if (error instanceof ApiError && error.problem.code === "already_undone") toasts.show(error.message, { kind: "error" });
+      if (!batchId || !(error instanceof ApiError) || !NEVER_UNDONE.has(error.problem.code ?? "")) return;
+      undo.forgetBatch(batchId);
+      toasts.show(error.message, { kind: "error" });
     },
   });
   bulk.adopt(openTabs);
 
   return {
     ...bulk,
+
+    /** Send what waits: the network is back, or somebody has signed in. */
+    resume() {
+      bulk.adopt(openTabs);
+      bulk.resume();
+    },
+
     report,
     sweeps,
 
-    /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds */
-    answer(dataset, verdict, boxIds) {
+    /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds @param {ReadonlyMap<number, number>} revisions  as the person saw them */
+    answer(dataset, verdict, boxIds, revisions) {
       const boxes = boxIds.flatMap((id) => stores.find(id) ?? []);
       const key = crypto.randomUUID();
       before.set(key, boxes);
       for (const box of boxes) stores.tell(box.box_id, () => ({ ...withAnswer(box, verdict), revision: seenRevision(box) + 1 }));
-      bulk.start({ dataset, verdict, boxIds: [...boxIds], count: boxIds.length }, key);
+      bulk.start({ dataset, verdict, boxIds: [...boxIds], seen: boxIds.map((id) => revisions.get(id) ?? 0), count: boxIds.length }, key);
     },
 
-    /** One answer on all that a filter selects. @param {string} dataset @param {Answer} verdict @param {import("./bulk.js").Filter} filter @param {number} count */
-    answerAll: (dataset, verdict, filter, count) => bulk.start({ dataset, verdict, filter, count }),
+    /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./bulk.js").Filter} filter @param {{total: number, snapshot: string}} list */
+    answerAll: (dataset, verdict, filter, { total, snapshot }) => bulk.start({ dataset, verdict, filter, snapshot, count: total }),
 
     /** Take back the last act, a bulk one. @param {number} batchId */
     async undo(batchId) {

@@ -1,6 +1,7 @@
 // @ts-check
-// The frame on show with its store, and the next one fetched ahead. No DOM but the image cache.
+// The frame on show with its store, and the next one fetched ahead with its picture.
 
+import { fetchAhead } from "./stage/pixels.js";
 import { REMOTE, createStore } from "./store.js";
 
 /** @typedef {import("./types.js").Decision} Decision */
@@ -48,7 +49,7 @@ export function createFrames(api) {
       const frame = api.frame(id);
       ahead.set(id, { frame, at: Date.now() });
       frame.then(
-        (found) => void (new Image().src = api.fileUrl(found, "image")),
+        (found) => found.has_image && fetchAhead(api.fileUrl(found, "image")),
         () => ahead.delete(id),
       );
     },

@@ -4,9 +4,10 @@
 import { api } from "./api.js";
 import { createApp } from "./app.js";
 import { h, render } from "./html.js";
-import { tokenOf } from "./router.js";
+import { loginOf } from "./router.js";
 import { watchKeys } from "./keys.js";
 import { watchTheme } from "./theme.js";
+import { NO_TOKEN_LINKS } from "./wording.js";
 import { Shell } from "./views/shell.js";
 
 /** @param {string} id */
@@ -16,27 +17,40 @@ function element(id) {
   return found;
 }
 
-/** Use a login link's token, once, and never leave it in the address or the history. */
-async function signInByLink() {
-  const token = tokenOf(location.hash);
-  if (!token) return "";
-  history.replaceState(null, "", "#/datasets");
-  try {
-    await api.signIn(token);
-    return "";
-  } catch (error) {
-    return error instanceof Error ? error.message : String(error);
-  }
+/** What a login link carries, taken out of the address and the history before anything else. */
+function takeLogin() {
+  const login = loginOf(location.hash);
+  if (login) history.replaceState(null, "", "#/datasets");
+  return login;
 }
 
-const linkError = await signInByLink();
+/** @param {NonNullable<ReturnType<typeof loginOf>>} login @returns {Promise<string>} why it does not sign in */
+async function signIn({ kind, secret }) {
+  if (kind === "token") return NO_TOKEN_LINKS;
+  return app.signInByLink({ code: secret }).then(
+    () => "",
+    (error) => error.message,
+  );
+}
+
+const first = takeLogin();
 const app = await createApp(api, localStorage);
-if (linkError) app.isSignedIn.set(false);
+const linkError = first ? await signIn(first) : "";
 watchTheme(app.prefs);
 watchKeys(app);
 render(h(Shell, { app, linkError }), element("app"));
-if (!linkError) void app.greet();
-void app.saver.resume();
-app.bulk.resume();
-// A login link opened over the running page: start again with it.
-addEventListener("hashchange", () => tokenOf(location.hash) && location.reload());
+if (app.isSignedIn.get()) {
+  if (linkError) app.toasts.show(linkError, { kind: "error" });
+  void app.greet();
+  app.offerUnowned();
+  void app.saver.resume();
+  app.bulk.resume();
+}
+// A login link opened over the running page.
+addEventListener("hashchange", async () => {
+  const login = takeLogin();
+  if (!login) return;
+  app.router.read();
+  const error = await signIn(login);
+  if (error) app.refuse(error);
+});

@@ -8,7 +8,8 @@
 /**
  * @typedef {object} QueuedAnswer
  * @property {string} key  also the Idempotency-Key
- * @property {string} tab  whose it is
+ * @property {string} person  who gave it: it is sent under no other name
+ * @property {string} tab  that sends it
  * @property {number} order
  * @property {number} boxId
  * @property {number} frameId
@@ -20,22 +21,22 @@
 
 const PREFIX = "unghost.outbox.v1.";
 
-/** @param {Storage} storage @param {string} tab @param {() => string} [newKey] */
-export function createOutbox(storage, tab, newKey = () => crypto.randomUUID()) {
+/** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
+export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID()) {
   /** @param {QueuedAnswer} item */
   const write = (item) => storage.setItem(PREFIX + item.key, JSON.stringify(item));
 
   const everyone = () => storedItems(storage);
 
-  const mine = () => everyone().filter((item) => item.tab === tab);
+  const mine = () => everyone().filter((item) => item.tab === tab && item.person === who());
 
   return {
-    /** This tab's answers, in the order in which they were given. */
+    /** This person's answers in this tab, in the order in which they were given. */
     items: mine,
 
     /**
      * An answer that has not been sent is replaced; one that may have arrived is followed.
-     * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer
+     * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of whoever answers now
      */
     add(answer) {
       const waiting = mine();
@@ -46,7 +47,15 @@ export function createOutbox(storage, tab, newKey = () => crypto.randomUUID()) {
         return;
       }
       const order = Math.max(0, ...waiting.map((item) => item.order)) + 1;
-      write({ ...answer, key: newKey(), tab, order, attempted: false });
+      write({ ...answer, key: newKey(), person: who(), tab, order, attempted: false });
+    },
+
+    /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */
+    kept() {
+      /** @type {Map<string, number>} */
+      const counts = new Map();
+      for (const { person } of everyone()) if (person) counts.set(person, (counts.get(person) ?? 0) + 1);
+      return counts;
     },
 
     /** @param {QueuedAnswer} item */

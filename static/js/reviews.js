@@ -14,7 +14,7 @@ export function answerOf(box) {
 /** @param {Decision} box */
 export const isUndecided = (box) => answerOf(box) === null;
 
-/** The revision that an answer given now has seen. @param {Decision} box */
+/** The revision that an answer given now has seen. @param {Partial<Pick<Decision, "revision" | "review">>} box */
 export const seenRevision = (box) => Math.max(box.revision ?? 0, box.review?.revision ?? 0);
 
 /** @param {Decision} box @param {Answer} answer @returns {Verdict} */

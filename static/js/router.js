@@ -68,10 +68,10 @@ export function linkTo(name, params = {}, query = {}) {
   return `#/${path}${search && `?${search}`}`;
 }
 
-/** The token of a login link, or null. @param {string} hash */
-export function tokenOf(hash) {
-  const match = /^#token=(.+)$/.exec(hash);
-  return match ? decoded(match[1] ?? "") : null;
+/** What a login link carries; null for any other address. Links with a token are of earlier versions. @param {string} hash @returns {{kind: "code" | "token", secret: string} | null} */
+export function loginOf(hash) {
+  const [, kind, secret = ""] = /^#(code|token)=(.+)$/.exec(hash) ?? [];
+  return kind === "code" || kind === "token" ? { kind, secret: decoded(secret) } : null;
 }
 
 export function createRouter() {
@@ -80,6 +80,9 @@ export function createRouter() {
   addEventListener("hashchange", read);
   return {
     route,
+
+    /** The address was changed from outside. */
+    read,
 
     /** @param {string} hash */
     go(hash) {

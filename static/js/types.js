@@ -124,6 +124,8 @@
  */
 
 /** @typedef {{name: string, role: string, expires_at: string | null}} Person  who is signed in */
+/** @typedef {Person & {session: string}} NewSession  with the secret that is shown for it */
+/** @typedef {{token: string} | {code: string}} Credential  a token, or the code of a login link */
 
 /**
  * @template T

@@ -3,6 +3,7 @@
 
 import { ApiError } from "./api.js";
 import { jobs } from "./calls/jobs.js";
+import { EventStream } from "./events.js";
 
 /** @typedef {import("./types_jobs.js").Run} Run */
 /** @typedef {{state: import("./types_jobs.js").JobState}} Job */
@@ -23,26 +24,26 @@ export function percentDone({ state, done = 0, total = 0 }) {
  * Tell of a run until it is over. `onRun` may be told the same state twice.
  * @param {number} id
  * @param {(run: Run) => void} onRun
- * @param {{open?: (url: string) => EventSource, load?: (id: number) => Promise<Run>, pauseMs?: number}} [how]
+ * @param {{open?: (url: string) => EventStream, load?: (id: number) => Promise<Run>, pauseMs?: number}} [how]
  * @returns {() => void} stop watching
  */
-export function watchRun(id, onRun, { open = (url) => new EventSource(url), load = jobs.run, pauseMs = ASK_AGAIN_MS } = {}) {
+export function watchRun(id, onRun, { open = (url) => new EventStream(url), load = jobs.run, pauseMs = ASK_AGAIN_MS } = {}) {
   let isStopped = false;
   const source = open(jobs.eventsUrl(id));
   const stop = () => {
     isStopped = true;
     source.close();
   };
-  /** @param {MessageEvent} event */
+  /** @param {Event} event */
   const hear = (event) => {
-    if (isStopped || !event.data) return;
+    if (isStopped || !(event instanceof MessageEvent) || !event.data) return;
     const run = JSON.parse(event.data);
     if (isOver(run)) stop();
     onRun(run);
   };
   source.addEventListener("progress", hear);
   source.addEventListener("end", hear);
-  // A lost connection is opened again by the browser itself; a refused one is closed.
+  // A lost connection is opened again by the stream itself; a refused one is closed.
   source.addEventListener("error", () => {
     if (!isStopped && source.readyState === 2) void ask();
   });

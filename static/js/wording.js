@@ -34,12 +34,14 @@ export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", vei
 /** @type {Record<string, string>} */
 export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "taken back" };
 
-/** @type {Record<string, string>} by what the server says of a cookie that opens nothing any more */
+/** @type {Record<string, string>} by what the server says of a session that opens nothing any more */
 const ENDED = {
   session_expired: "Your session has ended.",
   token_expired: "Your token has expired. Ask an admin for another one.",
   token_revoked: "Your token was taken back. Ask an admin for another one.",
 };
+
+export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
 
 /** @param {string | undefined} code */
 export const endedText = (code) => ENDED[code ?? ""] ?? "";

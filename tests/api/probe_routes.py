@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
+import os
 import threading
+from collections.abc import AsyncIterator
 
-from fastapi import Request
+from fastapi import Request, Response
+from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 from sqlalchemy import func, select, text
 from sqlalchemy.exc import OperationalError
@@ -12,12 +17,19 @@ from sqlalchemy.exc import OperationalError
 from app import errors
 from app.db.access_tables import Token
 from app.deps import ADMIN, CurrentPrincipal, ReadSession, RowId, WriteSession
-from app.routing import LARGE_BODY, ApiRouter, OpenRouter
+from app.routes.blobs import file_response
+from app.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
+from app.storage import Blob
 from filter_core.errors import AnnotationError, AnnotationErrors
 
 router = ApiRouter(prefix="/probe")
 open_router = OpenRouter(prefix="/open")
+no_more_endless = threading.Event()
+"""Set when an endless answer is given up."""
 both_are_in = threading.Barrier(2, timeout=30)
+is_held = threading.Event()
+let_go = threading.Event()
+waiting = threading.Semaphore(0)
 
 RAISED: dict[str, Exception] = {
     "bad-request": errors.BadRequest("the cursor is damaged"),
@@ -34,6 +46,7 @@ RAISED: dict[str, Exception] = {
     ),
     "busy": OperationalError("select 1", {}, Exception("database is locked")),
     "full": OperationalError("insert", {}, Exception("database or disk is full")),
+    "many-files": OSError(errno.EMFILE, os.strerror(errno.EMFILE)),
     "away": OperationalError("select 1", {}, Exception("could not connect")),
     "internal": RuntimeError("the secret is hunter2"),
 }
@@ -95,7 +108,7 @@ def add_copy(body: Note, session: WriteSession) -> dict[str, str]:
     return add_token(body, session)
 
 
-@router.post("/echo")
+@router.post("/echo", openapi_extra=body_up_to("max_body_bytes"))
 async def echo(request: Request) -> int:
     return len(await request.body())
 
@@ -103,6 +116,43 @@ async def echo(request: Request) -> int:
 @router.post("/stream", openapi_extra=LARGE_BODY)
 async def stream(request: Request) -> int:
     return sum([len(part) async for part in request.stream()])
+
+
+@router.get("/endless")
+async def endless() -> StreamingResponse:
+    async def pieces() -> AsyncIterator[bytes]:
+        try:
+            while True:
+                yield bytes(65536)
+                await asyncio.sleep(0)
+        finally:
+            no_more_endless.set()
+
+    return StreamingResponse(pieces())
+
+
+@router.get("/hold")
+async def hold() -> str:
+    """Holds the event loop, as nothing should."""
+    is_held.set()
+    let_go.wait(60)
+    return "gone on"
+
+
+@open_router.get("/wait")
+@router.get("/wait")
+def wait() -> str:
+    """Holds a thread."""
+    waiting.release()
+    let_go.wait(60)
+    return "gone on"
+
+
+@router.get("/large-file")
+async def large_file(request: Request) -> Response:
+    path = request.app.state.large_file
+    blob = Blob(path.stat().st_size, lambda first, end: b"", path)
+    return file_response(request, blob, "0" * 64, "application/octet-stream")
 
 
 @router.post("/admin-only", dependencies=[ADMIN])

@@ -46,6 +46,9 @@ class Api:
     def post(self, path: str, body: Any = None) -> httpx.Response:
         return self.http.post(BASE + path, json=body)
 
+    def delete(self, path: str) -> httpx.Response:
+        return self.http.delete(BASE + path)
+
     def dataset(self, **wanted: Any) -> str:
         """A new dataset with a name of its own."""
         name = f"street-{next(_numbers)}"

@@ -8,6 +8,7 @@ import pytest
 
 from filter_core.palettes import palette_of
 from tests.unit.filter_core.channels.scene import depth_png, instance_png
+from tests.unit.filter_core.channels.test_points import npy
 from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
 
 
@@ -115,3 +116,24 @@ def test_depth_that_is_too_coarse_is_stored_until_somebody_asks_for_it(api):
     answer = api.put(refused, "a", ANNOTATION, **files(depth=grey))
     assert (answer.status_code, answer.json()["code"]) == (422, "depth_too_coarse")
     assert answer.json()["errors"][0]["pointer"] == "/depth"
+
+
+def cloud(count=3):
+    """A semantic LiDAR as NumPy writes it."""
+    return npy(np.zeros((count, 6)))
+
+
+@pytest.mark.parametrize("kind", ["lidar", "radar"])
+@pytest.mark.parametrize(
+    "content",
+    [b"ply\n", b"\x93NUMPY", cloud()[:-1], cloud() + b"x", b"ply\nend_header\n"],
+)
+def test_a_point_cloud_that_is_not_whole_is_refused_when_it_comes(api, kind, content):
+    name = api.dataset()
+
+    answer = api.put(name, "a", ANNOTATION, **files(**{kind: content}))
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_lidar")
+    assert answer.json()["errors"][0]["pointer"] == f"/{kind}"
+    assert f"the {kind} file" in answer.json()["detail"]
+    assert api.json(f"/datasets/{name}/frames")["items"] == []

@@ -11,6 +11,7 @@ import pytest
 
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
+from tests.servers import token_of
 from unghost import Client
 
 DONE, REFUSED, USAGE, PARTLY, INTERRUPTED = 0, 1, 2, 3, 130
@@ -158,8 +159,9 @@ def test_serve_prints_the_login_link_and_ends_when_interrupted(unghost, tmp_path
     serve = ("serve", "--data", "here", "--port", "0", "--json")
     with unghost.running(*serve) as process:
         link = json.loads(process.stdout.readline())["login_link"]
-        url, _, token = link.partition("/#token=")
-        with Client(url, token) as client:
+        url, found, _ = link.partition("/#code=")
+        assert found
+        with Client(url, token_of(tmp_path / "here")) as client:
             assert client.ready()
         found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("datasets")
         process.send_signal(signal.SIGINT)
@@ -220,7 +222,7 @@ def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
     assert record["stats"]["frames"] == 2
     assert record["stats"]["rejected"] > 0
     assert record["stats"]["kept"] > 0
-    assert "/#token=" in record["login_link"]
+    assert "/#code=" in record["login_link"]
     assert "render" in first.err
     assert "render" not in again.err
     assert again.records[-1]["stats"] == record["stats"]

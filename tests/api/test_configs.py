@@ -86,7 +86,7 @@ def test_activating_a_config_is_a_run(api, dataset):
         (b"{" * 20_000, "bad_yaml", ""),
         (b"!!python/object/apply:os.system ['true']", "bad_yaml", ""),
         (b"a: &a [1]\nb: [*a, *a]", "bad_yaml", ""),
-        (b'{"classes": {"\\ud800": {"threshold_small_box": 1}}}', "bad_config", ""),
+        (b'{"classes": {"\\ud800": {"threshold_small_box": 1}}}', "bad_yaml", ""),
         (b"classes: {1: {threshold_small_box: 1}}", "bad_config", "class"),
         (b"- 1", "bad_config", "mapping"),
     ],

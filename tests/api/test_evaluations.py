@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from tests.api.test_channels import files, sensors
+from tests.unit.filter_core.channels.scene import depth_png
+from tests.unit.filter_core.channels.test_points import ascii_ply, npy
 from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
 
 CHANNELS = ["ordered", "depth", "depth_center", "instance", "lidar"]
@@ -112,6 +114,49 @@ def test_depth_that_is_too_coarse_does_not_stop_a_comparison(api, dataset):
     run = evaluated(api, dataset)
 
     assert run["state"] == "done"
+
+
+def damaged(png):
+    """Of the same size, with another byte among its pixels."""
+    at = png.index(b"IDAT") + 20
+    return png[:at] + bytes([png[at] ^ 0xFF]) + png[at + 1 :]
+
+
+def whole(name, content):
+    return {**sensors(), name: content}
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "code"),
+    [
+        pytest.param("lidar", npy(np.full((3, 6), np.nan)), "bad_lidar", id="NaN"),
+        pytest.param(
+            "lidar", ascii_ply().replace(b"8.0", b"x.0"), "bad_lidar", id="word"
+        ),
+        pytest.param("depth", damaged(sensors()["depth"]), "bad_image", id="depth"),
+        pytest.param(
+            "instances", damaged(sensors()["instances"]), "bad_image", id="instances"
+        ),
+        pytest.param(
+            "depth", depth_png(np.ones((3, 5))), "image_size_mismatch", id="size"
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_one_problem_and_not_the_end(
+    api, dataset, kind, content, code
+):
+    api.stored(dataset, "bad", ANNOTATION, **whole(kind, content))
+
+    run = evaluated(api, dataset)
+
+    assert (run["state"], run["done"]) == ("done", 2)
+    (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert (problem["key"], problem["error"]["code"]) == ("bad", code)
+    assert problem["error"]["errors"][0]["pointer"] == f"/{kind}"
+    assert problem["error"]["detail"].startswith("frame bad: ")
+    api.stored(dataset, "bad", ANNOTATION, **sensors(), replace=True)
+
+    assert api.json(f"/datasets/{dataset}/problems")["items"] == []
 
 
 def test_an_unknown_truth_is_refused(api, dataset):

@@ -6,20 +6,21 @@ import hashlib
 import io
 import json
 import zipfile
+from datetime import datetime, timedelta, timezone
 
+import httpx
 import pytest
 
+from tests import databases
 from tests.api import frames as scene
 from tests.api.long_streets import FROM_PIXELS, fill
-from tests.api.resources import BASE
+from tests.api.resources import BASE, Api
 
 FRAMES = 5
 
 
 @pytest.fixture(scope="module")
 def dataset(server):
-    from tests.api.resources import Api
-
     api = Api.at(server.url, server.headers)
     with api.http:
         name = api.dataset()
@@ -146,3 +147,64 @@ def test_there_is_nothing_to_cancel_or_to_download(api):
     assert api.post("/exports/999999/cancel").status_code == 404
     assert api.get("/exports/999999/download").status_code == 404
     assert api.http.get(f"{BASE}/exports/999999").status_code == 404
+
+
+def address_of(api, export):
+    """An address of the export's file that needs no token, and the answer."""
+    answer = api.post(f"/exports/{export['id']}/download-links", {})
+    assert answer.status_code == 201, answer.text
+    return api.http.base_url.join(answer.json()["url"]), answer
+
+
+def test_an_address_gives_the_file_to_who_shows_no_token(api, export):
+    url, answer = address_of(api, export)
+    ends = datetime.fromisoformat(answer.json()["expires_at"])
+
+    whole = httpx.get(url)
+    rest = httpx.get(url, headers={"Range": "bytes=100-"})
+
+    assert answer.headers["cache-control"] == "no-store"
+    assert timedelta(0) < ends - datetime.now(timezone.utc) <= timedelta(minutes=5)
+    assert hashlib.sha256(whole.content).hexdigest() == export["sha256"]
+    assert "attachment" in whole.headers["content-disposition"]
+    assert (rest.status_code, rest.content) == (206, whole.content[100:])
+
+
+def test_an_address_is_one_of_one_file(api, dataset, export):
+    other = exported(api, dataset)
+    url, _ = address_of(api, export)
+
+    answer = httpx.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
+
+    assert (answer.status_code, answer.json()["code"]) == (401, "link_over")
+    key = {"Authorization": f"Bearer {url.params['key']}"}
+    assert httpx.get(api.http.base_url.join("/version"), headers=key).status_code == 401
+
+
+def test_an_address_ends_after_minutes_and_with_the_token_that_asked(
+    server, api, export
+):
+    viewer = api.post("/tokens", {"name": "downloader", "role": "viewer"}).json()
+    ada = Api.at(server.url, {"Authorization": f"Bearer {viewer['token']}"})
+    with ada.http:
+        gone, _ = address_of(ada, export)
+    late, _ = address_of(api, export)
+    assert httpx.get(gone).status_code == 200
+
+    api.http.delete(f"{BASE}/tokens/{viewer['id']}")
+    ended = "expires_at = '2001-01-01 00:00:00'"
+    digest = hashlib.sha256(late.params["key"].encode()).hexdigest()
+    databases.change(
+        server.data,
+        f"update download_links set {ended} where hash = :one",
+        one=digest,
+    )
+
+    found = [httpx.get(url).json()["code"] for url in (gone, late)]
+    assert found == ["link_over", "link_over"]
+
+
+def test_there_is_no_address_of_what_is_not_there(api):
+    answer = api.post("/exports/999999/download-links", {})
+
+    assert answer.status_code == 404

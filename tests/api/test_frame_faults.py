@@ -174,7 +174,7 @@ FILES = [
     ),
     pytest.param("segmentation", jpeg(), "lossy_segmentation", "nearest", id="a JPEG"),
     pytest.param("ignore_mask", b"x", "bad_image", "ignore_mask", id="a bad mask"),
-    pytest.param("lidar", b"x", "bad_image", ".ply", id="no point cloud"),
+    pytest.param("lidar", b"x", "bad_lidar", "PLY", id="no point cloud"),
 ]
 
 

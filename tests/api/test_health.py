@@ -11,7 +11,9 @@ def test_it_is_alive_and_ready(anybody):
     assert anybody.get("/healthz").json() == {"status": "ok"}
     assert ready.status_code == 200
     assert ready.json()["ready"] is True
-    assert set(ready.json()["checks"]) == {"database", "migrations", "disk", "blobs"}
+    assert set(ready.json()["checks"]) == {
+        *("database", "pages", "migrations", "disk", "blobs", "event_loop")
+    }
 
 
 def test_it_says_its_version(admin):

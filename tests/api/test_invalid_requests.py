@@ -18,7 +18,12 @@ DIGEST = "a digest of 64 hexadecimal digits"
     [
         ("POST", "/datasets", b"", "expected a body of JSON, found none"),
         ("POST", "/datasets", b"[]", "expected an object, found a list"),
-        ("POST", "/datasets", b'{"name', "expected JSON, found a fault at character 1"),
+        (
+            "POST",
+            "/datasets",
+            b'{"name',
+            "expected JSON in UTF-8, found a fault at line 1, column 2: Unterminated",
+        ),
         ("POST", "/datasets", b'{"name": 5}', "/name: expected a text, found 5"),
         ("POST", "/datasets", b'{"name": null}', "/name: expected a text, found null"),
         (

@@ -103,7 +103,8 @@ def work(api):
     assert api.put(name, "a").status_code == 200
     assert api.review(car, "keep").status_code == 201
     assert api.review(car, "reject").status_code == 412
-    body = {"dataset": name, "box_ids": [car, ghost], "verdict": "unsure"}
+    boxes = {"box_ids": [car, ghost], "seen_revisions": [1, 0]}
+    body = {"dataset": name, "verdict": "unsure", **boxes}
     bulk = api.post("/reviews/bulk", body).json()
     api.post(f"/review-batches/{bulk['id']}/undo")
     api.run(name, {"min_visible_pixels": 10**6}, activate=False)

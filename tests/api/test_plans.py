@@ -26,7 +26,9 @@ BIG = {"frames", "frame_files", "boxes", "decisions", "evidence", "reviews", "fl
 BIG |= {"blobs", "claims"}
 EXCUSED = {
     "INSERT INTO dataset_classes": "SQLite plans to look for boxes that wait for their "
-    "class; it does so only within a transaction in which one does"
+    "class; it does so only within a transaction in which one does",
+    "DELETE FROM dataset_classes": "a class of a deleted dataset goes in a transaction "
+    "of its own, in the background; an index would cost every upload for that",
 }
 """A part of a statement that may read a big table whole -> why."""
 NOT_INDEXED = {
@@ -164,8 +166,8 @@ def answers(api, street):
     answer = api.review(box["box_id"], "keep", seen=box["revision"])
     assert answer.status_code == 201, answer.text
     wanted = {"verdict": "rejected", "review": "undecided"}
-    count = len(api.boxes(street, limit=1000, **wanted))
-    body = {"dataset": street, "filter": wanted, "expected_count": count}
+    seen = api.json("/boxes", dataset=street, count="true", **wanted)["snapshot"]
+    body = {"dataset": street, "filter": wanted, "snapshot": seen}
     batch = api.post("/reviews/bulk", {**body, "verdict": "reject"})
     assert batch.status_code == 201, batch.text
     undone = api.post(f"/review-batches/{batch.json()['id']}/undo")

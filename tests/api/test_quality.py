@@ -130,7 +130,8 @@ def test_taking_a_batch_back_is_nobodys_answer(api, dataset, people):
     boxes = [box["box_id"] for box in api.boxes(dataset)][:3]
     for box_id in boxes:
         ada.review(box_id, "keep")
-    body = {"dataset": dataset, "box_ids": boxes, "verdict": "reject"}
+    seen = {"box_ids": boxes, "seen_revisions": [1] * len(boxes)}
+    body = {"dataset": dataset, "verdict": "reject", **seen}
     batch = eve.post("/reviews/bulk", body).json()
     eve.post(f"/review-batches/{batch['id']}/undo")
 

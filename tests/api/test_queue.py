@@ -274,9 +274,6 @@ def test_a_list_tells_how_many_there_are_in_all(api, dataset, filters, total):
 def test_the_page_learns_its_reviewers_name(api, reviewer):
     ada = reviewer("ada").json("/session")
 
-    assert (ada["name"][:4], ada["role"], ada["expires_at"]) == (
-        "ada-",
-        "reviewer",
-        None,
-    )
+    assert (ada["name"][:4], ada["role"]) == ("ada-", "reviewer")
+    assert ada["expires_at"] > datetime.now(timezone.utc).isoformat()
     assert api.json("/session")["role"] == "admin"

@@ -1,13 +1,16 @@
-"""Answers of people: one, many, taken back, and never lost."""
+"""Answers of people on one box: stored whole, and never over what was not seen."""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timezone
 
 import pytest
+from sqlalchemy import update
 
+from app.db.tables import Review, Run
 from tests.api import frames as scene
-from tests.api.resources import BASE
+from tests.api.resources import BASE, Api
 
 
 @pytest.fixture
@@ -22,19 +25,6 @@ def dataset(api):
 @pytest.fixture
 def ghosts(api, dataset):
     return [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]
-
-
-def bulk(api, dataset, verdict, **which):
-    body = {"dataset": dataset, "verdict": verdict, **which}
-    return api.post("/reviews/bulk", body)
-
-
-def undo(api, batch):
-    return api.post(f"/review-batches/{batch}/undo")
-
-
-def effective(api, dataset):
-    return api.json(f"/datasets/{dataset}/stats")["effective"]["kept"]
 
 
 def test_an_answer_is_stored_whole(api, ghosts):
@@ -84,6 +74,40 @@ def test_each_answer_decides_what_counts(api, dataset, ghosts):
         "keep",
         "rejected",
     ]
+
+
+@pytest.mark.parametrize("has_numbers", [True, False], ids=["new runs", "old runs"])
+def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_numbers):
+    """A clock that was set back between two acts changes nothing."""
+    api = Api(service.admin())
+    with api.http:
+        name = api.dataset()
+        box_id = api.stored(name, "0")["decisions"][0]["box_id"]
+        api.review(box_id, "keep")
+        first = api.run(name, {"min_visible_pixels": 10**6})["id"]
+        for revision, verdict in enumerate(["reject", "unsure"], 1):
+            api.review(box_id, verdict, revision)
+        second = api.run(name, {})["id"]
+        with service.app.state.database.write() as session:
+            if has_numbers:
+                backwards = datetime(2020, 1, 1, tzinfo=timezone.utc)
+                session.execute(
+                    update(Review)
+                    .where(Review.revision > 1)
+                    .values(created_at=backwards)
+                )
+                session.execute(
+                    update(Run).where(Run.id == second).values(finished_at=backwards)
+                )
+            else:
+                session.execute(update(Run).values(last_review_id=None))
+
+        items = api.json(f"/boxes/{box_id}/history")["items"]
+
+    told = [
+        one["run"] if one["kind"] == "decision" else one["verdict"] for one in items
+    ]
+    assert told[:-1] == [second, "unsure", "reject", first, "keep"]
 
 
 def test_a_stale_answer_is_412_with_what_there_is_now(api, ghosts):
@@ -142,141 +166,6 @@ def test_half_a_character_is_no_comment(api, ghosts):
     )
 
     assert answer.status_code == 422
-
-
-def test_many_boxes_are_one_act_and_one_undo(api, dataset, ghosts):
-    api.review(ghosts[0], "unsure", comment="before")
-    elsewhere = api.stored(api.dataset(), "a")["decisions"][0]["box_id"]
-    ids = [*ghosts, elsewhere, ghosts[0], 2**62]
-
-    answer = bulk(api, dataset, "keep", box_ids=ids, comment="all of them")
-    batch = answer.json()
-    kept = effective(api, dataset)
-    undone = undo(api, batch["id"]).json()
-
-    assert answer.status_code == 201
-    assert answer.headers["location"] == f"{BASE}/review-batches/{batch['id']}"
-    assert batch == {
-        "id": batch["id"],
-        "dataset": dataset,
-        "verdict": "keep",
-        "count": 3,
-        "skipped": [elsewhere, 2**62],
-    }
-    assert kept == 6
-    assert undone == {"id": undone["id"], "undone": 3, "skipped": []}
-    review = api.json(f"/boxes/{ghosts[0]}")["review"]
-    assert (review["verdict"], review["comment"]) == ("unsure", "before")
-    assert api.json(f"/boxes/{ghosts[1]}")["review"] is None
-    assert api.json(f"/boxes/{elsewhere}")["revision"] == 0
-    assert effective(api, dataset) == 3
-    again = undo(api, batch["id"])
-    assert (again.status_code, again.json()["code"]) == (409, "already_undone")
-
-
-def test_an_undo_leaves_what_somebody_said_since(api, dataset, ghosts):
-    batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    api.review(ghosts[1], "reject", 1)
-    api.put(dataset, "2", {**scene.annotation(), "boxes": []}, replace=True)
-
-    undone = undo(api, batch).json()
-
-    assert undone == {"id": undone["id"], "undone": 1, "skipped": ghosts[1:]}
-    assert api.json(f"/boxes/{ghosts[1]}")["review"]["verdict"] == "reject"
-
-
-def test_an_undo_can_be_undone(api, dataset, ghosts):
-    batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    first = undo(api, batch).json()
-
-    second = undo(api, first["id"])
-
-    assert second.json()["undone"] == 3
-    assert effective(api, dataset) == 6
-
-
-def test_stacked_acts_are_undone_one_after_the_other(api, dataset, ghosts):
-    api.review(ghosts[0], "unsure", comment="before")
-    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    second = bulk(api, dataset, "reject", box_ids=ghosts[:2]).json()["id"]
-    third = bulk(api, dataset, "unsure", box_ids=ghosts[:1]).json()["id"]
-
-    undone = [undo(api, batch).json() for batch in (third, second, first)]
-
-    assert [(one["undone"], one["skipped"]) for one in undone] == [
-        (1, []),
-        (2, []),
-        (3, []),
-    ]
-    review = api.json(f"/boxes/{ghosts[0]}")["review"]
-    assert (review["verdict"], review["comment"]) == ("unsure", "before")
-    assert [api.json(f"/boxes/{box}")["review"] for box in ghosts[1:]] == [None, None]
-    assert effective(api, dataset) == 3
-
-
-def test_an_act_under_one_that_stands_is_left(api, dataset, ghosts):
-    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    second = bulk(api, dataset, "reject", box_ids=ghosts[:2]).json()["id"]
-    redone = undo(api, undo(api, second).json()["id"])
-
-    undone = undo(api, first).json()
-
-    assert redone.json()["undone"] == 2
-    assert (undone["undone"], undone["skipped"]) == (1, ghosts[:2])
-
-
-def test_an_answer_between_acts_still_stands_when_both_are_undone(api, dataset, ghosts):
-    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    api.review(ghosts[0], "unsure", 1)
-    second = bulk(api, dataset, "reject", box_ids=ghosts).json()["id"]
-    undo(api, second)
-
-    undone = undo(api, first).json()
-
-    assert (undone["undone"], undone["skipped"]) == (2, ghosts[:1])
-    assert api.json(f"/boxes/{ghosts[0]}")["review"]["verdict"] == "unsure"
-
-
-def test_a_filter_is_answered_if_it_has_as_many_boxes_as_were_seen(api, dataset):
-    rejected = {"filter": {"verdict": "rejected", "class": "car"}}
-
-    blind = bulk(api, dataset, "keep", **rejected)
-    wrong = bulk(api, dataset, "keep", **rejected, expected_count=4)
-    right = bulk(api, dataset, "keep", **rejected, expected_count=3)
-
-    assert [each.status_code for each in (blind, wrong, right)] == [422, 409, 201]
-    assert wrong.json()["code"] == "count_changed"
-    assert "3" in wrong.json()["detail"]
-    assert wrong.json()["found"] == 3
-    assert right.json()["count"] == 3
-    assert effective(api, dataset) == 6
-
-
-@pytest.mark.parametrize(
-    ("which", "status"),
-    [
-        ({}, 422),
-        ({"box_ids": [1], "filter": {}}, 422),
-        ({"box_ids": [0]}, 422),
-        ({"box_ids": ["x"]}, 422),
-        ({"box_ids": [1, 2], "expected_count": 1}, 409),
-        ({"filter": {"colour": "blue"}, "expected_count": 0}, 422),
-        ({"filter": {"reason": "magic"}, "expected_count": 0}, 400),
-    ],
-)
-def test_a_bad_bulk_review_is_refused(api, dataset, which, status):
-    answer = bulk(api, dataset, "keep", **which)
-
-    assert answer.status_code == status
-    assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 0
-
-
-def test_a_bulk_review_without_boxes_changes_nothing(api, dataset):
-    answer = bulk(api, dataset, "keep", box_ids=[])
-
-    assert (answer.status_code, answer.json()["count"]) == (201, 0)
-    assert undo(api, answer.json()["id"]).json()["undone"] == 0
-    assert undo(api, 2**40).status_code == 404
 
 
 @pytest.mark.parametrize(

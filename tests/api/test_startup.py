@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from app.startup import listen
-from tests.servers import running_server, start, stop, wait_for_link
+from tests.servers import running_server, start, stop, token_of, wait_for_link
 
 
 def note_of(server):
@@ -27,12 +27,22 @@ def refused(data, log, **settings):
         return process.wait(60)
 
 
-def test_the_login_link_logs_in(start_server):
-    server = start_server()
+def test_the_login_link_logs_in_once_and_holds_no_token(tmp_path):
+    data, log = tmp_path / "data", tmp_path / "log"
+    process = start([sys.executable, "-m", "app"], data, log, {})
+    try:
+        link = wait_for_link(process, log)
+        url, _, code = link.partition("/#code=")
+        answers = [
+            httpx.post(f"{url}/api/v1/session", json={"code": code}) for _ in range(2)
+        ]
+    finally:
+        stop(process)
 
-    answer = httpx.post(f"{server.url}/api/v1/session", json={"token": server.token})
-
-    assert answer.status_code == 204
+    assert token_of(data) not in link
+    assert [answer.status_code for answer in answers] == [201, 401]
+    assert answers[0].json()["name"] == "admin"
+    assert answers[1].json()["code"] == "code_over"
 
 
 def test_a_note_tells_the_command_line_where_the_token_is(start_server):
@@ -115,10 +125,10 @@ def test_two_processes_that_start_together_migrate_once(tmp_path):
     command = [sys.executable, "-m", "app"]
     processes = [start(command, data, tmp_path / f"log{n}", {}) for n in range(2)]
 
-    tokens = [
-        wait_for_link(process, tmp_path / f"log{n}")[1]
-        for n, process in enumerate(processes)
-    ]
+    tokens = []
+    for n, process in enumerate(processes):
+        wait_for_link(process, tmp_path / f"log{n}")
+        tokens.append(token_of(data))
 
     for process in processes:
         process.send_signal(signal.SIGINT)

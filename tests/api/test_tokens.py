@@ -31,7 +31,8 @@ def test_a_token_is_shown_once(admin):
     found = next(one for one in listed.json()["items"] if one["name"] == "once")
     assert found["role"] == "reviewer"
     assert set(found) == {
-        *("id", "name", "role", "created_at", "expires_at", "revoked_at")
+        *("id", "name", "role", "created_at", "expires_at", "revoked_at"),
+        "last_used_at",
     }
 
 
@@ -51,7 +52,8 @@ def test_an_idempotency_key_does_not_store_the_token(service, admin):
 def test_a_revoked_token_and_its_sessions_end_at_once(service, admin):
     given = create(admin, "eve").json()
     with service.client() as browser:
-        browser.post("/api/v1/session", json={"token": given["token"]})
+        opened = browser.post("/api/v1/session", json={"token": given["token"]}).json()
+        browser.headers["Authorization"] = f"Bearer {opened['session']}"
         before = browser.get("/version").status_code
 
         answer = admin.delete(f"/api/v1/tokens/{given['id']}")

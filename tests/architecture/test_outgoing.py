@@ -17,7 +17,7 @@ HARMLESS = {"http": {"HTTPStatus"}, "urllib.parse": None}
 # The first versions without a known hole that somebody could reach from outside.
 FLOORS = {
     "starlette": (0, 49, 1),  # ranges in numbers
-    "python-multipart": (0, 0, 22),  # names of uploaded files
+    "python-multipart": (0, 0, 34),  # headers of parts without end
     "h11": (0, 16),  # chunks that are none
     "defusedxml": (0, 7, 1),
 }

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import httpx
 import pytest
@@ -23,7 +23,7 @@ from playwright.sync_api import (
 
 from tests.browser import scenes
 from tests.browser.stage import after_drawing
-from tests.servers import RunningServer
+from tests.servers import SESSION_KEY, RunningServer
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (
@@ -165,17 +165,26 @@ Visit = Callable[..., Visitor]
 
 
 @pytest.fixture(scope="session")
-def signed_in(browser: Browser, server: RunningServer) -> StorageState:
+def signed_in(server: RunningServer) -> StorageState:
     """What signing in leaves in a browser; the sign-in itself has its own tests."""
-    context = browser.new_context()
-    context.request.post(
-        f"{server.url}/api/v1/session",
-        data={"token": server.token},
-        headers={"Origin": server.url},
+    return cast("StorageState", server.signed_in())
+
+
+def kept_session(page: Page) -> Any:
+    """What the page has stored; None when nobody is signed in."""
+    return page.evaluate("(key) => JSON.parse(localStorage.getItem(key))", SESSION_KEY)
+
+
+def lose_session(page: Page) -> None:
+    """From now on the server knows this window's session no more."""
+    page.evaluate(
+        """(key) => {
+          const kept = JSON.parse(localStorage.getItem(key));
+          localStorage.setItem(key, JSON.stringify({ ...kept, session: "us_ended" }));
+          dispatchEvent(new StorageEvent("storage", { key }));
+        }""",
+        SESSION_KEY,
     )
-    state = context.storage_state()
-    context.close()
-    return state
 
 
 @pytest.fixture

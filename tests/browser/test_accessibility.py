@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser import crowds
-from tests.browser.conftest import PHONE, WIDE, Scene, Visit, Visitor
+from tests.browser.conftest import PHONE, WIDE, Scene, Visit, Visitor, lose_session
 
 pytestmark = pytest.mark.browser
 
@@ -69,7 +69,7 @@ def test_menu_help_and_sign_in_have_no_serious_finding(scene, visit, scheme):
     ada.press("Escape", "?")
     assert findings(page) == []
     ada.press("Escape")
-    page.context.clear_cookies()
+    lose_session(page)
     page.reload()
     expect(page.get_by_label("Token")).to_be_visible()
 

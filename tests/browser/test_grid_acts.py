@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser import crowds
-from tests.browser.conftest import MakeScene, Scene, Visitor
+from tests.browser.conftest import MakeScene, Scene, Visit, Visitor, lose_session
 from tests.browser.crowds import answers, cell, grid, selected
 from tests.servers import RunningServer
 
@@ -184,6 +184,56 @@ def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, ada)
     assert len(answers(many)) == 30
 
 
+def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
+    many: Scene, visit: Visit
+):
+    ada, bo = visit(), visit()
+    hers = ada.open(grid(many, verdict="rejected"))
+    hers.get_by_role("button", name="Select all 15").click()
+    his = bo.open(grid(many))
+    expect(his.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    cell(his, 1).click()
+    bo.press("a")
+    expect(toast(his)).to_contain_text("1 box kept")
+
+    ada.press("x")
+
+    expect(strip(hers)).to_contain_text("Not done: reject 15 boxes.")
+    expect(strip(hers)).to_contain_text("1 of them came, were decided anew or were")
+    assert answers(many) == {"b1": "keep"}
+    strip(hers).get_by_role("button", name="Count again").click()
+    expect(toast(hers)).to_contain_text("15 boxes by now, 15 when you looked")
+    toast(hers).get_by_role("button", name="reject all 15").click()
+    expect(toast(hers)).to_contain_text("15 boxes rejected")
+    assert set(answers(many).values()) == {"reject"}
+
+
+def test_what_somebody_else_answered_since_it_was_seen_is_left_and_shown(
+    many: Scene, visit: Visit
+):
+    ada, bo = visit(), visit()
+    hers, his = ada.open(grid(many)), bo.open(grid(many))
+    for page in (hers, his):
+        expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    cell(his, 1).click()
+    bo.press("a")
+    expect(toast(his)).to_contain_text("1 box kept")
+    select(hers, 0, 2)
+
+    ada.press("x")
+
+    expect(toast(hers)).to_contain_text("2 boxes rejected")
+    expect(strip(hers)).to_contain_text("1 box was left out: somebody has answered")
+    expect(strip(hers).get_by_role("link")).to_have_text("car b1")
+    expect(cell(hers, 1).locator(".sign--keep")).to_be_visible()
+    assert answers(many) == {"b0": "reject", "b1": "keep", "b2": "reject"}
+    ada.press("z")
+    expect(toast(hers)).to_contain_text("2 answers taken back")
+    expect(cell(hers, 1).locator(".sign--keep")).to_be_visible()
+    expect(hers.locator(".sign--reject")).to_have_count(0)
+    assert answers(many) == {"b1": "keep"}
+
+
 def test_an_act_given_offline_says_so_and_is_sent_when_the_network_is_back(
     many, ada, page
 ):
@@ -243,7 +293,7 @@ def test_signed_out_an_act_waits_until_one_is_in_again(
     many, ada, page, server: RunningServer
 ):
     select(page, 0, 2)
-    page.context.clear_cookies()
+    lose_session(page)
 
     ada.press("x")
 

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser import crowds
-from tests.browser.conftest import MakeScene, Scene, Visit, Visitor
+from tests.browser.conftest import MakeScene, Scene, Visit, Visitor, lose_session
 from tests.browser.crowds import answers, queue, queued
 from tests.servers import RunningServer
 
@@ -80,7 +80,7 @@ def test_two_people_are_given_different_boxes(
     assert made.status_code == 201, made.text
     ada, bo = visit(), visit(sign_in=False)
     mine = queued(opened(ada, many))
-    bo.page.goto(f"{server.url}/#token={made.json()['token']}")
+    bo.page.goto(server.login_link_of(made.json()["token"]))
     expect(bo.page.get_by_role("heading", name="Datasets")).to_be_visible()
 
     theirs = queued(opened(bo, many))
@@ -127,11 +127,11 @@ def test_answers_kept_over_a_reload_are_not_asked_for_again(many, ada):
 def test_signed_out_one_goes_on_after_signing_in(many, ada, server: RunningServer):
     page = opened(ada, many)
     first = queued(page)
-    page.context.clear_cookies()
+    lose_session(page)
 
     ada.press("x")
 
-    expect(page.locator(".signin__note")).to_contain_text("1 answer kept")
+    expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
     page.get_by_label("Token").fill(server.token)
     page.get_by_role("button", name="Sign in").click()
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")

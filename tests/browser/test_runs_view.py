@@ -134,7 +134,7 @@ def test_an_export_is_made_watched_downloaded_and_can_be_checked(ada, street, tm
     expect(made).to_contain_text("boxes written2")
     expect(made).to_contain_text("images: left out, labels alone")
     with page.expect_download() as downloading:
-        made.get_by_role("link", name=re.compile("^Download")).click()
+        made.get_by_role("button", name=re.compile("^Download")).click()
     archive = tmp_path / "export.zip"
     downloading.value.save_as(archive)
     shown = made.locator("code[title]").get_attribute("title")
@@ -210,7 +210,7 @@ def test_nothing_is_cut_off_and_nothing_serious_is_found(
     ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
     page = runs_page(ada, street, f"?run={number}")
     expect(page.locator(".flip")).to_have_count(1)
-    expect(page.get_by_role("link", name=re.compile("^Download"))).to_be_visible()
+    expect(page.get_by_role("button", name=re.compile("^Download"))).to_be_visible()
 
     assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     assert findings(page) == []

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator
+from pathlib import Path
 
+import httpx
 import pytest
 from playwright.sync_api import expect
 
 from tests import databases
-from tests.browser.conftest import Visit
+from tests.browser.conftest import Visit, kept_session
 from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.browser
@@ -25,14 +28,16 @@ def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 
 def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
     page = visit(sign_in=False).page
+    link = server.login_link
 
-    page.goto(server.login_link)
+    page.goto(link)
 
     expect(page.locator("[data-view=datasets]")).to_be_visible()
     assert page.url == f"{server.url}/#/datasets"
     kept = page.evaluate("JSON.stringify([{...localStorage}, {...sessionStorage}])")
     assert server.token not in kept
-    assert page.evaluate("document.cookie") == ""
+    assert link.partition("#code=")[2] not in kept
+    assert page.context.cookies() == []
     page.reload()
     expect(page.locator("[data-view=datasets]")).to_be_visible()
     assert page.evaluate("performance.getEntriesByType('navigation')[0].name").endswith(
@@ -40,14 +45,50 @@ def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
     )
 
 
+def test_nothing_in_the_history_signs_anybody_in(visit, server):
+    """Neither what is left of the link's entry nor the link itself."""
+    page = visit(sign_in=False).page
+    link = server.login_link
+    page.goto(f"{server.url}/#/datasets")
+    expect(page.get_by_label("Token")).to_be_visible()
+    page.goto(link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    page.get_by_role("button", name="Settings").click()
+    page.get_by_role("button", name="Sign out").click()
+    expect(page.get_by_label("Token")).to_be_visible()
+
+    session = page.context.new_cdp_session(page)
+    entries = session.send("Page.getNavigationHistory")["entries"]
+    assert not any("code=" in entry["url"] for entry in entries)
+    page.go_back()
+    expect(page.get_by_label("Token")).to_be_visible()
+    page.goto(link)
+    expect(page.get_by_text("this login link was used already")).to_be_visible()
+
+
 def test_wrong_login_link_says_so(visit, server):
     page = visit(sign_in=False).page
 
-    page.goto(f"{server.url}/#token=wrong")
+    page.goto(f"{server.url}/#code=wrong")
 
     expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
-    expect(page.get_by_role("alert")).not_to_be_empty()
+    expect(page.get_by_role("alert")).to_contain_text(
+        "`unghost login` prints a new one"
+    )
     assert "wrong" not in page.url
+
+
+def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(visit, server):
+    page = visit(sign_in=False).page
+
+    page.goto(f"{server.url}/#token={server.token}")
+
+    expect(page.get_by_role("alert")).to_contain_text("no longer used")
+    expect(page.get_by_role("alert")).to_contain_text("unghost login")
+    assert page.url == f"{server.url}/#/datasets"
+    page.get_by_label("Token").fill(f"{server.url}/#token={server.token}")
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).to_contain_text("no longer used")
 
 
 @pytest.mark.parametrize("what", ["token", "login_link"])
@@ -69,10 +110,12 @@ def test_pasted_token_or_link_signs_in_where_one_wanted_to_go(
 def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
     page = visit(sign_in=False).open("#/datasets")
     page.get_by_role("button", name="Sign in").click()
-    expect(page.get_by_role("alert")).to_have_text("Paste the token first.")
+    expect(page.get_by_role("alert")).to_have_text("Paste the token or the link first.")
     page.get_by_label("Token").fill("wrong")
     page.get_by_role("button", name="Sign in").click()
-    expect(page.get_by_role("alert")).not_to_have_text("Paste the token first.")
+    expect(page.get_by_role("alert")).not_to_have_text(
+        "Paste the token or the link first."
+    )
 
     page.get_by_label("Token").fill(server.token)
     page.get_by_role("button", name="Sign in").click()
@@ -80,16 +123,28 @@ def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
 
-def test_sign_out_ends_the_session(visit, server):
+def test_sign_out_ends_the_session_in_every_tab(visit, server):
     page = visit(sign_in=False).page  # a session of its own: the others share one
     page.goto(server.login_link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    other = page.context.new_page()
+    other.goto(f"{server.url}/#/datasets")
+    expect(other.locator("[data-view=datasets]")).to_be_visible()
+    secret = kept_session(page)["session"]
     page.get_by_role("button", name="Settings").click()
 
     page.get_by_role("button", name="Sign out").click()
 
     expect(page.get_by_label("Token")).to_be_visible()
+    expect(other.get_by_label("Token")).to_be_visible()
+    assert kept_session(page) is None
+    shown = {"Authorization": f"Bearer {secret}"}
+    assert httpx.get(f"{server.url}/version", headers=shown).status_code == 401
     page.reload()
     expect(page.get_by_label("Token")).to_be_visible()
+
+    page.goto(server.login_link)
+    expect(other.locator("[data-view=datasets]")).to_be_visible()
 
 
 def test_login_link_works_in_a_window_that_is_open_already(visit, server):
@@ -99,7 +154,24 @@ def test_login_link_works_in_a_window_that_is_open_already(visit, server):
     page.goto(server.login_link)
 
     expect(page.locator("[data-view=datasets]")).to_be_visible()
-    assert "token" not in page.url
+    assert "code" not in page.url
+
+
+def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
+    page = visit(sign_in=False).page
+    page.goto(f"{server.url}/docs")
+    expect(page.get_by_text("Sign in first")).to_be_visible()
+    page.goto(server.login_link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+
+    page.goto(f"{server.url}/docs")
+
+    expect(page.get_by_role("heading", level=1)).to_contain_text("API")
+    expect(page.get_by_text("/api/v1/login-codes").first).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="openapi.json").click()
+    document = json.loads(Path(download.value.path()).read_text("utf-8"))
+    assert "/api/v1/session" in document["paths"]
 
 
 @pytest.mark.parametrize(
@@ -109,11 +181,13 @@ def test_login_link_works_in_a_window_that_is_open_already(visit, server):
         ("revoked_at = '2001-01-01 00:00:00'", "this token was taken back"),
     ],
 )
-def test_login_link_that_is_over_says_why(visit, server, api, change, words):
-    token = a_token(server, api, change)
+def test_login_link_of_a_token_that_is_over_says_why(visit, server, api, change, words):
+    token = a_token(server, api)
+    link = server.login_link_of(token)
+    change_token(server, token, change)
     page = visit(sign_in=False).page
 
-    page.goto(f"{server.url}/#token={token}")
+    page.goto(link)
 
     expect(page.get_by_role("alert")).to_contain_text(words)
 
@@ -121,11 +195,12 @@ def test_login_link_that_is_over_says_why(visit, server, api, change, words):
 def test_page_whose_token_expires_says_so(visit, server, api, scene):
     token = a_token(server, api)
     page = visit(sign_in=False).page
-    page.goto(f"{server.url}/#token={token}")
+    page.goto(server.login_link_of(token))
     expect(page.locator("[data-view=datasets]")).to_be_visible()
 
-    change(server, token, "expires_at = '2001-01-01 00:00:00'")
-    while page.request.get(f"{server.url}/api/v1/session").ok:
+    change_token(server, token, "expires_at = '2001-01-01 00:00:00'")
+    shown = {"Authorization": f"Bearer {kept_session(page)['session']}"}
+    while page.request.get(f"{server.url}/api/v1/session", headers=shown).ok:
         pass  # who was let in is known for a second
     page.goto(f"{server.url}/{scene.link()}")
 
@@ -135,7 +210,7 @@ def test_page_whose_token_expires_says_so(visit, server, api, scene):
 
 def test_who_guesses_is_told_how_long_to_wait(visit, strict):
     page = visit(sign_in=False).page
-    page.goto(f"{strict.url}/#token=ug_first")
+    page.goto(f"{strict.url}/#code=uc_first")
     for guess in ("ug_second", strict.token):
         expect(page.get_by_role("alert")).not_to_be_empty()
         page.get_by_label("Token").fill(guess)
@@ -145,15 +220,12 @@ def test_who_guesses_is_told_how_long_to_wait(visit, strict):
     expect(page.get_by_label("Token")).to_be_visible()
 
 
-def a_token(server, api, change_to=""):
+def a_token(server, api):
     name = f"visitor-{len(api.get('/tokens').json()['items'])}"
-    token = api.post("/tokens", json={"name": name}).json()["token"]
-    if change_to:
-        change(server, token, change_to)
-    return token
+    return api.post("/tokens", json={"name": name}).json()["token"]
 
 
-def change(server, token, to):
+def change_token(server, token, to):
     """What only time or an admin does to a token."""
     digest = hashlib.sha256(token.encode()).hexdigest()
     databases.change(

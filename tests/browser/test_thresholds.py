@@ -54,6 +54,9 @@ def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(ada, stre
     expect(figure(page, "kept")).to_have_text("2")
     expect(figure(page, "lost")).to_have_text("2")
     expect(page.locator(".flip--lost")).to_have_count(2)
+    expect(page.locator(".flip img").first).to_have_attribute(
+        "src", re.compile("blob:")
+    )
     expect(page.locator(".flip img").first).to_have_js_property("complete", True)
     width = page.locator(".flip img").first.evaluate("(img) => img.naturalWidth")
     assert width > 0

@@ -6,14 +6,14 @@ import base64
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from playwright.sync_api import Page, Route, expect
 
 from tests.browser import scenes
-from tests.browser.conftest import Visitor
+from tests.browser.conftest import Visitor, lose_session
 from tests.browser.test_accessibility import findings, scheme  # noqa: F401  # a fixture
+from tests.servers import RunningServer
 
 pytestmark = pytest.mark.browser
 
@@ -206,9 +206,8 @@ def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
 
 def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server):
     page = pick(ada, town)
-    cookies = page.context.cookies()
-    page.context.clear_cookies()
-    page.route("**/api/v1/datasets", lambda route: made(route, page, cookies))
+    lose_session(page)
+    page.route("**/api/v1/datasets", lambda route: made(route, server))
 
     send(page)
     page.get_by_label("Token").fill(server.token)
@@ -217,12 +216,10 @@ def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
 
 
-def made(route: Route, page: Page, cookies: Any) -> None:
+def made(route: Route, server: RunningServer) -> None:
     """The dataset is made while the session is still good."""
-    page.context.add_cookies(cookies)
-    response = route.fetch()
-    page.context.clear_cookies()
-    route.fulfill(response=response)
+    shown = {"authorization": f"Bearer {server.token}"}
+    route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
 
 
 def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, ada, tmp_path):

@@ -11,6 +11,7 @@ import pytest
 
 from tests.api.command_line import CommandLine
 from tests.docs.documents import CHECKOUT
+from tests.servers import token_of
 
 NOTEBOOKS = sorted((CHECKOUT / "docs" / "notebooks").glob("*.ipynb"))
 
@@ -22,8 +23,8 @@ def demo(tmp_path_factory):
     with unghost.running("demo", "--frames", 2, "--port", 0, "--json") as process:
         assert process.stdout is not None
         link = json.loads(process.stdout.readline())["login_link"]
-        url, _, token = link.partition("/#token=")
-        yield {"UNGHOST_SERVER": url, "UNGHOST_TOKEN": token}
+        token = token_of(unghost.folder / "demo-data")
+        yield {"UNGHOST_SERVER": link.partition("/#")[0], "UNGHOST_TOKEN": token}
 
 
 def run(path: Path, folder: Path, settings: dict[str, str]) -> str:

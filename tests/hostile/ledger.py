@@ -152,11 +152,12 @@ class Writer:
     def _bulk_and_undo(self, turn: int) -> None:
         verdict = self.dice.choice(VERDICTS)
         before = {one: self._latest(one) for one in self.box_ids}
-        boxes = frozenset(self.box_ids)
+        boxes, answers = frozenset(self.box_ids), self.ledger.answers
         self.ledger.maybe_answers.append((boxes, verdict))
         body = {
             "dataset": self.ledger.dataset,
             "box_ids": list(self.box_ids),
+            "seen_revisions": [len(answers.get(one, [])) for one in self.box_ids],
             "verdict": verdict,
         }
         answer = self.api.post("/reviews/bulk", body)

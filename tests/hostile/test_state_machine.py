@@ -143,8 +143,9 @@ class Service(RuleBasedStateMachine):
     def bulk(self, data, verdict):
         known = sorted(self.model.boxes())
         ids = sorted(data.draw(st.sets(st.sampled_from(known), min_size=1)))
+        seen = [len(self.model.boxes()[one].answers) for one in ids]
         body = {"dataset": self.name, "box_ids": ids, "verdict": verdict}
-        answer = self.api.post("/reviews/bulk", body)
+        answer = self.api.post("/reviews/bulk", body | {"seen_revisions": seen})
         assert answer.status_code == 201, answer.text
         batch = answer.json()
         assert (batch["count"], batch["skipped"]) == (len(ids), [])
@@ -159,14 +160,21 @@ class Service(RuleBasedStateMachine):
         assert [box["box_id"] for box in page["items"]] == expected
         assert page["total"] == len(expected)
 
-    @rule(wanted=FILTERS, verdict=ANSWERS, off=st.sampled_from([0, 0, 0, 1]))
-    def bulk_by_filter(self, wanted, verdict, off):
+    @rule(wanted=FILTERS, verdict=ANSWERS, is_late=st.sampled_from([0, 0, 0, 1]))
+    def bulk_by_filter(self, wanted, verdict, is_late):
+        seen = self.api.json("/boxes", dataset=self.name, count="true", **wanted)
         ids = self.model.selected(wanted)
+        if is_late and ids:
+            box = self.model.boxes()[ids[0]]
+            assert self.api.review(ids[0], "unsure", len(box.answers)).is_success
+            box.answer("unsure")
         body = {"dataset": self.name, "verdict": verdict, "filter": wanted}
-        body["expected_count"] = len(ids) + off
-        answer = self.api.post("/reviews/bulk", body)
-        if off:
-            assert (answer.status_code, answer.json()["found"]) == (409, len(ids))
+        answer = self.api.post("/reviews/bulk", body | {"snapshot": seen["snapshot"]})
+        if is_late and ids:
+            assert (answer.status_code, answer.json()["code"]) == (
+                412,
+                "stale_snapshot",
+            )
             return
         assert answer.status_code == 201, answer.text
         assert answer.json()["count"] == len(ids)
@@ -303,9 +311,9 @@ def test_nothing_is_forgotten_however_the_server_ends(place, way):
     state = Service()
     for key, shift in (("a", 0), ("b/ü", 10), ("b/c", None)):
         state.upload(key, Content(RECTANGLES, shift), replace=False)
-    state.bulk_by_filter({"verdict": "kept"}, "reject", off=0)
+    state.bulk_by_filter({"verdict": "kept"}, "reject", is_late=False)
     state.run(60, {"channel_order": "rgb"}, activate=True)
-    state.bulk_by_filter({"conflict": "true"}, "unsure", off=0)
+    state.bulk_by_filter({"conflict": "true"}, "unsure", is_late=False)
 
     state.restart(RESTART, way)
 

@@ -10,8 +10,8 @@ from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db import access_tables, tables
-from app.db.base import Base
-from app.db.migrate import current_revision, head_revision, migrate
+from app.db.base import Base, utc_now
+from app.db.migrate import WouldLose, current_revision, head_revision, migrate
 from app.resources import migrations_dir
 
 SCRIPTS = migrations_dir()
@@ -89,9 +89,11 @@ def test_a_row_without_its_parent_is_refused_and_children_go_along(engine):
 
 
 def test_exports_keep_their_numbers_and_states_through_both_directions(engine):
-    migrate(engine, SCRIPTS, "0002")
+    migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():
         dataset = add_dataset(session, "labelled").id
+    migrate(engine, SCRIPTS, "0002")
+    with Session(engine) as session, session.begin():
         for state in ("done", "cancelled"):
             session.execute(EXPORT, {"dataset": dataset, "state": state})
 
@@ -137,6 +139,46 @@ def test_no_database_changes_its_audit_log(engine, change):
         (left,) = session.scalars(select(access_tables.AuditEntry))
 
     assert (left.actor, left.token_id) == ("ada", None)
+
+
+def test_a_downgrade_that_would_empty_the_audit_log_is_refused_in_words(engine):
+    migrate(engine, SCRIPTS)
+    entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
+    with Session(engine) as session, session.begin():
+        session.add(access_tables.AuditEntry(**entry, details={}))
+
+    with pytest.raises(WouldLose, match="lose the 1 rows of audit_log, and nothing"):
+        migrate(engine, SCRIPTS, "0004")
+
+    assert current_revision(engine) == head_revision(SCRIPTS)
+    with Session(engine) as session:
+        (left,) = session.scalars(select(access_tables.AuditEntry))
+    assert left.subject == "bob"
+    migrate(engine, SCRIPTS, "0004", may_lose=True)
+    assert "audit_log" not in inspect(engine).get_table_names()
+
+
+def test_a_downgrade_that_would_lose_datasets_is_refused(engine):
+    migrate(engine, SCRIPTS)
+    with Session(engine) as session, session.begin():
+        add_dataset(session, "kept")
+
+    with pytest.raises(WouldLose, match="rows of datasets"):
+        migrate(engine, SCRIPTS, "base")
+
+    with Session(engine) as session:
+        assert session.scalars(select(tables.Dataset.name)).all() == ["kept"]
+
+
+def test_a_deleted_dataset_does_not_come_back_with_an_older_schema(engine):
+    migrate(engine, SCRIPTS)
+    with Session(engine) as session, session.begin():
+        add_dataset(session, "gone").removed_at = utc_now()
+
+    with pytest.raises(RuntimeError, match="datasets that were deleted are not gone"):
+        migrate(engine, SCRIPTS, "0007")
+
+    assert current_revision(engine) == head_revision(SCRIPTS)
 
 
 def test_what_is_done_is_noted_again_after_going_down_and_up(engine):

@@ -30,9 +30,14 @@ def went_down(rows, revision):
     return rows
 
 
+def without_sessions(rows, revision):
+    """Sessions were cookies once: they end on the way to 0008, and back from it."""
+    return {**rows, "login_sessions": []} if revision < "0008" else rows
+
+
 def test_every_table_of_every_revision_is_filled(engine):
     for revision in REVISIONS:
-        migrate(engine, SCRIPTS, "base")
+        migrate(engine, SCRIPTS, "base", may_lose=True)
         migrate(engine, SCRIPTS, revision)
         fill(engine, revision)
 
@@ -50,8 +55,9 @@ def test_what_was_stored_at_a_revision_survives_the_way_up_and_back(engine, revi
     above = contents(engine)
     migrate(engine, SCRIPTS, revision)
 
-    assert restricted(above, before) == restricted(before, before)
-    assert contents(engine) == before
+    expected = without_sessions(before, revision)
+    assert restricted(above, expected) == restricted(expected, expected)
+    assert contents(engine) == expected
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
@@ -60,10 +66,12 @@ def test_what_both_know_survives_the_way_down_and_up_again(engine, revision):
     fill(engine, REVISIONS[-1])
     above = contents(engine)
 
-    migrate(engine, SCRIPTS, revision)
+    migrate(engine, SCRIPTS, revision, may_lose=True)
     below = contents(engine)
     migrate(engine, SCRIPTS)
 
+    if revision < "0008":
+        assert not below.get("login_sessions")
     expected = went_down(restricted(above, below), revision)
     by_content = {table: sorted(rows, key=repr) for table, rows in expected.items()}
     assert restricted(below, below) == by_content

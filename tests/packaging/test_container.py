@@ -102,7 +102,7 @@ def test_the_start_command_serves_as_an_ordinary_user(
 
     process = start([*drop, *command], data, log, environment)
     try:
-        url, _ = wait_for_link(process, log)
+        url = wait_for_link(process, log).partition("/#")[0]
         ready = httpx.get(f"{url}/readyz", timeout=30)
         python, *words = at(url, health_check(IMAGE))
         healthy = subprocess.run([installation.python, *words], check=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 
 from tests.packaging.conftest import Installation
-from tests.servers import start, stop, wait_for_link
+from tests.servers import start, stop, token_of, wait_for_link
 
 
 def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_path):
@@ -15,8 +15,8 @@ def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_pat
 
     process = start(command, tmp_path / "data", log, {})
     try:
-        url, token = wait_for_link(process, log)
-        headers = {"Authorization": f"Bearer {token}"}
+        url = wait_for_link(process, log).partition("/#")[0]
+        headers = {"Authorization": f"Bearer {token_of(tmp_path / 'data')}"}
         with httpx.Client(base_url=url, headers=headers, timeout=60) as client:
             ready = client.get("/readyz")
             page = client.get("/")

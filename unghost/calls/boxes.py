@@ -12,6 +12,7 @@ from unghost.results import (
     HistoryEntry,
     Review,
     ReviewBatch,
+    Selection,
     UndoneBatch,
 )
 from unghost.transport import API, Call, body_of
@@ -32,6 +33,19 @@ class BoxCalls(Calls):
         response = self._transport.send(Call("GET", f"{API}/boxes", params=query))
         return int(body_of(response)["total"])
 
+    def select_boxes(self, dataset: str, **filters: object) -> Selection:
+        """All boxes of a filter as they are now, for `bulk_review`."""
+        query = {**_query(dataset, filters), "count": True, "limit": 1}
+        response = self._transport.send(Call("GET", f"{API}/boxes", params=query))
+        found = body_of(response)
+        del query["dataset"], query["count"], query["limit"]
+        return Selection(
+            dataset=dataset,
+            filter=query,
+            count=int(found["total"]),
+            snapshot=str(found["snapshot"]),
+        )
+
     def box(self, box_id: int) -> Decision:
         """One box with its decision and its neighbours."""
         return self._get(Decision, f"{API}/boxes/{box_id}")
@@ -49,7 +63,10 @@ class BoxCalls(Calls):
         seen_revision: int,
         comment: str = "",
     ) -> Review:
-        """Answer on one box; `StaleReview` if someone answered since."""
+        """Answer on one box; `StaleReview` if someone answered since.
+
+        `seen_revision` is the `revision` of the decision that was looked at.
+        """
         body = {"verdict": verdict, "seen_revision": seen_revision, "comment": comment}
         return self._post(Review, f"{API}/boxes/{box_id}/reviews", body)
 
@@ -57,30 +74,55 @@ class BoxCalls(Calls):
         self,
         dataset: str,
         verdict: Answer,
-        boxes: Sequence[int] | Mapping[str, Any],
+        boxes: Sequence[Decision] | Sequence[int] | Selection,
         *,
-        expected_count: int | None = None,
         comment: str = "",
     ) -> ReviewBatch:
-        """One answer on many boxes: their ids, or all that match a filter.
+        """One answer on many boxes: one act, one undo.
 
-        With a filter `expected_count` guards against answering for boxes that came
-        since: another number is a `Conflict`.
+        Parameters
+        ----------
+        boxes
+            Decisions: those boxes that nobody has answered since they were read.
+            Ids: those boxes that have no answer. A selection: all of its boxes, if
+            they are those that `select_boxes` counted, and as they were then.
+
+        Returns
+        -------
+        ReviewBatch
+            `stale` are boxes that were left alone because of an answer, `skipped`
+            those that are gone.
+
+        Raises
+        ------
+        StaleReview
+            Boxes of the selection came, went, were decided anew or were answered
+            since; `current` has their number (`total`) now.
         """
-        by_filter = isinstance(boxes, Mapping)
-        body = {
-            "dataset": dataset,
-            "verdict": verdict,
-            "filter" if by_filter else "box_ids": boxes if by_filter else list(boxes),
-            "expected_count": expected_count,
-            "comment": comment,
-        }
-        given = {key: value for key, value in body.items() if value is not None}
-        return self._post(ReviewBatch, f"{API}/reviews/bulk", given)
+        body = {"dataset": dataset, "verdict": verdict, "comment": comment}
+        return self._post(ReviewBatch, f"{API}/reviews/bulk", body | _which(boxes))
 
     def undo(self, batch_id: int) -> UndoneBatch:
         """Take a batch of reviews back, except where someone answered since."""
         return self._post(UndoneBatch, f"{API}/review-batches/{batch_id}/undo")
+
+
+def _which(boxes: Sequence[Decision] | Sequence[int] | Selection) -> dict[str, Any]:
+    if isinstance(boxes, Selection):
+        return {"filter": boxes.filter, "snapshot": boxes.snapshot}
+    if isinstance(boxes, Mapping):
+        raise TypeError(
+            "expected decisions, ids or what select_boxes answers, found a mapping"
+        )
+    seen = [box for box in boxes if isinstance(box, Decision)]
+    if not seen:
+        return {"box_ids": list(boxes)}
+    if len(seen) != len(boxes):
+        raise TypeError("expected decisions or ids, found both")
+    return {
+        "box_ids": [box.box_id for box in seen],
+        "seen_revisions": [box.revision for box in seen],
+    }
 
 
 def _query(dataset: str, filters: Mapping[str, object]) -> dict[str, object]:

@@ -31,7 +31,7 @@ def register(app: typer.Typer) -> None:
 
 
 def audit(options: AuditOptions) -> None:
-    """Say who changed tokens, datasets, configurations and jobs, and when."""
+    """Say who did what to tokens, data, configurations, jobs and many answers."""
     with options.connect() as client:
         entries = list(islice(client.audit(), options.limit or None))
     for entry in entries:

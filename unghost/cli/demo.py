@@ -66,9 +66,13 @@ def demo(options: DemoOptions) -> None:
     with told_when_unservable():
         startup.check_free(settings)  # rendering takes long
     street = rendered_street(settings.data, options, screen)
-    filling = Filling(street, screen, stop_when_done=options.exit_when_ready)
+    filling = Filling(
+        street, screen, settings.token_file, stop_when_done=options.exit_when_ready
+    )
     with told_when_unservable():
-        startup.serve(settings, on_ready=filling.start)
+        startup.serve(
+            settings, on_ready=lambda link: filling.start(link.url.partition("/#")[0])
+        )
     filling.raise_if_failed()
     if filling.refused:
         raise typer.Exit(PARTLY)

@@ -22,44 +22,52 @@ DATASET: Final = "demo"
 class Filling:
     """Pushes the street in a thread, since the main thread serves."""
 
-    def __init__(self, street: Path, screen: Screen, *, stop_when_done: bool) -> None:
+    def __init__(
+        self, street: Path, screen: Screen, token_file: Path, *, stop_when_done: bool
+    ) -> None:
         self._street = street
         self._screen = screen
+        self._token_file = token_file
         self._stop_when_done = stop_when_done
         self._error: Exception | None = None
         self.refused = 0
 
-    def start(self, login_link: str) -> None:
+    def start(self, url: str) -> None:
         """Begin; the server answers from now on."""
         # A daemon: an interruption does not wait for frames that nobody wants.
-        threading.Thread(target=self._run, args=(login_link,), daemon=True).start()
+        threading.Thread(target=self._run, args=(url,), daemon=True).start()
 
     def raise_if_failed(self) -> None:
         """What went wrong, if something did."""
         if self._error is not None:
             raise self._error
 
-    def _run(self, login_link: str) -> None:
+    def _run(self, url: str) -> None:
         try:
-            self._fill(login_link)
+            self._fill(url)
         except Exception as error:  # told by the main thread, which it ends
             self._error = error
         if self._error is not None or self._stop_when_done:
             # As Ctrl-C does, which the server takes as the sign to end well.
             signal.raise_signal(signal.SIGINT)
 
-    def _fill(self, login_link: str) -> None:
-        url, _, token = login_link.partition("/#token=")
+    def _fill(self, url: str) -> None:
+        token = self._token_file.read_text(encoding="utf-8").strip()
         with Client(url, token) as client:
             report = _push(client, self._street, self._screen)
             numbers = client.stats(DATASET)
+            # Made now: rendering and pushing may take longer than a link is good for.
+            login_link = f"{url}/#code={client.create_login_code().code}"
         self.refused = report.refused
         report.print_problems()
         self._screen.record(
             {"login_link": login_link, "dataset": DATASET, "stats": numbers.raw}
         )
         self._screen.table(("boxes", "verdict", "reason"), _rows(numbers))
-        self._screen.text(f"\nLog in with\n\n    {login_link}\n")
+        self._screen.text(
+            f"\nLog in with\n\n    {login_link}\n\n"
+            "The link works once, within ten minutes; `unghost login` prints another.\n"
+        )
 
 
 def _push(client: Client, street: Path, screen: Screen) -> PushReport:

@@ -7,7 +7,7 @@ from typing import Final
 
 import httpx
 
-from unghost.discovery import BadServerUrl
+from unghost.discovery import BadServerUrl, ForeignServer
 from unghost.errors import (
     ApiError,
     DamagedDownload,
@@ -43,7 +43,8 @@ def exit_code(error: Exception) -> int | None:
     from filter_core.errors import FilterError
 
     expected = (ApiError, FilterError, RunFailed, DamagedDownload, Refused)
-    return REFUSED if isinstance(error, (*expected, OSError)) else None
+    also = (ForeignServer, OSError)
+    return REFUSED if isinstance(error, (*expected, *also)) else None
 
 
 def explain(error: Exception) -> Iterator[str]:
@@ -56,6 +57,8 @@ def explain(error: Exception) -> Iterator[str]:
         faults = error.errors
         if len(faults) > 1 or any(one.detail not in error.detail for one in faults):
             yield from (f"  {fault}" for fault in faults)
+            if error.more_errors:
+                yield f"  and {error.more_errors} more"
         if isinstance(error, Unauthorized):
             yield _LOGIN_HINT
         if error.status >= 500 and error.request_id:

@@ -9,6 +9,7 @@ the frames either way, a bounded number ahead.
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.util
 import os
 import signal
 import threading
@@ -118,6 +119,9 @@ def _context() -> BaseContext:
     """Processes that start from a clean one, where the system can fork; else anew."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
+    # Python 3.10.0 to 3.10.8 let every user of the machine talk to the process that
+    # forks (CVE-2022-42919), unless its socket is a file.
+    vars(multiprocessing.util)["abstract_sockets_supported"] = False
     context = multiprocessing.get_context("forkserver")
     # Imported once, and shared by all.
     context.set_forkserver_preload(["filter_core.local_filter", "pydantic"])

@@ -23,6 +23,7 @@ from unghost.cli import (
     evaluate,
     export,
     filter_local,
+    login,
     push,
     run,
     serve,
@@ -42,7 +43,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _GROUPS = (
-    *(serve, demo, push, filter_local, run, stats, diff),
+    *(serve, login, demo, push, filter_local, run, stats, diff),
     *(datasets, export, convert, evaluate, audit, capture),
     *(backup, doctor, cluster),
 )

@@ -134,5 +134,7 @@ def _line(problem: NotSent) -> str:
     faults = error.errors if isinstance(error, ApiError) else ()
     # A single fault is what the error itself says.
     more = "".join(f"\n    {fault}" for fault in faults if len(faults) > 1)
+    if isinstance(error, ApiError) and error.more_errors:
+        more += f"\n    and {error.more_errors} more"
     said = without_key(_said(error), problem.key)
     return f"refused: {problem.key}: {said}{more}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,9 +13,11 @@ import typer
 
 from unghost.cli.command import command
 from unghost.cli.exits import Refused
+from unghost.cli.login_page import LoginPage, remove_left_over
 from unghost.cli.options import OutputOptions
 
 if TYPE_CHECKING:
+    from app import startup
     from app.settings import Settings
 
 DataFolder: TypeAlias = Annotated[
@@ -80,12 +83,31 @@ def serve(options: ServeOptions) -> None:
         port=options.port,
     )
 
-    def ready(link: str) -> None:
-        text = f"Unghost is ready. Log in with\n\n    {link}\n"
-        screen.record({"login_link": link, "data": str(settings.data)}, text)
+    stop = threading.Event()
+    opened: list[threading.Thread] = []
 
-    with told_when_unservable():
-        startup.serve(settings, open_browser=options.open, on_ready=ready)
+    def ready(link: startup.LoginLink) -> None:
+        remove_left_over(settings.data)
+        found = {"login_link": link.url, "data": str(settings.data)}
+        screen.record(found, startup.ready_text(link.url))
+        if options.open:
+            page = LoginPage(link.url, settings.data)
+            opened.append(threading.Thread(target=_show, args=(page, link, stop)))
+            opened[0].start()
+
+    try:
+        with told_when_unservable():
+            startup.serve(settings, on_ready=ready)
+    finally:
+        stop.set()
+        for thread in opened:
+            thread.join()
+
+
+def _show(page: LoginPage, link: startup.LoginLink, stop: threading.Event) -> None:
+    if page.show():
+        page.remove_when(link.is_over, stop)
+    page.remove()
 
 
 @contextmanager

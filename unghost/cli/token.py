@@ -21,7 +21,7 @@ app = typer.Typer(
     help="Give people tokens and take them back; needs a token of an admin.",
     no_args_is_help=True,
 )
-_COLUMNS = ("number", "name", "role", "made", "until", "state")
+_COLUMNS = ("number", "name", "role", "made", "until", "used", "state")
 
 
 class RoleName(str, Enum):
@@ -47,9 +47,9 @@ class CreateOptions(ServerOptions):
         ),
     ] = RoleName.REVIEWER
     days: Annotated[
-        int | None,
-        typer.Option(min=1, max=36500, help="Days until it expires; else never."),
-    ] = None
+        int,
+        typer.Option(min=0, max=36500, help="Days until it expires; 0: never."),
+    ] = 90
     offline: Annotated[
         bool,
         typer.Option(
@@ -65,13 +65,13 @@ class CreateOptions(ServerOptions):
 def create(options: CreateOptions) -> None:
     """Make a token and print it, this once."""
     until = None
-    if options.days is not None:
+    if options.days > 0:
         until = datetime.now(timezone.utc) + timedelta(days=options.days)
     made, where = _made(options, until)
     options.screen.record(made.raw, made.token)
     options.screen.note(
         f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: nobody is "
-        f"shown it again. It logs in at {where}/#token=..."
+        f"shown it again. It is pasted at {where}, or put into UNGHOST_TOKEN."
     )
 
 
@@ -81,7 +81,9 @@ def _made(options: CreateOptions, until: datetime | None) -> tuple[NewToken, str
         made = create_offline(options.name, options.role.value, until, options.data)
         return made, "the address of the service"
     with options.connect() as client:
-        made = client.create_token(options.name, options.role.value, expires_at=until)
+        made = client.create_token(
+            options.name, options.role.value, expires_at=until, expires_in_days=None
+        )
         return made, client.url
 
 
@@ -92,7 +94,7 @@ class ListOptions(ServerOptions):
 
 @command(app, "list")
 def list_tokens(options: ListOptions) -> None:
-    """List the tokens, those that were taken back too, without what they open with."""
+    """List the tokens: until when they last, and when they were last used."""
     with options.connect() as client:
         found = list(client.tokens())
     for token in found:
@@ -139,6 +141,9 @@ def _row(token: Token) -> tuple[object, ...]:
         token.role,
         "" if made is None else f"{made:%Y-%m-%d}",
         _until(token),
+        "never"
+        if token.last_used_at is None
+        else f"{token.last_used_at:%Y-%m-%d %H:%M}",
         _state(token),
     )
 

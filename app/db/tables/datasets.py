@@ -36,6 +36,8 @@ class Dataset(Base):
     active_run_id: Mapped[int | None] = mapped_column(Key)
     active_measurement_id: Mapped[int | None] = mapped_column(Key)
     classes_frozen_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    removed_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    """Deleted: nobody sees it any more, its rows go bit by bit."""
     created_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
 
@@ -135,3 +137,5 @@ class Run(Base):
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
     started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    last_review_id: Mapped[int | None] = mapped_column(Key)
+    """The newest answer when it was done; None of runs of earlier versions."""

@@ -75,8 +75,8 @@ export const jobs = {
   /** The API in its own words. @param {AbortSignal} [signal] @returns {Promise<Record<string, unknown>>} */
   description: (signal) => request("/openapi.json", { signal }),
 
-  /** @param {number} id */
-  downloadUrl: (id) => urlOf(`/exports/${id}/download`),
+  /** An address of its file for the browser to download, which works for minutes. @param {number} id @returns {Promise<{url: string, expires_at: string}>} */
+  downloadLink: (id) => post(`/exports/${id}/download-links`, {}),
 
   /** A box with some of what is around it. @param {number} boxId @param {number} height px */
   cropUrl: (boxId, height) => urlOf(`/boxes/${boxId}/crop`, { height, pad: 0.6 }),

@@ -29,8 +29,8 @@ export function createGridActions(app, dataset, page) {
   function answer(verdict) {
     const { selection, pager, query } = now();
     const total = pager.total();
-    if (selection.all && total !== null) app.bulk.answerAll(dataset, verdict, selectionOf(query), total);
-    else if (selection.ids.size) app.bulk.answer(dataset, verdict, [...selection.ids]);
+    if (selection.all && total !== null) app.bulk.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
+    else if (selection.ids.size) app.bulk.answer(dataset, verdict, [...selection.ids], pager.revisions());
     else return app.toasts.show("Select boxes first: click, drag, or Space on one.");
     select(nothing(selection));
   }

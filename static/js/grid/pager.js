@@ -6,15 +6,18 @@
 // cursors on the way are kept, and a jump back takes one request. Answered boxes stay where
 // they are even if the filter would not find them again: nothing moves under the hand.
 
+import { seenRevision } from "../reviews.js";
+
 /** @typedef {import("../types.js").Decision} Decision */
 /**
  * @typedef {object} Part  boxes that one request brought, in their order
  * @property {number} start  index of the first
  * @property {readonly number[]} ids
+ * @property {readonly number[]} revisions  of these boxes, as they were shown
  * @property {string | undefined} cursor  that brings them again
  * @property {ReadonlyMap<number, Decision> | null} boxes  null: let go of
  */
-/** @typedef {{items: Decision[], next_cursor: string | null, total?: number | null}} BoxPage */
+/** @typedef {{items: Decision[], next_cursor: string | null, total?: number | null, snapshot?: string | null}} BoxPage */
 /** @typedef {{limit: number, cursor: string | undefined, count: boolean}} BoxRequest */
 
 const PAGE = 200;
@@ -34,6 +37,8 @@ export function createPager(load) {
   const observers = new Set();
   let wanted = { first: 0, end: PAGE };
   let total = /** @type {number | null} */ (null);
+  /** Stands for all boxes of the list as they were when it was read first. */
+  let snapshot = "";
   let next = /** @type {string | null | undefined} */ (undefined);
   let error = /** @type {Error | null} */ (null);
   let isBusy = false;
@@ -89,10 +94,14 @@ export function createPager(load) {
     const limit = wanted.end - known() > 2 * PAGE ? LARGE_PAGE : PAGE;
     const cursor = next ?? undefined;
     const page = await load({ limit, cursor, count: isFirst });
-    if (isFirst) total = page.total ?? null;
+    if (isFirst) {
+      total = page.total ?? null;
+      snapshot = page.snapshot ?? "";
+    }
     next = page.next_cursor;
     if (page.items.length > 0) {
-      parts.push({ start: known(), ids: page.items.map(({ box_id }) => box_id), cursor, boxes: byId(page.items) });
+      const ids = page.items.map(({ box_id }) => box_id);
+      parts.push({ start: known(), ids, revisions: page.items.map(seenRevision), cursor, boxes: byId(page.items) });
     }
     if (next === null) total = known();
   }
@@ -100,7 +109,9 @@ export function createPager(load) {
   /** @param {Part} part */
   async function again(part) {
     const page = await load({ limit: part.ids.length, cursor: part.cursor, count: false });
-    parts[parts.indexOf(part)] = { ...part, boxes: byId(page.items) };
+    const boxes = byId(page.items);
+    const revisions = part.ids.map((id, i) => seenRevision(boxes.get(id) ?? { revision: part.revisions[i] }));
+    parts[parts.indexOf(part)] = { ...part, revisions, boxes };
   }
 
   /** Forget the boxes farthest away; their ids and cursors stay. */
@@ -129,6 +140,7 @@ export function createPager(load) {
     known,
     isWhole,
     total: () => total,
+    snapshot: () => snapshot,
     error: () => error,
 
     /** How many cells the list has, as far as one can tell. */
@@ -157,6 +169,13 @@ export function createPager(load) {
       return parts
         .filter((part) => part.start <= last && part.start + part.ids.length > first)
         .flatMap((part) => part.ids.slice(Math.max(0, first - part.start), last + 1 - part.start));
+    },
+
+    /** The revision of every box that was shown, those that are not kept in memory included. */
+    revisions() {
+      const shown = new Map(parts.flatMap(({ ids, revisions }) => ids.map((id, i) => /** @type {const} */ ([id, revisions[i] ?? 0]))));
+      for (const box of changed.values()) shown.set(box.box_id, seenRevision(box));
+      return shown;
     },
 
     allIds: () => parts.flatMap(({ ids }) => ids),

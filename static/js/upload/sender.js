@@ -124,6 +124,8 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
 function refusalOf({ key }, error) {
   if (!(error instanceof ApiError)) return { key, why: error instanceof Error ? error.message : String(error), more: [] };
   const faults = (error.problem.errors ?? []).map(({ pointer = "", detail = "" }) => [pointer, detail].filter(Boolean).join(": "));
+  const others = error.problem.more_errors ?? 0;
+  if (others > 0) faults.push(`and ${others} more`);
   // A single fault is what the error itself says.
   return { key, why: error.message, more: faults.length > 1 ? faults : [] };
 }

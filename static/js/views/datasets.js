@@ -5,6 +5,7 @@ import { html } from "../html.js";
 import { linkTo } from "../router.js";
 import { countOf, countText } from "../wording.js";
 import { useLoaded, useTitle, useValue } from "./hooks.js";
+import { NearPicture } from "./crop_cache.js";
 import { Icon } from "./icons.js";
 import { Command, Failure, Notice, ReviewProgress, StrokeSwatch, VerdictBar } from "./parts.js";
 import { TopBar } from "./topbar.js";
@@ -41,7 +42,7 @@ function Card({ app, dataset }) {
   const { name, description, counts, thumbnail_frame_id: thumbnail } = dataset;
   return html`<a class="card" href=${linkTo("frames", { dataset: name })}>
     <div class="card__picture">
-      ${thumbnail ? html`<img src=${app.api.thumbnailUrl(thumbnail)} alt="" loading="lazy" />` : html`<${Icon} name="image" class="card__none" />`}
+      ${thumbnail ? html`<${NearPicture} app=${app} url=${app.api.thumbnailUrl(thumbnail)} />` : html`<${Icon} name="image" class="card__none" />`}
     </div>
     <div class="card__body">
       <h2 class="card__title">${name}</h2>

@@ -8,6 +8,7 @@ import { countOf, countText } from "../wording.js";
 import { FrameFilters } from "./filters.js";
 import { DatasetDialog } from "./dataset_dialog.js";
 import { useLoaded, useTitle, useValue } from "./hooks.js";
+import { NearPicture } from "./crop_cache.js";
 import { Icon } from "./icons.js";
 import { usePages } from "./pages.js";
 import { Failure, Notice, VerdictBar } from "./parts.js";
@@ -95,7 +96,7 @@ function Thumb({ app, frame, query }) {
   const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : !counts.boxes ? "no boxes" : counts.reviewed ? "all answered" : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
-      ${has_image ? html`<img src=${app.api.thumbnailUrl(id)} alt="" loading="lazy" decoding="async" />` : html`<${Icon} name="image" />`}
+      ${has_image ? html`<${NearPicture} app=${app} url=${app.api.thumbnailUrl(id)} />` : html`<${Icon} name="image" />`}
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
     <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>

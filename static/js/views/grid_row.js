@@ -1,12 +1,12 @@
 // @ts-check
 // One row of crops. Cells are drawn again only when something of their own has changed.
 
-import { Component, html, useEffect, useLayoutEffect, useMemo, useState } from "../html.js";
+import { Component, html, useMemo } from "../html.js";
 import { cropUrl } from "../calls/boxes.js";
 import { boxIn, cropRequest, placed } from "../grid/placing.js";
 import { matchText, reasonText, spokenText } from "../wording.js";
 import { AnswerSign } from "./boxlist.js";
-import { cropsOf } from "./crop_cache.js";
+import { useCrop } from "./crop_cache.js";
 import { Icon } from "./icons.js";
 import { StrokeSwatch } from "./parts.js";
 
@@ -104,24 +104,3 @@ export function Picture({ app, box, size, frameSize }) {
 
 /** @param {import("../grid/placing.js").Place} place */
 const px = ({ left, top, width, height }) => ({ left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
-
-/** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: import("../grid/crops.js").Crop | null}} SeenCrop */
-
-/** A crop as long as its cell is on show. @param {App} app @param {string} url @returns {SeenCrop} */
-function useCrop(app, url) {
-  const crops = cropsOf(app);
-  const [seen, setSeen] = useState(/** @type {SeenCrop | null} */ (null));
-  const [attempt, setAttempt] = useState(0);
-  useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
-  const hasFailed = seen?.state === "failed";
-  // With the drawing that says so, and not after it: the network may be back by then.
-  useLayoutEffect(() => {
-    if (!hasFailed) return;
-    const again = () => setAttempt((n) => n + 1);
-    addEventListener("online", again);
-    return () => removeEventListener("online", again);
-  }, [hasFailed]);
-  if (seen?.url === url) return seen;
-  const crop = url ? crops.ready(url) : null;
-  return { url, state: crop ? "shown" : "waiting", crop };
-}

@@ -53,6 +53,9 @@ function BoxLink({ app, id }) {
 /** @type {Record<string, string>} */
 const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "take the answer back from" };
 
+/** @type {Record<string, string>} */
+const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
+
 /** Acts that are not stored: nothing is lost, and nothing is hidden. @param {{app: App, dataset: string}} props */
 export function OpenActs({ app, dataset }) {
   const open = useValue(app.bulk.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
@@ -60,7 +63,7 @@ export function OpenActs({ app, dataset }) {
     const what = `${WILL[act.verdict]} ${countOf(act.count, "box", "boxes")}`;
     return html`<div key=${act.key} class="strip strip--error" role="alert">
       <${Icon} name="cloud" />
-      <p>${state === "changed" ? html`<b>Not done: ${what}.</b> The filters select another number by now.` : html`<b>${state === "waiting" ? "Not sent yet" : "Refused"}: ${what}.</b> ${sentence(text)}`}</p>
+      <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
       ${state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
       ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.bulk.retry(act.key)}>Send now</button>`}
       <button class="button button--small button--quiet" onClick=${() => app.bulk.giveUp(act.key)}>Discard</button>
@@ -74,12 +77,12 @@ const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).rep
 /** The number that one agrees to is the one that is shown. @param {App} app @param {import("../bulk.js").Act} act */
 async function acceptNow(app, act) {
   try {
-    const count = await countBoxes(act.dataset, act.filter ?? {});
-    if (count === null) return;
+    const list = await countBoxes(act.dataset, act.filter ?? {});
+    if (list === null) return;
     app.bulk.giveUp(act.key);
     app.bulk.sweeps.set(app.bulk.sweeps.get() + 1);
-    app.toasts.show(`${countOf(count, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
-      action: { text: `${WILL[act.verdict]} all ${countText(count)}`, run: () => app.bulk.answerAll(act.dataset, act.verdict, act.filter ?? {}, count) },
+    app.toasts.show(`${countOf(list.total, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
+      action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.bulk.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
     });
   } catch (error) {
     app.notice(error);

@@ -69,6 +69,9 @@ export function QueueStage({ app, box, media, view, isBlind, actions, stageRef }
   </div>`;
 }
 
+/** Twice what it is wide on the page, for sharp screens. */
+const MINIMAP_PX = 336;
+
 /** Where in its frame the box is. @param {{frame: import("../types.js").Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
 function Minimap({ frame, picture, box, mode, onClick }) {
   const { width, height } = frame;
@@ -76,8 +79,22 @@ function Minimap({ frame, picture, box, mode, onClick }) {
   const [x0, y0, x1, y1] = box.xyxy;
   const place = { left: `${(100 * x0) / width}%`, top: `${(100 * y0) / height}%`, width: `${(100 * (x1 - x0)) / width}%`, height: `${(100 * (y1 - y0)) / height}%` };
   return html`<button class="minimap" title="The whole frame (C)" aria-label="Show the whole frame" onClick=${onClick} style=${{ aspectRatio: `${width} / ${height}` }}>
-    <img src=${picture.src} alt="" draggable=${false} /><span class="minimap__box" style=${place} />
+    <${SmallPicture} picture=${picture} /><span class="minimap__box" style=${place} />
   </button>`;
+}
+
+/** The picture once more, drawn: its address has ended. @param {{picture: HTMLImageElement}} props */
+function SmallPicture({ picture }) {
+  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
+  useLayoutEffect(() => {
+    const context = canvas.current?.getContext("2d");
+    if (!canvas.current || !context) return;
+    canvas.current.width = MINIMAP_PX;
+    canvas.current.height = Math.round((MINIMAP_PX * picture.naturalHeight) / picture.naturalWidth);
+    context.imageSmoothingQuality = "high";
+    context.drawImage(picture, 0, 0, canvas.current.width, canvas.current.height);
+  }, [picture]);
+  return html`<canvas ref=${canvas} aria-hidden="true" />`;
 }
 
 /** @param {import("../queue/media.js").MediaCache} media @param {number} frameId @param {boolean} wantsPixels */

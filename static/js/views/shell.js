@@ -9,6 +9,7 @@ import { HelpDialog } from "./help.js";
 import { useActions, useTitle, useValue } from "./hooks.js";
 import { Failure, Notice } from "./parts.js";
 import { SignIn } from "./signin.js";
+import { Newcomer } from "./newcomer.js";
 import { hasTabs } from "./tabs.js";
 import { Toasts } from "./toast.js";
 import { TopBar } from "./topbar.js";
@@ -49,6 +50,7 @@ export function Shell({ app, linkError }) {
       ? html`<${View} key=${route.name} app=${app} route=${route} />`
       : html`<${SignIn} app=${app} linkError=${linkError} />`}
     ${isSignedIn && html`<${Uploads} app=${app} />`}
+    <${Newcomer} app=${app} />
     <${Toasts} app=${app} />
     <div class="sr-only" role="status" aria-live="polite">${announcement}</div>
     ${isHelpOpen && html`<${HelpDialog} app=${app} onClose=${() => setHelpOpen(false)} />`}

@@ -68,14 +68,14 @@ function imageSize(frame, picture) {
 function usePicture(url) {
   const [found, setFound] = useState(/** @type {{image: HTMLImageElement | null, state: "loading" | "shown" | "failed"}} */ ({ image: null, state: url ? "loading" : "failed" }));
   useEffect(() => {
-    let isCurrent = true;
+    const stop = new AbortController();
     if (url) {
-      imageAt(url).then(
-        (image) => isCurrent && setFound({ image, state: "shown" }),
-        () => isCurrent && setFound({ image: null, state: "failed" }),
+      imageAt(url, stop.signal).then(
+        (image) => !stop.signal.aborted && setFound({ image, state: "shown" }),
+        () => !stop.signal.aborted && setFound({ image: null, state: "failed" }),
       );
     }
-    return () => void (isCurrent = false);
+    return () => stop.abort();
   }, [url]);
   return found;
 }

@@ -86,7 +86,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
         <${Versions} app=${app} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${setStarted} />
         <${ConfigPanel} tuning=${tuning} />
       </div>
-      ${!isUnknown && html`<${FlipPanel} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
+      ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>
     ${isSaving && html`<${SaveDialog} app=${app} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} />`}`;
 }

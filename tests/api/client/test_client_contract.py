@@ -225,14 +225,53 @@ def test_many_boxes_are_reviewed_and_undone_at_once(client, filled):
     assert client.stats(filled).effective.kept == 3
 
 
-def test_a_bulk_review_by_filter_guards_its_count(client, filled):
-    rejected = {"verdict": "rejected"}
+def test_a_selection_is_answered_as_it_was_seen_or_not_at_all(client, filled):
+    seen = client.select_boxes(filled, verdict="rejected", class_name="car")
+    (one, *_) = client.boxes(filled, verdict="rejected")
+    client.review(one.box_id, "reject", seen_revision=one.revision)
 
-    with pytest.raises(unghost.ApiError):
-        client.bulk_review(filled, "keep", rejected, expected_count=2)
-    batch = client.bulk_review(filled, "keep", rejected, expected_count=3)
+    with pytest.raises(unghost.StaleReview, match="3 when you looked") as caught:
+        client.bulk_review(filled, "keep", seen)
+    assert caught.value.code == "stale_snapshot"
+    assert (caught.value.current or {})["total"] == 3
+    again = client.select_boxes(filled, verdict="rejected", class_name="car")
+    batch = client.bulk_review(filled, "keep", again)
 
-    assert batch.count == 3
+    assert (seen.count, again.count, batch.count) == (3, 3, 3)
+
+
+def test_decisions_are_answered_as_they_were_read(client, filled):
+    boxes = list(client.boxes(filled, verdict="rejected"))
+    client.review(boxes[0].box_id, "keep", seen_revision=0)
+
+    batch = client.bulk_review(filled, "reject", boxes)
+    bare = client.bulk_review(filled, "unsure", [box.box_id for box in boxes])
+
+    assert (batch.count, batch.stale) == (2, (boxes[0].box_id,))
+    assert (bare.count, len(bare.stale)) == (0, 3)
+    again = client.bulk_review(filled, "unsure", list(client.boxes(filled)))
+    assert again.stale == ()
+
+
+def test_an_answer_may_follow_one_that_was_taken_back(client, filled):
+    (box, *_) = client.boxes(filled, verdict="rejected")
+    client.review(box.box_id, "keep", seen_revision=box.revision)
+    client.review(box.box_id, "clear", seen_revision=1)
+    (box, *_) = client.boxes(filled, verdict="rejected")
+
+    stored = client.review(box.box_id, "reject", seen_revision=box.revision)
+
+    assert (box.review, box.revision, stored.revision) == (None, 2, 3)
+
+
+@pytest.mark.parametrize("boxes", [{"verdict": "rejected"}, "both"])
+def test_what_says_nothing_of_what_was_seen_is_no_selection(client, filled, boxes):
+    if boxes == "both":
+        (box, *_) = client.boxes(filled)
+        boxes = [box, box.box_id]
+
+    with pytest.raises(TypeError, match="expected decisions"):
+        client.bulk_review(filled, "keep", boxes)
 
 
 def test_many_frames_are_pushed_and_told_about(client, dataset, tmp_path):

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.poison import lay_poison
-from tests.servers import start, stop
+from tests.servers import start, stop, token_of
 
 POINTS = ("draft", "flush_file", "rename", "flush_folder", "commit", "answer")
 LIVES_AT_MOST_S = 60
@@ -73,8 +73,8 @@ class Nursery:
         return int(self._hear("ended ").rpartition(" ")[2])
 
     def _link(self) -> tuple[str, str]:
-        url, _, token = self._hear("/#token=").split()[-1].partition("/#token=")
-        return url, token
+        link = self._hear("/#code=").split()[-1]
+        return link.partition("/#")[0], token_of(self.data)
 
     def _say(self, word: dict[str, Any]) -> None:
         assert self.process.stdin is not None

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.servers import RunningServer, start, wait_for_link
+from tests.servers import RunningServer, start, token_of, wait_for_link
 
 TRACED = ",".join(
     [
@@ -58,8 +58,8 @@ def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
     strace += [f"--trace={TRACED}", f"--output={trace}"]
     process = start([*strace, sys.executable, "-m", "app"], data, log, {})
     try:
-        url, token = wait_for_link(process, log)
-        yield RunningServer(url, token, data, log, process), trace
+        url = wait_for_link(process, log).partition("/#")[0]
+        yield RunningServer(url, token_of(data), data, log, process), trace
     finally:
         # strace passes no signals on: the server itself is asked to stop.
         for child in _children(process.pid):

@@ -23,7 +23,7 @@ from tests.cluster.nodes import PATIENCE_S, until
 from tests.cluster.totals import check_totals, ended, state_of
 from tests.databases import rows_of
 from tests.poison import DECISIONS, EXPORTS, FRAMES
-from tests.servers import start, stop, wait_for_link
+from tests.servers import start, stop, token_of, wait_for_link
 
 MOST_DEATHS = 3
 KILLED = -9
@@ -193,9 +193,11 @@ def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
         for key in ("p", "q"):
             api.stored(name, key, POISON)
             put(api, name, f"{key}1", f"{key}2")
-    with poisoned(data) as process, client(wait_for_link(process, log_of(data))) as api:
-        wanted(api, name)
-        assert process.wait(PATIENCE_S) == KILLED
+    with poisoned(data) as process:
+        url = wait_for_link(process, log_of(data)).partition("/#")[0]
+        with client((url, token_of(data))) as api:
+            wanted(api, name)
+            assert process.wait(PATIENCE_S) == KILLED
     deaths = 1
     while not over(data):
         with poisoned(data) as process:

@@ -38,22 +38,19 @@ def test_servers_that_share_a_folder_share_the_first_token(replicas):
     assert replicas.two.api.get("/session").json()["role"] == "admin"
 
 
-def test_a_session_of_one_is_a_session_of_the_other(replicas):
-    cookies = httpx.Cookies()
-    with httpx.Client(base_url=replicas.one.server.url, trust_env=False) as browser:
-        body = {"token": replicas.one.server.token}
-        assert browser.post("/api/v1/session", json=body).status_code == 204
-        cookies.update(dict(browser.cookies))
-    with httpx.Client(
-        base_url=replicas.two.server.url, cookies=dict(cookies), trust_env=False
-    ) as browser:
+def test_a_code_and_a_session_of_one_are_those_of_the_other(replicas):
+    one, two = replicas.one.server.url, replicas.two.server.url
+    code = replicas.two.server.login_link.partition("/#code=")[2]
+    opened = httpx.post(f"{one}/api/v1/session", json={"code": code})
+    again = httpx.post(f"{two}/api/v1/session", json={"code": code})
+    shown = {"Authorization": f"Bearer {opened.json()['session']}"}
+    with httpx.Client(base_url=two, headers=shown, trust_env=False) as browser:
         known = browser.get("/api/v1/session")
-        browser.delete("/api/v1/session", headers={"Origin": replicas.two.server.url})
-    with httpx.Client(
-        base_url=replicas.one.server.url, cookies=dict(cookies), trust_env=False
-    ) as browser:
+        browser.delete("/api/v1/session")
+    with httpx.Client(base_url=one, headers=shown, trust_env=False) as browser:
         took = until_refused(browser)
 
+    assert (opened.status_code, again.status_code) == (201, 401)
     assert known.json()["name"] == "admin"
     assert took < SOON_S
 

@@ -25,9 +25,13 @@ NEEDS: dict[Operation, Role | None] = {
     ("GET", "/healthz"): ANYBODY,
     ("GET", "/readyz"): ANYBODY,
     ("POST", f"{V1}/session"): ANYBODY,
+    ("GET", "/docs"): ANYBODY,
+    # Whoever has the key, which is one of one file.
+    ("GET", f"{V1}/exports/{{export_id}}/file"): ANYBODY,
 }
 _READING = {
-    *("/version", "/metrics", "/openapi.json", "/docs", "/docs/style.css"),
+    *("/version", "/metrics", "/openapi.json", "/docs/content"),
+    *(f"{V1}/login-codes/{{code_id}}",),
     *(f"{V1}/session", f"{V1}/datasets", DATASET, f"{V1}/configs/{{digest}}"),
     *(f"{DATASET}/{what}" for what in ("stats", "histogram", "problems", "quality")),
     *(f"{DATASET}/{what}" for what in ("frames", "frames/{key:any}", "runs")),
@@ -56,7 +60,11 @@ _ADMINISTRATION = {
     *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
 }
 NEEDS |= {("GET", path): Role.VIEWER for path in _READING}
-NEEDS |= {("DELETE", f"{V1}/session"): Role.VIEWER}
+_ONES_OWN = {
+    *(("DELETE", f"{V1}/session"), ("POST", f"{V1}/login-codes")),
+    ("POST", f"{V1}/exports/{{export_id}}/download-links"),
+}
+NEEDS |= dict.fromkeys(_ONES_OWN, Role.VIEWER)
 NEEDS |= dict.fromkeys(_WRITING, Role.REVIEWER)
 NEEDS |= dict.fromkeys(_ADMINISTRATION, Role.ADMIN)
 

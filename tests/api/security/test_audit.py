@@ -40,7 +40,9 @@ def test_the_first_token_is_noted_as_the_services_own_act(admin):
 
     assert (first["actor"], first["token_id"]) == ("unghost", None)
     assert first["action"] == "token.created"
-    assert first["details"] == {"token_id": 1, "role": "admin"}
+    ends = first["details"]["expires_at"]
+    assert first["details"] == {"token_id": 1, "role": "admin", "expires_at": ends}
+    assert ends.endswith("Z")
 
 
 def test_an_entry_says_who_did_what_when_and_to_what(admin):
@@ -54,7 +56,11 @@ def test_an_entry_says_who_did_what_when_and_to_what(admin):
         "token_id": 1,
         "action": "token.created",
         "subject": "ada",
-        "details": {"token_id": given["id"], "role": "reviewer", "expires_at": None},
+        "details": {
+            "token_id": given["id"],
+            "role": "reviewer",
+            "expires_at": given["expires_at"],
+        },
     }
     assert entry["created_at"].endswith("Z")
     assert given["token"] not in admin.get(AUDIT).text

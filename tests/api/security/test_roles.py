@@ -35,6 +35,7 @@ def filled(service):
             "frame_id": frame["frame"]["id"],
             "box_id": frame["decisions"][0]["box_id"],
             "digest": admin.get("/api/v1/datasets/hers/config").json()["digest"],
+            "code_id": 1,
             "export_id": admin.post(
                 "/api/v1/datasets/hers/exports", json={"format": "yolo"}
             ).json()["id"],
@@ -133,12 +134,23 @@ def revoked(service, client):
 
 
 def ended_session(service, client):
-    """The cookie of a browser that has logged out."""
+    """The session of a browser that has logged out."""
+    session = opened_session(service, service.token)
+    with service.client(**session) as browser:
+        assert browser.delete("/api/v1/session").status_code == 204
+    return session
+
+
+def session_as_a_cookie(service, client):
+    """One that is good, shown as earlier versions were shown theirs."""
+    secret = opened_session(service, service.token)["Authorization"].split()[1]
+    return {"Cookie": f"unghost_session={secret}", "Origin": service.url}
+
+
+def opened_session(service, token):
     with service.client(Origin=service.url) as browser:
-        browser.post("/api/v1/session", json={"token": service.token})
-        cookie = browser.cookies["unghost_session"]
-        browser.delete("/api/v1/session")
-    return {"Cookie": f"unghost_session={cookie}", "Origin": service.url}
+        opened = browser.post("/api/v1/session", json={"token": token})
+    return {"Authorization": f"Bearer {opened.json()['session']}"}
 
 
 NONE_THAT_COUNTS = {
@@ -151,6 +163,7 @@ NONE_THAT_COUNTS = {
     "expired": expired,
     "revoked": revoked,
     "ended session": ended_session,
+    "session as a cookie": session_as_a_cookie,
 }
 
 
@@ -182,8 +195,8 @@ def test_whoever_holds_an_ended_token_is_told_so(service, serve, which, code):
 
 def test_a_session_ends_with_the_token_that_opened_it(service, admin):
     token = admin.post("/api/v1/tokens", json={"name": "short"}).json()
-    with service.client() as browser:
-        browser.post("/api/v1/session", json={"token": token["token"]})
+    session = opened_session(service, token["token"])
+    with service.client(**session) as browser:
         with service.app.state.database.write() as session:
             row = session.get(Token, token["id"])
             row.expires_at = datetime.now(timezone.utc) - timedelta(seconds=1)

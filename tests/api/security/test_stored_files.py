@@ -84,7 +84,8 @@ def test_what_only_says_that_it_is_a_picture_is_refused(admin, part, content):
 
     answer = admin.put(f"{PATH}/refused", files=files)
 
-    assert (answer.status_code, answer.json()["code"]) == (422, "bad_image")
+    code = "bad_lidar" if part == "lidar" else "bad_image"
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
     assert admin.get(f"{PATH}/refused").status_code == 404
 
 

@@ -80,6 +80,19 @@ test("who scrolls back does not wait for the walk", async () => {
   assert.ok(asked.length <= 3, `${asked.length} requests`);
 });
 
+test("revisions are those that were shown, of boxes let go of and answered here too", async () => {
+  const { load } = server(30_000);
+  const pager = createPager(load);
+  pager.want(29_000, 29_060);
+  await settled();
+  pager.apply(decision({ box_id: 29_001, revision: 3 }));
+
+  const revisions = pager.revisions();
+
+  assert.equal(pager.at(100), null);
+  assert.deepEqual([101, 29_001, 29_002, 30_001].map((id) => revisions.get(id)), [0, 3, 0, undefined]);
+});
+
 test("answered boxes keep their place though the filter would not find them again", async () => {
   const { load, state } = server(20_000);
   const pager = createPager(load);

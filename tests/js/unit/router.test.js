@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { linkTo, parseHash, tokenOf } from "../../../static/js/router.js";
+import { linkTo, loginOf, parseHash } from "../../../static/js/router.js";
 
 test("an empty address is the list of datasets", () => {
   for (const hash of ["", "#", "#/", "#/datasets"]) assert.equal(parseHash(hash).name, "datasets", hash);
@@ -26,8 +26,8 @@ test("a broken escape does not throw", () => {
   assert.equal(parseHash("#/datasets/%E0%A4%A/frames").params["dataset"], "%E0%A4%A");
 });
 
-test("only a login link has a token", () => {
-  assert.equal(tokenOf("#token=abc%2Bd"), "abc+d");
-  assert.equal(tokenOf("#/datasets?token=abc"), null);
-  assert.equal(tokenOf("#token="), null);
+test("only a login link has a code, and those of earlier versions are told apart", () => {
+  assert.deepEqual(loginOf("#code=abc%2Bd"), { kind: "code", secret: "abc+d" });
+  assert.deepEqual(loginOf("#token=abc"), { kind: "token", secret: "abc" });
+  for (const hash of ["#/datasets?code=abc", "#code=", "#other=abc", ""]) assert.equal(loginOf(hash), null, hash);
 });

@@ -12,6 +12,8 @@ import { decision, memoryStorage } from "./builders.js";
 
 /** @type {Storage} */
 let storage;
+/** Who is signed in. */
+let person = "ada";
 /** @type {Sent[]} */
 let sent;
 /** What the server says next; nothing: it stores. @type {Error[]} */
@@ -25,6 +27,7 @@ let told;
 
 beforeEach(() => {
   storage = memoryStorage();
+  person = "ada";
   sent = [];
   refusals = [];
   revisions = new Map();
@@ -34,7 +37,7 @@ beforeEach(() => {
 
 /** @param {string} [tab] */
 function saverOf(tab = "t1") {
-  const outbox = createOutbox(storage, tab);
+  const outbox = createOutbox(storage, tab, () => person);
   /** @type {any} */
   const send = async (/** @type {number} */ boxId, /** @type {any} */ answer, /** @type {string} */ key) => {
     sent.push({ boxId, ...answer, key });
@@ -179,18 +182,37 @@ test("what the server will never take is told and let go", async () => {
 });
 
 test("a tab leaves the answers of another open tab alone and adopts those of a closed one", () => {
-  const mine = createOutbox(storage, "t1");
+  const mine = createOutbox(storage, "t1", () => person);
   const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
-  createOutbox(storage, "open").add({ boxId: 1, ...given });
-  createOutbox(storage, "closed").add({ boxId: 2, ...given });
+  createOutbox(storage, "open", () => person).add({ boxId: 1, ...given });
+  createOutbox(storage, "closed", () => person).add({ boxId: 2, ...given });
   mine.adopt(new Set(["t1", "open"]));
   assert.deepEqual(mine.items().map((item) => item.boxId), [2]);
+});
+
+test("an answer goes out under the name of who gave it, and under no other", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+
+  person = "bo";
+  await saver.resume();
+  assert.deepEqual([sent.length, outbox.items()], [1, []]);
+  answer(saver, 2, "reject");
+  await settled();
+  assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2]);
+  assert.deepEqual([...outbox.kept()], [["ada", 1]]);
+
+  person = "ada";
+  await saver.resume();
+  assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2, 1]);
 });
 
 test("rubbish in the storage is not an answer", () => {
   storage.setItem("unghost.outbox.v1.x", "{");
   storage.setItem("unghost.outbox.v1.y", "{}");
-  assert.deepEqual(createOutbox(storage, "t1").items(), []);
+  assert.deepEqual(createOutbox(storage, "t1", () => person).items(), []);
 });
 
 test("a network that comes back while an attempt is still failing is not waited for", async () => {

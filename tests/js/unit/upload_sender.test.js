@@ -41,11 +41,11 @@ test("a refused frame is listed in the server's words, and can be tried again", 
   const { sender, calls, outline } = sending(2);
   sender.resume();
   const errors = [{ pointer: "/boxes/0", detail: "no geometry" }, { pointer: "/boxes/1", detail: "no class" }];
-  calls[0]?.reject(new ApiError(422, { detail: "two faults", errors }, null));
+  calls[0]?.reject(new ApiError(422, { detail: "many faults", errors, more_errors: 7 }, null));
   calls[1]?.resolve(true);
   await settled();
   assert.deepEqual(outline(), ["done", 1, 0, "0"]);
-  assert.deepEqual(sender.state.get().refused, [{ key: "0", why: "two faults", more: ["/boxes/0: no geometry", "/boxes/1: no class"] }]);
+  assert.deepEqual(sender.state.get().refused, [{ key: "0", why: "many faults", more: ["/boxes/0: no geometry", "/boxes/1: no class", "and 7 more"] }]);
 
   sender.retry();
   calls[2]?.resolve(true);

@@ -16,7 +16,7 @@ from app.services.batch_frames import IncomingFrame
 from app.services.batch_work import BatchOf
 from app.services.batches import BatchIntake
 from app.services.incoming import FrameUpload
-from app.services.ingest import store_frame
+from app.services.ingest import prepare_frame, store_frame
 from filter_core.errors import FilterError
 from tests.api import frames as scene
 
@@ -54,10 +54,11 @@ def annotation_of(boxes):
 def one_by_one(street, frames, replace):
     for key, boxes, has_segmentation, number in frames:
         files = files_of(number, has_segmentation)
-        upload = FrameUpload(key, annotation_of(boxes), files, "ada", replace)
+        upload = FrameUpload(key, annotation_of(boxes), files, street.by, replace)
         try:
+            ready = prepare_frame(street.context, street.name, upload)
             with street.context.database.write() as session:
-                stored = store_frame(street.context, session, street.name, upload)
+                stored = store_frame(street.context, session, street.name, ready)
             yield 201 if stored.created else 200
         except FrameConflict:
             yield 409
@@ -71,7 +72,7 @@ async def at_once(street, frames, replace):
             files = files_of(number, has_segmentation)
             yield IncomingFrame(key, annotation_of(boxes), files)
 
-    batch = BatchOf(street.name, "ada", replace)
+    batch = BatchOf(street.name, street.by, replace)
     intake = BatchIntake(street.context, batch, CapacityLimiter(1))
     return [line async for lines in intake.lines(incoming()) for line in lines]
 

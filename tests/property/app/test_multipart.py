@@ -124,3 +124,27 @@ def test_what_stands_before_and_after_a_form_is_nothing():
     body = form([Part("image", b"x")])
 
     assert read(b"\r\n" + body + b"epilogue") == [Part("image", b"x")]
+
+
+def test_a_media_type_that_takes_long_to_take_apart_is_refused():
+    media_type = 'multipart/form-data; boundary="b0undary"' + ";" * 1000
+
+    assert "1040 characters" in str(refusal(form([]), media_type=media_type))
+
+
+@pytest.mark.parametrize(
+    ("headers", "words"),
+    [
+        pytest.param(b"X-%d: 1\r\n" * 9 % tuple(range(9)), "header count", id="many"),
+        pytest.param(b"X: " + b"1" * 4100 + b"\r\n", "header size", id="long"),
+        pytest.param(b"X" * 4100 + b": 1\r\n", "header size", id="long name"),
+        pytest.param(b"X" * 4100, "header size", id="without an end"),
+    ],
+)
+def test_the_headers_of_a_part_are_few_and_short(headers, words):
+    body = b"--%b\r\n%bContent-Disposition: form-data; name=a\r\n\r\n1\r\n--%b--\r\n"
+
+    refused = refusal(body % (BOUNDARY, headers, BOUNDARY), cuts=range(0, 4000, 7))
+
+    assert refused.kind == "bad_multipart"
+    assert words in str(refused)

@@ -1,8 +1,13 @@
-"""A body on its way into the service: its pieces are not copied more than they must."""
+"""Bytes on their way into the service: neither copied nor held more than they must."""
 
 from __future__ import annotations
 
-from app.http_protocol import Pieces
+import time
+import tracemalloc
+
+import pytest
+
+from app.pieces import Pieces
 
 
 def test_a_piece_that_is_alone_is_handed_on_as_it_came():
@@ -21,3 +26,32 @@ def test_pieces_that_wait_are_handed_on_together():
         pieces += piece
 
     assert (len(pieces), bytes(pieces)) == (3, b"abc")
+
+
+@pytest.mark.parametrize("length", [1, 10, 900])
+def test_small_pieces_are_held_in_little_more_than_their_size(length):
+    source = bytes(length)
+    tracemalloc.start()
+    try:
+        pieces = Pieces()
+        for _ in range(1_000_000 // length):
+            pieces += memoryview(source)
+        held, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert held < 1.5 * len(pieces)
+    assert peak < 3 * len(pieces)
+
+
+def test_putting_pieces_together_takes_time_by_their_number():
+    def seconds_of(count):
+        pieces, begun = Pieces(), time.process_time()
+        for _ in range(count):
+            pieces += b"x"
+        assert bytes(pieces) == b"x" * count
+        return time.process_time() - begun
+
+    few = min(seconds_of(50_000) for _ in range(3))
+
+    assert min(seconds_of(400_000) for _ in range(3)) < 4 * 8 * few

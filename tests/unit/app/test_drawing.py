@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.services.drawing import COLORS, draw_boxes
+from app.services.drawing import COLORS, DrawnBox, draw_boxes
 
 
 def drawn(verdict, xyxy=(10.0, 10.0, 90.0, 50.0), edges=None, *, solid=False):
     canvas = np.full((60, 100, 3), 200, np.uint8)
-    decision = {"effective_verdict": verdict, "xyxy": xyxy, "edges": edges}
-    draw_boxes(canvas, [decision], edges=solid)
+    draw_boxes(canvas, [DrawnBox(verdict, xyxy, edges)], edges=solid)
     return canvas
 
 

@@ -6,7 +6,6 @@ import logging
 
 import pytest
 
-from app.db.engine import CACHE_KIB, STREAM_CACHE_KIB
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.services.datasets import remove_dataset
@@ -131,7 +130,7 @@ def test_an_export_whose_dataset_is_deleted_is_no_failure(street, caplog):
     export_id = asked_for(street)
     with street.context.database.write() as session:
         dataset = DatasetRepository(session).named(street.name)
-        remove_dataset(session, dataset, street.name)
+        remove_dataset(street.context, session, dataset, street.name)
 
     with caplog.at_level(logging.ERROR):
         make_export(street.context, export_id)
@@ -150,15 +149,3 @@ def test_an_export_that_fails_says_so_and_is_not_tried_again(street):
     assert export.state == "failed"
     assert export.error is not None
     assert "split" in export.error["detail"]
-
-
-@pytest.mark.sqlite_files("its page cache")
-def test_what_an_export_reads_is_not_kept_in_memory(services):
-    """Its peak used to grow with the database, up to the whole page cache."""
-    database, sizes = services.context.database, []
-    for opened in (database.stream, database.read):
-        with opened() as session:
-            rows = session.connection().exec_driver_sql("PRAGMA cache_size")
-            sizes.append(-rows.scalar())
-
-    assert sizes == [STREAM_CACHE_KIB, CACHE_KIB]

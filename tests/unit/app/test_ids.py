@@ -12,7 +12,7 @@ def test_the_id_of_a_deleted_dataset_is_not_used_again(tmp_path):
         first = services.dataset()
         with services.context.database.write() as session:
             found = DatasetRepository(session).named(first.name)
-            remove_dataset(session, found, first.name)
+            remove_dataset(services.context, session, found, first.name)
 
         second = services.dataset()
 

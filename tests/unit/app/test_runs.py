@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from dataclasses import replace
 
 import pytest
+from sqlalchemy import select
 
+from app.db.tables import Blob, Frame, FrameFile, Problem
 from app.repositories.runs import RunRepository
 from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_states import described_run, job_of
@@ -17,6 +20,7 @@ from tests.services import running_services
 from tests.unit.app.interruptions import CancelledNumbers, InterruptedNumbers
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
+UNMEASURED = int(Reason.NO_SEGMENTATION)
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 
@@ -246,3 +250,43 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
 
     assert {(run["state"], run["done"]) for run in seen} == {("running", 1)}
     assert services.context.engine.reported(job_of(run_id)) == 0
+
+
+@pytest.mark.parametrize("kind", ["segmentation", "ignore_mask"])
+def test_a_stored_image_that_is_no_image_any_more_leaves_its_frame_unmeasured(
+    services, kind
+):
+    """Once, less of an image was looked at before it was stored."""
+    street = services.dataset()
+    mask = {"ignore_mask": scene.segmentation()} if kind == "ignore_mask" else {}
+    put(street, "good")
+    files = {"image": scene.image(), "segmentation": scene.segmentation(), **mask}
+    street.put("bad", scene.annotation(), **files)
+    content = b"\x89PNG once, " + kind.encode()
+    digest = hashlib.sha256(content).hexdigest()
+    services.context.storage.put({digest: content})
+    with services.context.database.write() as session:
+        session.add(
+            Blob(sha256=digest, size_bytes=len(content), media_type="image/png")
+        )
+        session.flush()
+        rows = (
+            select(FrameFile)
+            .join(Frame)
+            .where(Frame.key == "bad", FrameFile.kind == kind)
+        )
+        for row in session.scalars(rows):
+            row.sha256 = digest
+
+    run = street.run({"profile": "carlasimu"})
+
+    assert run.state == "done"
+    assert sorted(street.reasons().values()) == sorted(
+        [KEPT, UNSEEN, *[UNMEASURED] * 2]
+    )
+    with services.context.database.read() as session:
+        (problem,) = session.scalars(
+            select(Problem).where(Problem.dataset_id == street.id)
+        )
+    assert (problem.key, problem.error["code"]) == ("bad", "bad_image")
+    assert problem.error["errors"][0]["pointer"] == f"/{kind}"

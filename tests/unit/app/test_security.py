@@ -8,9 +8,11 @@ from app.security import (
     Role,
     bearer_token,
     comes_from_no_other_page,
-    comes_from_own_page,
     hash_secret,
     host_name,
+    new_download_key,
+    new_login_code,
+    new_session,
     new_token,
     same_hash,
 )
@@ -19,11 +21,21 @@ from app.services import access
 OWN = {"host": "127.0.0.1:8000"}
 
 
-def test_tokens_are_long_recognisable_and_different():
-    tokens = {new_token() for _ in range(100)}
+@pytest.mark.parametrize(
+    ("make", "prefix"),
+    [
+        (new_token, "ug_"),
+        (new_session, "us_"),
+        (new_login_code, "uc_"),
+        (new_download_key, "ud_"),
+    ],
+)
+def test_tokens_are_long_recognisable_and_different(make, prefix):
+    """256 random bits each, and what is found in a log says what it is."""
+    secrets = {make() for _ in range(100)}
 
-    assert len(tokens) == 100
-    assert all(token.startswith("ug_") and len(token) == 46 for token in tokens)
+    assert len(secrets) == 100
+    assert all(one.startswith(prefix) and len(one) == 46 for one in secrets)
 
 
 def test_a_hash_says_nothing_and_is_always_the_same():
@@ -34,7 +46,7 @@ def test_a_hash_says_nothing_and_is_always_the_same():
 def test_hashes_are_compared_in_constant_time():
     """By the one function that is made for it, and nowhere without it."""
     assert "compare_digest" in same_hash.__code__.co_names
-    for look_up in (access.by_token, access.by_session):
+    for look_up in (access.by_token, access.by_session, access.by_code):
         assert "same_hash" in look_up.__code__.co_names
     assert same_hash("a" * 64, "a" * 64)
     assert not same_hash("a" * 64, "a" * 63 + "b")
@@ -73,25 +85,24 @@ def test_a_host_is_known_without_its_port(host, name):
 
 
 @pytest.mark.parametrize(
-    ("headers", "own", "not_other"),
+    ("headers", "not_other"),
     [
-        ({}, False, True),
-        ({"origin": "http://127.0.0.1:8000"}, True, True),
-        ({"origin": "https://127.0.0.1:8000"}, True, True),
-        ({"origin": "http://127.0.0.1:8001"}, False, False),
-        ({"origin": "http://127.0.0.1"}, False, False),
-        ({"origin": "null"}, False, False),
-        ({"origin": "127.0.0.1:8000"}, False, False),
-        ({"origin": "http://evil.example"}, False, False),
-        ({"sec-fetch-site": "same-origin"}, True, True),
-        ({"sec-fetch-site": "same-site"}, False, False),
-        ({"sec-fetch-site": "cross-site"}, False, False),
+        ({}, True),
+        ({"origin": "http://127.0.0.1:8000"}, True),
+        ({"origin": "https://127.0.0.1:8000"}, True),
+        ({"origin": "http://127.0.0.1:8001"}, False),
+        ({"origin": "http://127.0.0.1"}, False),
+        ({"origin": "null"}, False),
+        ({"origin": "127.0.0.1:8000"}, False),
+        ({"origin": "http://evil.example"}, False),
+        ({"sec-fetch-site": "same-origin"}, True),
+        ({"sec-fetch-site": "same-site"}, False),
+        ({"sec-fetch-site": "cross-site"}, False),
     ],
 )
-def test_a_page_is_told_from_other_pages(headers, own, not_other):
+def test_a_page_is_told_from_other_pages(headers, not_other):
     headers = {**OWN, **headers}
 
-    assert comes_from_own_page(headers) is own
     assert comes_from_no_other_page(headers) is not_other
 
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import io
 import tarfile
+import time
+import tracemalloc
+from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -109,6 +113,118 @@ def test_a_large_member_is_passed_over_without_being_held():
 def test_what_no_archive_of_frames_has_is_refused(data, words):
     with pytest.raises(BadArchive, match=words):
         read(data + (b"" if words == "cut short" else END))
+
+
+def checked(block):
+    """A header whose checksum is right again."""
+    total = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
+    return block[:148] + b"%06o\0 " % total + block[156:]
+
+
+def sized(field, kind=tarfile.REGTYPE):
+    """A sound header that has these twelve bytes for its size."""
+    block = header("a", kind=kind)
+    return checked(block[:124] + field.ljust(12, b"\0") + block[136:])
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        pytest.param(b"zzzzzzzzzzz", id="no digits"),
+        pytest.param(b"00000000189", id="digits that are not octal"),
+        pytest.param(b"-1", id="a minus"),
+        pytest.param(b"+1", id="a plus"),
+        pytest.param(b"0o17", id="a prefix"),
+        pytest.param(b"1_0", id="a line between digits"),
+        pytest.param(b"1 0", id="a blank between digits"),
+        pytest.param(b"\xff" * 12, id="binary, negative"),
+        pytest.param(b"\xff" + bytes(11), id="binary, far below zero"),
+        pytest.param(b"\x81" + bytes(11), id="binary, of 96 bits"),
+    ],
+)
+@pytest.mark.parametrize("kind", [tarfile.REGTYPE, tarfile.DIRTYPE, b"x", b"L"])
+@pytest.mark.timeout(10)
+def test_a_size_that_is_no_number_is_refused(field, kind):
+    with pytest.raises(BadArchive, match=r"^the size of 'a/?': expected octal digits"):
+        read(sized(field, kind) + bytes(512) + END)
+
+
+@pytest.mark.parametrize(
+    "field", [b"-1", b"zzzzzz", b"\xff" * 8, b"\x80" + b"\xff" * 7]
+)
+def test_a_checksum_that_is_no_number_is_a_damaged_header(field):
+    block = header("a")
+
+    with pytest.raises(BadArchive, match="damaged"):
+        read(block[:148] + field.ljust(8, b"\0") + block[156:] + END)
+
+
+@pytest.mark.parametrize(
+    ("field", "size"),
+    [
+        pytest.param(b"", 0, id="nothing at all"),
+        pytest.param(b"         17 ", 15, id="blanks around it"),
+        pytest.param(b"\x80" + bytes(10) + b"\x0f", 15, id="binary"),
+    ],
+)
+def test_sizes_are_read_as_they_are_written(field, size):
+    content = b"x" * size
+    data = sized(field) + content + bytes(-size % 512) + END
+
+    assert read(data) == [Member("a", content)]
+
+
+def test_a_long_name_that_is_cut_behind_a_slash_is_a_file():
+    name = "a" * 99 + "/b"
+
+    assert read(packed([(name, b"1")], tarfile.GNU_FORMAT)) == [Member(name, b"1")]
+
+
+def seconds_of(data):
+    """Processor time that reading takes, undisturbed."""
+
+    def once():
+        before = time.process_time()
+        with suppress(BadArchive):
+            read(data, limits=replace(LIMITS, max_member_bytes=10**6))
+        return time.process_time() - before
+
+    return min(once() for _ in range(3))
+
+
+def extended(kind, content):
+    return header("x", len(content), kind) + content + bytes(-len(content) % 512)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(extended(b"L", b"./" * 32_000 + b"b"), id="a name of dots"),
+        pytest.param(extended(b"L", b"/" * 64_000), id="a name of slashes"),
+        pytest.param(extended(b"x", b"5 a=\n" * 13_000), id="many records"),
+        pytest.param(extended(b"x", b"9" * 64_000), id="a length without an end"),
+        pytest.param(extended(b"x", b" " * 64_000), id="a record of blanks"),
+        pytest.param(bytes(64_000), id="empty blocks"),
+    ],
+)
+def test_work_grows_with_the_bytes_and_not_with_their_square(data):
+    assert seconds_of(data + header("b") + END) < 0.03
+
+
+def test_a_member_that_comes_byte_by_byte_is_held_in_little_more_than_its_size():
+    size = 300_000
+    stream = TarStream(replace(LIMITS, max_member_bytes=size))
+    list(stream.feed(header("a", size)))
+    tracemalloc.start()
+    try:
+        for _ in range(size - 1):
+            assert list(stream.feed(b"x")) == []
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak < 3 * size
+    assert list(stream.feed(b"x")) == [Member("a", b"x" * size)]
 
 
 @pytest.mark.parametrize(

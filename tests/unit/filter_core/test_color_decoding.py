@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.color_decoding import decode_color
+from filter_core.color_decoding import decode_color, decode_image
 from filter_core.errors import ImageError
 from filter_core.image_header import read_image_header
 from filter_core.png_decoding import InflatedPng
+from tests import pictures
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 WIDTH, HEIGHT = 37, 23
@@ -239,5 +240,48 @@ BEHIND_THE_PIXELS = {
 def test_what_is_wrong_behind_the_pixels_is_found_whoever_decodes(found):
     content = FILES["rgb"].removesuffix(END) + found + END
 
-    assert by_opencv(content, "rgb") is None
-    assert decoded(content, "rgb") is None
+    assert not isinstance(by_opencv(content, "rgb"), np.ndarray)
+    assert not isinstance(decoded(content, "rgb"), np.ndarray)
+
+
+@pytest.mark.parametrize("reduced", [1, 2, 4, 8])
+@pytest.mark.parametrize("wh", [(64, 48), (65, 49), (71, 55)])
+@pytest.mark.parametrize("encode", [pictures.png, pictures.jpeg])
+def test_a_reduced_picture_is_as_large_as_its_header_allows(reduced, wh, encode):
+    content = encode(np.zeros((wh[1], wh[0], 3), np.uint8))
+    flags = 1 if reduced == 1 else 1 | reduced * 8
+
+    found = decode_image(content, read_image_header(content), flags)
+
+    assert found is not None
+    assert abs(found.shape[1] - wh[0] / reduced) < 1
+
+
+@pytest.mark.parametrize("flags", [-1, 0, 1, cv2.IMREAD_REDUCED_COLOR_2])
+def test_a_picture_of_another_size_than_its_header_is_damaged(flags):
+    content = pictures.png(np.zeros((48, 64, 3), np.uint8))
+    other = read_image_header(pictures.png(np.zeros((48, 68, 3), np.uint8)))
+
+    assert decode_image(content, read_image_header(content), flags) is not None
+    assert decode_image(content, other, flags) is None
+
+
+def test_a_rotation_in_exif_turns_no_decoded_picture():
+    tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
+    body = b"Exif\x00\x00" + tiff
+    content = pictures.jpeg(np.zeros((3, 5, 3), np.uint8))
+    turned = (
+        content[:2]
+        + b"\xff\xe1"
+        + struct.pack(">H", len(body) + 2)
+        + body
+        + content[2:]
+    )
+
+    by_exif = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR)
+    assert by_exif is not None
+    assert by_exif.shape[:2] == (5, 3)
+    found = decode_image(turned, read_image_header(turned), cv2.IMREAD_COLOR)
+
+    assert found is not None
+    assert found.shape[:2] == (3, 5)

@@ -103,6 +103,14 @@ def test_a_wrong_number_in_the_published_file_is_refused():
         (b"\xff\xfea", "expected YAML in UTF-8"),
         ("a: 2024-13-45", "not a value"),
         ("a: " + "9" * 9000, "not a value"),
+        ("profile: " + "1:" * 4000 + "1", "a number of too many digits"),
+        ("profile: 0x" + "f" * 9000, "a number of too many digits"),
+        ("a: " + "1:" * 400 + "1.5", "not a value"),
+        ("a: [" + "b," * 20_000 + "]", "more than 10000 values"),
+        ('a: "\\ud800"', "column 4: half of a surrogate pair is no text"),
+        ('"\\udc00": 1', "column 1: half of a surrogate pair is no text"),
+        ('{"\\ud800": 1}', "column 2: half of a surrogate pair is no text"),
+        ("a" * 1001 + ": 1", "a key of more than 1000 characters"),
         ("a: " + "x" * 70_000, "at most 65536 characters"),
         ("[1, 2]", "expected a mapping of keys, found a list of 2"),
         ("1: 2", "unknown key 1"),
@@ -116,3 +124,12 @@ def test_a_file_that_is_not_a_configuration_is_refused(text, words):
         load_config(text)
 
     assert words in caught.value.detail
+
+
+def test_of_unused_keys_the_first_are_named_and_none_at_length():
+    leaves = ", ".join(f"k{number}: 1" for number in range(2000))
+    text = f"sitting: {{{'x' * 900}: {{{leaves}}}}}"
+
+    unused = load_config(text).unused_keys
+
+    assert unused == tuple(f"sitting.{'x' * 80}.k{number}" for number in range(100))

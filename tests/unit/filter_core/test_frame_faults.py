@@ -8,6 +8,7 @@ import pytest
 
 from filter_core.annotation import AnnotationLimits, parse_annotation
 from filter_core.errors import AnnotationErrors
+from filter_core.faults import MAX_FAULTS
 
 POSE = {"x": 0, "y": 0, "z": 2.4}
 CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}
@@ -169,8 +170,7 @@ def test_a_3d_box_needs_a_camera(camera, found):
         (b"{", "a fault at line 1, column 2: Expecting property name enclosed in "),
         (b"", "a fault at line 1, column 1: Expecting value"),
         (b'{"map": "\xff"}', "other bytes at offset 9"),
-        (b"[" * 200_000, "JSON that is nested too deeply"),
-        (b"[" + b"1" * 5000 + b"]", "a number of too many digits"),
+        (b"[" + b"1" * 5000 + b"]", "a number of more than 100 characters"),
     ],
 )
 def test_what_is_not_json_is_one_fault_that_says_where(text, found):
@@ -178,6 +178,19 @@ def test_what_is_not_json_is_one_fault_that_says_where(text, found):
 
     assert (pointer, code) == ("", "not_json")
     assert detail.startswith(f"annotation: expected JSON in UTF-8, found {found}")
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (b"[" * 200_000, "JSON that is nested deeper than 64 levels"),
+        (b"[" + b"1," * 1_000_000 + b"1]", "JSON of more than 500000 values"),
+    ],
+)
+def test_json_without_end_is_one_fault(text, found):
+    words = f"annotation: expected JSON in UTF-8, found {found}"
+
+    assert faults_of(text) == [("", "json_too_large", words)]
 
 
 def test_json_with_nan_infinity_and_overflow_is_refused_where_it_stands():
@@ -253,3 +266,48 @@ def test_kept_values_may_not_be_nested_without_end():
     ((pointer, code, _),) = faults_of({"boxes": [], "kept": deep})
 
     assert (pointer, code) == ("/kept" + "/0" * 32, "nested_too_deeply")
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [
+        pytest.param(
+            b'{"boxes": [], "kept": [' + b"1e999," * 300_000 + b"1]}",
+            300_000,
+            id="numbers that are kept",
+        ),
+        pytest.param(b'{"boxes": [' + b"1," * 9_999 + b"1]}", 10_000, id="boxes"),
+        pytest.param(
+            b'{"boxes": [], ' + b'"map": "", ' * 50_000 + b'"a": 1, "map": "a"}',
+            1,
+            id="one key again and again",
+        ),
+        pytest.param(
+            b'{"boxes": [], '
+            + b", ".join(b'"%d": 1, "%d": 2' % (key, key) for key in range(50_000))
+            + b"}",
+            50_000,
+            id="many keys that occur twice",
+        ),
+    ],
+)
+def test_of_many_faults_the_first_are_kept_and_the_others_counted(text, count):
+    with pytest.raises(AnnotationErrors) as found:
+        parse_annotation(text)
+
+    assert len(found.value.errors) == min(count, MAX_FAULTS)
+    assert found.value.count == count
+    if count > 1:
+        assert found.value.detail.endswith(f" (and {count - 1} more)")
+
+
+def test_a_fault_names_its_place_shortly():
+    """However long the keys are: there may be a hundred faults below each."""
+    key = "k" * 100_000
+    text = json.dumps({"boxes": [], key: {key: [NAN]}})
+
+    ((pointer, _, detail),) = faults_of(text)
+
+    short = "k" * 80 + "…"
+    assert pointer == f"/{short}/{short}/0"
+    assert detail == f"{short}.{short}[0]: expected a finite number, found NaN"

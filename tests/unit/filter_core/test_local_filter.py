@@ -87,6 +87,17 @@ def test_every_fault_of_a_frame_is_in_its_problem():
     assert pointers == ["/boxes/0", "/boxes/1/xyxy"]
 
 
+def test_of_many_faults_a_problem_has_the_first_and_counts_the_others():
+    boxes = [{"class": "car"}] * 1000
+    source = FrameSource("k", {"boxes": boxes, "camera": SIZE})
+
+    (outcome,) = filter_source([source], FilterConfig())
+
+    assert outcome.error is not None
+    more = outcome.error["more_errors"]
+    assert (len(outcome.error["errors"]), more) == (100, 900)
+
+
 def test_a_file_that_is_not_there_is_named_without_its_folder(tmp_path):
     source = FrameSource(
         "k", {"boxes": [], "camera": SIZE}, segmentation=tmp_path / "gone.png"

@@ -8,7 +8,7 @@ import pytest
 from filter_core.errors import LayoutError
 from unghost import errors
 from unghost.cli.exits import Refused, exit_code, explain
-from unghost.discovery import BadServerUrl
+from unghost.discovery import BadServerUrl, ForeignServer
 
 REQUEST = httpx.Request("GET", "http://127.0.0.1:8000/api/v1/datasets?limit=1")
 PROBLEM = {
@@ -27,6 +27,7 @@ PROBLEM = {
         pytest.param(errors.RunFailed("run 1 is failed"), 1, id="work that failed"),
         pytest.param(Refused("no"), 1, id="refused by the command"),
         pytest.param(FileNotFoundError("a"), 1, id="a file that is not there"),
+        pytest.param(ForeignServer("x"), 1, id="a token kept from another's server"),
         pytest.param(BadServerUrl("x"), 2, id="a wrong address"),
         pytest.param(httpx.ConnectError("no", request=REQUEST), 69, id="no answer"),
         pytest.param(errors.Unavailable(503, PROBLEM), 69, id="no answer for now"),
@@ -48,6 +49,12 @@ def test_a_refusal_lists_every_fault():
     lines = list(explain(errors.Invalid(422, PROBLEM)))
 
     assert lines == ["two faults (bad_annotation)", "  /boxes/0: is wrong"]
+
+
+def test_faults_that_are_not_listed_are_counted():
+    problem = {**PROBLEM, "more_errors": 2400}
+
+    assert list(explain(errors.Invalid(422, problem)))[-1] == "  and 2400 more"
 
 
 def test_a_single_fault_is_not_said_twice():

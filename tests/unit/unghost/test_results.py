@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 
 import pytest
 
-from unghost import Dataset, Decision, Frame
+from unghost import Dataset, Decision, Frame, HistoryEntry
 from unghost.reading import MissingKey
 
 DECISION = {
@@ -70,3 +70,11 @@ def test_results_are_frozen_and_equal_by_value():
     assert first == second
     with pytest.raises(FrozenInstanceError):
         del first.verdict
+
+
+def test_a_decision_whose_numbers_are_gone_has_a_place_in_a_history():
+    raw = {"kind": "decision", "at": "2026-01-01T00:00:00Z", "run": 3, "verdict": None}
+
+    entry = HistoryEntry.read(raw)
+
+    assert (entry.run, entry.verdict) == (3, None)

@@ -62,9 +62,23 @@ function ExportRow({ app, item, fields }) {
     </div>
     <div class="run__actions">
       ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => jobs.cancelExport(item.id)} />`}
-      ${item.state === "done" && html`<a class="button button--small" href=${jobs.downloadUrl(item.id)} download><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</a>`}
+      ${item.state === "done" && html`<button class="button button--small" onClick=${() => download(app, item.id)}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
     </div>
   </article>`;
+}
+
+/** By the browser itself, however large it is: nothing of it passes through the page. @param {App} app @param {number} id */
+async function download(app, id) {
+  try {
+    const { url } = await jobs.downloadLink(id);
+    const link = document.createElement("a");
+    link.href = url;
+    link.download = "";
+    link.click();
+  } catch (error) {
+    app.notice(error);
+    app.toasts.show(/** @type {Error} */ (error).message, { kind: "error" });
+  }
 }
 
 /** What the archive's own manifest counts; what there is none of is not said. @param {{counts: Record<string, unknown>}} props */

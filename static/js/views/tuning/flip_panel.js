@@ -5,10 +5,11 @@ import { html } from "../../html.js";
 import { countOf, countText } from "../../wording.js";
 import { FlipGrid, WayTabs, wayOf } from "./flips.js";
 
+/** @typedef {import("../../app.js").App} App */
 /** @typedef {import("./state.js").Tuning} Tuning */
 
-/** @param {{tuning: Tuning, selected: string, way: string, onWay: (way: string) => void}} props */
-export function FlipPanel({ tuning, selected, way, onWay }) {
+/** @param {{app: App, tuning: Tuning, selected: string, way: string, onWay: (way: string) => void}} props */
+export function FlipPanel({ app, tuning, selected, way, onWay }) {
   const { preview, listed } = tuning;
   const flips = preview?.flips;
   const counts = (selected ? flips?.by_class[selected] : flips) ?? { kept_to_rejected: 0, rejected_to_kept: 0 };
@@ -20,18 +21,18 @@ export function FlipPanel({ tuning, selected, way, onWay }) {
       <span class="faint">nearest to the threshold first</span>
     </header>
     <${WayTabs} way=${way} lost=${counts.kept_to_rejected} won=${counts.rejected_to_kept} onChange=${onWay} />
-    <${Body} tuning=${tuning} items=${items} wanted=${wanted} />
+    <${Body} app=${app} tuning=${tuning} items=${items} wanted=${wanted} />
   </aside>`;
 }
 
-/** @param {{tuning: Tuning, items: readonly import("../../types_jobs.js").Flip[], wanted: number}} props */
-function Body({ tuning, items, wanted }) {
+/** @param {{app: App, tuning: Tuning, items: readonly import("../../types_jobs.js").Flip[], wanted: number}} props */
+function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
   if (!preview) return html`<div class="flippanel__list"><${Bones} /></div>`;
   if (wanted === 0) return html`<p class="panelbox__empty">No box changes sides. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
     ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${Bones} />`)}
-    <${FlipGrid} items=${items} />
+    <${FlipGrid} app=${app} items=${items} />
     <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }

@@ -1,13 +1,15 @@
 // @ts-check
 // The boxes that change sides, with what they show; each leads to its frame.
 
-import { html, useState } from "../../html.js";
+import { html } from "../../html.js";
 import { jobs } from "../../calls/jobs.js";
 import { linkTo } from "../../router.js";
 import { countText, percentText, reasonText } from "../../wording.js";
+import { NearPicture } from "../crop_cache.js";
 import { Icon } from "../icons.js";
 import { Way } from "./summary.js";
 
+/** @typedef {import("../../app.js").App} App */
 /** @typedef {import("../../types_jobs.js").Flip} Flip */
 /** @typedef {"lost" | "won"} WayOf */
 
@@ -37,22 +39,19 @@ export function WayTabs({ way, lost, won, onChange }) {
   </div>`;
 }
 
-/** @param {{items: readonly Flip[]}} props */
-export const FlipGrid = ({ items }) => html`<ul class="flips">
-  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} flip=${flip} /></li>`)}
+/** @param {{app: App, items: readonly Flip[]}} props */
+export const FlipGrid = ({ app, items }) => html`<ul class="flips">
+  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} app=${app} flip=${flip} /></li>`)}
 </ul>`;
 
-/** @param {{flip: Flip}} props */
-function FlipCard({ flip }) {
-  const [isMissing, setMissing] = useState(false);
+/** @param {{app: App, flip: Flip}} props */
+function FlipCard({ app, flip }) {
   const way = wayOf(flip);
   const match = flip.match_percent === null ? "no match" : percentText(flip.match_percent);
   return html`<a class="flip flip--${way}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(flip.box_id) })}
     title=${`${flip.class}, ${match}: ${reasonText(flip.before.reason)} → ${reasonText(flip.after.reason)}`}>
     <span class="flip__picture">
-      ${isMissing
-        ? html`<${Icon} name="image" />`
-        : html`<img src=${jobs.cropUrl(flip.box_id, CROP_PX)} alt="" loading="lazy" decoding="async" onError=${() => setMissing(true)} />`}
+      <${NearPicture} app=${app} url=${jobs.cropUrl(flip.box_id, CROP_PX)}><${Icon} name="image" /><//>
       <${Way} way=${way} />
     </span>
     <span class="flip__text"><span class="flip__class">${flip.class}</span><span class="num">${match}</span></span>

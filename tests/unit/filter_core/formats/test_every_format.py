@@ -219,7 +219,7 @@ def test_nothing_is_written_outside_of_the_folder(tmp_path, name):
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ("{", "frames.jsonl, line 1: not JSON"),
+        ("{", "frames.jsonl, line 1: expected JSON"),
         ("[]", "frames.jsonl, line 1: expected an object"),
         ('{"file": 1, "key": "a"}', "expected file and key"),
         ('{"file": "a.png", "key": ""}', "expected a key and a map"),

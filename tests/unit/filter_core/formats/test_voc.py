@@ -57,6 +57,11 @@ def test_a_size_of_zero_is_no_size():
         (b"<note/>", "expected <annotation>, found <note>"),
         (b"<annotation>\n<object>", "a.xml, line 2"),
         (b"", "not XML"),
+        (
+            b"<annotation>" + b"<object>" * 100_000 + b"</object>" * 100_000,
+            "at most 500000 elements in 32 levels",
+        ),
+        (b"<annotation>" + b"<a/>" * 500_000, "at most 500000 elements"),
         (b'<!DOCTYPE a [<!ENTITY b "c">]><annotation/>', "a DTD or entities"),
         (b'<?xml version="1.0" encoding="nope"?><annotation/>', "unknown encoding"),
     ],

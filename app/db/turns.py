@@ -1,0 +1,108 @@
+"""Whose transaction writes next: one at a time, in the order in which they asked."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Any, Final
+
+from sqlalchemy import Connection, Engine, event
+from sqlalchemy.exc import TimeoutError as WaitedTooLong
+from sqlalchemy.pool import ConnectionPoolEntry
+
+PEOPLE_IN_A_ROW: Final = 8
+"""So many answers of people overtake work that waits, then it gets one turn."""
+LONGEST_WAIT_S: Final = 30.0
+_HELD: Final = "turn"
+
+
+class Turns:
+    """The one place of a writer within a process, handed from each to the next.
+
+    SQLite lets whoever looks at the right moment write, and those who wait look less
+    and less often: some waited for seconds while others were let in again and again.
+    Here nobody looks. Who leaves hands the place to who has waited longest; people
+    before work that nobody waits for in front of a page, such as uploads and runs.
+    """
+
+    def __init__(self) -> None:
+        self._changing = threading.Lock()
+        self._is_taken = False
+        self._people: deque[threading.Event] = deque()
+        self._work: deque[threading.Event] = deque()
+        self._in_a_row = 0
+
+    def rule(self, engine: Engine) -> None:
+        """Let transactions of this engine with the option ``writes`` take turns.
+
+        Those with the option ``person`` come first; ``turn_wait_s`` is how long they
+        wait. A turn ends when the connection goes back to the pool, which it does after
+        a commit, a roll-back and a loss.
+        """
+        event.listen(engine, "begin", self._begin)
+        event.listen(engine, "checkin", self._end)
+
+    def _begin(self, connection: Connection) -> None:
+        options, held = connection.get_execution_options(), _kept(connection)
+        if options.get("writes", False) and _HELD not in held:
+            wait_s = options.get("turn_wait_s", LONGEST_WAIT_S)
+            self.take(person=options.get("person", False), wait_s=wait_s)
+            held[_HELD] = True
+
+    def _end(self, _connection: object, record: ConnectionPoolEntry) -> None:
+        if (record.record_info or {}).pop(_HELD, False):
+            self.give_back()
+
+    @property
+    def waiting(self) -> int:
+        """How many have asked and are not let in yet."""
+        with self._changing:
+            return len(self._people) + len(self._work)
+
+    def take(self, *, person: bool, wait_s: float) -> None:
+        """Return once it is this thread's turn; `give_back` ends it.
+
+        Raises
+        ------
+        sqlalchemy.exc.TimeoutError
+            It was others' for so many seconds.
+        """
+        mine = threading.Event()
+        waiting = self._people if person else self._work
+        with self._changing:
+            if not self._is_taken:
+                self._is_taken = True
+                return
+            waiting.append(mine)
+        if mine.wait(wait_s):
+            return
+        with self._changing:
+            if mine.is_set():  # handed over at the last moment
+                return
+            waiting.remove(mine)
+        raise WaitedTooLong(f"others have been writing for {wait_s:g} seconds")
+
+    def give_back(self) -> None:
+        """Let the next one write."""
+        with self._changing:
+            following = self._next()
+            self._is_taken = following is not None
+            if following is not None:
+                following.set()
+
+    def _next(self) -> threading.Event | None:
+        of_work = self._in_a_row >= PEOPLE_IN_A_ROW or not self._people
+        if self._work and of_work:
+            self._in_a_row = 0
+            return self._work.popleft()
+        if self._people:
+            self._in_a_row += 1
+            return self._people.popleft()
+        self._in_a_row = 0
+        return None
+
+
+def _kept(connection: Connection) -> dict[Any, Any]:
+    """What is known of a connection until it is closed, whoever uses it."""
+    kept = connection.connection.record_info
+    return {} if kept is None else kept

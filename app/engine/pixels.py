@@ -1,0 +1,434 @@
+"""Child processes that read pictures: what a picture can cost ends with its process.
+
+Decoders are written in C, and whoever uploads a picture chooses what they have to do.
+In a thread of the service a decoder could be neither stopped nor bounded: it would
+hold its thread, and memory of all, for as long as the picture asks for. Here each child
+has a limit of memory, each piece of work a limit of time, and a child that exceeds one,
+or crashes, is killed and replaced. Bytes and options go in, numbers or a drawn picture
+come out.
+
+Where the system can fork, children are forked from one process that has done the
+imports (the forkserver of `multiprocessing`): a replacement is there after some 20 ms.
+Elsewhere each is started anew. Limits of memory need a system that enforces
+``RLIMIT_AS``, such as Linux.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.util
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import is_dataclass
+from enum import Enum
+from io import BytesIO
+from multiprocessing.connection import Connection
+from multiprocessing.util import Finalize
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, cast
+
+import cv2
+
+from app.logs import server_log
+from app.memory import keep_freed_memory
+from app.metrics import PIXEL_PROCESSES_ENDED
+from filter_core.errors import FilterError, restored
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkServerContext, SpawnContext
+
+    _Context: TypeAlias = ForkServerContext | SpawnContext
+
+_Result = TypeVar("_Result")
+
+_LOOK_S: Final = 0.05
+"""How often somebody who may give up is asked whether they have."""
+_END_S: Final = 1.0
+"""How long a process that was told to end, or has closed its pipe, is waited for."""
+_NUMPY_MODULES: Final = frozenset(
+    f"numpy{inside}{name}"
+    for inside in (".core", "._core")
+    for name in (".multiarray", ".numeric")
+) | {"numpy"}
+_NUMPY_NAMES: Final = frozenset(
+    {"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"}
+)
+_FORKING: Final = "forkserver"
+_DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
+
+
+class PixelsRefused(FilterError):
+    """A picture needs more time or memory than one may, or ends what decodes it."""
+
+    code = "pixels_refused"
+
+
+class GivenUp(Exception):
+    """Nobody waits for this result any more."""
+
+
+class ChildFailed(Exception):
+    """A programming error in a child; its traceback is the text."""
+
+
+class _ChildDied(Exception):
+    """The process ended before it answered."""
+
+
+_REASONS: Final[dict[type[Exception], str]] = {
+    PixelsRefused: "time",
+    _ChildDied: "died",
+    GivenUp: "given_up",
+}
+"""Why a child has to be replaced, in the words of the metric."""
+
+
+class PixelPool:
+    """So many child processes; each works on one thing at a time.
+
+    Children are started when they are first needed, or by `warm_up`. All methods may be
+    called by any thread.
+
+    Parameters
+    ----------
+    children : int
+        How many there are at most.
+    seconds : float
+        Wall time that one piece of work may take.
+    memory_bytes : int
+        Address space that a child may use beside that of its program.
+    preload : names of modules
+        Imported once for all children, where the system can fork.
+    """
+
+    def __init__(
+        self,
+        children: int,
+        *,
+        seconds: float = 30.0,
+        memory_bytes: int = 2 * 1024**3,
+        preload: Sequence[str] = (),
+    ) -> None:
+        self.children = children
+        self._seconds, self._memory_bytes = seconds, memory_bytes
+        self._context = _context(preload)
+        # Places in the order in which they became free; None: no child lives there yet.
+        self._free: SimpleQueue[_Child | None] = SimpleQueue()
+        for _ in range(children):
+            self._free.put(None)
+        self._starting = threading.Lock()
+        self._is_closed = False
+        # Before `multiprocessing` asks its processes to end by a signal, at the exit.
+        self._at_exit = Finalize(self, _end_all, (self._free,), exitpriority=1)
+
+    def run(
+        self,
+        work: Callable[..., _Result],
+        *args: object,
+        given_up: threading.Event | None = None,
+    ) -> _Result:
+        """Work on something in the next child that is free, and wait for the result.
+
+        Parameters
+        ----------
+        work : a function at the top of a module
+            It and `args` are pickled; so is what it returns.
+        given_up : threading.Event, optional
+            Once it is set, the child is killed, or not asked at all.
+
+        Raises
+        ------
+        FilterError
+            As `work` raised it.
+        PixelsRefused
+            It took too much time or memory, or ended two children.
+        GivenUp
+            `given_up` was set first, or the pool was closed.
+        ChildFailed
+            `work` raised anything else.
+        """
+        message = pickle.dumps((work, args), pickle.HIGHEST_PROTOCOL)
+        try:
+            return cast("_Result", self._ask(message, given_up))
+        except _ChildDied as died:
+            # Somebody may have killed it, or memory ran out for a neighbour's sake.
+            server_log.warning("a process that reads pictures %s; asking another", died)
+        try:
+            return cast("_Result", self._ask(message, given_up))
+        except _ChildDied as died:
+            raise PixelsRefused(
+                f"reading the picture ended two processes: the last one {died}"
+            ) from died
+
+    def warm_up(self) -> None:
+        """Start all children now, so that nobody waits for them later."""
+        places = []
+        with suppress(Empty):
+            for _ in range(self.children):
+                places.append(self._free.get_nowait())
+        for place in places:
+            self._free.put(place or self._start())
+
+    def close(self) -> None:
+        """End all children; what they were asked to do is not waited for."""
+        self._is_closed = True
+        self._at_exit()
+        for _ in range(self.children):
+            self._free.put(None)  # who still waits finds out that it is closed
+
+    def _ask(self, message: bytes, given_up: threading.Event | None) -> object:
+        child = self._next_child(given_up)
+        reason = "stopped"
+        try:
+            kind, result = child.ask(message, self._seconds, given_up)
+            # One that ran out of memory may not have given back all of it.
+            reason = _MEMORY if kind == _MEMORY else ""
+        except tuple(_REASONS) as ended:
+            reason = _REASONS[type(ended)]
+            raise
+        finally:
+            self._give_back(child, reason)
+        if kind == _REFUSED:
+            raise cast("FilterError", result)
+        if kind == _MEMORY:
+            mebibytes = self._memory_bytes // 1024**2
+            raise PixelsRefused(
+                f"reading the picture needs more memory than the {mebibytes} MiB that "
+                "UNGHOST_MAX_PIXEL_MEMORY_BYTES allows"
+            )
+        if kind == _FAILED:
+            raise ChildFailed(cast("str", result))
+        return result
+
+    def _next_child(self, given_up: threading.Event | None) -> _Child:
+        place = self._take(given_up)
+        if self._is_closed:
+            self._free.put(place)
+            raise GivenUp
+        if place is not None and place.is_alive():
+            return place
+        try:
+            return self._start()
+        except BaseException:
+            self._free.put(None)
+            raise
+
+    def _give_back(self, child: _Child, reason: str) -> None:
+        """Free its place; for a reason the child is ended, and another follows."""
+        if reason:
+            child.kill()
+            PIXEL_PROCESSES_ENDED.add(1, reason)
+        elif self._is_closed:
+            child.end()
+        self._free.put(None if reason or self._is_closed else child)
+
+    def _take(self, given_up: threading.Event | None) -> _Child | None:
+        while given_up is not None:
+            if given_up.is_set():
+                raise GivenUp
+            with suppress(Empty):
+                return self._free.get(timeout=_LOOK_S)
+        return self._free.get()
+
+    def _start(self) -> _Child:
+        # `multiprocessing` keeps a list of its processes without a lock.
+        with self._starting, _no_main_module():
+            return _Child(self._context, self._memory_bytes)
+
+
+def _end_all(free: SimpleQueue[_Child | None]) -> None:
+    with suppress(Empty):
+        while True:
+            child = free.get_nowait()
+            if child is not None:
+                child.end()
+
+
+class _Child:
+    """A process, and the pipe to it."""
+
+    def __init__(self, context: _Context, memory_bytes: int) -> None:
+        ours, theirs = context.Pipe()
+        self._pipe: Connection = ours
+        self._process = context.Process(
+            target=_serve, args=(theirs, memory_bytes), name="pixels", daemon=True
+        )
+        self._process.start()
+        theirs.close()
+        try:
+            self._pipe.recv_bytes()  # it is ready: only work counts against its time
+        except (EOFError, OSError) as exc:
+            self._process.join(_END_S)
+            raise _ChildDied(_ending(self._process.exitcode)) from exc
+
+    def is_alive(self) -> bool:
+        """Whether it can be asked."""
+        return bool(self._process.is_alive())
+
+    def ask(
+        self, message: bytes, seconds: float, given_up: threading.Event | None
+    ) -> tuple[str, object]:
+        """How the work ended, and its result; `_ChildDied`, `GivenUp`."""
+        try:
+            self._pipe.send_bytes(message)
+            self._wait(seconds, given_up)
+            return _read_answer(self._pipe.recv_bytes())
+        except (EOFError, OSError) as exc:
+            self._process.join(_END_S)
+            raise _ChildDied(_ending(self._process.exitcode)) from exc
+
+    def _wait(self, seconds: float, given_up: threading.Event | None) -> None:
+        if given_up is None:
+            if not self._pipe.poll(seconds):
+                raise _too_slow(seconds)
+            return
+        until = time.monotonic() + seconds
+        while not self._pipe.poll(_LOOK_S):
+            if given_up.is_set():
+                raise GivenUp
+            if time.monotonic() > until:
+                raise _too_slow(seconds)
+
+    def end(self) -> None:
+        """Let it end: it reads the end of its pipe."""
+        self._pipe.close()
+        self._process.join(_END_S)
+        self.kill()
+
+    def kill(self) -> None:
+        """End it at once, whatever it does."""
+        self._pipe.close()
+        self._process.kill()
+        self._process.join()
+
+
+def _read_answer(message: bytes) -> tuple[str, object]:
+    """How work ended and its result; `_ChildDied` for what no child of ours says."""
+    try:
+        return cast("tuple[str, object]", _Answers(BytesIO(message)).load())
+    except pickle.UnpicklingError as exc:
+        raise _ChildDied(str(exc)) from exc
+
+
+class _Answers(pickle.Unpickler):
+    """Reads values of the library and arrays, and nothing that could do anything else.
+
+    A picture that took over its child could have it say anything. So pickles are read
+    by the names that may stand in them.
+    """
+
+    def find_class(self, module: str, name: str) -> object:
+        """What a name in an answer stands for."""
+        known = module in _NUMPY_MODULES and name in _NUMPY_NAMES
+        if not known and module.partition(".")[0] != "filter_core":
+            raise pickle.UnpicklingError(f"answered with {module}.{name}")
+        found = super().find_class(module, name)
+        if not (known or found is restored or _is_value(found)):
+            raise pickle.UnpicklingError(f"answered with {module}.{name}")
+        return found
+
+
+def _is_value(found: object) -> bool:
+    is_named = isinstance(found, type) and issubclass(found, FilterError | Enum | tuple)
+    return is_named or (isinstance(found, type) and is_dataclass(found))
+
+
+def _too_slow(seconds: float) -> PixelsRefused:
+    return PixelsRefused(
+        f"reading the picture takes longer than the {seconds:g} s that "
+        "UNGHOST_MAX_PIXEL_SECONDS allows"
+    )
+
+
+def _ending(exitcode: int | None) -> str:
+    if exitcode is not None and exitcode < 0:
+        with suppress(ValueError):
+            return f"was ended by {signal.Signals(-exitcode).name}"
+    return f"ended with {exitcode}"
+
+
+def _context(preload: Sequence[str]) -> _Context:
+    if _FORKING not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    # Python 3.10.0 to 3.10.8 let every user of the machine talk to the process that
+    # forks (CVE-2022-42919), unless its socket is a file.
+    vars(multiprocessing.util)["abstract_sockets_supported"] = False
+    context = multiprocessing.get_context(_FORKING)
+    context.set_forkserver_preload([__name__, *preload])
+    return context
+
+
+@contextmanager
+def _no_main_module() -> Iterator[None]:
+    """Children need nothing of the program; `multiprocessing` would import it there."""
+    program = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = program
+
+
+def _serve(pipe: Connection, memory_bytes: int) -> None:
+    """In a child: answer until the service is gone."""
+    # Ctrl-C in a terminal reaches all processes; the service finishes what it began.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    cv2.setNumThreads(1)  # the other cores have children of their own
+    keep_freed_memory()
+    _limit_memory(memory_bytes)
+    pipe.send_bytes(b"ready")
+    while True:
+        try:
+            message = pipe.recv_bytes()
+        except EOFError:
+            return
+        answer = _outcome(message)
+        del message
+        with suppress(BrokenPipeError):
+            pipe.send_bytes(answer)
+
+
+def _outcome(message: bytes) -> bytes:
+    kind: str
+    result: Any
+    try:
+        work, args = pickle.loads(message)
+        kind, result = _DONE, work(*args)
+        return pickle.dumps((kind, result), pickle.HIGHEST_PROTOCOL)
+    except FilterError as error:
+        kind, result = _REFUSED, error
+    except MemoryError:
+        kind, result = _MEMORY, None
+    except cv2.error as error:
+        is_memory = error.code == cv2.Error.StsNoMem
+        kind, result = (
+            (_MEMORY, None) if is_memory else (_FAILED, traceback.format_exc())
+        )
+    except Exception:
+        kind, result = _FAILED, traceback.format_exc()
+    return pickle.dumps((kind, result), pickle.HIGHEST_PROTOCOL)
+
+
+def _limit_memory(more_bytes: int) -> None:
+    """Let this process grow by so much at most."""
+    if os.name != "posix":
+        return
+    import resource
+
+    try:
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+    except OSError:
+        return  # not Linux: nobody would enforce it
+    limit = pages * resource.getpagesize() + more_bytes
+    with suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

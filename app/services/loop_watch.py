@@ -1,0 +1,103 @@
+"""A thread that notices when the event loop stands still, and says where.
+
+While it stands nothing is answered, whatever the process does. Nothing in the service
+should hold it for more than some milliseconds: what takes longer belongs to a thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Final
+
+from app.errors import NotReady
+from app.logs import server_log
+from app.metrics import LOOP_STALL_SECONDS, LOOP_STALLS
+
+LONGEST_S: Final = 1.0
+"""How long the loop may take to get to what it was asked."""
+NOT_READY_FOR_S: Final = 5.0
+"""How long a process is not ready after it stood: what held it may well come again."""
+_EVERY_S: Final = 0.25
+
+
+class LoopWatch:
+    """Asks the loop for a sign of life, four times a second."""
+
+    def __init__(self) -> None:
+        self._over = threading.Event()
+        self._stands = False
+        self._ended_at = float("-inf")
+        self._lasted_s = 0.0
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Watch the loop that runs in this thread."""
+        loop = asyncio.get_running_loop()
+        thread = threading.Thread(
+            target=self._watch,
+            args=(loop, threading.get_ident()),
+            name="loop-watch",
+            daemon=True,
+        )
+        thread.start()
+        try:
+            yield
+        finally:
+            self._over.set()
+
+    def check(self) -> str:
+        """Words for a loop that goes on.
+
+        Raises
+        ------
+        NotReady
+            It stands still, or did so a moment ago.
+        """
+        if self._stands:
+            raise NotReady(f"stands still for more than {LONGEST_S:g} s")
+        if time.monotonic() - self._ended_at < NOT_READY_FOR_S:
+            raise NotReady(f"stood still for {self._lasted_s:.1f} s a moment ago")
+        return "goes on"
+
+    def _watch(self, loop: asyncio.AbstractEventLoop, thread_id: int) -> None:
+        with suppress(RuntimeError):  # the loop is closed
+            while not self._over.wait(_EVERY_S):
+                self._ask(loop, thread_id)
+
+    def _ask(self, loop: asyncio.AbstractEventLoop, thread_id: int) -> None:
+        answered, asked = threading.Event(), time.monotonic()
+        loop.call_soon_threadsafe(answered.set)
+        if answered.wait(LONGEST_S):
+            return
+        self._stands = True
+        LOOP_STALLS.add(1)
+        server_log.error(
+            "the event loop stands still for more than %g s",
+            LONGEST_S,
+            extra={"facts": {"stack": _stack_of(thread_id)}},
+        )
+        while not answered.wait(_EVERY_S):
+            if self._over.is_set():
+                return
+        self._ended_at = time.monotonic()
+        self._lasted_s = self._ended_at - asked
+        self._stands = False
+        LOOP_STALL_SECONDS.add(self._lasted_s)
+        server_log.warning("the event loop goes on after %.1f s", self._lasted_s)
+
+
+def _stack_of(thread_id: int) -> list[str]:
+    """What a thread is at, the innermost call last."""
+    frame = sys._current_frames().get(thread_id)
+    if frame is None:
+        return []
+    return [
+        f"{one.filename}:{one.lineno} {one.name}"
+        for one in traceback.extract_stack(frame)
+    ]

@@ -1,0 +1,60 @@
+"""Whether the pages of a SQLite database are whole: looked at once after each start.
+
+In the background and for a minute at most, because a large database takes longer. What
+is found damaged later, by whoever reads it, counts as well: see `Database.damage`.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.db.engine import Database
+from app.services.context import ServiceContext
+
+LONGEST_S: Final = 60.0
+ADVICE: Final = "`unghost doctor` on the server says more"
+
+log = logging.getLogger(__name__)
+
+
+@contextmanager
+def checking_pages(context: ServiceContext) -> Iterator[None]:
+    """Look at them in a thread of its own, which ends with the block."""
+    over = threading.Event()
+    check = threading.Thread(
+        target=_check, args=(context.database, over), name="page check"
+    )
+    check.start()
+    try:
+        yield
+    finally:
+        over.set()
+        check.join()
+
+
+def _check(database: Database, over: threading.Event) -> None:
+    if database.file is None:
+        return
+    until = time.monotonic() + LONGEST_S
+    try:
+        whole = database.check_pages(lambda: over.is_set() or time.monotonic() > until)
+    except SQLAlchemyError as exc:
+        log.warning("the pages of the database cannot be looked at: %s", exc)
+        return
+    if database.damage is not None:
+        log.error("the database is damaged: %s; %s", database.damage, ADVICE)
+    elif whole:
+        log.info("the pages of the database are whole")
+    elif not over.is_set():
+        log.info(
+            "the pages of the database are too many to look at in %d s; %s",
+            LONGEST_S,
+            ADVICE,
+        )

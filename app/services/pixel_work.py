@@ -1,0 +1,129 @@
+"""The bytes of one frame to numbers: what child processes do with the library.
+
+Strangers choose these bytes. Nothing here is called by a thread of the service; see
+`app.engine.pixels`.
+"""
+
+from __future__ import annotations
+
+import time
+from base64 import b64decode
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from app.services.refusals import naming
+from filter_core.annotation_types import FrameAnnotation
+from filter_core.config import FilterConfig
+from filter_core.frame_channels import SensorFiles
+from filter_core.frame_filter import FrameOptions, MeasuredFrame, measure_frame
+from filter_core.ignore_mask import read_ignore_mask
+from filter_core.image_header import MAX_SIDE
+from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.types import Mask
+
+MEASURED: Final = ("segmentation", "ignore_mask")
+"""The kinds of files that every measurement reads."""
+SENSORS: Final = ("depth", "instances", "lidar")
+"""Those that channels beside the segmentation read."""
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The bytes of a frame that are measured."""
+
+    segmentation: bytes | None
+    image_wh: tuple[int, int]
+    ignore_mask: bytes | None = None
+    max_side_px: int = MAX_SIDE
+    sensors: Mapping[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        contents: Mapping[str, bytes],
+        image_wh: tuple[int, int],
+        kinds: tuple[str, ...] = SENSORS,
+    ) -> FrameFiles:
+        """Files by their kinds; of the sensors', those that are asked for."""
+        sensors = {kind: contents[kind] for kind in kinds if kind in contents}
+        segmentation, ignore_mask = map(contents.get, MEASURED)
+        return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
+
+
+@dataclass(frozen=True)
+class MeasureRequest:
+    """How to measure: everything that numbers depend on, apart from the frame itself.
+
+    Attributes
+    ----------
+    config : FilterConfig
+    reading : SegmentationOptions
+        How segmentations are read, and who says so.
+    ignored : dict or None
+        The dataset's ignore mask: ``png`` in base 64, or ``polygons``.
+    channels : names out of `filter_core.channel_types.CHANNELS`
+    depth_tolerance : float or None
+    """
+
+    config: FilterConfig
+    reading: SegmentationOptions
+    ignored: Any | None
+    channels: tuple[str, ...]
+    depth_tolerance: float | None
+
+
+def measure(
+    request: MeasureRequest, annotation: FrameAnnotation, files: FrameFiles
+) -> tuple[MeasuredFrame, float | None, float]:
+    """Decode, project and measure one frame.
+
+    Returns
+    -------
+    MeasuredFrame, and the seconds of the two halves
+        Of decoding None, if there was nothing to decode.
+
+    Raises
+    ------
+    FilterError
+        Whatever is wrong with the frame.
+    """
+    begun, decoding = time.perf_counter(), None
+    segmentation = None
+    if files.segmentation is not None:
+        segmentation = read_segmentation(
+            files.segmentation,
+            replace(request.reading, carla_version=annotation.carla_version),
+            expected_wh=files.image_wh,
+            max_side=files.max_side_px,
+        )
+        decoding = time.perf_counter() - begun
+    options = FrameOptions(
+        image_wh=files.image_wh,
+        dataset=request.reading,
+        ignore=_ignore(request, files),
+        sensors=SensorFiles(
+            files.sensors,
+            request.channels,
+            files.max_side_px,
+            request.depth_tolerance,
+        ),
+    )
+    begun = time.perf_counter()
+    measured = measure_frame(annotation, segmentation, request.config, options)
+    return measured, decoding, time.perf_counter() - begun
+
+
+def _ignore(request: MeasureRequest, files: FrameFiles) -> Mask | None:
+    sources: list[Any] = [] if files.ignore_mask is None else [files.ignore_mask]
+    if request.ignored is not None:
+        picture = request.ignored.get("png")
+        sources.append(b64decode(picture) if picture else request.ignored["polygons"])
+    if not sources:
+        return None
+    with naming(pointer="/ignore_mask"):
+        masks = [read_ignore_mask(source, files.image_wh) for source in sources]
+    joined: Mask = np.logical_or.reduce(masks)
+    return joined

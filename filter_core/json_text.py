@@ -1,0 +1,202 @@
+"""Reads JSON written by a stranger: bounded before it is parsed, in linear time."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.errors import JsonError
+
+Pairs = list[tuple[str, Any]]
+
+
+@dataclass(frozen=True)
+class JsonLimits:
+    """How much one JSON document may hold.
+
+    Attributes
+    ----------
+    max_bytes : int
+        Of its UTF-8.
+    max_depth : int
+        Lists and objects inside of each other.
+    max_values : int
+        Numbers, texts, lists, objects and the like, in all. Empty lists and objects
+        count twice.
+    max_keys : int
+        Keys of all objects.
+    """
+
+    max_bytes: int = 64 << 20
+    max_depth: int = 64
+    max_values: int = 500_000
+    max_keys: int = 500_000
+
+
+_DEFAULT_LIMITS: Final = JsonLimits()
+_BYTES_PER_VALUE: Final = 2
+"""``1,``: a shorter document cannot hold more values."""
+_NO_SIGNS: Final = bytes(sorted(set(range(256)) - set(b'[]{},:"')))
+_STEPS: Final = np.zeros(256, np.int8)
+_STEPS[list(b"[{")], _STEPS[list(b"]}")] = 1, -1
+"""How much deeper the value after a sign stands."""
+_LONGEST_NUMBER: Final = 100
+_LONG_NUMBER: Final = b"0" * (_LONGEST_NUMBER + 1)
+_AS_DIGITS: Final = bytes(
+    ord("0" if code in b"+-.0123456789Ee" else " ") for code in range(256)
+)
+"""Makes a zero of all that numbers are written with."""
+_ANY_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
+_ESCAPES: Final = re.compile(
+    r"\\(?:u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}"
+    r"|(?P<half>u[dD][89a-fA-F][0-9a-fA-F]{2})|.)",
+    re.DOTALL,
+)
+"""An escape, or the two of a surrogate pair; `half` is one without its other half."""
+
+
+def read_json(
+    raw: bytes | str,
+    limits: JsonLimits = _DEFAULT_LIMITS,
+    *,
+    object_pairs_hook: Callable[[Pairs], Any] | None = None,
+    halves: bool = False,
+) -> object:
+    """One value from a JSON document.
+
+    Parameters
+    ----------
+    raw : bytes (UTF-8, with or without a mark at its beginning) or text
+    limits : JsonLimits
+    object_pairs_hook : callable, optional
+        Makes an object of its keys and values, as for `json.loads`.
+    halves : bool
+        Let halves of surrogate pairs pass, for a reader that names their field.
+
+    Returns
+    -------
+    dict, list, str, int, float, bool or None
+        ``NaN``, ``Infinity`` and numbers beyond the range of a float are floats that
+        are not finite: whoever knows what a number is for refuses it.
+
+    Raises
+    ------
+    JsonError
+        ``not_json``: it is not JSON, not in UTF-8, a text in it is none that UTF-8 has
+        a form for, or a number has more than 100 characters.
+        ``json_too_large``: beyond a limit; nothing was made of it.
+
+    Notes
+    -----
+    Limits are looked at in the bytes, before any value is made: counting commas and
+    brackets takes a fraction of the time, and none of the memory, of parsing them.
+    """
+    content = raw.encode("utf-8", "surrogatepass") if isinstance(raw, str) else raw
+    _check_limits(content, limits)
+    try:
+        text = raw.decode("utf-8-sig") if isinstance(raw, bytes) else raw
+        if not halves:
+            _refuse_halves(text)
+        document: object = json.loads(text, object_pairs_hook=object_pairs_hook)
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        found = f"a fault at {place}: {error.msg}"
+        raise JsonError(found, position=error.pos) from error
+    except UnicodeDecodeError as error:
+        found = f"other bytes at offset {error.start}"
+        raise JsonError(found, position=error.start) from error
+    except RecursionError as error:
+        raise _too_deep(limits) from error
+    except JsonError:
+        raise
+    except ValueError as error:
+        # What makes the objects refused one.
+        raise JsonError(str(error)) from error
+    return document
+
+
+def _check_limits(content: bytes, limits: JsonLimits) -> None:
+    if len(content) > limits.max_bytes:
+        found = f"JSON of more than {limits.max_bytes} bytes"
+        raise JsonError(found, code="json_too_large")
+    if _has_too_many(content, limits):
+        # What stands in texts was counted as well: look again, without them.
+        signs = _signs_of(content)
+        if _values_at_most(signs) > limits.max_values:
+            found = f"JSON of more than {limits.max_values} values"
+            raise JsonError(found, code="json_too_large")
+        if signs.count(b":") > limits.max_keys:
+            found = f"JSON of more than {limits.max_keys} keys"
+            raise JsonError(found, code="json_too_large")
+    if _depth(content) > limits.max_depth:
+        raise _too_deep(limits)
+    _refuse_long_numbers(content)
+
+
+def _refuse_long_numbers(content: bytes) -> None:
+    """To read one takes time by the square of its length, and nobody else runs."""
+    digits = content.translate(_AS_DIGITS)
+    start = digits.find(_LONG_NUMBER)
+    if start < 0:
+        return
+    # Escapes end no text; as long as they were, for places to stay the same.
+    content = content.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
+    quotes = seen = 0
+    while start >= 0:
+        quotes += content.count(b'"', seen, start)
+        if quotes % 2 == 0:
+            position = len(content[:start].decode("utf-8-sig", "replace"))
+            found = f"a number of more than {_LONGEST_NUMBER} characters, at character"
+            raise JsonError(f"{found} {position}", position=position)
+        seen = content.find(b'"', start)
+        start = digits.find(_LONG_NUMBER, seen) if seen >= 0 else -1
+
+
+def _too_deep(limits: JsonLimits) -> JsonError:
+    found = f"JSON that is nested deeper than {limits.max_depth} levels"
+    return JsonError(found, code="json_too_large")
+
+
+def _has_too_many(content: bytes, limits: JsonLimits) -> bool:
+    if len(content) < _BYTES_PER_VALUE * min(limits.max_values, limits.max_keys):
+        return False
+    too_many = _values_at_most(content) > limits.max_values
+    return too_many or content.count(b":") > limits.max_keys
+
+
+def _values_at_most(content: bytes) -> int:
+    return 1 + content.count(b",") + content.count(b"[") + content.count(b"{")
+
+
+def _signs_of(content: bytes) -> bytes:
+    """Brackets, commas and colons that stand outside of texts, in their order.
+
+    Where the document is no JSON this may be wrong from there on; parsing ends there.
+    """
+    if b"\\" in content:
+        content = content.replace(b"\\\\", b"").replace(b'\\"', b"")
+    codes = np.frombuffer(content.translate(None, _NO_SIGNS), np.uint8)
+    is_inside = np.cumsum(codes == ord('"'), dtype=np.uint8) & 1
+    outside: NDArray[np.uint8] = codes[is_inside == 0]
+    return outside.tobytes()
+
+
+def _depth(content: bytes) -> int:
+    steps = _STEPS[np.frombuffer(_signs_of(content), np.uint8)]
+    return int(np.cumsum(steps, dtype=np.int32).max(initial=0))
+
+
+def _refuse_halves(text: str) -> None:
+    if _ANY_HALF.search(text) is None:
+        return
+    for escape in _ESCAPES.finditer(text):
+        if escape["half"] is not None:
+            found = f"half of a surrogate pair, {escape[0]}, at character"
+            position = escape.start()
+            raise JsonError(f"{found} {position}", position=position)

@@ -1,0 +1,32 @@
+// @ts-check
+// The API described for people: the server's own page, shown to whoever is signed in.
+
+import { ApiError, request, send, showSession } from "./api.js";
+import { createSession } from "./session.js";
+
+/** @param {string} words @param {string} [href] */
+function say(words, href) {
+  const text = document.createElement("p");
+  text.textContent = words;
+  const link = document.createElement("a");
+  link.href = href ?? "/";
+  link.textContent = "Unghost";
+  document.body.replaceChildren(text, link);
+}
+
+async function show() {
+  const answer = await send("/docs/content");
+  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  document.title = page.title;
+  document.body.replaceChildren(...page.body.childNodes);
+  // A link shows no session either: the document is handed over as it is.
+  const machine = document.querySelector('a[href="/openapi.json"]');
+  if (machine instanceof HTMLAnchorElement) {
+    const text = JSON.stringify(await request("/openapi.json"), null, 1);
+    machine.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+    machine.download = "openapi.json";
+  }
+}
+
+showSession(createSession(localStorage).current.get()?.session ?? "");
+show().catch((error) => say(error instanceof ApiError && error.status === 401 ? "Sign in first, then open this page again." : error.message));

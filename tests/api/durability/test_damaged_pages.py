@@ -1,0 +1,72 @@
+"""Damaged pages of SQLite are found after the start, or when they are met, and told."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+
+import httpx
+import pytest
+
+from tests.api.durability.conftest import served
+from tests.api.durability.test_removals import at_last
+
+pytestmark = pytest.mark.sqlite_files("its pages are damaged")
+
+PAGE = 4096
+
+
+def damage(data, index):
+    """Overwrite where an index begins; whoever does not read it notices nothing."""
+    file = data / "unghost.db"
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        asked = "SELECT rootpage FROM sqlite_master WHERE name = ?"
+        ((page,),) = database.execute(asked, (index,)).fetchall()
+    with file.open("r+b") as pages:
+        pages.seek((page - 1) * PAGE)
+        pages.write(b"\xff" * PAGE)
+
+
+def ready(server):
+    return httpx.get(f"{server.url}/readyz", trust_env=False, timeout=60)
+
+
+def faults(answer):
+    return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
+
+
+def test_whole_pages_are_said_to_be_whole(filled):
+    with served(filled) as (server, _):
+        at_last(lambda: ready(server).json()["checks"]["pages"] == "are whole")
+        log = server.log.read_text("utf-8")
+
+    assert "the pages of the database are whole" in log
+
+
+def test_damaged_pages_are_found_after_the_start(filled):
+    damage(filled, "ix_decisions_by_crowding")
+
+    with served(filled) as (server, _):
+        at_last(lambda: ready(server).status_code == 503)
+        answer = ready(server)
+        log = server.log.read_text("utf-8")
+
+    assert answer.json()["code"] == "not_ready"
+    assert faults(answer).keys() == {"pages"}
+    assert "the database is damaged: " in faults(answer)["pages"]
+    assert "`unghost doctor` on the server says more" in faults(answer)["pages"]
+    assert "the database is damaged: " in log
+
+
+def test_damage_that_is_met_while_serving_is_told(filled):
+    with served(filled) as (server, api):
+        at_last(lambda: ready(server).json()["checks"]["pages"] == "are whole")
+        (dataset,) = api.json("/datasets")["items"]
+        damage(filled, "ix_decisions_by_crowding")
+        met = api.get("/boxes", dataset=dataset["name"], sort="crowding")
+        at_last(lambda: ready(server).status_code == 503)
+        answer = ready(server)
+
+    assert (met.status_code, met.json()["code"]) == (503, "database_damaged")
+    assert "malformed" in faults(answer)["pages"]

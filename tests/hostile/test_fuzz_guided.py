@@ -1,0 +1,241 @@
+"""Every parser of bytes from outside: an answer or our own error, within bounds.
+
+The bounds are of work, processor time and memory, and grow with the input alone. Short
+by default; ``FUZZ_EXAMPLES`` makes it long, and ``FUZZ_SEED`` repeats what was told.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import struct
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import pytest
+
+from app.errors import AppError
+from app.routes.multipart import PartLimits, read_parts
+from app.services.batch_frames import FrameAssembler, FrameLimits
+from app.services.tar_stream import TarLimits, TarStream
+from filter_core.annotation import parse_annotation, without_key
+from filter_core.channels.points import check_points, read_points
+from filter_core.color_decoding import decode_image
+from filter_core.config import FilterConfig
+from filter_core.config_file import load_config
+from filter_core.errors import FilterError
+from filter_core.formats.layouts import read_source
+from filter_core.image_header import read_image_header
+from filter_core.local_filter import filter_one
+from filter_core.segmentation import SegmentationOptions
+from tests.hostile import test_fuzz_labels as labels
+from tests.hostile import test_fuzz_pixels as pixels
+from tests.hostile import test_fuzz_wire as wire
+from tests.hostile.guided import Bounds, Fuzzer
+from tests.hostile.mutations import EXAMPLES
+from tests.unit.filter_core.formats.folders import write_files
+
+IS_LONG = "FUZZ_EXAMPLES" in os.environ
+SEED = int(os.environ.get("FUZZ_SEED", str(random.getrandbits(32) if IS_LONG else 7)))
+TRIES = 10 * EXAMPLES
+OURS = ("/app/", "/filter_core/")
+ARCHIVE = TarLimits(max_archive_bytes=10**7, max_member_bytes=50_000, max_members=99)
+FRAME = FrameLimits(max_parts=16, max_part_bytes=50_000, max_frame_bytes=90_000)
+FORM = PartLimits(max_parts=16, max_part_bytes=50_000)
+
+
+def read_archive(content: bytes) -> None:
+    stream, frames = TarStream(ARCHIVE), FrameAssembler(FRAME)
+    for start in range(0, len(content), 700):
+        for member in stream.feed(content[start : start + 700]):
+            list(frames.add(member))
+    stream.close()
+
+
+def read_form(content: bytes) -> None:
+    """The boundary as well: the first line is the media type."""
+    media_type, _, body = content.partition(b"\n")
+
+    async def stream():
+        for start in range(0, len(body), 700):
+            yield body[start : start + 700]
+
+    # Nothing in it waits: one step is all of it, without a loop.
+    with suppress(StopIteration):
+        read_parts(media_type.decode("latin-1"), stream(), FORM).send(None)
+        raise AssertionError("it waits for something")
+
+
+def read_image(content: bytes) -> None:
+    header = read_image_header(content, max_side=256)
+    assert max(header.wh) <= 256
+    found = decode_image(content, header, cv2.IMREAD_UNCHANGED)
+    assert found is None or found.shape[1::-1] == header.wh
+
+
+def read_cloud(content: bytes) -> None:
+    """What comes in, and then what is measured."""
+    check_points(content, sensor="radar", max_points=100_000)
+    check_points(content, sensor="lidar", max_points=100_000)
+    read_points(content, max_points=100_000)
+
+
+def read_annotation(content: bytes) -> None:
+    name, rest = without_key(content, "a")
+    parse_annotation(rest, frame=name)
+
+
+def read_voc(content: bytes) -> None:
+    files = dict(labels.FOLDERS["voc"])
+    name = next(name for name in sorted(files) if name.endswith(".xml"))
+    with TemporaryDirectory() as place:
+        folder = write_files(Path(place), {**files, name: content})
+        for source in read_source(folder, "voc"):
+            filter_one(source, FilterConfig(), SegmentationOptions())
+
+
+def with_checksums(content: bytes) -> bytes:
+    """An archive whose headers' sums are right, wherever a header stands."""
+    blocks = bytearray(content)
+    for at in range(0, len(blocks) - 511, 512):
+        if blocks[at + 257 : at + 262] == b"ustar":
+            total = sum(blocks[at : at + 148]) + 256 + sum(blocks[at + 156 : at + 512])
+            blocks[at + 148 : at + 156] = b"%06o\0 " % total
+    return bytes(blocks)
+
+
+def with_crcs(content: bytes) -> bytes:
+    """A PNG whose chunks' sums are right, as far as there are chunks."""
+    png, at = bytearray(content), 8
+    while at + 12 <= len(png):
+        (length,) = struct.unpack_from(">I", png, at)
+        end = at + 8 + length
+        if end + 4 > len(png):
+            break
+        png[end : end + 4] = struct.pack(">I", zlib.crc32(png[at + 4 : end]))
+        at = end + 4
+    return bytes(png)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A parser, and what it is given first."""
+
+    read: Callable[[bytes], object]
+    samples: list[bytes]
+    bounds: Bounds = field(default_factory=Bounds)
+    folders: tuple[str, ...] = OURS
+    repair: Callable[[bytes], bytes] | None = None
+    share: float = 1.0
+    """Of the tries: some parsers are slow."""
+
+
+PNGS = [one for one in pixels.IMAGES if one.startswith(b"\x89PNG")]
+JPEGS = [one for one in pixels.IMAGES if one.startswith(b"\xff\xd8")]
+NPYS = [one for one in pixels.CLOUDS if one.startswith(b"\x93")]
+PLYS = [one for one in pixels.CLOUDS if one.startswith(b"ply")]
+TARGETS = {
+    "tar": Target(read_archive, wire.ARCHIVES, repair=with_checksums),
+    "multipart": Target(
+        read_form,
+        [wire.MEDIA_TYPE.encode() + b"\n" + wire.FORM],
+        folders=(*OURS, "/python_multipart/"),
+    ),
+    "png": Target(read_image, PNGS, repair=with_crcs),
+    "jpeg": Target(read_image, JPEGS),
+    "npy": Target(read_cloud, NPYS),
+    "ply": Target(read_cloud, PLYS),
+    "json": Target(read_annotation, [json.dumps(labels.ANNOTATION).encode()]),
+    "yaml": Target(
+        load_config,
+        [labels.YAML.encode(), labels.CARLASIMU.encode()],
+        folders=(*OURS, "/yaml/"),
+        bounds=Bounds(lines_per_byte=1000, seconds=30),
+        share=0.2,
+    ),
+    "xml": Target(
+        read_voc,
+        [
+            content
+            for name, content in labels.FOLDERS["voc"].items()
+            if name.endswith(".xml")
+        ],
+        share=0.3,
+    ),
+}
+
+
+@pytest.mark.timeout(0 if IS_LONG else 120)
+@pytest.mark.parametrize("name", TARGETS)
+def test_fuzzed_bytes_are_read_or_refused_within_bounds(name):
+    target = TARGETS[name]
+    fuzzer = Fuzzer(
+        read=target.read,
+        errors=(AppError, FilterError),
+        folders=target.folders,
+        bounds=target.bounds,
+        repair=target.repair,
+    )
+
+    fuzzer.run(target.samples, max(20, int(TRIES * target.share)), SEED)
+
+    assert len(fuzzer.corpus) > len(target.samples)
+
+
+def toy(content: bytes) -> int:
+    """A reader whose faults lie behind a few bytes that no sample has."""
+    kinds = content[:3]
+    if kinds[:1] == b"F" and kinds[1:2] == b"U":
+        if kinds[2:3] == b"A":
+            return int(content[3:4])
+        if kinds[2:3] == b"B":
+            for step in count():
+                assert step >= 0
+        if kinds[2:3] == b"C":
+            return sum(1 for _ in content for _ in content)
+        if kinds[2:3] == b"D":
+            return len(bytes(1 << 28))
+    return 0
+
+
+@pytest.mark.parametrize(
+    ("sample", "words"),
+    [
+        pytest.param(b"FUA0" * 9, "ValueError", id="an error that is not its own"),
+        pytest.param(b"FUb", "more than .* lines", id="no end"),
+        pytest.param(b"FUC" * 99, "more than .* lines", id="the square of its size"),
+        pytest.param(b"GUD", "bytes of memory", id="memory"),
+    ],
+)
+def test_the_fuzzer_finds_what_it_is_there_for(sample, words):
+    fuzzer = Fuzzer(toy, errors=(), folders=("test_fuzz_guided",))
+
+    with pytest.raises(AssertionError, match=words):
+        fuzzer.run([sample], 5000, seed=3)
+
+
+def test_the_fuzzer_keeps_what_leads_further():
+    """Three bytes that are right: by chance alone it would take 2^24 tries."""
+
+    def read(content: bytes) -> None:
+        for at, wanted in enumerate(b"fuz"):
+            if content[at : at + 1] != bytes([wanted]):
+                return
+            if at == 0:
+                first = at
+            elif at == 1:
+                first = at + 1
+            else:
+                raise ValueError(f"found behind {first}")
+
+    fuzzer = Fuzzer(read, errors=(), folders=("test_fuzz_guided",))
+
+    with pytest.raises(AssertionError, match="found behind 2"):
+        fuzzer.run([b"FUZ"], 20_000, seed=3)

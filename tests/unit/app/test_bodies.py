@@ -1,0 +1,65 @@
+"""Large bodies are read beside the event loop, small ones where they come."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+from anyio import CapacityLimiter
+from fastapi import FastAPI
+
+from app.bodies import StrictRequest, beside_the_loop
+from app.errors import Unprocessable
+
+
+def request_with(body):
+    app = FastAPI()
+    app.state.readers = CapacityLimiter(1)
+
+    async def receive():
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    scope = {"type": "http", "app": app, "method": "POST", "headers": []}
+    return StrictRequest(scope, receive)
+
+
+def test_the_loop_goes_on_while_a_large_body_is_worked_on():
+    let_go = threading.Event()
+
+    async def main():
+        request = request_with(b"")
+        work = beside_the_loop(request, bytes(5000), lambda _: let_go.wait(60))
+        working = asyncio.create_task(work)
+        asyncio.get_running_loop().call_soon(let_go.set)
+        return await working
+
+    assert asyncio.run(main())
+
+
+def test_a_small_body_is_not_worth_a_thread():
+    async def main():
+        request = request_with(b"")
+        return await beside_the_loop(request, b"x", lambda _: threading.get_ident())
+
+    assert asyncio.run(main()) == threading.get_ident()
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b"{", "json_invalid"),
+        (b'"\xff"', "json_invalid"),
+        (b'"\\ud800"', "json_invalid"),
+        (b"[" * 40, "json_too_large"),
+        (b"[" + b"1," * 500_000 + b"1]", "json_too_large"),
+        (b"{" + b'"":1,' * 10_000 + b'"":1}', "json_too_large"),
+    ],
+)
+def test_what_is_not_read_is_one_fault(body, code):
+    with pytest.raises(Unprocessable) as refused:
+        asyncio.run(request_with(body).json())
+
+    (fault,) = refused.value.faults
+    assert (refused.value.kind, fault.code) == ("invalid_request", code)
+    assert fault.detail.startswith("expected JSON in UTF-8, found ")
