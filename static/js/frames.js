@@ -1,7 +1,7 @@
 // @ts-check
 // The frame on show with its store, and the next one fetched ahead with its picture.
 
-import { fetchAhead } from "./stage/pixels.js";
+import { fetchAhead } from "./pictures.js";
 import { REMOTE, createStore } from "./store.js";
 
 /** @typedef {import("./types.js").Decision} Decision */

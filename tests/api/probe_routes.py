@@ -29,6 +29,8 @@ no_more_endless = threading.Event()
 both_are_in = threading.Barrier(2, timeout=30)
 is_held = threading.Event()
 let_go = threading.Event()
+"""Cleared by a test that wants `hold` and `wait` to hold."""
+let_go.set()
 waiting = threading.Semaphore(0)
 
 RAISED: dict[str, Exception] = {

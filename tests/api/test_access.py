@@ -16,6 +16,7 @@ OPEN = {
     ("post", "/api/v1/session"),
     ("get", "/api/v1/exports/{export_id}/file"),
     ("get", "/open/hello"),
+    ("get", "/open/wait"),
 }
 METHODS = ("get", "post", "put", "patch", "delete")
 

@@ -210,7 +210,7 @@ def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server
     page.route("**/api/v1/datasets", lambda route: made(route, server))
 
     send(page)
-    page.get_by_label("Token").fill(server.token)
+    page.get_by_label("Token or login link").fill(server.token)
     page.get_by_role("button", name="Sign in").click()
 
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")

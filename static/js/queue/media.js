@@ -1,7 +1,8 @@
 // @ts-check
 // Frames with their pictures, fetched and decoded ahead of the moment they are shown.
 
-import { canvasOf, imageAt, isPaintedAlready } from "../stage/pixels.js";
+import { imageAt } from "../pictures.js";
+import { canvasOf, isPaintedAlready } from "../stage/pixels.js";
 
 /** @typedef {import("../types.js").Frame} Frame */
 /**

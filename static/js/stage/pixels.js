@@ -1,7 +1,6 @@
 // @ts-check
 // The pixels of a segmentation file, exactly as they are stored, and the lit ones of a box.
 
-import { api } from "../api.js";
 import { pixelBounds } from "../geometry.js";
 import { lightPixels, tagMatcher } from "../palette.js";
 
@@ -52,29 +51,3 @@ export function litPixels(segmentation, form, box) {
 
 /** Can the file itself be shown as the mask? Raw tags and swapped colours must be painted. @param {SegmentationReport} form */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
-
-/** The picture that is likely to be wanted next. @type {{url: string, coming: Promise<HTMLImageElement>} | null} */
-let ahead = null;
-
-/** Fetch and decode a picture before it is asked for. @param {string} url */
-export function fetchAhead(url) {
-  if (ahead?.url === url) return;
-  ahead = { url, coming: imageFrom(url) };
-  ahead.coming.catch(() => (ahead = null));
-}
-
-/** @param {string} url @param {AbortSignal} [signal] @returns {Promise<HTMLImageElement>} */
-export const imageAt = (url, signal) => (ahead?.url === url ? ahead.coming : imageFrom(url, signal));
-
-/** @param {string} url @param {AbortSignal} [signal] */
-async function imageFrom(url, signal) {
-  const image = new Image();
-  // By fetch, which shows the session; what is decoded needs its address no longer.
-  image.src = URL.createObjectURL(await api.blob(url, signal));
-  try {
-    await image.decode();
-  } finally {
-    URL.revokeObjectURL(image.src);
-  }
-  return image;
-}

@@ -2,7 +2,8 @@
 // The stage as part of the page: it gets a snapshot whenever something that is drawn has changed.
 
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../html.js";
-import { canvasOf, imageAt, isPaintedAlready, litPixels } from "../stage/pixels.js";
+import { imageAt } from "../pictures.js";
+import { canvasOf, isPaintedAlready, litPixels } from "../stage/pixels.js";
 import { createStage } from "../stage/stage.js";
 import { onThemeChange } from "../theme.js";
 import { countOf, spokenText } from "../wording.js";

@@ -17,7 +17,6 @@ from tests.services import Street, running_services
 FRAMES = 8_000
 """With a hundred thousand boxes and more, whose decisions take seconds to change."""
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
-SHORT_S = 2.0
 
 
 @pytest.fixture(scope="module")
@@ -65,15 +64,12 @@ def test_a_decision_is_seen_and_cancelled_from_another_service(services, street)
     driver.start()
     try:
         state = part_way(other, run_id)
-        begun = time.monotonic()
         with other.context.database.write() as session:
             cancelled = cancel_run(other.context, session, run_id).state
-        took_s = time.monotonic() - begun
     finally:
         driver.join()
 
     assert (state, cancelled) == ("running", "cancelled")
-    assert took_s < SHORT_S
     assert seen_by(one, run_id)[0] == "cancelled"
     assert street.reasons() == before
     # Once more, and nobody is in its way.
