@@ -47,7 +47,9 @@ _STEPS: Final = np.zeros(256, np.int8)
 _STEPS[list(b"[{")], _STEPS[list(b"]}")] = 1, -1
 """How much deeper the value after a sign stands."""
 _LONGEST_NUMBER: Final = 100
-_LONG_NUMBER: Final = b"0" * (_LONGEST_NUMBER + 1)
+_LONG_DIGITS: Final = b"0" * (_LONGEST_NUMBER + 1)
+LONG_NUMBER: Final = f"a number of more than {_LONGEST_NUMBER} characters"
+"""What is found, in words."""
 _AS_DIGITS: Final = bytes(
     ord("0" if code in b"+-.0123456789Ee" else " ") for code in range(256)
 )
@@ -98,7 +100,7 @@ def read_json(
     brackets takes a fraction of the time, and none of the memory, of parsing them.
     """
     content = raw.encode("utf-8", "surrogatepass") if isinstance(raw, str) else raw
-    _check_limits(content, limits)
+    check_limits(content, limits)
     try:
         text = raw.decode("utf-8-sig") if isinstance(raw, bytes) else raw
         if not halves:
@@ -121,7 +123,8 @@ def read_json(
     return document
 
 
-def _check_limits(content: bytes, limits: JsonLimits) -> None:
+def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
+    """Raise the JsonError of a document that is beyond a limit; nothing is parsed."""
     if len(content) > limits.max_bytes:
         found = f"JSON of more than {limits.max_bytes} bytes"
         raise JsonError(found, code="json_too_large")
@@ -140,22 +143,33 @@ def _check_limits(content: bytes, limits: JsonLimits) -> None:
 
 
 def _refuse_long_numbers(content: bytes) -> None:
-    """To read one takes time by the square of its length, and nobody else runs."""
+    start = find_long_number(content)
+    if start is not None:
+        position = len(content[:start].decode("utf-8-sig", "replace"))
+        found = f"{LONG_NUMBER}, at character {position}"
+        raise JsonError(found, position=position)
+
+
+def find_long_number(content: bytes) -> int | None:
+    """Where a number of more than 100 characters begins in JSON; None if there is none.
+
+    To read one takes time by the square of its length, and nobody else runs meanwhile.
+    What is looked through may end anywhere, but may not begin within a text.
+    """
     digits = content.translate(_AS_DIGITS)
-    start = digits.find(_LONG_NUMBER)
+    start = digits.find(_LONG_DIGITS)
     if start < 0:
-        return
+        return None
     # Escapes end no text; as long as they were, for places to stay the same.
     content = content.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
     quotes = seen = 0
     while start >= 0:
         quotes += content.count(b'"', seen, start)
         if quotes % 2 == 0:
-            position = len(content[:start].decode("utf-8-sig", "replace"))
-            found = f"a number of more than {_LONGEST_NUMBER} characters, at character"
-            raise JsonError(f"{found} {position}", position=position)
+            return start
         seen = content.find(b'"', start)
-        start = digits.find(_LONG_NUMBER, seen) if seen >= 0 else -1
+        start = digits.find(_LONG_DIGITS, seen) if seen >= 0 else -1
+    return None
 
 
 def _too_deep(limits: JsonLimits) -> JsonError:

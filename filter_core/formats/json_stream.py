@@ -8,11 +8,18 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
 from filter_core.errors import JsonError, LayoutError
-from filter_core.json_text import read_json
+from filter_core.json_text import (
+    LONG_NUMBER,
+    JsonLimits,
+    check_limits,
+    find_long_number,
+    read_json,
+)
 
 _PIECE: Final = 1 << 20
 _MAX_VALUE: Final = 16 << 20
 """Bytes of one value; what is longer is no box and no image."""
+_MANY_VALUES: Final = JsonLimits.max_values
 _MAX_NAME: Final = 1 << 16
 _SPACE: Final = " \t\n\r"
 
@@ -134,6 +141,7 @@ class _Reader:
             else:
                 # A number may go on beyond what has been read.
                 if end < len(self._text) or self._ended:
+                    self._check(self._text[self._at : end])
                     start, self._at = self._at, end
                     return Item(key, value, self._before + start, self._before + end)
                 problem = ValueError("cut off")
@@ -149,7 +157,27 @@ class _Reader:
         self._text = self._text[self._at :] + piece.decode("latin-1")
         self._at = 0
         self._ended = not piece
+        self._refuse_long_numbers()
         return bool(piece)
+
+    def _check(self, text: str) -> None:
+        """What is short has too few values to be beyond a limit."""
+        if len(text) < _MANY_VALUES:
+            return
+        try:
+            check_limits(text.encode("latin-1"))
+        except JsonError as exc:
+            raise LayoutError(
+                f"{self._name}, byte {self._before + self._at}: {exc.detail}"
+            ) from exc
+
+    def _refuse_long_numbers(self) -> None:
+        """Before any is read; what has been read begins between two values."""
+        start = find_long_number(self._text.encode("latin-1"))
+        if start is not None:
+            error = JsonError(LONG_NUMBER)
+            place = f"{self._name}, byte {self._before + start}"
+            raise LayoutError(f"{place}: {error.detail}")
 
     def _error(self, expected: str, cause: Exception | None = None) -> LayoutError:
         found = repr(self._text[self._at : self._at + 20]) if self._text else "the end"

@@ -132,6 +132,16 @@ def test_boxes_of_no_image_and_images_of_no_file_are_listed(tmp_path):
             "each category id once, found 1 for 'a' and 'b'",
         ),
         ('{"images": [], "categories": [], "x": ' + "[" * 200_000, "expected a JSON"),
+        (
+            '{"x": ' + "1" * 101,
+            "x.json, byte 6: expected JSON in UTF-8, found a number of more than 100 "
+            "characters",
+        ),
+        ('{"images": [{"id": 1, "n": -0.' + "1" * 5000 + "}]}", "byte 27: expected"),
+        (
+            '{"x": [[' + "1," * 500_000 + "1]]}",
+            "byte 7: expected JSON in UTF-8, found JSON of more than 500000 values",
+        ),
     ],
 )
 def test_a_file_that_is_not_coco_says_where(tmp_path, content, words):
@@ -142,6 +152,21 @@ def test_a_file_that_is_not_coco_says_where(tmp_path, content, words):
         list(read_source(file, "coco"))
 
     assert words in caught.value.detail
+
+
+def test_a_long_number_is_refused_before_it_is_read_wherever_a_piece_ends(
+    tmp_path, monkeypatch
+):
+    file = tmp_path / "x.json"
+    file.write_text('{"é\\"": "' + "1" * 200 + '", "a": ' + "1" * 1_000_000)
+
+    for size in (1, 7, 50, 200, 500):
+        monkeypatch.setattr(json_stream, "_PIECE", size)
+        with (
+            file.open("rb") as opened,
+            pytest.raises(LayoutError, match="byte 218: expected JSON in UTF-8, found"),
+        ):
+            list(json_stream.read_object(opened, "x.json"))
 
 
 def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatch):
