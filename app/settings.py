@@ -6,7 +6,8 @@ Frozen after start. What a verdict depends on is a filter configuration, not a s
 from __future__ import annotations
 
 import os
-from ipaddress import ip_network
+import re
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -19,6 +20,7 @@ from app.storage_url import FOLDER, checked_endpoint, checked_storage
 
 LOOPBACK_HOSTS: Final = ("localhost", "127.0.0.1", "[::1]")
 ANY_HOST: Final = "*"
+_HOST_NAME: Final = re.compile(r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]")
 _ALL_INTERFACES: Final = ("", "0.0.0.0", "::")
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -297,15 +299,39 @@ class Settings(BaseSettings):
     @field_validator("trusted_proxies")
     @classmethod
     def _known_proxies(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        """Refuse what would be believed of nobody, without a word."""
+        if ANY_HOST in value and len(value) > 1:
+            raise ValueError(
+                f"expected addresses and networks, or {ANY_HOST} alone, "
+                f"found {ANY_HOST} beside others"
+            )
         for each in set(value) - {ANY_HOST}:
             try:
-                ip_network(each, strict=False)
+                network = ip_network(each, strict=False)
             except ValueError:
-                # A name would be believed by nobody, and no word would say so.
                 raise ValueError(
                     "expected an address or a network such as 10.0.0.0/8, "
                     f"found {each[:60]!r}"
                 ) from None
+            address = each.partition("/")[0]
+            if ip_address(address) != network.network_address:
+                raise ValueError(
+                    f"expected {str(network)!r}, if the whole network is meant, or "
+                    f"{address!r}, if one address is, found {each[:60]!r}"
+                )
+        return value
+
+    @field_validator("allowed_hosts")
+    @classmethod
+    def _known_hosts(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        """Refuse what stands in no Host header once its port is cut off."""
+        for each in value:
+            if each != ANY_HOST and not _HOST_NAME.fullmatch(each):
+                raise ValueError(
+                    "expected names without scheme and port, such as "
+                    f"boxes.example.org or [fd00::1], or {ANY_HOST}, "
+                    f"found {each[:60]!r}"
+                )
         return value
 
     @field_validator("storage")

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import typer
 from pydantic import ValidationError
+from uvicorn.middleware.proxy_headers import _TrustedHosts
 
 from app.settings import Settings
 from unghost.cli.serve import settings_of
@@ -97,6 +98,31 @@ def test_the_address_it_listens_on_is_a_name_it_is_served_under(host, served):
             "127.0.0.1, proxy.lab",
             "expected an address or a network such as 10.0.0.0/8, found 'proxy.lab'",
         ),
+        (
+            "UNGHOST_TRUSTED_PROXIES",
+            "127.0.0.1, 10.0.0.1/8",
+            "expected '10.0.0.0/8', if the whole network is meant, or '10.0.0.1', if "
+            "one address is, found '10.0.0.1/8'",
+        ),
+        (
+            "UNGHOST_TRUSTED_PROXIES",
+            "fd00::1/64",
+            "expected 'fd00::/64', if the whole network is meant",
+        ),
+        (
+            "UNGHOST_TRUSTED_PROXIES",
+            "*, 10.0.0.0/8",
+            "expected addresses and networks, or * alone, found * beside others",
+        ),
+        (
+            "UNGHOST_ALLOWED_HOSTS",
+            "https://boxes.example.org",
+            "expected names without scheme and port, such as boxes.example.org or "
+            "[fd00::1], or *, found 'https://boxes.example.org'",
+        ),
+        ("UNGHOST_ALLOWED_HOSTS", "a.example, boxes:8000", "found 'boxes:8000'"),
+        ("UNGHOST_ALLOWED_HOSTS", "fd00::1", "found 'fd00::1'"),
+        ("UNGHOST_ALLOWED_HOSTS", "*.example.org", "found '*.example.org'"),
     ],
 )
 def test_a_setting_that_cannot_be_is_refused_in_words(monkeypatch, name, text, words):
@@ -108,3 +134,14 @@ def test_a_setting_that_cannot_be_is_refused_in_words(monkeypatch, name, text, w
     assert refused.value.message.startswith(f"{name}: ")
     assert words in refused.value.message
     assert "Value error" not in refused.value.message
+
+
+def test_every_trusted_proxy_that_is_taken_is_believed():
+    """What uvicorn cannot read it takes for a name, which no connection comes from."""
+    written = ("127.0.0.1", "10.0.0.0/8", "fd00::/64", "::1", "172.16.0.0/255.240.0.0")
+
+    trusted = _TrustedHosts(list(Settings(trusted_proxies=written).trusted_proxies))
+
+    assert not trusted.trusted_literals
+    for address in ("127.0.0.1", "10.9.9.9", "fd00::9", "::1", "172.31.0.1"):
+        assert address in trusted
