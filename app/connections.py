@@ -12,13 +12,18 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
+from ipaddress import (
+    IPv4Network,
+    IPv6Address,
+    IPv6Network,
+    ip_address,
+    ip_network,
+)
 from typing import Final, Protocol
 
 from app.descriptors import descriptor_limit
 from app.instruments import Counter, Gauge, Instrument
 from app.logs import server_log
-from app.services.failed_logins import place_of
 from app.settings import ANY_HOST, Settings
 
 RESERVED_DESCRIPTORS: Final = 320
@@ -29,6 +34,7 @@ LEAST_CONNECTIONS: Final = 16
 MOST_TURNED_AWAY: Final = 64
 """Connections that are told that there is no place, at the same time."""
 _TELL_AGAIN_S: Final = 60.0
+_SIXTY_FOUR: Final = 64
 
 
 class Connection(Protocol):
@@ -171,6 +177,19 @@ class Connections:
             full,
             place,
         )
+
+
+def place_of(address: str | None) -> str:
+    """What is counted as one: an address, or the network that one IPv6 house has."""
+    try:
+        found = ip_address(address or "")
+    except ValueError:
+        return address or "-"
+    if isinstance(found, IPv6Address):
+        if found.ipv4_mapped is not None:
+            return str(found.ipv4_mapped)
+        return str(ip_network((int(found), _SIXTY_FOUR), strict=False))
+    return str(found)
 
 
 def room_for_connections(limit: int | None) -> int:

@@ -282,13 +282,6 @@ class Settings(BaseSettings):
         description="Seconds after which a silent progress stream shows that it lives.",
     )
 
-    max_failed_logins: int = Field(
-        default=20,
-        ge=1,
-        description="Different wrong tokens from one address within a minute, after "
-        "which more of them have to wait.",
-    )
-
     @field_validator("allowed_hosts", "trusted_proxies", mode="before")
     @classmethod
     def _split_hosts(cls, value: object) -> object:

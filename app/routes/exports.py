@@ -18,7 +18,7 @@ from app.deps import (
     ReadSession,
     RowId,
     WriteSession,
-    unless_guessing,
+    counting_wrong,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
@@ -184,7 +184,7 @@ def download_by_address(
     services: AppServices,
 ) -> Response:
     """The same archive, by an address that `download-links` gave."""
-    with unless_guessing(request, key):
+    with counting_wrong(request):
         access.check_link(session, key, export_id)
     return _archive(request, session, services, export_id)
 

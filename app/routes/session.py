@@ -17,8 +17,7 @@ from app.deps import (
     ReadSession,
     RowId,
     WriteSession,
-    is_no_guess,
-    unless_guessing,
+    counting_wrong,
 )
 from app.errors import Forbidden
 from app.routing import ApiRouter, OpenRouter
@@ -97,7 +96,7 @@ def log_in(
         raise Forbidden("only the service's own page may log in")
     secret, code_id = body.token or body.code or "", None
     # Looked up without a place among the writers: guessing must not keep others out.
-    with unless_guessing(request, secret):
+    with counting_wrong(request):
         if body.code is None:
             principal = access.by_token(reading, secret)
         else:
@@ -108,7 +107,6 @@ def log_in(
     lifetime = timedelta(hours=services.settings.session_hours)
     opened = access.log_in(AuditTrail(writing, principal), by, lifetime)
     found = access.by_session(writing, opened)
-    is_no_guess(request, opened)
     services.last_uses.note(principal.token_id)
     return JSONResponse(
         {**_described(writing, found), "session": opened},

@@ -25,7 +25,6 @@ class Act(str, Enum):
     TOKEN_RENEWED = "token.renewed"
     CODE_CREATED = "login_code.created"
     SESSION_OPENED = "session.opened"
-    LOGIN_LOCKED = "login.locked"
     DATASET_CREATED = "dataset.created"
     DATASET_CHANGED = "dataset.changed"
     DATASET_DELETED = "dataset.deleted"

@@ -11,9 +11,7 @@ from app.engine import LocalEngine
 from app.engine.pixels import PixelPool
 from app.services.active import PlanCache
 from app.services.blob_count import BlobCount
-from app.services.callers import RecentCallers
-from app.services.failed_logins import FailedLogins
-from app.services.last_uses import LastUses
+from app.services.callers import LastUses, RecentCallers, WrongSecrets
 from app.services.leases import Leases
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
@@ -42,6 +40,7 @@ class ServiceContext:
     blob_count: BlobCount = field(default_factory=BlobCount)
     leases: Leases = field(default_factory=Leases)
     last_uses: LastUses = field(default_factory=LastUses)
+    wrong_secrets: WrongSecrets = field(default_factory=WrongSecrets)
     something_to_remove: threading.Event = field(default_factory=threading.Event)
     drawn: DrawnPictures = field(default_factory=DrawnPictures)
 
@@ -57,11 +56,6 @@ class ServiceContext:
         return SharedLooks(
             settings.max_event_streams, settings.max_event_streams_per_token
         )
-
-    @cached_property
-    def failed_logins(self) -> FailedLogins:
-        """Wrong tokens by where they came from."""
-        return FailedLogins(self.settings.max_failed_logins)
 
     def close(self) -> None:
         """Stop the work; the database is closed by who opened it."""

@@ -1,7 +1,8 @@
 """What is written of tokens now and then, beside requests: no GET writes a row.
 
-When each was last used, who was locked out for guessing, and a new first token when
-its end is near.
+When each was last used, and a new first token when its end is near. How many wrong ones
+came is a line of the log a minute, however many came, and no row: who has no token
+writes nothing that is kept for ever.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.db.base import utc_now
 from app.logs import server_log
 from app.repositories.tokens import Tokens
-from app.services.audit import Act, AuditTrail
 from app.services.context import ServiceContext
 from app.services.first_token import is_first_token_due, renew_first_token
 
@@ -54,11 +54,13 @@ def _write(context: ServiceContext) -> None:
 
 def write_upkeep(context: ServiceContext) -> None:
     """Write what there is to write; nothing, if nobody came in."""
+    wrong = context.wrong_secrets.take()
+    if wrong:
+        server_log.warning("within a minute %s", wrong)
     uses = context.last_uses.take()
-    locked = context.failed_logins.take_locked()
-    if uses or locked:
+    if uses:
         try:
-            _note(context, uses, locked)
+            _note(context, uses)
         except BaseException:
             context.last_uses.put_back(uses)
             raise
@@ -72,12 +74,7 @@ def write_upkeep(context: ServiceContext) -> None:
             renew_first_token(session, file)
 
 
-def _note(
-    context: ServiceContext, uses: dict[int, datetime], locked: list[str]
-) -> None:
+def _note(context: ServiceContext, uses: dict[int, datetime]) -> None:
     with context.database.write() as session:
         for token_id, at in sorted(uses.items()):
             Tokens(session).note_use(token_id, at)
-        for place in locked:
-            most = context.settings.max_failed_logins
-            AuditTrail(session).note(Act.LOGIN_LOCKED, place, wrong=most)

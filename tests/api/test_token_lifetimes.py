@@ -127,20 +127,6 @@ def test_a_session_counts_as_a_use_of_its_token(service, admin):
     assert listed(admin, "browser")["last_used_at"] is not None
 
 
-def test_who_is_locked_out_for_guessing_is_in_the_audit_log(serve):
-    service = serve(max_failed_logins=2)
-    with service.admin() as admin:
-        assert admin.get("/version").status_code == 200
-        for number in range(3):
-            assert not opens(service, f"ug_guess{number}")
-
-        write_upkeep(service.app.state.services)
-
-        newest = admin.get("/api/v1/audit").json()["items"][0]
-        assert (newest["actor"], newest["action"]) == ("unghost", "login.locked")
-        assert (newest["subject"], newest["details"]) == ("127.0.0.1", {"wrong": 2})
-
-
 def test_the_first_token_ends_after_a_month(serve):
     service = serve()
     with service.admin() as admin:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -13,17 +12,8 @@ from playwright.sync_api import expect
 
 from tests import databases
 from tests.browser.conftest import Visit, kept_session
-from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module")
-def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """A server that has no patience with who guesses."""
-    data = tmp_path_factory.mktemp("strict") / "data"
-    with running_server(data, {"UNGHOST_MAX_FAILED_LOGINS": "2"}) as server:
-        yield server
 
 
 def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
@@ -206,18 +196,6 @@ def test_page_whose_token_expires_says_so(visit, server, api, scene):
 
     expect(page.get_by_label("Token")).to_be_visible()
     expect(page.get_by_text("Your token has expired.")).to_be_visible()
-
-
-def test_who_guesses_is_told_how_long_to_wait(visit, strict):
-    page = visit(sign_in=False).page
-    page.goto(f"{strict.url}/#code=uc_first")
-    for guess in ("ug_second", strict.token):
-        expect(page.get_by_role("alert")).not_to_be_empty()
-        page.get_by_label("Token").fill(guess)
-        page.get_by_role("button", name="Sign in").click()
-
-    expect(page.get_by_role("alert")).to_contain_text("try again in")
-    expect(page.get_by_label("Token")).to_be_visible()
 
 
 def a_token(server, api):

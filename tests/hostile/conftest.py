@@ -12,7 +12,6 @@ from tests.servers import running_server
 
 SETTINGS = {
     "UNGHOST_MAX_OPEN_RUNS": "1000",
-    "UNGHOST_MAX_FAILED_LOGINS": "1000000",
     "UNGHOST_LOG_LEVEL": "warning",
 }
 

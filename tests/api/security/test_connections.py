@@ -11,7 +11,7 @@ from contextlib import ExitStack, closing, contextmanager
 import httpx
 import pytest
 
-from app.connections import room_for_connections
+from app.connections import place_of, room_for_connections
 from app.descriptors import raise_descriptor_limit
 from tests.api import frames as scene
 from tests.api.live import live
@@ -233,3 +233,19 @@ def test_people_behind_a_trusted_proxy_do_not_count_as_one_address(tmp_path):
 )
 def test_each_connection_finds_a_descriptor_for_its_file_as_well(limit, room):
     assert room_for_connections(limit) == room
+
+
+@pytest.mark.parametrize(
+    ("address", "place"),
+    [
+        ("192.0.2.1", "192.0.2.1"),
+        ("::ffff:192.0.2.1", "192.0.2.1"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("2001:db8:1:2::9", "2001:db8:1:2::/64"),
+        ("::1", "::/64"),
+        ("unix socket", "unix socket"),
+        (None, "-"),
+    ],
+)
+def test_one_house_is_one_place(address, place):
+    assert place_of(address) == place

@@ -52,8 +52,6 @@ KEEPERS = {
     "test_too_many_runs_are_asked_to_come_later",
     "max_event_streams": "tests/api/test_run_events.py::"
     "test_only_so_many_watch_and_who_goes_away_makes_room",
-    "max_failed_logins": "tests/api/security/test_guessing.py::"
-    "test_after_some_wrong_ones_one_is_told_how_long_to_wait",
 }
 TAR = {"Content-Type": "application/x-tar"}
 STREET = "/api/v1/datasets/street"

@@ -46,6 +46,12 @@ def test_a_variable_is_read_as_people_write_it(monkeypatch, name, text, field, v
     assert found == (value if value is not None else ("a.example", "B.example"))
 
 
+def test_a_variable_that_an_earlier_version_had_stops_no_start(monkeypatch):
+    monkeypatch.setenv("UNGHOST_MAX_FAILED_LOGINS", "20")
+
+    assert Settings() == Settings(data=Path("unghost-data"))
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [
