@@ -130,12 +130,11 @@ class Tokens:
         self._session.execute(delete(LoginCode).where(LoginCode.token_id == token.id))
         self._session.flush()
 
-    def open_session(self, token_id: int, digest: str, expires_at: datetime) -> None:
-        """Remember a session that this token opened."""
-        self._session.add(
-            LoginSession(token_id=token_id, hash=digest, expires_at=expires_at)
-        )
+    def open_session(self, opened: LoginSession, *, most: int) -> None:
+        """Remember a session that a token opened; so many of its newest stay."""
+        self._session.add(opened)
         self._session.flush()
+        self._keep_newest(opened, most)
 
     def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
         """When a token, or earlier the session that it opened, lets nobody in."""
@@ -148,12 +147,13 @@ class Tokens:
             ends.append(self._session.scalar(session))
         return min((end for end in ends if end is not None), default=None)
 
-    def add_code(self, code: LoginCode) -> None:
-        """Store a login code, and forget those that ended before it was made."""
+    def add_code(self, code: LoginCode, *, most: int) -> None:
+        """Store a login code; forget those that have ended, and all but the newest."""
         ended = delete(LoginCode).where(LoginCode.expires_at <= code.created_at)
         self._session.execute(ended)
         self._session.add(code)
         self._session.flush()
+        self._keep_newest(code, most)
 
     def code(self, code_id: int) -> LoginCode | None:
         """The login code with this id, used or not."""
@@ -179,12 +179,13 @@ class Tokens:
         )
         return noted.first() is not None
 
-    def add_link(self, link: DownloadLink) -> None:
-        """Store the address of a download, and forget those that have ended."""
+    def add_link(self, link: DownloadLink, *, most: int) -> None:
+        """Store the address of a download, as `add_code` does."""
         ended = delete(DownloadLink).where(DownloadLink.expires_at <= link.created_at)
         self._session.execute(ended)
         self._session.add(link)
         self._session.flush()
+        self._keep_newest(link, most)
 
     def valid_by_link(self, digest: str, export_id: int, now: datetime) -> bool:
         """Whether this link opens this export, and its token is still valid."""
@@ -201,6 +202,24 @@ class Tokens:
             {"now": now},
         )
         return row.first() is not None
+
+    def _keep_newest(
+        self, added: LoginSession | LoginCode | DownloadLink, most: int
+    ) -> None:
+        """Forget the oldest rows of a token; never the one that was added just now."""
+        table = type(added)
+        is_its_own = table.token_id == added.token_id
+        newest = (
+            select(table.hash)
+            .where(is_its_own)
+            .order_by(table.created_at.desc(), table.hash)
+            .limit(most)
+        )
+        is_older = table.hash.not_in(newest.scalar_subquery())
+        # A clock that was set back makes the newest one look old.
+        self._session.execute(
+            delete(table).where(is_its_own, is_older, table.hash != added.hash)
+        )
 
     def end_session(self, digest: str) -> None:
         """Forget one session."""

@@ -7,7 +7,7 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.db.access_tables import DownloadLink, LoginCode, Token
+from app.db.access_tables import DownloadLink, LoginCode, LoginSession, Token
 from app.db.base import utc_now
 from app.errors import NotFound, Unauthorised
 from app.repositories.tokens import Tokens
@@ -27,15 +27,23 @@ CODE_LIFETIME: Final = timedelta(minutes=10)
 """How long a login link can be used; it ends earlier when it is."""
 LINK_LIFETIME: Final = timedelta(minutes=5)
 """How long the address of a download can be opened, ranges included."""
+MOST_SESSIONS: Final = 100
+MOST_CODES: Final = 20
+MOST_LINKS: Final = 100
+"""Of one token each: whoever needs more meanwhile has the oldest ended, and is not
+refused, so that signing in always works."""
 _NO_ENTRY: Final = "show a valid token, or log in with one"
 
 
 def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     """Open a session of the page for whoever acts; its secret. `by`: token or code."""
     secret = new_session()
-    Tokens(audit.session).open_session(
-        audit.token_id, hash_secret(secret), utc_now() + lifetime
+    opened = LoginSession(
+        hash=hash_secret(secret),
+        token_id=audit.token_id,
+        expires_at=utc_now() + lifetime,
     )
+    Tokens(audit.session).open_session(opened, most=MOST_SESSIONS)
     audit.note(Act.SESSION_OPENED, audit.name, by=by)
     return secret
 
@@ -49,7 +57,7 @@ def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode
         expires_at=now + CODE_LIFETIME,
         created_at=now,
     )
-    Tokens(audit.session).add_code(code)
+    Tokens(audit.session).add_code(code, most=MOST_CODES)
     audit.note(Act.CODE_CREATED, code.id)
     return code, secret
 
@@ -103,7 +111,7 @@ def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, dat
         expires_at=now + LINK_LIFETIME,
         created_at=now,
     )
-    Tokens(session).add_link(link)
+    Tokens(session).add_link(link, most=MOST_LINKS)
     return key, link.expires_at
 
 

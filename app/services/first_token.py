@@ -16,12 +16,12 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.db.access_tables import LoginCode, Token
+from app.db.access_tables import LoginCode, LoginSession, Token
 from app.db.base import utc_now
 from app.logs import server_log
 from app.repositories.tokens import Tokens
 from app.security import Role, hash_secret, new_token
-from app.services.access import by_token, make_code
+from app.services.access import MOST_SESSIONS, by_token, make_code
 from app.services.audit import Act, AuditTrail
 from app.services.timestamps import rfc3339
 
@@ -76,7 +76,11 @@ def renew(session: Session, file: Path, row: Token) -> str:
     write_secret(file, token)
     before, until = row.hash, row.expires_at or utc_now() + RENEWED_BEFORE
     row.hash, row.expires_at = hash_secret(token), ends
-    Tokens(session).open_session(row.id, before, until)
+    # Dated at its end, it stays the newest: no number of sessions takes its place.
+    former = LoginSession(
+        token_id=row.id, hash=before, expires_at=until, created_at=until
+    )
+    Tokens(session).open_session(former, most=MOST_SESSIONS)
     AuditTrail(session).note(
         Act.TOKEN_RENEWED, row.name, token_id=row.id, expires_at=rfc3339(ends)
     )

@@ -11,6 +11,7 @@ from datetime import datetime, timedelta, timezone
 import httpx
 import pytest
 
+from app.services.access import MOST_LINKS
 from tests import databases
 from tests.api import frames as scene
 from tests.api.long_streets import FROM_PIXELS, fill
@@ -208,3 +209,16 @@ def test_there_is_no_address_of_what_is_not_there(api):
     answer = api.post("/exports/999999/download-links", {})
 
     assert answer.status_code == 404
+
+
+def test_of_many_addresses_of_a_token_the_newest_stay(server, api, export):
+    others, _ = address_of(api, export)
+    viewer = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
+    greedy = Api.at(server.url, {"Authorization": f"Bearer {viewer['token']}"})
+    with greedy.http:
+        made = [address_of(greedy, export)[0] for _ in range(MOST_LINKS + 1)]
+
+    found = [
+        httpx.head(url).status_code for url in (made[0], made[1], made[-1], others)
+    ]
+    assert found == [401, 200, 200, 200]

@@ -7,10 +7,11 @@ from datetime import datetime, timedelta, timezone
 
 import httpx
 import pytest
-from sqlalchemy import select
+from sqlalchemy import func, select
 
-from app.db.access_tables import LoginCode
+from app.db.access_tables import LoginCode, LoginSession
 from app.security import Role, hash_secret
+from app.services.access import MOST_CODES, MOST_SESSIONS
 from tests.databases import everything_in
 
 
@@ -114,3 +115,49 @@ def test_codes_and_logins_are_in_the_audit_log(service, admin, anybody):
         ("admin", "session.opened", {"by": "code"}),
         ("admin", "login_code.created", {}),
     ]
+
+
+@pytest.fixture
+def viewer(service, admin, request):
+    """A client that shows a new token, and the token."""
+    made = admin.post("/api/v1/tokens", json={"name": request.node.name})
+    shown = {"Authorization": f"Bearer {made.json()['token']}"}
+    with service.client(**shown) as client:
+        yield client, made.json()
+
+
+def rows_of(service, table, token_id):
+    counted = select(func.count()).select_from(table).where(table.token_id == token_id)
+    with service.app.state.database.read() as session:
+        return session.scalar(counted)
+
+
+def test_of_many_login_codes_of_a_token_the_newest_stay(
+    service, admin, anybody, viewer
+):
+    busy, token = viewer
+    others = admin.post("/api/v1/login-codes").json()["code"]
+
+    codes = [busy.post("/api/v1/login-codes").json() for _ in range(MOST_CODES + 2)]
+
+    assert rows_of(service, LoginCode, token["id"]) == MOST_CODES
+    for made in codes[:2]:
+        answer = anybody.post("/api/v1/session", json={"code": made["code"]})
+        assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
+        assert busy.get(f"/api/v1/login-codes/{made['id']}").status_code == 404
+    for code in (codes[2]["code"], codes[-1]["code"], others):
+        log_in(service, anybody, code=code)
+
+
+def test_of_many_sessions_of_a_token_the_newest_stay(service, admin, anybody, viewer):
+    _, token = viewer
+    others = log_in(service, anybody)
+
+    sessions = [
+        log_in(service, anybody, token=token["token"]) for _ in range(MOST_SESSIONS + 2)
+    ]
+
+    assert rows_of(service, LoginSession, token["id"]) == MOST_SESSIONS
+    answers = [anybody.get("/api/v1/session", headers=one) for one in sessions]
+    assert [one.status_code for one in answers] == [401] * 2 + [200] * MOST_SESSIONS
+    assert anybody.get("/api/v1/session", headers=others).status_code == 200

@@ -8,6 +8,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 
 from app.db.access_tables import Token
+from app.services.access import MOST_SESSIONS
 from app.services.first_token import LIFETIME, RENEWED_BEFORE
 from app.services.token_upkeep import write_upkeep
 from tests.api.live import live
@@ -176,6 +177,19 @@ def test_the_first_token_is_renewed_while_the_service_runs(serve):
         admin.delete(f"{TOKENS}/1")
     assert not opens(service, old)
     assert not opens(service, opened["session"])
+
+
+def test_no_number_of_sessions_ends_a_first_token_that_was_renewed(serve):
+    service = serve()
+    old = service.token
+    first_ends(service, now() + DAY)
+    write_upkeep(service.app.state.services)
+
+    with service.client() as page:
+        for _ in range(MOST_SESSIONS + 1):
+            page.post("/api/v1/session", json={"token": service.token})
+
+    assert opens(service, old)
 
 
 def test_a_token_file_that_is_gone_is_not_made_anew_by_the_service_that_runs(serve):
