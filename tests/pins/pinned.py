@@ -1,0 +1,27 @@
+"""All pins by name: what each finds in the code as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final
+
+from tests.pins import digests, interface, records, service
+
+
+def _of_the_service(name: str) -> Any:
+    return service.found()[name]
+
+
+PINS: Final[Mapping[str, Callable[[], Any]]] = {
+    "digests": digests.found,
+    "records": records.found,
+    "openapi": interface.openapi,
+    "routes": interface.routes,
+    "names": interface.names,
+    "modules": interface.modules,
+    **{
+        name: partial(_of_the_service, name)
+        for name in ("rows", "exports", "decisions", "walk", "command_line")
+    },
+}

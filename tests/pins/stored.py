@@ -1,0 +1,108 @@
+"""The stored files: written, read, and compared so that a person sees what differs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+FOLDER: Final = Path(__file__).parent / "stored"
+_MOST_SHOWN: Final = 20
+_ABSENT: Final = object()
+
+
+def write(name: str, found: Any) -> Path:
+    """Store what a pin has found; a list of objects as one line each."""
+    path = FOLDER / f"{name}.json"
+    FOLDER.mkdir(exist_ok=True)
+    path.write_text(_text(found) + "\n", "utf-8")
+    return path
+
+
+def _text(found: Any) -> str:
+    if isinstance(found, list):
+        lines = (json.dumps(item, ensure_ascii=False) for item in found)
+        return "[\n" + ",\n".join(lines) + "\n]"
+    return json.dumps(found, indent=1, ensure_ascii=False)
+
+
+def read(name: str) -> Any:
+    return json.loads((FOLDER / f"{name}.json").read_text("utf-8"))
+
+
+def complaint(name: str, found: Any) -> str:
+    """What differs from the stored file, in words; empty if nothing does."""
+    # Through JSON, so that a tuple is what it would be in the file.
+    differing = list(differences(read(name), json.loads(json.dumps(found))))
+    if not differing:
+        return ""
+    shown = differing[:_MOST_SHOWN]
+    if len(differing) > len(shown):
+        shown.append(f"... and {len(differing) - len(shown)} more")
+    return "\n".join(
+        [
+            f"{name} is not what it was:",
+            *shown,
+            f"If users are meant to see this: `python -m tests.pins.write {name}`, "
+            "and a line of CHANGELOG.md that says so.",
+        ]
+    )
+
+
+def differences(stored: Any, found: Any, place: str = "") -> Iterator[str]:
+    """Each place that differs, with both values."""
+    if isinstance(stored, dict) and isinstance(found, dict):
+        yield from _of_objects(stored, found, place)
+    elif isinstance(stored, list) and isinstance(found, list):
+        yield from _of_lists(stored, found, place)
+    elif stored != found or type(stored) is not type(found):
+        at = place or "all of it"
+        yield f"  {at}: it was {_shown(stored)}, it is {_shown(found)}"
+
+
+def _of_objects(
+    stored: dict[str, Any], found: dict[str, Any], place: str
+) -> Iterator[str]:
+    for key in {**stored, **found}:
+        at = f"{place} > {key}" if place else key
+        before, now = stored.get(key, _ABSENT), found.get(key, _ABSENT)
+        if before is _ABSENT or now is _ABSENT:
+            yield f"  {at}: it was {_shown(before)}, it is {_shown(now)}"
+        else:
+            yield from differences(before, now, at)
+    if stored.keys() == found.keys() and list(stored) != list(found):
+        order = f"the order of the keys was {list(stored)}, it is {list(found)}"
+        yield f"  {place}: {order}"
+
+
+def _of_lists(stored: list[Any], found: list[Any], place: str) -> Iterator[str]:
+    if all(isinstance(item, str) for item in (*stored, *found)) and stored != found:
+        yield from _of_words(stored, found, place)
+        return
+    for at, (before, now) in enumerate(zip(stored, found, strict=False)):
+        yield from differences(before, now, f"{place}[{_step(before, at)}]")
+    if len(stored) != len(found):
+        yield f"  {place}: there were {len(stored)}, there are {len(found)}"
+
+
+def _of_words(stored: list[str], found: list[str], place: str) -> Iterator[str]:
+    gone = [word for word in stored if word not in found]
+    new = [word for word in found if word not in stored]
+    if gone or new:
+        yield f"  {place}: gone {gone}, new {new}"
+    else:
+        yield f"  {place}: the order was {stored}, it is {found}"
+
+
+def _step(item: Any, at: int) -> str:
+    """A step of a walk is known by its name."""
+    named = isinstance(item, dict) and isinstance(item.get("step"), str)
+    return f"{at}: {item['step']}" if named else str(at)
+
+
+def _shown(value: Any) -> str:
+    if value is _ABSENT:
+        return "absent"
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 300 else f"{text[:300]}…"

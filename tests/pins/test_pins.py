@@ -1,0 +1,54 @@
+"""Nothing that others rely on has changed; the package's docstring says what it is."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+
+from tests.pins import stored
+from tests.pins.pinned import PINS
+
+
+def lowered(name: str, found: Any) -> Any:
+    """What was found; of our own modules fewer than were stored are as good."""
+    if name != "modules":
+        return found
+    limits = stored.read(name)
+    found = copy.deepcopy(found)
+    for statement, loaded in found.items():
+        limit = limits.get(statement, {}).get("own modules", 0)
+        loaded["own modules"] = max(loaded["own modules"], limit)
+    return found
+
+
+@pytest.mark.parametrize("name", PINS)
+def test_it_is_as_it_was(name):
+    complaint = stored.complaint(name, lowered(name, PINS[name]()))
+
+    assert not complaint, complaint
+
+
+def test_every_stored_file_is_of_a_pin():
+    assert {path.stem for path in stored.FOLDER.iterdir()} == set(PINS)
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "words"),
+    [
+        ({"a": {"b": 1}}, {"a": {"b": 2}}, "a > b: it was 1, it is 2"),
+        ({"a": 1}, {"a": 1.0}, "a: it was 1, it is 1.0"),
+        ({"a": 1}, {}, "a: it was 1, it is absent"),
+        ({"a": 1, "b": 2}, {"b": 2, "a": 1}, "order of the keys was ['a', 'b']"),
+        ([{"step": "go", "x": 1}], [{"step": "go", "x": 2}], "[0: go] > x: it was 1"),
+        ([1, 2], [1], "there were 2, there are 1"),
+        (["a", "b"], ["b", "c"], "gone ['a'], new ['c']"),
+        (["a", "b"], ["b", "a"], "the order was ['a', 'b']"),
+    ],
+)
+def test_a_difference_is_told_by_its_place(before, now, words):
+    (told,) = stored.differences(before, now)
+
+    assert words in told
+    assert list(stored.differences(before, before)) == []

@@ -1,0 +1,398 @@
+"""A walk over the API of a service with the frames of `street`, answer by answer."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import cv2
+import httpx
+import numpy as np
+
+from app.version import VERSION
+from tests.pins import street
+from tests.pins.street import Frame
+
+BASE: Final = "/api/v1"
+DATASET: Final = "street"
+FINISHED: Final = ("done", "failed", "cancelled")
+# Headers of safety are the same everywhere and have tests of their own.
+HEADERS: Final = (
+    "accept-ranges",
+    "allow",
+    "cache-control",
+    "content-disposition",
+    "content-range",
+    "content-type",
+    "etag",
+    "idempotent-replayed",
+    "link",
+    "location",
+    "retry-after",
+    "www-authenticate",
+)
+_TIME: Final = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|[+-]\d\d:\d\d)")
+_SECRET: Final = re.compile(r"\bu[a-z]+_[\w-]{20,}|(?<=key=)[\w-]{20,}")
+# Titles are Python's names of the statuses, which change. When a token was used is
+# noted now and then.
+_OF_THE_MOMENT: Final = ("request_id", "title", "snapshot", "last_used_at", "python")
+# In whatever order the database counts them.
+_UNORDERED: Final = ("by_reason", "by_class")
+_OF_SQLITE: Final = "unghost_wal_bytes gauge"
+_DRAWN: Final = "image/jpeg"
+_WAIT_S: Final = 60
+
+
+@dataclass
+class Walk:
+    """A client that notes what it asked and what was answered."""
+
+    http: httpx.Client
+    steps: list[dict[str, Any]] = field(default_factory=list)
+
+    def ask(self, step: str, method: str, path: str, **request: Any) -> httpx.Response:
+        """Ask, and note the answer under the name of the step."""
+        answer = self.http.request(method, path, **request)
+        headers = {
+            name: plain_text(answer.headers[name])
+            for name in HEADERS
+            if name in answer.headers
+        }
+        self.steps.append(
+            {
+                "step": step,
+                "asked": f"{method} {plain_text(answer.request.url.raw_path.decode())}",
+                "status": answer.status_code,
+                "headers": headers,
+                "body": _body(answer),
+            }
+        )
+        return answer
+
+    def get(self, step: str, path: str, **parameters: Any) -> Any:
+        answer = self.ask(step, "GET", BASE + path, params=parameters or None)
+        return answer.json() if answer.content[:1] in (b"{", b"[") else None
+
+    def post(self, step: str, path: str, body: Any = None, **more: Any) -> Any:
+        return self.ask(step, "POST", BASE + path, json=body, **more).json()
+
+    def put_frame(self, step: str, frame: Frame, **more: Any) -> Any:
+        return self.ask(
+            step, "PUT", f"{BASE}/datasets/{DATASET}/frames/{frame.key}",
+            files=multipart(frame), **more,
+        ).json()  # fmt: skip
+
+    def wait(self, step: str, path: str) -> Any:
+        """Ask until a job is over, and note the last answer alone."""
+        until = time.monotonic() + _WAIT_S
+        while self.http.get(BASE + path).json()["state"] not in FINISHED:
+            assert time.monotonic() < until, path
+            time.sleep(0.01)
+        return self.get(step, path)
+
+
+def multipart(frame: Frame) -> dict[str, Any]:
+    """A frame as the parts of an upload."""
+    return {"annotation": json.dumps(frame.annotation).encode(), **frame.files}
+
+
+def plain(value: Any) -> Any:
+    """A JSON value without what differs each time."""
+    if isinstance(value, dict):
+        return {key: _plain_item(key, item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return plain_text(value) if isinstance(value, str) else value
+
+
+def _plain_item(key: str, item: Any) -> Any:
+    if key in _OF_THE_MOMENT:
+        return f"<{key}>"
+    if key in _UNORDERED and isinstance(item, dict):
+        item = dict(sorted(item.items()))
+    return plain(item)
+
+
+def plain_text(text: str) -> str:
+    """A text without times, secrets and the version."""
+    if text == VERSION:
+        return "<version>"
+    return _SECRET.sub("<secret>", _TIME.sub("<time>", text))
+
+
+def _body(answer: httpx.Response) -> Any:
+    kind = answer.headers.get("content-type", "").partition(";")[0]
+    if answer.url.path == "/readyz":
+        return {"checks": list(answer.json()["checks"])}
+    if kind.endswith("json"):
+        return plain(answer.json())
+    if kind == _DRAWN:
+        picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), -1)
+        return {"height, width, channels": None if picture is None else picture.shape}
+    if kind == "text/event-stream":
+        # How often it tells in between depends on the machine.
+        *_, last = answer.text.strip().split("\n\n")
+        event = dict(line.split(": ", 1) for line in last.splitlines())
+        return {"event": event["event"], "data": plain(json.loads(event["data"]))}
+    if kind.startswith("text/plain") and answer.url.path == "/metrics":
+        types = re.findall(r"^# TYPE (\S+ \S+)$", answer.text, re.MULTILINE)
+        return sorted({*types} - {_OF_SQLITE})
+    if not answer.content:
+        return None
+    return {"sha256": hashlib.sha256(answer.content).hexdigest()}
+
+
+def walked(http: httpx.Client) -> list[dict[str, Any]]:
+    """The whole walk; it leaves a dataset with all frames, a run and some answers."""
+    walk = Walk(http)
+    for part in _PARTS:
+        part(walk)
+    return walk.steps
+
+
+def _datasets(walk: Walk) -> None:
+    body = {"name": DATASET, "description": "a", "classes": ["walker", "car"]}
+    walk.post("create a dataset", "/datasets", body)
+    walk.post("create it again", "/datasets", body)
+    walk.post("create one with a bad name", "/datasets", {"name": "a/b", "x": 1})
+    walk.ask(
+        "change it", "PATCH", f"{BASE}/datasets/{DATASET}", json={"description": "b"}
+    )
+    walk.get("list datasets", "/datasets")
+    walk.get("no such dataset", "/datasets/none")
+
+
+def _uploads(walk: Walk) -> None:
+    first, *others = street.frames()
+    stored = walk.put_frame("upload a frame", first)
+    walk.put_frame("upload it again", first)
+    other = Frame(first.key, {**first.annotation, "map": "Town01"}, first.files)
+    walk.put_frame("upload another under its key", other)
+    for frame in others:
+        walk.put_frame(f"upload {frame.key}", frame)
+    boxes = [
+        {"class": "car", "xyxy": [0, 0, "wide"]},
+        {"class": 7, "xywh": [1, 2, 3, 4]},
+    ]
+    wrong = Frame("town/wrong", {**first.annotation, "boxes": boxes}, first.files)
+    walk.put_frame("upload wrong boxes", wrong)
+    files = {**first.files, "segmentation": first.files["segmentation"][:900]}
+    walk.put_frame(
+        "upload a broken picture", Frame("town/cut", first.annotation, files)
+    )
+    files = {**first.files, "lidar": b"not a cloud"}
+    walk.put_frame(
+        "upload a broken cloud", Frame("town/lidar", first.annotation, files)
+    )
+    path = f"{BASE}/datasets/{DATASET}/frames/{first.key}"
+    walk.ask("upload JSON", "PUT", path, json=first.annotation)
+    walk.ask("upload without annotation", "PUT", path, files={"image": b"1"})
+    walk.put_frame("replace a frame", other, params={"replace": "true"})
+    replaced = walk.put_frame("put it back", first, params={"replace": "true"})
+    known = {"keys": [first.key, "town/none"]}
+    walk.post("ask for known frames", f"/datasets/{DATASET}/known-frames", known)
+    walk.get("a frame that was replaced", f"/frames/{stored['frame']['id']}")
+    walk.get("a frame by its key", f"/datasets/{DATASET}/frames/{first.key}")
+    page = walk.get("list frames", f"/datasets/{DATASET}/frames", limit=2)
+    walk.get(
+        "list on", f"/datasets/{DATASET}/frames", limit=2, cursor=page["next_cursor"]
+    )
+    walk.get("list by a cursor that is none", f"/datasets/{DATASET}/frames", cursor="x")
+    walk.get("no such frame", "/frames/4000")
+    image = f"/frames/{replaced['frame']['id']}/image"
+    walk.get("an image", image)
+    walk.ask("a part of it", "GET", BASE + image, headers={"Range": "bytes=8-15"})
+    tag = walk.http.get(BASE + image).headers["etag"]
+    walk.ask("it unchanged", "GET", BASE + image, headers={"If-None-Match": tag})
+    walk.get("a thumbnail", f"/frames/{replaced['frame']['id']}/thumbnail")
+    walk.get("an overlay", f"/frames/{replaced['frame']['id']}/overlay")
+    walk.get("problems", f"/datasets/{DATASET}/problems")
+
+
+def _boxes(walk: Walk) -> list[dict[str, Any]]:
+    page = walk.get("list boxes", "/boxes", dataset=DATASET, limit=100)
+    walk.get(
+        "a page of doubtful ones", "/boxes", dataset=DATASET, sort="doubt", limit=2
+    )
+    walk.get(
+        "by what they are", "/boxes", dataset=DATASET, limit=2, count="true",
+        verdict="rejected", reason="no_visible_pixels", **{"class": "car"},
+    )  # fmt: skip
+    walk.get("by a filter that there is not", "/boxes", dataset=DATASET, colour="red")
+    box = page["items"][0]["box_id"]
+    walk.get("a box", f"/boxes/{box}")
+    walk.get("its crop", f"/boxes/{box}/crop")
+    walk.get("no such box", "/boxes/40000")
+    walk.get("no number", "/boxes/first")
+    items: list[dict[str, Any]] = page["items"]
+    return items
+
+
+def _review(walk: Walk) -> None:
+    boxes = [box["box_id"] for box in _boxes(walk)]
+    path = f"/boxes/{boxes[0]}/reviews"
+    answer = {"verdict": "reject", "seen_revision": 0, "comment": "zu klein"}
+    key = {"Idempotency-Key": "the-first-answer"}
+    walk.post("answer", path, answer, headers=key)
+    walk.post("answer by the same key", path, answer, headers=key)
+    walk.post("answer what has changed", path, {**answer, "verdict": "keep"})
+    walk.post("answer with what is none", path, {"verdict": "maybe"})
+    walk.post("answer again", path, {"verdict": "unsure", "seen_revision": 1})
+    walk.post("take it back", path, {"verdict": "clear", "seen_revision": 2})
+    walk.get("the box then", f"/boxes/{boxes[0]}")
+    walk.post("answer a third time", path, {"verdict": "reject", "seen_revision": 3})
+    walk.post(
+        "answer another",
+        f"/boxes/{boxes[3]}/reviews",
+        {"verdict": "keep", "seen_revision": 0},
+    )
+    walk.get("its history", f"/boxes/{boxes[0]}/history")
+    bulk: dict[str, Any] = {"dataset": DATASET, "verdict": "reject"}
+    bulk |= {"box_ids": [*boxes[:3], 40_000]}
+    seen = {"seen_revisions": [0, 0, 0, 0]}
+    batch = walk.post("answer many", "/reviews/bulk", {**bulk, **seen})
+    walk.post("expect others", "/reviews/bulk", {**bulk, "expected_count": 9})
+    path = f"/review-batches/{batch['id']}/undo"
+    walk.post("undo them", path)
+    walk.post("undo them again", path)
+    wanted: dict[str, Any] = {"verdict": "kept", "class": "walker"}
+    listed = walk.get(
+        "count a filter", "/boxes", dataset=DATASET, count="true", limit=1, **wanted
+    )
+    bulk = {"dataset": DATASET, "verdict": "keep", "filter": wanted}
+    walk.post(
+        "answer a filter", "/reviews/bulk", {**bulk, "snapshot": listed["snapshot"]}
+    )
+    walk.post(
+        "answer it as it was", "/reviews/bulk", {**bulk, "snapshot": listed["snapshot"]}
+    )
+
+
+def _queue(walk: Walk) -> None:
+    path = f"/datasets/{DATASET}/queue"
+    walk.post("the queue", path, {"limit": 2})
+    walk.post("in a random order", path, {"limit": 2, "order": "random", "seed": 7})
+    walk.post("for an audit", path, {"limit": 2, "order": "audit"})
+    walk.post("in no order", path, {"order": "size"})
+    walk.get("statistics", f"/datasets/{DATASET}/stats")
+    walk.get("a histogram", f"/datasets/{DATASET}/histogram", bins=4)
+    walk.get("quality", f"/datasets/{DATASET}/quality")
+
+
+def _configs(walk: Walk) -> None:
+    path = f"/datasets/{DATASET}/config"
+    before = walk.get("the configuration", path)
+    config = {
+        "threshold_small_box": 60,
+        "classes": {"truck": {"accept": ["Car", "Truck"]}},
+    }
+    made = walk.post("make another", f"{path}s", config)
+    walk.post("make it again", f"{path}s", config)
+    walk.post("make a wrong one", f"{path}s", {"treshold_small_box": 60})
+    walk.get("list configurations", f"{path}s")
+    walk.get("one of them", f"/configs/{made['digest']}")
+    walk.get("none of them", f"/configs/{'0' * 64}")
+    preview = f"/datasets/{DATASET}/preview"
+    walk.post("preview it", preview, {"config": config, "limit": 3, "bins": 2})
+    walk.post("preview pixels", preview, {"config": {"profile": "carlasimu"}})
+    for step, body in _RUNS.items():
+        run = walk.post(step, f"/datasets/{DATASET}/runs", body)["id"]
+        walk.wait(f"{step}: over", f"/runs/{run}")
+        walk.get(f"{step}: diff", f"/runs/{run}/diff", limit=2)
+        walk.get(f"{step}: events", f"/runs/{run}/events")
+    walk.post(
+        "run a wrong one",
+        f"/datasets/{DATASET}/runs",
+        {"config": {"evidence": "radar"}},
+    )
+    walk.post("run what is none", f"/datasets/{DATASET}/runs", {"config": 7})
+    walk.get("list runs", f"/datasets/{DATASET}/runs")
+    walk.post("cancel what is over", f"/runs/{run}/cancel")
+    walk.get("no such run", "/runs/4000")
+    walk.get("boxes by channels", "/boxes", dataset=DATASET, limit=50)
+    walk.ask("activate none", "PUT", BASE + path, json={"digest": "0" * 64})
+    digest = {"digest": before["digest"]}
+    run = walk.ask("activate the first", "PUT", BASE + path, json=digest).json()["id"]
+    walk.wait("activate the first: over", f"/runs/{run}")
+
+
+_RUNS: Final[Mapping[str, dict[str, Any]]] = {
+    "decide by thresholds": {"config": {"threshold_small_box": 60}},
+    "decide and activate": {"config": {"min_visible_pixels": 30}, "activate": True},
+    "measure as carlasimu": {"config": {"profile": "carlasimu"}, "activate": True},
+    "measure by depth": {"config": {"evidence": "depth", "depth_tolerance": 0.5}},
+    "measure by channels": {"config": {"evidence": "auto"}, "activate": True},
+}
+
+
+def _exports(walk: Walk) -> None:
+    path = f"/datasets/{DATASET}/exports"
+    made = walk.post("export", path, {"format": "kitti", "options": {"images": "none"}})
+    walk.http.get(f"{BASE}/exports/{made['id']}/events").raise_for_status()
+    over = walk.wait("export: over", f"/exports/{made['id']}")
+    assert over["state"] == "done", over
+    walk.post("an address of it", f"/exports/{made['id']}/download-links")
+    walk.post("cancel it", f"/exports/{made['id']}/cancel")
+    walk.post("export to what is none", path, {"format": "ylo"})
+    walk.post(
+        "export with an option it lacks",
+        path,
+        {"format": "cvat", "options": {"bands": [9]}},
+    )
+    walk.get("no such export", "/exports/4000/download")
+
+
+def _evaluations(walk: Walk) -> None:
+    path = f"/datasets/{DATASET}/evaluations"
+    run = walk.post("evaluate", path, {})["id"]
+    walk.wait("evaluate: over", f"/runs/{run}")
+    walk.get("evaluations", path)
+
+
+def _people(walk: Walk) -> None:
+    walk.get("who am I", "/session")
+    wanted = {"name": "anna", "role": "viewer", "expires_in_days": 1}
+    made = walk.post("make a token", "/tokens", wanted)
+    walk.post("make a wrong token", "/tokens", {"name": "anna", "role": "king"})
+    walk.get("list tokens", "/tokens")
+    viewer = {"Authorization": f"Bearer {made['token']}"}
+    body = {"name": "mine"}
+    walk.post("a viewer makes a dataset", "/datasets", body, headers=viewer)
+    none = {"Authorization": "Bearer none"}
+    walk.ask("nobody lists", "GET", f"{BASE}/datasets", headers=none)
+    walk.ask("revoke it", "DELETE", f"{BASE}/tokens/{made['id']}")
+    walk.get("the audit log", "/audit")
+
+
+def _ends(walk: Walk) -> None:
+    walk.ask("no such address", "GET", f"{BASE}/nothing")
+    walk.ask("no such method", "PUT", f"{BASE}/datasets")
+    text = {"Content-Type": "application/json"}
+    walk.ask("no JSON", "POST", f"{BASE}/datasets", content=b"{", headers=text)
+    walk.ask("alive", "GET", "/healthz")
+    walk.ask("ready", "GET", "/readyz")
+    walk.ask("version", "GET", "/version")
+    walk.ask("metrics", "GET", "/metrics")
+    path = f"{BASE}/datasets/short"
+    walk.post("create a short one", "/datasets", {"name": "short"})
+    walk.ask("delete it unasked", "DELETE", path)
+    walk.ask("delete it", "DELETE", path, params={"confirm": "short"})
+    walk.ask("delete it again", "DELETE", path, params={"confirm": "short"})
+
+
+_PARTS: Final[tuple[Callable[[Walk], Any], ...]] = (
+    _datasets,
+    _uploads,
+    _review,
+    _queue,
+    _configs,
+    _exports,
+    _evaluations,
+    _people,
+    _ends,
+)
