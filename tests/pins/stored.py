@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -72,8 +72,7 @@ def _of_objects(
         else:
             yield from differences(before, now, at)
     if stored.keys() == found.keys() and list(stored) != list(found):
-        order = f"the order of the keys was {list(stored)}, it is {list(found)}"
-        yield f"  {place}: {order}"
+        yield f"  {place}: the order of the keys differs: {_order(stored, found)}"
 
 
 def _of_lists(stored: list[Any], found: list[Any], place: str) -> Iterator[str]:
@@ -92,7 +91,17 @@ def _of_words(stored: list[str], found: list[str], place: str) -> Iterator[str]:
     if gone or new:
         yield f"  {place}: gone {gone}, new {new}"
     else:
-        yield f"  {place}: the order was {stored}, it is {found}"
+        yield f"  {place}: the order differs: {_order(stored, found)}"
+
+
+def _order(stored: Iterable[str], found: Iterable[str]) -> str:
+    """Where two orders of the same words part."""
+    at, (before, now) = next(
+        (at, pair)
+        for at, pair in enumerate(zip(stored, found, strict=True))
+        if pair[0] != pair[1]
+    )
+    return f"at {at} it was {before!r}, it is {now!r}"
 
 
 def _step(item: Any, at: int) -> str:

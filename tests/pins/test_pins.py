@@ -40,11 +40,15 @@ def test_every_stored_file_is_of_a_pin():
         ({"a": {"b": 1}}, {"a": {"b": 2}}, "a > b: it was 1, it is 2"),
         ({"a": 1}, {"a": 1.0}, "a: it was 1, it is 1.0"),
         ({"a": 1}, {}, "a: it was 1, it is absent"),
-        ({"a": 1, "b": 2}, {"b": 2, "a": 1}, "order of the keys was ['a', 'b']"),
+        (
+            {"a": 1, "b": 2},
+            {"b": 2, "a": 1},
+            "order of the keys differs: at 0 it was 'a'",
+        ),
         ([{"step": "go", "x": 1}], [{"step": "go", "x": 2}], "[0: go] > x: it was 1"),
         ([1, 2], [1], "there were 2, there are 1"),
         (["a", "b"], ["b", "c"], "gone ['a'], new ['c']"),
-        (["a", "b"], ["b", "a"], "the order was ['a', 'b']"),
+        (["a", "b"], ["b", "a"], "the order differs: at 0 it was 'a', it is 'b'"),
     ],
 )
 def test_a_difference_is_told_by_its_place(before, now, words):
