@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.palettes import FAMILIES, RGB, palette_of
+from filter_core.pixel_values import Codes
 from filter_core.types import UNKNOWN_TAG
 
 ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
-Codes: TypeAlias = NDArray[np.uint8]
 
 ORDERS: Final[tuple[ChannelOrder, ...]] = ("rgb", "bgr")
 NO_FAMILY: Final = 0

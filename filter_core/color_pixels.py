@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from filter_core.color_codes import (
     COLOR_BITS,
     NO_FAMILY,
-    Codes,
     exact_codes,
     nearest_tags,
     recognizable_codes,
@@ -22,7 +21,7 @@ from filter_core.color_codes import (
 from filter_core.errors import SegmentationError
 from filter_core.palettes import FAMILIES, RGB
 from filter_core.pixel_codes import PixelCodes, Segmentation
-from filter_core.pixel_values import codes_of, count_codes, values_of
+from filter_core.pixel_values import Codes, codes_of, count_codes, values_of
 from filter_core.recognition import (
     Named,
     Reading,

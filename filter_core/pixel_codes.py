@@ -13,10 +13,9 @@ from filter_core.color_codes import (
     N_COLORS,
     NO_FAMILY,
     ChannelOrder,
-    Codes,
     exact_codes,
 )
-from filter_core.pixel_values import PixelValues, codes_of, values_of
+from filter_core.pixel_values import Codes, PixelValues, codes_of, values_of
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
 

@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.color_codes import Codes
 from filter_core.runs import positions, run_ends, run_lengths
 from filter_core.types import IntArray, Mask
+
+Codes: TypeAlias = NDArray[np.uint8]
+"""A small number for each colour; `filter_core.color_codes` has those of palettes."""
 
 PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
 """Packed colours with 255 in the upper byte, so negative; or codes."""
