@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
-from filter_core.config_values import nearest, place_of
 from filter_core.errors import ConfigError
-from filter_core.faults import shown
+from filter_core.faults import nearest, place_of, shown
 from filter_core.palettes import FAMILIES, PUBLISHED_COLORS, Palette
 
 ALIASES: Final = {"street_light": "traffic_light"}

@@ -20,12 +20,10 @@ from filter_core.config_values import (
     Number,
     checked_choice,
     checked_number,
-    place_of,
-    pointer_token,
     refuse_unknown_keys,
 )
 from filter_core.errors import ConfigError
-from filter_core.faults import shown
+from filter_core.faults import place_of, pointer_token, shown
 from filter_core.types import FloatArray, IntArray
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 from filter_core.errors import ConfigError
-from filter_core.faults import shown
+from filter_core.faults import place_of, pointer_token, shown, similar
 
 Number = float | int
-_SIMILAR: Final = 0.6
-"""From here on a word is taken for a misspelt one."""
 
 
 @dataclass(frozen=True)
@@ -130,26 +127,6 @@ def refuse_unknown_keys(
             )
 
 
-def nearest(word: object, known: Iterable[str]) -> str:
-    """The known word most like this one, however unlike it is."""
-    return _matches(word, known, 0.0)[0]
-
-
-def similar(word: object, known: Iterable[str]) -> str | None:
-    """The known word that this one is likely to stand for; None if it is like none."""
-    return next(iter(_matches(word, known, _SIMILAR)), None)
-
-
-def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
-    # difflib is quadratic: a kilobyte of nonsense must not cost a second.
-    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
-
-
-def pointer_token(key: object) -> str:
-    """A key as one token of a JSON pointer (RFC 6901)."""
-    return str(key)[:80].replace("~", "~0").replace("/", "~1")
-
-
 def _refused(
     key: str, value: object, expected: str, at: str = "", hint: str = ""
 ) -> ConfigError:
@@ -157,11 +134,6 @@ def _refused(
         f"{place_of(at)}{key}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{key}",
     )
-
-
-def place_of(at: str) -> str:
-    """A JSON pointer as it stands before a message."""
-    return f"{at.strip('/').replace('/', '.')}: " if at else ""
 
 
 def _quoted(key: object) -> str:

@@ -1,7 +1,11 @@
-"""Collects every fault of one annotation, each with its place, in one pass."""
+"""What is wrong with what strangers wrote: every fault with its place, in words.
+
+`Faults` collects those of one annotation in one pass.
+"""
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable
 from typing import Final
@@ -18,6 +22,8 @@ MAX_MAGNITUDE: Final = 1e9
 
 _SHOWN_TEXT: Final = 60
 _SHOWN_KEY: Final = 80
+_SIMILAR: Final = 0.6
+"""From here on a word is taken for a misspelt one."""
 _NUMBER: Final = (int, float, np.integer, np.floating)
 
 
@@ -237,3 +243,28 @@ def read_list(
     else:
         return list(items)
     return None
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """The known word most like this one, however unlike it is."""
+    return _matches(word, known, 0.0)[0]
+
+
+def similar(word: object, known: Iterable[str]) -> str | None:
+    """The known word that this one is likely to stand for; None if it is like none."""
+    return next(iter(_matches(word, known, _SIMILAR)), None)
+
+
+def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
+    # difflib is quadratic: a kilobyte of nonsense must not cost a second.
+    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
+
+
+def pointer_token(key: object) -> str:
+    """A key as one token of a JSON pointer (RFC 6901)."""
+    return str(key)[:80].replace("~", "~0").replace("/", "~1")
+
+
+def place_of(at: str) -> str:
+    """A JSON pointer as it stands before a message."""
+    return f"{at.strip('/').replace('/', '.')}: " if at else ""

@@ -7,8 +7,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from filter_core.config_values import nearest
 from filter_core.errors import LayoutError
+from filter_core.faults import nearest
 from filter_core.formats.carlasimu import camera_folder, read_carlasimu
 from filter_core.formats.class_lists import find_class_list
 from filter_core.formats.coco import coco_files, read_coco

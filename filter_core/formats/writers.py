@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, Protocol
 
-from filter_core.config_values import nearest
+from filter_core.faults import nearest
 from filter_core.formats.coco_writer import CocoWriter
 from filter_core.formats.cvat_writer import CvatWriter
 from filter_core.formats.decisions_writer import require_parquet, write_decisions
