@@ -8,9 +8,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-CHANNELS: Final = ("ordered", "depth", "depth_center", "instance", "lidar")
-"""Every channel beside ``semantic``, by the name that configurations use."""
-
 NOT_MEASURED: Final = -1
 """Stands for a count that a channel could not give."""
 

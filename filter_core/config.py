@@ -15,8 +15,11 @@ import numpy as np
 
 from filter_core.classes import accept_mask_of, canonical_accept, canonical_class
 from filter_core.config_values import (
+    AUTO,
     CHOICES,
     NUMBERS,
+    SEMANTIC,
+    STRONGEST_FIRST,
     Number,
     checked_choice,
     checked_number,
@@ -197,6 +200,13 @@ class FilterConfig:
     def __reduce__(self) -> tuple[object, tuple[dict[str, object]]]:
         # A read-only mapping cannot be pickled; worker processes get the plain form.
         return FilterConfig.from_mapping, (self.as_dict(),)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What it decides by beside the segmentation; the first that has a number."""
+        if self.evidence == SEMANTIC:
+            return ()
+        return STRONGEST_FIRST if self.evidence == AUTO else (self.evidence,)
 
     def of_class(self, name: str) -> ClassConfig:
         """The overrides of a class, aliases understood; none if it has none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,6 +10,20 @@ from filter_core.errors import ConfigError
 from filter_core.faults import place_of, pointer_token, shown, similar
 
 Number = float | int
+
+SEMANTIC: Final = "semantic"
+AUTO: Final = "auto"
+CHANNELS: Final = ("ordered", "depth", "depth_center", "instance", "lidar")
+"""Every channel beside ``semantic``, by the name that configurations use."""
+STRONGEST_FIRST: Final = ("instance", "depth", "ordered")
+"""What ``auto`` tries before the segmentation alone."""
+FILE_OF: Final[Mapping[str, str]] = {
+    "depth": "depth",
+    "depth_center": "depth",
+    "instance": "instances",
+    "lidar": "lidar",
+}
+"""The file that each channel reads; ``ordered`` needs none but the segmentation."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +63,9 @@ NUMBERS: Final = {
 CHOICES: Final = {
     "profile": ("paper", "carlasimu"),
     "evidence": (
-        "semantic",
-        "ordered",
-        "depth",
-        "depth_center",
-        "instance",
-        "lidar",
-        "auto",
+        SEMANTIC,
+        *CHANNELS,
+        AUTO,
     ),
     "projection": ("clipped", "naive"),
     "palette": ("auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"),

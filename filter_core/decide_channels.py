@@ -14,12 +14,8 @@ from numpy.typing import NDArray
 
 from filter_core.channel_types import ChannelNumbers
 from filter_core.config import FilterConfig
+from filter_core.config_values import SEMANTIC
 from filter_core.types import BoolArray, Decisions, Evidence, Reason
-
-SEMANTIC: Final = "semantic"
-AUTO: Final = "auto"
-STRONGEST_FIRST: Final = ("instance", "depth", "ordered")
-"""What ``auto`` tries before the segmentation alone."""
 
 Codes = NDArray[np.uint8]
 
@@ -53,7 +49,7 @@ def apply_channels(
     if numbers is None or config.evidence == SEMANTIC:
         return
     open_ = ~np.isin(decisions.reason, _BEFORE_CHANNELS)
-    for name in channels_of(config):
+    for name in config.channels:
         rows = np.flatnonzero(open_ & _has_number(numbers, name))
         open_[rows] = False
         reasons = _RULES[name](numbers[rows], config, _needed(evidence, config)[rows])
@@ -64,18 +60,11 @@ def apply_channels(
         decisions.large[rows] = False
 
 
-def channels_of(config: FilterConfig) -> tuple[str, ...]:
-    """The channels a configuration decides by, the first that has a number first."""
-    if config.evidence == SEMANTIC:
-        return ()
-    return STRONGEST_FIRST if config.evidence == AUTO else (config.evidence,)
-
-
 def channels_used(evidence: Evidence, config: FilterConfig) -> list[str]:
     """The channel that each of N boxes is judged by."""
     used = np.full(len(evidence), SEMANTIC, dtype=object)
     if evidence.channels is not None:
-        for name in reversed(channels_of(config)):
+        for name in reversed(config.channels):
             used[_has_number(evidence.channels, name)] = name
     return list(used)
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from filter_core.channel_types import NOT_MEASURED
 from filter_core.classes import accepted_names
 from filter_core.config import FilterConfig
-from filter_core.decide_channels import DECIDED_BY_CHANNELS, SEMANTIC, channels_used
+from filter_core.config_values import SEMANTIC
+from filter_core.decide_channels import DECIDED_BY_CHANNELS, channels_used
 from filter_core.explain import HiddenBy, Judgement, explain, hidden_by
 from filter_core.explain_channels import ChannelJudgement
 from filter_core.types import BoxesXYXY, Decisions, Evidence, FloatArray, Reason

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from filter_core.channel_types import CHANNELS
 from filter_core.config import FilterConfig
+from filter_core.config_values import CHANNELS, SEMANTIC
 from filter_core.decide import decide
-from filter_core.decide_channels import SEMANTIC, has_number
+from filter_core.decide_channels import has_number
 from filter_core.scores import BANDS, Confusion, band_index
 from filter_core.types import BoolArray, Evidence, IntArray, Reason
 from filter_core.worst import NameOf, Worst

@@ -5,32 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
 from filter_core.annotation_types import FrameAnnotation
-from filter_core.channel_types import CHANNELS, NOT_MEASURED, ChannelNumbers
+from filter_core.channel_types import NOT_MEASURED, ChannelNumbers
 from filter_core.channels.depth import DepthImage, read_depth
 from filter_core.channels.instances import InstanceImage, read_instances
 from filter_core.channels.points import LidarPoints, read_points
 from filter_core.channels.sensors import ChannelBoxes, FrameSensors, measure_channels
 from filter_core.config import FilterConfig
-from filter_core.decide_channels import AUTO, channels_of
+from filter_core.config_values import AUTO, CHANNELS, FILE_OF
 from filter_core.errors import ImageError
 from filter_core.frame_geometry import GeometryResult
 from filter_core.image_header import MAX_SIDE
 from filter_core.pixel_codes import Segmentation
 from filter_core.pose import Transform
 from filter_core.types import Evidence, IntArray, Mask
-
-FILE_OF: Final[Mapping[str, str]] = {
-    "depth": "depth",
-    "depth_center": "depth",
-    "instance": "instances",
-    "lidar": "lidar",
-}
-"""The file that each channel reads; ``ordered`` needs none but the segmentation."""
 
 
 def files_for(channels: Iterable[str]) -> tuple[str, ...]:
@@ -61,7 +52,7 @@ class SensorFiles:
 
     def wanted(self, config: FilterConfig) -> tuple[str, ...]:
         """The channels to measure, those whose file is missing left out."""
-        asked = channels_of(config) if self.channels is None else self.channels
+        asked = config.channels if self.channels is None else self.channels
         return tuple(
             name
             for name in CHANNELS
@@ -113,7 +104,7 @@ def measure_frame_channels(
         instance_id=_instance_ids(annotation),
         image_wh=parts.wh,
     )
-    strict = config.evidence != AUTO and "depth" in files_for(channels_of(config))
+    strict = config.evidence != AUTO and "depth" in files_for(config.channels)
     reader = _Reader(files, parts.wh, lenient=not strict)
     kinds = {FILE_OF.get(name) for name in wanted}
     sensors = FrameSensors(

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from filter_core.config import FilterConfig
-from filter_core.decide_channels import channels_of
 from filter_core.errors import AnnotationErrors, FilterError, LayoutError
 from filter_core.formats.frame_source import FrameSource
 from filter_core.frame_channels import SensorFiles, files_for
@@ -122,7 +121,7 @@ def decide_source(
     """Decide the boxes of one frame of a folder; raises what is wrong with it."""
     if source.problem is not None:
         raise source.problem
-    options = _frame_options(source, files_for(channels_of(config)), dataset)
+    options = _frame_options(source, files_for(config.channels), dataset)
     return filter_frame(source.annotation or {}, _segmentation(source), config, options)
 
 

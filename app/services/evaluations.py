@@ -20,8 +20,7 @@ from app.services.run_requests import (
     coming_settings,
     request_run,
 )
-from filter_core.channel_types import CHANNELS
-from filter_core.decide_channels import SEMANTIC
+from filter_core.config_values import CHANNELS, SEMANTIC
 from filter_core.evaluation import Evaluation
 from filter_core.types import BoolArray, IntArray
 

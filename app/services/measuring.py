@@ -24,11 +24,9 @@ from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from app.services import pixel_work
 from app.services.pixel_work import SENSORS, FrameFiles, MeasureRequest
 from filter_core.annotation_types import FrameAnnotation
-from filter_core.channel_types import CHANNELS
 from filter_core.config import FilterConfig
-from filter_core.decide_channels import channels_of
+from filter_core.config_values import CHANNELS, FILE_OF
 from filter_core.decision_record import FrameGeometry
-from filter_core.frame_channels import FILE_OF
 from filter_core.frame_filter import MeasuredFrame
 from filter_core.segmentation import SegmentationOptions
 
@@ -69,7 +67,7 @@ class ChannelPlan:
     @classmethod
     def of(cls, config: FilterConfig) -> ChannelPlan:
         """What a configuration decides by."""
-        return cls.measuring(channels_of(config), config)
+        return cls.measuring(config.channels, config)
 
     @classmethod
     def measuring(cls, asked: Collection[str], config: FilterConfig) -> ChannelPlan:

@@ -64,7 +64,7 @@ class MeasureRequest:
         How segmentations are read, and who says so.
     ignored : dict or None
         The dataset's ignore mask: ``png`` in base 64, or ``polygons``.
-    channels : names out of `filter_core.channel_types.CHANNELS`
+    channels : names out of `filter_core.config_values.CHANNELS`
     depth_tolerance : float or None
     """
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filter_core.camera import Camera
-from filter_core.channel_types import CHANNELS, NOT_MEASURED, ChannelNumbers
+from filter_core.channel_types import NOT_MEASURED, ChannelNumbers
 from filter_core.channels.accepted import AcceptedPixels, accepted_pixels
 from filter_core.channels.assign import InstanceBoxes, measure_instances
 from filter_core.channels.depth import (
@@ -22,6 +22,7 @@ from filter_core.channels.lidar import points_inside
 from filter_core.channels.ordered import owned_pixels
 from filter_core.channels.points import LidarPoints
 from filter_core.channels.silhouettes import silhouettes
+from filter_core.config_values import CHANNELS
 from filter_core.pixel_codes import Segmentation
 from filter_core.pose import Transform
 from filter_core.types import BoxesXYXY, FloatArray, IntArray, Mask

@@ -208,3 +208,15 @@ def test_a_difference_names_every_key_that_changed():
         ConfigChange("classes.car.threshold_small_box", None, 5),
     ]
     assert diff_configs(after, after) == []
+
+
+@pytest.mark.parametrize(
+    ("evidence", "channels"),
+    [
+        ("semantic", ()),
+        ("depth_center", ("depth_center",)),
+        ("auto", ("instance", "depth", "ordered")),
+    ],
+)
+def test_a_configuration_says_which_channels_it_decides_by(evidence, channels):
+    assert FilterConfig(evidence=evidence).channels == channels

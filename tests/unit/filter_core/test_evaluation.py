@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from filter_core.channel_types import CHANNELS
 from filter_core.config import FilterConfig
+from filter_core.config_values import CHANNELS
 from filter_core.evaluation import Evaluation
 from filter_core.frame_channels import SensorFiles
 from filter_core.frame_filter import FrameOptions, filter_frame
