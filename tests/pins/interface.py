@@ -16,6 +16,8 @@ from app.settings import Settings
 from tests.docs.documents import DOCUMENTS, blocks
 
 OWN: Final = ("app", "filter_core", "unghost")
+# Loaded by others for some versions of Python alone.
+_BACKPORTS: Final = {"exceptiongroup", "typing_extensions"}
 IMPORTS: Final = {
     "filter_core": "import filter_core",
     "unghost": "import unghost",
@@ -81,7 +83,7 @@ def _loaded(statement: str) -> dict[str, Any]:
     )
     loaded = done.stdout.split()
     packages = {name.partition(".")[0] for name in loaded}
-    others = packages - {*sys.stdlib_module_names, *OWN}
+    others = packages - {*sys.stdlib_module_names, *OWN, *_BACKPORTS}
     return {
         "packages": sorted(others),
         "own modules": sum(name.partition(".")[0] in OWN for name in loaded),
