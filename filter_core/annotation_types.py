@@ -14,6 +14,8 @@ from filter_core.pose import Transform
 VERTICES: Final = "vertices"
 BOX3D: Final = "box3d"
 FORMS_3D: Final = (VERTICES, BOX3D)
+_MIN_KEYS: Final = 200_000
+"""Keys that an annotation may have, however few boxes: they cost more than values."""
 GEOMETRIES: Final = (*FORMS, *FORMS_3D)
 """The keys under which a box can give its geometry, exactly one of them."""
 
@@ -38,9 +40,13 @@ class AnnotationLimits:
 
     @property
     def json(self) -> JsonLimits:
-        """What its JSON may hold: fifty values for each box."""
+        """What its JSON may hold: fifty values and twenty keys for each box.
+
+        A box of eight vertices, an id, a class and two types is 38 values and 5 keys.
+        """
         values = max(JsonLimits.max_values, 50 * self.max_boxes)
-        return JsonLimits(self.max_bytes, max_values=values, max_keys=values)
+        keys = max(_MIN_KEYS, 20 * self.max_boxes)
+        return JsonLimits(self.max_bytes, max_values=values, max_keys=keys)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from app.services.incoming import (
     received,
     stored_already,
 )
+from app.services.json_turns import in_turn
 from app.services.refusals import note_problem
 from app.services.room import require_room
 from app.storage import Drafts
@@ -91,9 +92,16 @@ def work_on(context: ServiceContext, batch: BatchOf, frame: IncomingFrame) -> Fr
         if frame.fault is not None:
             raise frame.fault
         limits = annotation_limits(context.settings)
-        key, annotation = without_key(frame.annotation, frame.name, limits)
+        size = len(frame.annotation)
+        with in_turn(size):
+            key, annotation = without_key(frame.annotation, frame.name, limits)
         upload = FrameUpload(
-            checked_key(key), annotation, frame.files, batch.sender, batch.replace
+            checked_key(key),
+            annotation,
+            frame.files,
+            batch.sender,
+            batch.replace,
+            annotation_bytes=size,
         )
         ready = received(context, batch.dataset, upload)
     except _OF_ONE_FRAME as error:

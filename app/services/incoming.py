@@ -16,6 +16,7 @@ from app.services.active import ActiveDataset
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent
+from app.services.json_turns import in_turn
 from app.services.measuring import measure_files
 from app.services.refusals import naming
 from app.settings import Settings
@@ -26,6 +27,7 @@ from filter_core.frame_filter import MeasuredFrame
 
 MAX_TEXT: Final = 200
 """Characters of an id, a class or a map: what their columns hold."""
+_CANONICAL: Final = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
 _DIGEST_OF: Final = b"frame 1\n"
 """Begins every content digest, should its definition ever change."""
 
@@ -39,6 +41,14 @@ class FrameUpload:
     files: Mapping[str, bytes]
     sender: Principal
     replace: bool = False
+    annotation_bytes: int = 0
+    """Of its JSON, where the annotation has been read already."""
+
+    @property
+    def json_bytes(self) -> int:
+        """How large the annotation was when it came."""
+        is_read = isinstance(self.annotation, Mapping)
+        return self.annotation_bytes if is_read else len(self.annotation)
 
 
 @dataclass(frozen=True)
@@ -116,15 +126,18 @@ def annotation_limits(settings: Settings) -> AnnotationLimits:
 
 def _prepare(context: ServiceContext, upload: FrameUpload) -> PreparedFrame:
     """Read the annotation and the headers of the files; nothing is decoded yet."""
-    settings = context.settings
-    annotation = parse_annotation(
-        upload.annotation,
-        limits=annotation_limits(settings),
-        frame=upload.key,
-    )
+    settings, size = context.settings, upload.json_bytes
+    with in_turn(size):
+        annotation = parse_annotation(
+            upload.annotation,
+            limits=annotation_limits(settings),
+            frame=upload.key,
+        )
     with naming(upload.key):
         files = check_files(upload.files, annotation, settings)
-    return PreparedFrame(upload, annotation, files, _content_digest(annotation, files))
+    with in_turn(size):
+        digest = _content_digest(annotation, files)
+    return PreparedFrame(upload, annotation, files, digest)
 
 
 def stored_already(known: KeyRow, prepared: PreparedFrame, dataset: str) -> int | None:
@@ -186,6 +199,7 @@ def _content_digest(annotation: FrameAnnotation, files: CheckedFiles) -> str:
     digest = hashlib.sha256(_DIGEST_OF)
     for file in files.rows:
         digest.update(f"{file.kind} {file.sha256}\n".encode())
-    canonical = json.dumps(annotation.raw, sort_keys=True, separators=(",", ":"))
-    digest.update(canonical.encode())
+    # In pieces: written in one, nobody else would run until a large one is written.
+    for piece in _CANONICAL.iterencode(annotation.raw):
+        digest.update(piece.encode())
     return digest.hexdigest()
