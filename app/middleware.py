@@ -24,6 +24,7 @@ from app.http_errors import problem_of
 from app.logs import Answered, current_request_id, error_log, log_answer
 from app.metrics import RequestMetrics
 from app.security import host_name
+from app.services.open_bodies import HeldBytes
 from app.settings import ANY_HOST
 
 BODY_ALLOWANCE: Final = "unghost.body_allowance"
@@ -196,11 +197,36 @@ class BodyAllowance:
     """How large the body of one request may be, and how long it may take.
 
     `announced` is the Content-Length; `until` is on the clock of `time.monotonic`.
+    `held` counts what is in memory of it, once somebody has shown a token; a route that
+    streams its body counts by itself what it keeps.
     """
 
     announced: int
     max_bytes: int = MAX_UNASKED_BYTES
     until: float = math.inf
+    held: HeldBytes | None = None
+    is_streamed: bool = False
+
+    def count_in(self, held: HeldBytes, *, is_streamed: bool) -> None:
+        """Count the body from now on: all that is announced, unless it is streamed.
+
+        Raises
+        ------
+        TooManyRequests, NotReady
+            There is no room for it.
+        """
+        self.held, self.is_streamed = held, is_streamed
+        self.hold(0)
+
+    def hold(self, received: int) -> None:
+        """So much of the body has come."""
+        if self.held is not None and not self.is_streamed:
+            self.held.hold(max(received, self.announced))
+
+    def let_go(self) -> None:
+        """The request is answered, or has failed: nothing of it is kept."""
+        if self.held is not None:
+            self.held.hold(0)
 
     def limit_to(self, max_bytes: int) -> None:
         """Allow so many bytes; TooLarge if more are announced."""
@@ -243,9 +269,13 @@ class BodyLimit:
             is_whole = not message.get("more_body", False)
             received += len(message.get("body", b""))
             allowance.check(max(received, announced))
+            allowance.hold(received)
             return message
 
-        await self._app(scope, receive_limited, send)
+        try:
+            await self._app(scope, receive_limited, send)
+        finally:
+            allowance.let_go()
 
     async def _next(self, receive: Receive, allowance: BodyAllowance) -> Message:
         left_s = min(self._wait_s, allowance.until - time.monotonic())

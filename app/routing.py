@@ -23,7 +23,7 @@ from starlette.convertors import Convertor, register_url_convertor
 from starlette.responses import Response
 
 from app.bodies import StrictRequest, beside_the_loop
-from app.deps import BEARER, authorise, settings_of, write_session
+from app.deps import BEARER, authorise, services_of, settings_of, write_session
 from app.errors import UnknownParameter, UnsupportedMedia
 from app.head_requests import HeadRoute
 from app.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
@@ -35,6 +35,7 @@ from app.services.idempotency import (
     request_digest,
     store_answer,
 )
+from app.services.open_bodies import HeldBytes
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
@@ -93,6 +94,11 @@ class OpenRoute(HeadRoute):
         named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
         return named
 
+    @property
+    def is_streamed(self) -> bool:
+        """Whether the body is worked on while it comes, and never held as a whole."""
+        return self.body_setting == LARGE_BODY[BODY_LIMIT]
+
     async def admit(self, request: Request) -> None:
         """Say how large and how slow the body of nobody in particular may be."""
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
@@ -139,12 +145,14 @@ class ApiRoute(OpenRoute):
         await authorise(request, self.reading_needs if reads else self.writing_needs)
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(self.max_body_bytes(request))
+        held = HeldBytes(services_of(request).bodies, request.state.principal.token_id)
+        allowance.count_in(held, is_streamed=self.is_streamed)
 
     async def answer(self, endpoint: Handler, request: Request) -> Response:
         """What the endpoint says; of a repeated request what it said before."""
         if request.method == "POST" and "idempotency-key" in request.headers:
             checked_key(request.headers["idempotency-key"])
-            if is_repeatable(self) and self.body_setting != LARGE_BODY[BODY_LIMIT]:
+            if is_repeatable(self) and not self.is_streamed:
                 return await _answer_once(endpoint, request)
         if request.method in SAFE_METHODS:
             return await _read(endpoint, request)

@@ -203,6 +203,17 @@ class Settings(BaseSettings):
         ge=1024,
         description="Largest batch of frames; it is streamed, never held in memory.",
     )
+    max_open_body_bytes: ByteSize = Field(
+        default=ByteSize(1024**3),
+        ge=1024,
+        description="Most bytes of bodies in memory, of all requests that are being "
+        "received or worked on.",
+    )
+    max_open_body_bytes_per_token: ByteSize = Field(
+        default=ByteSize(512 * 1024**2),
+        ge=1024,
+        description="Most bytes of bodies in memory of the requests of one token.",
+    )
     max_part_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**2),
         ge=1024,

@@ -18,11 +18,13 @@ from app.draining import UntilStopped
 from app.errors import UnsupportedMedia
 from app.http_errors import problem_of
 from app.logs import current_request_id
+from app.middleware import BODY_ALLOWANCE
 from app.routes.datasets import DatasetName
 from app.routing import LARGE_BODY, ApiRouter
 from app.services.batch_work import BatchOf, FrameLine
 from app.services.batches import ArchiveFrames, BatchIntake
 from app.services.context import ServiceContext
+from app.services.open_bodies import HeldBytes
 from app.services.room import require_room
 
 ARCHIVE: Final = "application/x-tar"
@@ -98,7 +100,8 @@ class BatchAnswer(Response):
             stop = services.engine.stopping
             pieces = UntilStopped(self._request.stream(), stop)
             with stop.telling(pieces.wake):
-                frames = ArchiveFrames(services.settings, pieces)
+                held: HeldBytes = scope[BODY_ALLOWANCE].held
+                frames = ArchiveFrames(services.settings, pieces, held)
                 await frames.begin()
                 await self._answer(frames, send)
 

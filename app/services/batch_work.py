@@ -73,6 +73,13 @@ class FrameWork:
     frame_id: int | None = None
     error: Exception | None = None
 
+    @property
+    def size_bytes(self) -> int:
+        """Bytes of files that it keeps."""
+        if self.ready is None:
+            return 0
+        return sum(map(len, self.ready.prepared.files.contents.values()))
+
 
 @dataclass(frozen=True)
 class FrameLine:

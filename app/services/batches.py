@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+from collections import deque
 from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import Future
 from functools import partial
 from typing import Final
 
@@ -13,6 +16,7 @@ from app.errors import AppError, NotReady
 from app.services.batch_frames import FrameAssembler, FrameLimits, IncomingFrame
 from app.services.batch_work import BatchOf, FrameLine, FrameWork, store, work_on
 from app.services.context import ServiceContext
+from app.services.open_bodies import HeldBytes, OpenBodies
 from app.services.tar_stream import BLOCK, TarLimits, TarStream
 from app.settings import Settings
 
@@ -25,14 +29,16 @@ MAX_IN_FLIGHT: Final = 96
 MAX_RECEIVED_BYTES: Final = 64 * 1024**2
 """Bytes of frames that are received and not measured yet; one more frame fits."""
 
-_Started = tuple[IncomingFrame, "asyncio.Future[FrameWork]"]
+_Started = asyncio.Future[FrameWork]
 
 
 class ArchiveFrames:
-    """Frames of an archive as its bytes come in."""
+    """Frames of an archive as its bytes come in; `held` counts what is kept of them."""
 
-    def __init__(self, settings: Settings, chunks: AsyncIterator[bytes]) -> None:
-        self._chunks = chunks
+    def __init__(
+        self, settings: Settings, chunks: AsyncIterator[bytes], held: HeldBytes
+    ) -> None:
+        self._chunks, self._held = chunks, held
         self._first = b""
         self._tar = TarStream(
             TarLimits(
@@ -48,7 +54,7 @@ class ArchiveFrames:
                 max_frame_bytes=int(settings.max_body_bytes),
             )
         )
-        self._ready: list[IncomingFrame] = []
+        self._ready: deque[IncomingFrame] = deque()
         self._fault: Exception | None = None
 
     async def begin(self) -> None:
@@ -86,14 +92,26 @@ class ArchiveFrames:
     def _take(self, chunk: bytes) -> None:
         for member in self._tar.feed(chunk):
             self._ready.extend(self._frames.add(member))
+        self._hold()
 
     def _given(self) -> Iterator[IncomingFrame]:
-        ready, self._ready = self._ready, []
-        return iter(ready)
+        """Frames that are complete; whoever takes one counts it from there on."""
+        while self._ready:
+            frame = self._ready.popleft()
+            self._hold()
+            yield frame
+
+    def _hold(self) -> None:
+        complete = sum(frame.size_bytes for frame in self._ready)
+        self._held.hold(self._tar.size_bytes + self._frames.size_bytes + complete)
 
 
 class BatchIntake:
-    """Measures frames in all threads, stores some at a time, and tells of each."""
+    """Measures frames in all threads, stores some at a time, and tells of each.
+
+    What is kept of a frame counts as bytes of its sender until nobody keeps it, also
+    when the batch has ended before.
+    """
 
     def __init__(
         self, context: ServiceContext, batch: BatchOf, places: CapacityLimiter
@@ -103,6 +121,7 @@ class BatchIntake:
         self._places = asyncio.Semaphore(MAX_IN_FLIGHT)
         self._room = _Room(MAX_RECEIVED_BYTES)
         self._held: _Started | None = None
+        self._counted: deque[_CountedFrame] = deque()
 
     async def lines(
         self, frames: AsyncIterator[IncomingFrame]
@@ -121,10 +140,14 @@ class BatchIntake:
                     yield lines
                     for _ in lines:
                         self._places.release()
+                        self._counted.popleft().let_go()
+                works, together = [], []  # nothing is kept while the next ones come
             await receiving
         finally:
             receiving.cancel()
             self._throw_away()
+            for counted in self._counted:
+                counted.let_go()
 
     async def _receive(self, frames: AsyncIterator[IncomingFrame]) -> None:
         """Start work on frames while there is room; the client waits otherwise."""
@@ -132,16 +155,26 @@ class BatchIntake:
             async for frame in frames:
                 if self._context.engine.stopping.is_set():
                     raise NotReady("the service stops; send the rest again later")
-                await self._places.acquire()
                 size = frame.size_bytes
-                await self._room.take(size)
-                future = asyncio.wrap_future(
-                    self._context.engine.start(self._work_on, frame)
-                )
+                future = asyncio.wrap_future(await self._start(frame, size))
                 future.add_done_callback(partial(self._room.give_back, size))
-                self._started.put_nowait((frame, future))
+                self._started.put_nowait(future)
         finally:
             self._started.put_nowait(None)
+
+    async def _start(self, frame: IncomingFrame, size: int) -> Future[FrameWork]:
+        bodies, token_id = self._context.bodies, self._batch.sender.token_id
+        counted = _CountedFrame(bodies, token_id, size)
+        try:
+            await self._places.acquire()
+            await self._room.take(size)
+            future = self._context.engine.start(self._work_on, frame)
+        except BaseException:
+            counted.never_started()
+            raise
+        future.add_done_callback(counted.measured)
+        self._counted.append(counted)
+        return future
 
     def _work_on(self, frame: IncomingFrame) -> FrameWork:
         return work_on(self._context, self._batch, frame)
@@ -152,7 +185,7 @@ class BatchIntake:
         self._held = None
         if first is None:
             return []
-        works = [await first[1]]
+        works = [await first]
         until = asyncio.get_running_loop().time() + LONGEST_WAIT_S
         while len(works) < MOST_TOGETHER and not self._started.empty():
             following = self._started.get_nowait()
@@ -160,11 +193,11 @@ class BatchIntake:
                 self._started.put_nowait(None)
                 break
             left = until - asyncio.get_running_loop().time()
-            await asyncio.wait({following[1]}, timeout=max(left, 0.0))
-            if not following[1].done() or following[1].exception() is not None:
+            await asyncio.wait({following}, timeout=max(left, 0.0))
+            if not following.done() or following.exception() is not None:
                 self._held = following
                 break
-            works.append(following[1].result())
+            works.append(following.result())
         return works
 
     async def _store(self, works: list[FrameWork]) -> list[FrameLine]:
@@ -178,7 +211,7 @@ class BatchIntake:
             left.append(self._started.get_nowait())
         for started in left:
             if started is not None:
-                started[1].add_done_callback(self._discard)
+                started.add_done_callback(self._discard)
 
     def _discard(self, future: asyncio.Future[FrameWork]) -> None:
         if future.cancelled() or future.exception() is not None:
@@ -186,6 +219,41 @@ class BatchIntake:
         drafts = future.result().drafts
         if drafts is not None:
             self._context.storage.discard([drafts])
+
+
+class _CountedFrame:
+    """Bytes kept of a frame: all until it is measured, some until it is told."""
+
+    def __init__(self, bodies: OpenBodies, token_id: int, size: int) -> None:
+        bodies.take(token_id, size)
+        self._bodies, self._token_id, self._size = bodies, token_id, size
+        self._is_measured = self._is_let_go = False
+        self._lock = threading.Lock()
+
+    def measured(self, done: Future[FrameWork]) -> None:
+        """Called in the thread that has measured it, or where it was cancelled."""
+        failed = done.cancelled() or done.exception() is not None
+        kept = 0 if failed else done.result().size_bytes
+        with self._lock:
+            self._is_measured = True
+            self._lower(0 if self._is_let_go else kept)
+
+    def let_go(self) -> None:
+        """It is told, or nobody waits for it; what is worked on is kept until then."""
+        with self._lock:
+            self._is_let_go = True
+            if self._is_measured:
+                self._lower(0)
+
+    def never_started(self) -> None:
+        """Nothing works on it."""
+        with self._lock:
+            self._lower(0)
+
+    def _lower(self, size: int) -> None:
+        less = max(self._size - size, 0)
+        self._size -= less
+        self._bodies.give_back(self._token_id, less)
 
 
 class _Room:

@@ -15,6 +15,7 @@ from app.services.callers import LastUses, RecentCallers, WrongSecrets
 from app.services.leases import Leases
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
+from app.services.open_bodies import OpenBodies
 from app.services.pictures import DrawnPictures
 from app.services.room import Reserve
 from app.services.shared_looks import SharedLooks
@@ -55,6 +56,15 @@ class ServiceContext:
         settings = self.settings
         return SharedLooks(
             settings.max_event_streams, settings.max_event_streams_per_token
+        )
+
+    @cached_property
+    def bodies(self) -> OpenBodies:
+        """Bytes of requests that are in memory."""
+        settings = self.settings
+        return OpenBodies(
+            int(settings.max_open_body_bytes),
+            int(settings.max_open_body_bytes_per_token),
         )
 
     def close(self) -> None:

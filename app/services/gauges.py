@@ -39,6 +39,8 @@ def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     yield Gauge.of("unghost_workers_busy", "Those that measure now.", engine.busy)
     open_now = context.batches.open
     yield Gauge.of("unghost_batches_open", "Batches being received.", open_now)
+    text = "Bytes of requests that are in memory."
+    yield Gauge.of("unghost_open_body_bytes", text, context.bodies.open_bytes)
     watching = context.looks.watchers
     yield Gauge.of("unghost_event_streams_open", "Watchers of runs.", watching)
     text = "1 once the service was asked to stop."

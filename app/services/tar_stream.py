@@ -93,6 +93,11 @@ class TarStream:
         """True once the end of the archive has been seen."""
         return self._zero_blocks >= 2
 
+    @property
+    def size_bytes(self) -> int:
+        """What has come of a member that is not complete yet."""
+        return len(self._held)
+
     def feed(self, data: bytes) -> Iterator[Member]:
         """The files that end within these bytes.
 
