@@ -64,7 +64,8 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             database=database,
             storage=store,
             engine=_engine(settings, database),
-            pixels=pixel_pool(settings),
+            pixels=pixel_pool(settings, settings.workers),
+            drawers=pixel_pool(settings, settings.workers + 1),
             default_config=default_config,
         )
         try:
@@ -100,7 +101,8 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
             database=database,
             storage=store,
             engine=LocalEngine(settings.workers),
-            pixels=pixel_pool(settings),
+            pixels=pixel_pool(settings, settings.workers),
+            drawers=pixel_pool(settings, settings.workers + 1),
         )
         try:
             yield services
@@ -124,10 +126,10 @@ def certificates_of(settings: Settings) -> Certificates:
     return Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
 
 
-def pixel_pool(settings: Settings) -> PixelPool:
-    """Child processes for pictures, as many as threads wait for them."""
+def pixel_pool(settings: Settings, children: int) -> PixelPool:
+    """So many child processes for pictures; each is started when it is needed."""
     return PixelPool(
-        settings.workers,
+        children,
         seconds=settings.max_pixel_seconds,
         memory_bytes=int(settings.max_pixel_memory_bytes),
         preload=("app.services.pixel_work", "app.services.drawing"),

@@ -30,7 +30,7 @@ from app.middleware import (
 )
 from app.page_files import content_security_policy
 from app.resources import static_dir
-from app.routing import ReadingPlaces, repeat_answer
+from app.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
 from app.services.idempotency import AlreadyAnswered
 from app.services.loop_watch import LoopWatch
 from app.services.readiness import Readiness
@@ -79,9 +79,10 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.writers = CapacityLimiter(MAX_WRITERS)
     app.state.uploads = CapacityLimiter(MAX_UPLOADS)
     app.state.readers = CapacityLimiter(MAX_READERS)
-    app.state.reading = ReadingPlaces()
+    app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
     app.state.preparing = CapacityLimiter(MAX_UPLOADS + workers)
-    app.state.drawings = CapacityLimiter(workers)
+    app.state.drawings = CapacityLimiter(workers + 1)
+    app.state.drawing = TokenPlaces(workers)  # one place is left for somebody else
     watch = LoopWatch()
     app.state.readiness = Readiness(watch)
     with watch.watching():

@@ -165,7 +165,8 @@ async def _read(endpoint: Handler, request: Request) -> Response:
     The others wait without a thread, so that no token takes all of them, and those
     whose client has left meanwhile are not answered at all.
     """
-    places = request.app.state.reading.of(request.state.principal.token_id)
+    reading: TokenPlaces = request.app.state.reading
+    places = reading.of(request.state.principal.token_id)
     has_to_wait = places.available_tokens < 1
     async with places:
         if has_to_wait and await request.is_disconnected():
@@ -173,15 +174,15 @@ async def _read(endpoint: Handler, request: Request) -> Response:
         return await endpoint(request)
 
 
-class ReadingPlaces:
-    """How many requests of each token read at the same time."""
+class TokenPlaces:
+    """How many requests of each token do something at the same time."""
 
-    def __init__(self, most: int = MAX_READS_PER_TOKEN) -> None:
+    def __init__(self, most: int) -> None:
         self._most = most
         self._of: WeakValueDictionary[int, CapacityLimiter] = WeakValueDictionary()
 
     def of(self, token_id: int) -> CapacityLimiter:
-        """The places of one token; forgotten when nobody reads by it."""
+        """The places of one token; forgotten when none of them is taken."""
         places = self._of.get(token_id)
         if places is None:
             places = self._of[token_id] = CapacityLimiter(self._most)

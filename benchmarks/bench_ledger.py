@@ -132,6 +132,7 @@ def drive(context: ServiceContext, chunks: int) -> None:
         storage=context.storage,
         engine=Instant(1),
         pixels=context.pixels,
+        drawers=context.drawers,
     )
     with context.leases.driving(context.database, JOB) as lease:
         with context.database.write() as session:

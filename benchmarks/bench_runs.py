@@ -74,7 +74,8 @@ def opened(folder: Path) -> ServiceContext:
         database=database,
         storage=FolderStorage(folder / "blobs"),
         engine=LocalEngine(settings.workers),
-        pixels=pixel_pool(settings),
+        pixels=pixel_pool(settings, settings.workers),
+        drawers=pixel_pool(settings, 1),
     )
 
 

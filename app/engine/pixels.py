@@ -323,7 +323,9 @@ class _Answers(pickle.Unpickler):
     """Reads values of the library and arrays, and nothing that could do anything else.
 
     A picture that took over its child could have it say anything. So pickles are read
-    by the names that may stand in them.
+    by the names that may stand in them. The other way it needs no such list, and a
+    child reads with `pickle.loads`: what it is sent was pickled by the service itself,
+    pictures in it being bytes, and whoever rules the service rules its children anyway.
     """
 
     def find_class(self, module: str, name: str) -> object:

@@ -11,10 +11,11 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from starlette.datastructures import Headers
 
-from app.engine.pixels import PixelsRefused
+from app.draining import stopping
+from app.engine.pixels import GivenUp, PixelsRefused
 from app.errors import RangeNotSatisfiable
 from app.head_requests import asks_for_head, without_length
-from app.routing import CLIENT_LEFT
+from app.routing import CLIENT_LEFT, TokenPlaces
 from app.services.context import ServiceContext
 from app.services.pictures import Drawing
 from app.storage import Blob
@@ -79,8 +80,9 @@ async def drawn_response(
 ) -> Response:
     """A picture, drawn unless the browser has it or it was drawn lately.
 
-    As many are drawn at the same time as there are processes for it; the others wait
-    without a thread. A client that leaves ends the drawing of its picture.
+    As many are drawn at the same time as there are processes for it, and one fewer for
+    one token; the others wait without a thread. A client that leaves ends the drawing
+    of its picture, and so does a stop of the service: it can be asked for again.
     """
     headers = blob_headers(drawing.tag) | {"Cache-Control": REVALIDATE}
     if _is_known(request, headers["ETag"]):
@@ -99,16 +101,25 @@ async def drawn_response(
 async def _drawn(
     request: Request, services: ServiceContext, drawing: Drawing
 ) -> bytes | None:
-    """The picture itself; None if nobody waits for it any more."""
+    """The picture itself; None if nobody waits for it any more.
+
+    Raises
+    ------
+    NotReady
+        The service stops.
+    """
     given_up = threading.Event()
-    places: CapacityLimiter = request.app.state.drawings
-    drawn = asyncio.ensure_future(
-        to_thread.run_sync(drawing.draw, services.pixels, given_up, limiter=places)
-    )
+    drawn = asyncio.ensure_future(_draw(request, services, drawing, given_up))
     left = asyncio.ensure_future(_has_left(request))
+    stop = services.engine.stopping
     try:
-        await asyncio.wait({drawn, left}, return_when=asyncio.FIRST_COMPLETED)
-        return drawn.result() if drawn.done() else None
+        with stop.telling(given_up.set):
+            if stop.is_set():
+                raise stopping()
+            await asyncio.wait({drawn, left}, return_when=asyncio.FIRST_COMPLETED)
+            return drawn.result() if drawn.done() else None
+    except GivenUp:
+        raise stopping() from None
     except PixelsRefused as refused:
         services.drawn.refuse(drawing.tag, refused)
         raise
@@ -117,6 +128,20 @@ async def _drawn(
         drawn.cancel()
         left.cancel()
         await asyncio.wait({drawn, left})
+
+
+async def _draw(
+    request: Request,
+    services: ServiceContext,
+    drawing: Drawing,
+    given_up: threading.Event,
+) -> bytes:
+    of_token: TokenPlaces = request.app.state.drawing
+    places: CapacityLimiter = request.app.state.drawings
+    async with of_token.of(request.state.principal.token_id):
+        return await to_thread.run_sync(
+            drawing.draw, services.drawers, given_up, limiter=places
+        )
 
 
 async def _has_left(request: Request) -> None:

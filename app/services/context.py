@@ -33,6 +33,9 @@ class ServiceContext:
     storage: BlobStore
     engine: LocalEngine
     pixels: PixelPool
+    """Measures frames."""
+    drawers: PixelPool
+    """Draws pictures: however many are asked for, frames are measured meanwhile."""
     default_config: FilterConfig = field(default_factory=FilterConfig)
     numbers: NumbersCache = field(default_factory=NumbersCache)
     plans: PlanCache = field(default_factory=PlanCache)
@@ -71,4 +74,5 @@ class ServiceContext:
         """Stop the work; the database is closed by who opened it."""
         self.engine.close()
         self.pixels.close()
+        self.drawers.close()
         self.storage.close()

@@ -172,7 +172,7 @@ def test_a_picture_is_drawn_once_and_then_kept(serve):
         path = f"/frames/{frame['frame']['id']}/overlay"
         first = api.get(path)
 
-        service.app.state.services.pixels.close()
+        service.app.state.services.drawers.close()
         again = api.get(path)
 
         assert again.content == first.content
@@ -233,3 +233,56 @@ def test_a_token_that_reads_much_leaves_threads_to_others(serve):
 
     assert others.status_code == 200
     assert answers == {200}
+
+
+@contextmanager
+def drawing_for_long(service, api, path, count):
+    """One viewer asks for a picture that takes long, so often at the same time."""
+    made = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
+    greedy = service.client(Authorization=f"Bearer {made['token']}")
+    stopping = service.app.state.services.engine.stopping
+    with greedy, ThreadPoolExecutor(count) as viewers:
+        asked = [viewers.submit(greedy.get, path) for _ in range(count)]
+        try:
+            until(lambda: service.app.state.drawings.borrowed_tokens)
+            yield asked
+        finally:
+            stopping.set()  # nobody waits for them to be drawn
+
+
+def put_slow(api, name):
+    """A frame that takes seconds to be drawn; where its overlay is."""
+    side = 6000
+    image = scene.png(np.zeros((side, side, 3), np.uint8))
+    boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]
+    stored = api.stored(name, "slow", annotation(side, side, *boxes), image=image)
+    return f"{BASE}/frames/{stored['frame']['id']}/overlay"
+
+
+def test_who_draws_much_keeps_nobody_from_drawing_and_storing(serve):
+    with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
+        name = api.dataset()
+        small = api.stored(name, "small")["frame"]["id"]
+        path = put_slow(api, name)
+        with drawing_for_long(service, api, path, 6) as asked:
+            thumbnail = api.get(f"/frames/{small}/thumbnail")
+            stored = api.put(name, "another")
+            overlay = api.get(f"/frames/{small}/overlay")
+            drawn = [one for one in asked if one.done()]
+
+    assert (thumbnail.status_code, overlay.status_code) == (200, 200)
+    assert stored.status_code == 201, stored.text
+    assert drawn == []
+
+
+def test_a_stop_gives_up_what_is_being_drawn(serve):
+    with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
+        path = put_slow(api, api.dataset())
+        with drawing_for_long(service, api, path, 3) as asked:
+            pass
+        late = api.http.get(path)
+        answers = [one.result() for one in asked]
+
+    assert {one.status_code for one in (*answers, late)} == {503}
+    assert {one.json()["code"] for one in (*answers, late)} == {"not_ready"}
+    assert "the service stops" in late.json()["detail"]
