@@ -12,6 +12,7 @@ from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
+from app.db.inspection import MOST_PROBLEMS, Ask, damaged_tables
 from app.db.postgres import make_postgres_engine
 from app.db.turns import Turns
 
@@ -168,8 +169,13 @@ class Database:
         with self.engine.connect() as connection:
             driver: Any = connection.connection.dbapi_connection
             driver.set_progress_handler(stop, STEPS_BETWEEN_LOOKS)
+
+            def ask(text: str) -> list[tuple[object, ...]]:
+                return [tuple(row) for row in connection.exec_driver_sql(text)]
+
             try:
-                found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
+                found = self._first_damage(ask)
+                tables = damaged_tables(ask)[:MOST_PROBLEMS] if found else []
             except OperationalError as exc:
                 if "interrupted" in str(exc.orig):
                     return False
@@ -180,10 +186,19 @@ class Database:
                 return True
             finally:
                 driver.set_progress_handler(None, 0)
-        if found != "ok":
-            self.damage = str(found).partition("\n")[0]
+        self.damage = "; ".join(tables) or found or self.damage
         self.pages_checked = True
         return True
+
+    def _first_damage(self, ask: Ask) -> str:
+        """In SQLite's words; empty if all pages are whole."""
+        try:
+            ((found,),) = ask("PRAGMA quick_check(1)")
+        except DatabaseError:
+            if self.damage is None:
+                raise
+            return self.damage
+        return "" if found == "ok" else str(found).replace("\n", " ")
 
     def _note_damage(self, context: ExceptionContext) -> None:
         text = str(context.original_exception)

@@ -22,6 +22,13 @@ _WANTED: Final = (
 )
 _MEMORY: Final = ("", ":memory:")
 
+_KNOWS_TABLES: Final = (3, 33)
+"""Since this version SQLite looks at a table alone if it is told to."""
+_FOLLOWS: Final = ("***", "is never used")
+"""What SQLite says of pages that only cannot be reached because another is damaged."""
+
+Ask = Callable[[str], "list[tuple[object, ...]]"]
+"""Runs a statement and returns its rows."""
 Advance = Callable[[int, "int | None"], None]
 
 
@@ -85,21 +92,50 @@ def wanted_files(file: Path) -> set[str]:
 
 
 def problems_in(engine: Engine) -> list[str]:
-    """What is wrong with a SQLite database in use."""
+    """What is wrong with a SQLite database in use; damaged tables come first."""
     try:
         with engine.connect() as connection:
-            return list(
-                _problems(
-                    lambda text: [
-                        tuple(row) for row in connection.exec_driver_sql(text)
-                    ]
-                )
-            )
+
+            def ask(text: str) -> list[tuple[object, ...]]:
+                return [tuple(row) for row in connection.exec_driver_sql(text)]
+
+            try:
+                found = list(_problems(ask))
+            except DBAPIError as exc:
+                found = [str(exc.orig)]
+            return [*damaged_tables(ask), *found] if found else []
     except DBAPIError as exc:
         return [str(exc.orig)]
 
 
-def _problems(ask: Callable[[str], list[tuple[object, ...]]]) -> Iterator[str]:
+def damaged_tables(ask: Ask) -> list[str]:
+    """The tables of a SQLite database that cannot be read whole, and why not.
+
+    Raises
+    ------
+    sqlite3.DatabaseError or DBAPIError, as `ask` does
+        Not even the list of tables can be read, or the look was interrupted.
+    """
+    if sqlite3.sqlite_version_info < _KNOWS_TABLES:
+        return []
+    tables = ask("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")
+    checked = ((name, _first_problem(ask, str(name))) for (name,) in tables)
+    return [f"table {name} or an index of it: {why}" for name, why in checked if why]
+
+
+def _first_problem(ask: Ask, table: str) -> str:
+    try:
+        rows = ask(f'PRAGMA quick_check("{table}")')
+    except (sqlite3.DatabaseError, DBAPIError) as exc:
+        if "interrupted" in str(exc):
+            raise
+        return str(exc.orig if isinstance(exc, DBAPIError) else exc)
+    lines = "\n".join(str(text) for (text,) in rows).splitlines()
+    told = [line for line in lines if not any(word in line for word in _FOLLOWS)]
+    return "" if lines == ["ok"] else (told or lines)[0]
+
+
+def _problems(ask: Ask) -> Iterator[str]:
     for (text,) in ask(f"PRAGMA integrity_check({MOST_PROBLEMS})"):
         if text != "ok":
             yield str(text)

@@ -19,7 +19,10 @@ from app.db.engine import Database
 from app.services.context import ServiceContext
 
 LONGEST_S: Final = 60.0
-ADVICE: Final = "`unghost doctor` on the server says more"
+ADVICE: Final = (
+    "stop the service, keep a copy of its folder, and restore the last backup into "
+    "another one; `unghost doctor` on the server says more"
+)
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +57,7 @@ def _check(database: Database, over: threading.Event) -> None:
         log.info("the pages of the database are whole")
     elif not over.is_set():
         log.info(
-            "the pages of the database are too many to look at in %d s; %s",
+            "the pages of the database are too many to look at in %d s; "
+            "`unghost doctor` looks at all of them",
             LONGEST_S,
-            ADVICE,
         )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 
 import httpx
@@ -32,6 +34,17 @@ def ready(server):
     return httpx.get(f"{server.url}/readyz", trust_env=False, timeout=60)
 
 
+def doctor(data):
+    found = subprocess.run(
+        [sys.executable, "-m", "unghost.cli", "doctor", "--json", "--data", str(data)],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert found.returncode != 0
+    return found.stdout
+
+
 def faults(answer):
     return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
 
@@ -48,15 +61,21 @@ def test_damaged_pages_are_found_after_the_start(filled):
     damage(filled, "ix_decisions_by_crowding")
 
     with served(filled) as (server, _):
-        at_last(lambda: ready(server).status_code == 503)
+        at_last(lambda: "the database is damaged: " in server.log.read_text("utf-8"))
+        at_last(lambda: "table decisions" in ready(server).text)
         answer = ready(server)
         log = server.log.read_text("utf-8")
 
     assert answer.json()["code"] == "not_ready"
     assert faults(answer).keys() == {"pages"}
     assert "the database is damaged: " in faults(answer)["pages"]
+    assert "table decisions or an index of it: Page " in faults(answer)["pages"]
+    assert "restore the last backup" in faults(answer)["pages"]
     assert "`unghost doctor` on the server says more" in faults(answer)["pages"]
-    assert "the database is damaged: " in log
+    assert "the database is damaged: table decisions or an index of it: Page " in log
+    examined = doctor(filled)
+    assert "table decisions or an index of it: Page " in examined
+    assert "table boxes" not in examined
 
 
 def test_damage_that_is_met_while_serving_is_told(filled):
