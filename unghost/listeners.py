@@ -1,4 +1,8 @@
-"""Who listens at an address of this machine, as Linux tells it; others tell nothing."""
+"""Who listens at an address of this machine, as Linux tells it; others tell nothing.
+
+`discovery` asks `listening_uids` alone, and nothing of the kernel's tables is known
+there: how they are written, and which sockets take a connection, is all in here.
+"""
 
 from __future__ import annotations
 

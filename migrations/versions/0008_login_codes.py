@@ -58,7 +58,8 @@ def downgrade() -> None:
     op.drop_table("download_links")
     op.drop_table("login_codes")
     op.drop_column("tokens", "last_used_at")
-    # Their secrets are no cookies: they open nothing in the version before.
+    # Their secrets are no cookies: they open nothing in the version before. Nothing is
+    # asked: whoever has a token signs in again, and tokens and the audit log stay.
     op.execute("DELETE FROM login_sessions")
 
 

@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from app.security import Role, hash_secret, new_token
+from tests.api import frames as scene
 from tests.api.live import Live, live
 from tests.api.resources import Api
 from tests.conftest import StartServer
@@ -90,3 +91,18 @@ def start_api(start_server: StartServer) -> Iterator[StartApi]:
             return server, api
 
         yield start
+
+
+@pytest.fixture
+def dataset(api: Api) -> str:
+    """Three frames, each with a car and a ghost."""
+    name = api.dataset()
+    for number in range(3):
+        api.stored(name, str(number), {**scene.annotation(), "number": number})
+    return name
+
+
+@pytest.fixture
+def ghosts(api: Api, dataset: str) -> list[int]:
+    """The boxes of `dataset` that are rejected."""
+    return [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]

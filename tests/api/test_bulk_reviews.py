@@ -16,20 +16,6 @@ NO_BOXES = "WyJ4IiwwLDAsMCwwXQ"
 """A snapshot of a filter that there is not."""
 
 
-@pytest.fixture
-def dataset(api):
-    """Three frames, each with a car and a ghost."""
-    name = api.dataset()
-    for number in range(3):
-        api.stored(name, str(number), {**scene.annotation(), "number": number})
-    return name
-
-
-@pytest.fixture
-def ghosts(api, dataset):
-    return [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]
-
-
 def bulk(api, dataset, verdict, **which):
     body = {"dataset": dataset, "verdict": verdict, **which}
     return api.post("/reviews/bulk", body)

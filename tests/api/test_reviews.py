@@ -9,22 +9,7 @@ import pytest
 from sqlalchemy import update
 
 from app.db.tables import Review, Run
-from tests.api import frames as scene
 from tests.api.resources import BASE, Api
-
-
-@pytest.fixture
-def dataset(api):
-    """Three frames, each with a car and a ghost."""
-    name = api.dataset()
-    for number in range(3):
-        api.stored(name, str(number), {**scene.annotation(), "number": number})
-    return name
-
-
-@pytest.fixture
-def ghosts(api, dataset):
-    return [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]
 
 
 def test_an_answer_is_stored_whole(api, ghosts):

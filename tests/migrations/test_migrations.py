@@ -13,6 +13,7 @@ from app.db import access_tables, tables
 from app.db.base import Base, utc_now
 from app.db.migrate import WouldLose, current_revision, head_revision, migrate
 from app.resources import migrations_dir
+from tests.migrations.filled import contents, fill, revisions
 
 SCRIPTS = migrations_dir()
 TOKENS = access_tables.Token.__tablename__
@@ -168,6 +169,24 @@ def test_a_downgrade_that_would_lose_datasets_is_refused(engine):
 
     with Session(engine) as session:
         assert session.scalars(select(tables.Dataset.name)).all() == ["kept"]
+
+
+def test_a_downgrade_ends_sessions_and_keeps_tokens_and_the_audit_log(engine):
+    """Nobody made a session, a code or an address by hand: people sign in again."""
+    migrate(engine, SCRIPTS)
+    fill(engine, revisions()[-1])
+    above = contents(engine)
+
+    migrate(engine, SCRIPTS, "0007")
+
+    below = contents(engine)
+    assert above["login_sessions"]
+    assert below["login_sessions"] == []
+    assert below.keys() == above.keys() - {"login_codes", "download_links"}
+    used = [token.pop("last_used_at") for token in above["tokens"]]
+    assert any(used)
+    assert below["tokens"] == above["tokens"]
+    assert below["audit_log"] == above["audit_log"]
 
 
 def test_a_deleted_dataset_does_not_come_back_with_an_older_schema(engine):

@@ -1,7 +1,8 @@
 """A login link handed to the browser by a file that only its owner can read.
 
 The arguments of a browser are seen by everybody on the machine. It is given the name
-of the file; the link, and the code in it, are inside.
+of the file; the link, and the code in it, are inside. `unghost login` and `unghost
+serve` share it.
 """
 
 from __future__ import annotations

@@ -95,3 +95,18 @@ def operations(route: APIRoute) -> set[Operation]:
 def at(path: str, values: Mapping[str, object]) -> str:
     """A path with its parameters filled in."""
     return re.sub(r"{(.*?)}", lambda found: str(values[found[1]]), path)
+
+
+def values_of_paths(number: int) -> dict[str, object]:
+    """What stands for each parameter of a path, with one number for all ids."""
+    ids = ("box_id", "frame_id", "run_id", "export_id", "token_id", "code_id")
+    return {
+        **dict.fromkeys((*ids, "batch_id"), number),
+        "digest": "0" * 64,
+        "kind": "image",
+        "dataset": "street",
+        "key": "a",
+        "key:any": "a/b",
+        "name": "a",
+        "name:path": "js/main.js",
+    }

@@ -14,7 +14,7 @@ from app.routing import ApiRoute, OpenRoute
 from app.settings import Settings
 from tests.api.archives import header_of
 from tests.api.live import live
-from tests.api.security.routes import at, every_route, operations
+from tests.api.security.routes import at, every_route, operations, values_of_paths
 
 LIMITS = {
     "max_json_bytes": 5_000,
@@ -33,17 +33,7 @@ STARTS = {
     "max_body_bytes": FORM,
     "max_batch_bytes": (header_of("a.json", 10**6), "application/x-tar"),
 }
-VALUES = {
-    **dict.fromkeys(
-        ("box_id", "frame_id", "run_id", "export_id", "token_id", "code_id"), 999
-    ),
-    "batch_id": 999,
-    "digest": "0" * 64,
-    "kind": "image",
-    "dataset": "street",
-    "key:any": "a/b",
-    "name:path": "js/main.js",
-}
+VALUES = values_of_paths(999)
 OPERATIONS = sorted(
     (method, route.path, route)
     for route in every_route()

@@ -15,20 +15,10 @@ from app.main import create_app
 from app.settings import Settings
 from tests.api import frames as scene
 from tests.api.archives import lines_of, packed
-from tests.api.security.routes import at
+from tests.api.security.routes import at, values_of_paths
 
 HALF = "\ud800"
-VALUES = {
-    **dict.fromkeys(
-        ("box_id", "frame_id", "run_id", "export_id", "token_id", "code_id"), 1
-    ),
-    "batch_id": 1,
-    "digest": "0" * 64,
-    "kind": "image",
-    "dataset": "street",
-    "key": "a",
-    "name": "a",
-}
+VALUES = values_of_paths(1)
 DOCUMENT = create_app(Settings()).openapi()
 
 
