@@ -17,7 +17,6 @@ from sqlalchemy import func, select
 from app.db.tables import Dataset, Decision, Run
 from app.lifetime import running
 from app.repositories.datasets import DatasetRepository
-from app.repositories.review_batches import SeenBoxes
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.security import Principal, Role
@@ -125,14 +124,15 @@ class Street:
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
         answer = reviews.Answer(verdict, "", self.services.author)
-        as_they_are = [SeenBoxes(box_ids, None)]
         with self.context.database.write() as session:
             dataset = self.row(session)
-            return reviews.review_many(session, dataset, as_they_are, answer).batch.id
+            chosen = reviews.boxes_as_they_are(session, dataset, box_ids)
+            return reviews.review_many(session, dataset, chosen, answer).batch.id
 
     def undo(self, batch_id: int) -> None:
         with self.context.database.write() as session:
-            reviews.undo_batch(session, batch_id, self.by)
+            standing = reviews.standing_boxes(session, batch_id)
+            reviews.undo_batch(session, batch_id, standing, self.by)
 
     def request(
         self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any

@@ -100,6 +100,14 @@ def once_committed(session: Session, tell: Callable[[], None]) -> None:
     session.info.setdefault(_ONCE_COMMITTED, []).append(tell)
 
 
+def begin_as_work(session: Session) -> None:
+    """Begin the transaction of a session of `Database.write` as work that can wait.
+
+    For long acts: single answers of people are stored before them.
+    """
+    session.connection(execution_options={"person": False})
+
+
 class Database:
     """The database of one service."""
 

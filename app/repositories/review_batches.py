@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from sqlalchemy import (
     CTE,
@@ -48,17 +48,29 @@ class Alike(NamedTuple):
 
 
 class SeenBoxes(NamedTuple):
-    """Boxes to answer that somebody saw at the same revision.
+    """Boxes to answer that have the same revision."""
 
-    `revision` None: they were seen in the state that they are in now; `UNANSWERED`:
-    nothing is known of what was seen, and only boxes without an answer are taken.
+    box_ids: Sequence[int]
+    revision: int
+
+
+class Standing(NamedTuple):
+    """Boxes on which an act stands: nobody spoke since, or what they said is undone.
+
+    `revision` is the boxes' own, `before` that of the answer before the act.
     """
 
     box_ids: Sequence[int]
-    revision: int | None
+    revision: int
+    before: int
 
 
-UNANSWERED: Final = -1
+class BoxState(NamedTuple):
+    """What an answer has to know of a box."""
+
+    box_id: int
+    revision: int
+    is_answered: bool
 
 
 class ReviewBatches:
@@ -95,43 +107,65 @@ class ReviewBatches:
         rows = select(func.count()).where(Review.batch_id == batch_id)
         return self._session.scalar(rows) or 0
 
+    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[BoxState]:
+        """Those of these boxes that are current boxes of the dataset."""
+        for chunk in chunks(box_ids):
+            rows = select(
+                Decision.box_id, Decision.revision, Decision.review.is_not(None)
+            ).where(Decision.box_id.in_(chunk), _of(dataset_id))
+            for row in self._session.execute(rows):
+                yield BoxState(*row)
+
+    def standing(self, batch_id: int) -> list[Standing]:
+        """The boxes on which a batch stands, those alike together."""
+        standing = _standing(batch_id)
+        rows = (
+            select(standing.c.box_id, Decision.revision, standing.c.answered - 1)
+            .join(Decision, Decision.box_id == standing.c.box_id)
+            .where(standing.c.revision == standing.c.answered)
+        )
+        alike: dict[tuple[int, int], list[int]] = {}
+        for box_id, revision, before in self._session.execute(rows):
+            alike.setdefault((revision, before), []).append(box_id)
+        return [Standing(ids, *revisions) for revisions, ids in alike.items()]
+
     def answer(
         self, batch: ReviewBatch, boxes: Iterable[SeenBoxes], comment: str
     ) -> int:
         """Answer boxes of the dataset that are as they were seen; how many."""
+        said = literal(batch.verdict), literal(comment)
         for seen in boxes:
             for chunk in chunks(seen.box_ids):
-                answers = select(
-                    Decision.box_id,
-                    Decision.revision + 1,
-                    literal(batch.verdict),
-                    literal(comment),
-                    *_signed(batch),
-                ).where(Decision.box_id.in_(chunk), *_as_seen(batch, seen))
-                self._insert(answers)
+                self._insert(
+                    select(
+                        Decision.box_id, Decision.revision + 1, *said, *_signed(batch)
+                    )
+                    .where(Decision.box_id.in_(chunk), _of(batch.dataset_id))
+                    .where(Decision.revision == seen.revision)
+                )
         return self._apply(batch)
 
-    def answer_as_before(self, batch: ReviewBatch, undone: ReviewBatch) -> int:
-        """Say again what was said before a batch, where nobody spoke since."""
-        standing, earlier = _standing(undone.id), aliased(Review)
-        answers = (
-            select(
-                standing.c.box_id,
-                Decision.revision + 1,
-                func.coalesce(earlier.verdict, "clear"),
-                func.coalesce(earlier.comment, ""),
-                *_signed(batch),
-            )
-            .select_from(standing)
-            .join(Decision, Decision.box_id == standing.c.box_id)
-            .outerjoin(
-                earlier,
-                (earlier.box_id == standing.c.box_id)
-                & (earlier.revision == standing.c.answered - 1),
-            )
-            .where(standing.c.revision == standing.c.answered)
+    def answer_as_before(self, batch: ReviewBatch, boxes: Iterable[Standing]) -> int:
+        """Say again what was said before, where nobody spoke since; on how many."""
+        earlier = aliased(Review)
+        said = (
+            func.coalesce(earlier.verdict, "clear"),
+            func.coalesce(earlier.comment, ""),
         )
-        self._insert(answers)
+        for seen in boxes:
+            for chunk in chunks(seen.box_ids):
+                self._insert(
+                    select(
+                        Decision.box_id, Decision.revision + 1, *said, *_signed(batch)
+                    )
+                    .outerjoin(
+                        earlier,
+                        (earlier.box_id == Decision.box_id)
+                        & (earlier.revision == seen.before),
+                    )
+                    .where(Decision.box_id.in_(chunk), _of(batch.dataset_id))
+                    .where(Decision.revision == seen.revision)
+                )
         return self._apply(batch)
 
     def _insert(self, answers: Select[Any]) -> None:
@@ -142,20 +176,14 @@ class ReviewBatches:
         """Make the batch's answers the latest ones; how many there are."""
         said = self._said(batch.id)
         answers = select(Review.box_id).where(Review.batch_id == batch.id)
-        newest = (
-            select(case((Review.verdict == "clear", null()), else_=Review.verdict))
-            # By box and revision, which is an index; by batch would try all of it.
-            .where(
-                Review.box_id == Decision.box_id,
-                Review.revision == Decision.revision + 1,
-            )
-            .scalar_subquery()
-        )
         connection = self._session.connection()
         connection.execute(
             update(Decision)
-            .where(Decision.box_id.in_(answers))
-            .values(review=newest, revision=Decision.revision + 1)
+            .where(Review.batch_id == batch.id, Decision.box_id == Review.box_id)
+            .values(
+                review=case((Review.verdict == "clear", null()), else_=Review.verdict),
+                revision=Review.revision,
+            )
         )
         connection.execute(delete(Claim).where(Claim.box_id.in_(answers)))
         TallyRepository(self._session).add(batch.dataset_id, _changes(said))
@@ -178,13 +206,9 @@ class ReviewBatches:
         ]
 
 
-def _as_seen(batch: ReviewBatch, seen: SeenBoxes) -> Iterator[ColumnElement[bool]]:
+def _of(dataset_id: int) -> ColumnElement[bool]:
     # Said so that the boxes are looked up by their ids and nothing else.
-    yield Decision.dataset_id + 0 == batch.dataset_id
-    if seen.revision == UNANSWERED:
-        yield Decision.review.is_(None).is_(True)
-    elif seen.revision is not None:
-        yield Decision.revision == seen.revision
+    return Decision.dataset_id + 0 == dataset_id
 
 
 def _standing(batch_id: int) -> CTE:

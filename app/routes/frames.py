@@ -9,6 +9,7 @@ from fastapi import Depends, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import TypeAdapter
 
+from app.db.engine import begin_as_work
 from app.deps import (
     AppServices,
     Audited,
@@ -128,6 +129,7 @@ def delete_frame(
     dataset: DatasetName, key: FrameKey, principal: CurrentPrincipal, audit: Audited
 ) -> Response:
     """Delete a frame with all its revisions and answers; others' need an admin."""
+    begin_as_work(audit.session)
     found = DatasetRepository(audit.session).named(dataset)
     frames.remove_frame(audit, principal, found, key)
     return Response(status_code=204)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import Request, Response
 from sqlalchemy.orm import Session
 
+from app.db.engine import begin_as_work
 from app.db.tables import Dataset
 from app.deps import AppServices, Audited, CurrentPrincipal, RowId, WriteSession
-from app.errors import CountChanged, StaleReview, Unprocessable
+from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessable
 from app.repositories.datasets import DatasetRepository
-from app.repositories.review_batches import SeenBoxes
 from app.routes.selections import selection_of
 from app.routing import ApiRouter, committed
 from app.schemas.reviews import BulkIn, BulkOut, ReviewIn, ReviewOut, UndoOut
@@ -47,38 +45,68 @@ def create_review(
 @router.post("/reviews/bulk", status_code=201, response_model=BulkOut)
 def create_bulk_review(
     body: BulkIn,
-    response: Response,
-    session: WriteSession,
+    request: Request,
     services: AppServices,
     audit: Audited,
-) -> dict[str, Any]:
+) -> Response:
     """One answer on many boxes: one act, one undo."""
-    dataset = DatasetRepository(session).named(body.dataset)
-    boxes = _boxes(body, services, session, dataset)
+    try:
+        run_id, chosen = _look(body, services)
+    except AppError:
+        begin_as_work(audit.session)  # it may have been answered before: not refused
+        raise
+    begin_as_work(audit.session)
+    dataset = DatasetRepository(audit.session).named(body.dataset)
     answer = reviews.Answer(body.verdict, body.comment, audit.name)
-    stored = reviews.review_many(session, dataset, boxes, answer)
+    stored = reviews.review_many(audit.session, dataset, chosen, answer)
+    left = len(stored.skipped) + len(stored.stale)
+    if body.filter is not None and (left or dataset.active_run_id != run_id):
+        audit.session.rollback()
+        _look(body, services)
+        raise LostRace
     audit.note(
         Act.ANSWERS_GIVEN,
         stored.batch.id,
         dataset=dataset.name,
         verdict=body.verdict,
         answers=stored.answered,
-        skipped=len(stored.skipped) + len(stored.stale),
+        skipped=left,
     )
-    response.headers["Location"] = f"/api/v1/review-batches/{stored.batch.id}"
-    return {
-        "id": stored.batch.id,
-        "dataset": dataset.name,
-        "verdict": stored.batch.verdict,
-        "count": stored.answered,
-        "skipped": stored.skipped,
-        "stale": stored.stale,
-    }
+    content = BulkOut(
+        id=stored.batch.id,
+        dataset=dataset.name,
+        verdict=stored.batch.verdict,
+        count=stored.answered,
+        skipped=stored.skipped,
+        stale=stored.stale,
+    ).model_dump_json()
+    headers = {"Location": f"/api/v1/review-batches/{stored.batch.id}"}
+    return committed(
+        request, Response(content, 201, headers, media_type="application/json")
+    )
+
+
+def _look(
+    body: BulkIn, services: ServiceContext
+) -> tuple[int | None, reviews.ChosenBoxes]:
+    """The run that decided the dataset, and the boxes that a body asks for.
+
+    Read while others write: what changes until the answer is stored is seen by the
+    revisions.
+    """
+    with services.database.read() as session:
+        dataset = DatasetRepository(session).named(body.dataset)
+        chosen = _boxes(body, services, session, dataset)
+        found, expected = chosen.number, body.expected_count
+        if expected is not None and expected != found:
+            what = "box_ids lists" if body.filter is None else "the filter selects"
+            raise CountChanged(what, found=found, expected=expected)
+        return dataset.active_run_id, chosen
 
 
 def _boxes(
     body: BulkIn, services: ServiceContext, session: Session, dataset: Dataset
-) -> list[SeenBoxes]:
+) -> reviews.ChosenBoxes:
     """The boxes that a body asks for, and as what they were seen."""
     if (body.box_ids is None) == (body.filter is None):
         raise Unprocessable("expected either box_ids or filter, found both or neither")
@@ -91,32 +119,37 @@ def _boxes(
             )
         wanted = selection_of(body.filter)
         ids = select_boxes(services, session, dataset, wanted, body.snapshot)
-        boxes = [SeenBoxes(ids, None)]
-    elif body.snapshot is not None:
+        return reviews.boxes_as_they_are(session, dataset, ids)
+    if body.snapshot is not None:
         raise Unprocessable(
             "expected box_ids with seen_revisions, found them with snapshot, which "
             "belongs to a filter"
         )
-    else:
-        limit = services.settings.max_bulk_boxes
-        boxes = reviews.listed_boxes(body.box_ids or [], body.seen_revisions, limit)
-    found, expected = sum(len(seen.box_ids) for seen in boxes), body.expected_count
-    if expected is not None and expected != found:
-        what = "box_ids lists" if body.filter is None else "the filter selects"
-        raise CountChanged(what, found=found, expected=expected)
-    return boxes
+    limit = services.settings.max_bulk_boxes
+    return reviews.listed_boxes(
+        session, dataset, body.box_ids or [], body.seen_revisions, limit
+    )
 
 
 @router.post("/review-batches/{batch_id}/undo", response_model=UndoOut)
 def undo_bulk_review(
-    batch_id: RowId, session: WriteSession, principal: CurrentPrincipal, audit: Audited
-) -> dict[str, Any]:
+    batch_id: RowId,
+    request: Request,
+    services: AppServices,
+    principal: CurrentPrincipal,
+    audit: Audited,
+) -> Response:
     """Say again what was said before; where someone spoke since, leave it.
 
     Batches of others are undone by admins alone.
     """
-    undo, undone, skipped = reviews.undo_batch(session, batch_id, principal)
-    dataset = DatasetRepository(session).with_id(undo.dataset_id)
+    with services.database.read() as looking:
+        standing = reviews.standing_boxes(looking, batch_id)
+    begin_as_work(audit.session)
+    undo, undone, skipped = reviews.undo_batch(
+        audit.session, batch_id, standing, principal
+    )
+    dataset = DatasetRepository(audit.session).with_id(undo.dataset_id)
     audit.note(
         Act.ANSWERS_TAKEN_BACK,
         batch_id,
@@ -125,4 +158,5 @@ def undo_bulk_review(
         answers=undone,
         skipped=len(skipped),
     )
-    return {"id": undo.id, "undone": undone, "skipped": skipped}
+    content = UndoOut(id=undo.id, undone=undone, skipped=skipped).model_dump_json()
+    return committed(request, Response(content, media_type="application/json"))

@@ -15,7 +15,7 @@ from app.errors import Conflict, NotFound, StaleReview, TooLarge, Unprocessable
 from app.metrics import REVIEWS
 from app.repositories.claims import ClaimRepository
 from app.repositories.decisions import CurrentRow, DecisionRepository
-from app.repositories.review_batches import UNANSWERED, ReviewBatches, SeenBoxes
+from app.repositories.review_batches import ReviewBatches, SeenBoxes, Standing
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.security import Principal
@@ -66,6 +66,29 @@ def review_box(
 
 
 @dataclass(frozen=True)
+class ChosenBoxes:
+    """Boxes for one answer, as somebody read them before it is their turn to write.
+
+    `boxes` are to be answered if they still have their revision by then. `stale` were
+    answered since they were seen, `skipped` are gone or of another dataset.
+    """
+
+    boxes: list[SeenBoxes]
+    stale: list[int]
+    skipped: list[int]
+
+    @property
+    def number(self) -> int:
+        """How many were asked for."""
+        return self.expected + len(self.stale) + len(self.skipped)
+
+    @property
+    def expected(self) -> int:
+        """How many are to be answered."""
+        return sum(len(seen.box_ids) for seen in self.boxes)
+
+
+@dataclass(frozen=True)
 class StoredBatch:
     """One answer on many boxes as it is stored, and the boxes that were left alone.
 
@@ -80,7 +103,7 @@ class StoredBatch:
 
 
 def review_many(
-    session: Session, dataset: Dataset, boxes: Sequence[SeenBoxes], answer: Answer
+    session: Session, dataset: Dataset, chosen: ChosenBoxes, answer: Answer
 ) -> StoredBatch:
     """Add one answer to many boxes, each once, where it is as somebody saw it."""
     batches = ReviewBatches(session)
@@ -89,21 +112,30 @@ def review_many(
             dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
         )
     )
-    answered = batches.answer(batch, boxes, answer.comment)
+    answered = batches.answer(batch, chosen.boxes, answer.comment)
     once_committed(session, partial(REVIEWS.add, answered, answer.verdict))
-    chosen = [box_id for seen in boxes for box_id in seen.box_ids]
-    if answered == len(chosen):
-        return StoredBatch(batch, answered, [], [])
-    left = sorted(set(chosen).difference(batches.boxes(batch.id)))
+    if answered == chosen.expected:
+        return StoredBatch(batch, answered, chosen.skipped, chosen.stale)
+    taken = {box_id for seen in chosen.boxes for box_id in seen.box_ids}
+    left = sorted(taken.difference(batches.boxes(batch.id)))
     stale = DecisionRepository(session).ids_in_dataset(left, dataset.id)
     gone = [box_id for box_id in left if box_id not in stale]
-    return StoredBatch(batch, answered, gone, sorted(stale))
+    return StoredBatch(
+        batch,
+        answered,
+        skipped=sorted([*chosen.skipped, *gone]),
+        stale=sorted([*chosen.stale, *stale]),
+    )
 
 
 def listed_boxes(
-    ids: Sequence[int], seen: Sequence[int] | None, limit: int
-) -> list[SeenBoxes]:
-    """The boxes that a person listed, each once, by the revision that was seen.
+    session: Session,
+    dataset: Dataset,
+    ids: Sequence[int],
+    seen: Sequence[int] | None,
+    limit: int,
+) -> ChosenBoxes:
+    """The boxes that a person listed, each once, and which of them are as seen.
 
     Parameters
     ----------
@@ -119,33 +151,63 @@ def listed_boxes(
     TooLarge
         More boxes than one act may answer.
     """
-    revisions = [UNANSWERED] * len(ids) if seen is None else seen
-    if len(revisions) != len(ids):
-        raise Unprocessable(
-            f"seen_revisions: expected one for each of {len(ids)} box_ids, "
-            f"found {len(revisions)}"
-        )
-    revision_of: dict[int, int] = {}
-    for box_id, revision in zip(ids, revisions, strict=True):
-        if revision_of.setdefault(box_id, revision) != revision:
-            raise Unprocessable(
-                f"seen_revisions: expected one revision of box {box_id}, found "
-                f"{revision_of[box_id]} and {revision}"
-            )
+    revision_of: dict[int, int | None] = dict.fromkeys(ids)
+    if seen is not None:
+        revision_of |= _seen_revisions(ids, seen)
     if len(revision_of) > limit:
         raise TooLarge(
             f"{len(revision_of)} boxes, one bulk review changes at most {limit}"
         )
     alike: dict[int, list[int]] = {}
-    for box_id, revision in revision_of.items():
-        alike.setdefault(revision, []).append(box_id)
-    return [SeenBoxes(box_ids, revision) for revision, box_ids in alike.items()]
+    stale: list[int] = []
+    for state in ReviewBatches(session).states(dataset.id, sorted(revision_of)):
+        expected = revision_of.pop(state.box_id)
+        is_stale = state.is_answered if expected is None else state.revision != expected
+        group = stale if is_stale else alike.setdefault(state.revision, [])
+        group.append(state.box_id)
+    boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
+    return ChosenBoxes(boxes, stale, skipped=sorted(revision_of))
+
+
+def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:
+    if len(seen) != len(ids):
+        raise Unprocessable(
+            f"seen_revisions: expected one for each of {len(ids)} box_ids, "
+            f"found {len(seen)}"
+        )
+    revision_of: dict[int, int] = {}
+    for box_id, revision in zip(ids, seen, strict=True):
+        if revision_of.setdefault(box_id, revision) != revision:
+            raise Unprocessable(
+                f"seen_revisions: expected one revision of box {box_id}, found "
+                f"{revision_of[box_id]} and {revision}"
+            )
+    return revision_of
+
+
+def boxes_as_they_are(
+    session: Session, dataset: Dataset, ids: Sequence[int]
+) -> ChosenBoxes:
+    """Boxes that a person has seen in the state that this session reads."""
+    alike: dict[int, list[int]] = {}
+    for state in ReviewBatches(session).states(dataset.id, ids):
+        alike.setdefault(state.revision, []).append(state.box_id)
+    boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
+    return ChosenBoxes(boxes, stale=[], skipped=[])
+
+
+def standing_boxes(session: Session, batch_id: int) -> list[Standing]:
+    """What undoing a batch would take back: to be read before the turn to write."""
+    return ReviewBatches(session).standing(batch_id)
 
 
 def undo_batch(
-    session: Session, batch_id: int, by: Principal
+    session: Session, batch_id: int, standing: Sequence[Standing], by: Principal
 ) -> tuple[ReviewBatch, int, list[int]]:
     """Say again what was said before a batch, but where someone spoke since.
+
+    `standing` comes from `standing_boxes`; of its boxes, those are left alone that
+    somebody has answered since.
 
     Raises
     ------
@@ -158,7 +220,8 @@ def undo_batch(
     """
     batches = ReviewBatches(session)
     batch = batches.with_id(batch_id)
-    answers = {batch.reviewer: batches.size(batch_id)}
+    size = batches.size(batch_id)
+    answers = {batch.reviewer: size}
     require_own(by, answers, f"undoing batch {batch_id}")
     if batches.is_undone(batch_id):
         raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
@@ -170,8 +233,10 @@ def undo_batch(
             reviewer=by.name,
         )
     )
-    undone = batches.answer_as_before(undo, batch)
+    undone = batches.answer_as_before(undo, standing)
     once_committed(session, partial(REVIEWS.add, undone, "undo"))
+    if undone == size:
+        return undo, undone, []
     skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
     return undo, undone, sorted(skipped)
 
