@@ -191,8 +191,6 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     It begins with the route's first statement. A route that has its answer ready may
     commit in its own thread; what is left to do here then needs none.
     """
-    if request.method == "DELETE":
-        services_of(request).reserve.give_up()
     async with _transaction(request, person=True) as session:
         repeatable = getattr(request.state, "repeatable", None)
         if repeatable is not None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import Executable, func, insert, select
+from sqlalchemy import Executable, exists, func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -25,6 +26,14 @@ class LatestReview(NamedTuple):
     comment: str
     reviewer: str
     batch_id: int | None
+
+
+class AnsweredBox(NamedTuple):
+    """A box that has got an answer at some time."""
+
+    id: int
+    source_id: str
+    class_id: int
 
 
 def insert_answers(
@@ -82,6 +91,45 @@ class ReviewRepository:
             .group_by(Review.reviewer)
         )
         return {row[0]: row[1] for row in self._session.execute(rows)}
+
+    def answered_boxes(self, frame_id: int) -> list[AnsweredBox]:
+        """Boxes of a frame on which somebody ever answered."""
+        rows = (
+            select(Box.id, Box.source_id, Box.class_id)
+            .where(Box.frame_id == frame_id)
+            .where(exists().where(Review.box_id == Box.id))
+            .order_by(Box.id)
+        )
+        return [AnsweredBox(*row) for row in self._session.execute(rows)]
+
+    def meant_by(self, box_ids: Iterable[int]) -> Counter[str]:
+        """On how many boxes each person has an answer that they did not take back.
+
+        Whatever others said afterwards, and also where a box came from in the revisions
+        before: the last thing that each person said of it.
+        """
+        last: dict[tuple[int, str], str] = {}
+        newest_of = {box_id: box_id for box_id in box_ids}
+        while newest_of:
+            before: dict[int, int] = {}
+            for chunk in chunks(newest_of):
+                rows = (
+                    select(
+                        Review.box_id,
+                        Review.reviewer,
+                        Review.verdict,
+                        Review.carried_from,
+                    )
+                    .where(Review.box_id.in_(chunk))
+                    .order_by(Review.box_id, Review.revision.desc())
+                )
+                for box_id, reviewer, verdict, origin in self._session.execute(rows):
+                    newest = newest_of[box_id]
+                    last.setdefault((newest, reviewer), verdict)
+                    if origin is not None:
+                        before[origin] = newest
+            newest_of = before
+        return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
 
     def latest(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The newest answer of each box that has one."""

@@ -85,15 +85,18 @@ def put_frame(
 ) -> Response:
     """Store a frame: measured, decided and durable before this is answered."""
     stored = store_frame(services, session, dataset, ready)
-    answer = stored.answer or frames.describe_stored(session, stored.frame_id)
-    response = Response(
+    session.commit()  # before the answer is made: that takes as long as all the rows
+    if stored.describe is not None:
+        answer = stored.describe()
+    else:
+        with services.database.read() as reading:
+            answer = frames.describe_stored(reading, stored.frame_id)
+    return Response(
         _JSON.dump_json(answer),
         status_code=201 if stored.created else 200,
         headers={"Location": f"/api/v1/frames/{stored.frame_id}"},
         media_type="application/json",
     )
-    session.commit()  # here, where a thread is at hand; an upload should need one only
-    return response
 
 
 @router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])

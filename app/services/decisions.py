@@ -237,12 +237,12 @@ def _solid(boxes: Sequence[Geometry | None]) -> FrameGeometry:
 def _review(review: LatestReview | None) -> dict[str, Any] | None:
     if review is None or review.verdict == "clear":
         return None
-    return {
-        "verdict": review.verdict,
-        "reviewer": review.reviewer,
-        "revision": review.revision,
-        "comment": review.comment,
-    }
+    return current_review(review._asdict())
+
+
+def current_review(row: Mapping[str, Any]) -> dict[str, Any]:
+    """An answer in force, out of its row."""
+    return {name: row[name] for name in ("verdict", "reviewer", "revision", "comment")}
 
 
 @lru_cache(maxsize=1024)

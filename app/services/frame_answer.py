@@ -7,8 +7,9 @@ from typing import Any
 
 from app.repositories.frames import FileRow
 from app.services.active import ActiveDataset
-from app.services.decisions import accepted_tags
+from app.services.decisions import accepted_tags, current_review
 from app.services.frame_rows import FrameContent, WrittenFrame
+from app.services.reviews import effective_verdict
 from app.services.statistics import count, summary, tallies_of
 from app.services.timestamps import rfc3339
 from filter_core.decision_record import decision_dicts
@@ -17,7 +18,7 @@ from filter_core.decision_record import decision_dicts
 def describe_new(
     active: ActiveDataset, content: FrameContent, written: WrittenFrame
 ) -> dict[str, Any]:
-    """The frame, what was recognised, and its decisions; nobody has reviewed it yet."""
+    """The frame, what was recognised, its decisions, and answers that came along."""
     report = content.measured.segmentation
     return {
         "frame": _frame(active, content, written),
@@ -37,7 +38,11 @@ def _frame(
         written.decisions.toss_up.tolist(),
         strict=True,
     )
-    alike = tallies_of((index, reason, toss, None) for index, reason, toss in decided)
+    answers = {row["box_id"]: row["verdict"] for row in written.carried}
+    alike = tallies_of(
+        (index, reason, toss, answers.get(box_id))
+        for box_id, (index, reason, toss) in enumerate(decided, written.first_box_id)
+    )
     width, height = content.files.image_wh
     return {
         "id": written.frame_id,
@@ -87,6 +92,14 @@ def _decisions(
             "review": None,
             "effective_verdict": decision["verdict"],
             "accepted_tags": tags[mask],
+        }
+    for row in written.carried:
+        position = row["box_id"] - written.first_box_id
+        reason = int(written.decisions.reason[position])
+        described[position] |= {
+            "revision": row["revision"],
+            "review": current_review(row),
+            "effective_verdict": effective_verdict(reason, row["verdict"]),
         }
     return described
 

@@ -14,89 +14,79 @@ from app.repositories.decisions import DecisionRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
-from app.services.statistics import tallies_of
 from filter_core.annotation_types import GEOMETRIES
 
 
 def retire(session: Session, frame: Frame) -> None:
     """Take a frame's boxes out of every list and count; its history stays."""
-    rows = DecisionRepository(session).of_frames([frame.id]).values()
-    gone = tallies_of(
-        (row.class_id, row.reason, row.toss_up, row.review) for row in rows
-    )
+    gone = DecisionRepository(session).per_frame([frame.id])[frame.id]
     TallyRepository(session).add(
-        frame.dataset_id, {key: -boxes for key, boxes in gone.items()}
+        frame.dataset_id, {TallyKey(*row[:-1]): -row.boxes for row in gone}
     )
     FrameRepository(session).supersede(frame)
 
 
 def carry_reviews(
     session: Session, old: Frame, boxes: Sequence[Mapping[str, Any]]
-) -> dict[str, int]:
+) -> tuple[list[dict[str, Any]], dict[str, int]]:
     """Repeat the latest answers on boxes whose class and geometry are the same.
 
     Parameters
     ----------
     boxes : sequence of mappings
-        Of the new revision: ``id`` (the server's), ``source_id``, ``class_id`` and
-        ``raw``, the box as it came.
+        Of the new revision: ``id`` (the server's), ``source_id``, ``class_id``,
+        ``reason``, ``toss_up`` and ``raw``, the box as it came.
 
     Returns
     -------
-    dict of str to int
-        How many answers in force stay behind, by reviewer: their boxes are gone or
-        are others now.
+    carried : list of dict
+        The repeated answers as rows.
+    set_aside : dict of str to int
+        How many answers stay behind, by reviewer: their boxes are gone or are others
+        now, or have no answer in force. Those count that somebody else cleared or
+        answered over, in any revision: else who does so first could do away with other
+        people's answers. Those that people took back themselves do not.
     """
-    before = FrameRepository(session).sources(old.id)
-    latest = {
-        box_id: review
-        for box_id, review in ReviewRepository(session)
-        .latest(box.id for box in before.values())
-        .items()
-        if review.verdict != "clear"
-    }
-    raw_before = old.annotation["boxes"]
-    rows = []
-    for box in boxes:
-        former = before.get(box["source_id"])
-        review = latest.get(former.id) if former is not None else None
-        if former is None or review is None:
-            continue
-        if former.class_id == box["class_id"] and _geometry(box["raw"]) == _geometry(
-            raw_before[former.id - old.first_box_id]
+    reviews = ReviewRepository(session)
+    answered = reviews.answered_boxes(old.id)
+    if not answered:
+        return [], {}
+    latest = reviews.latest(former.id for former in answered)
+    new = {box["source_id"]: box for box in boxes}
+    annotation = FrameRepository(session).with_id(old.id, annotation=True).annotation
+    carried: list[dict[str, Any]] = []
+    changes: Counter[TallyKey] = Counter()
+    left = []
+    for former in answered:
+        review, box = latest[former.id], new.get(former.source_id)
+        raw = annotation["boxes"][former.id - old.first_box_id]
+        if (
+            box is None
+            or review.verdict == "clear"
+            or former.class_id != box["class_id"]
+            or _geometry(raw) != _geometry(box["raw"])
         ):
-            rows.append(
-                {
-                    "box_id": box["id"],
-                    "revision": 1,
-                    "verdict": review.verdict,
-                    "comment": review.comment,
-                    "reviewer": review.reviewer,
-                    "batch_id": None,
-                    "carried_from": former.id,
-                    "created_at": utc_now(),
-                }
-            )
-    if rows:
-        ReviewRepository(session).add(rows)
-        TallyRepository(session).add(old.dataset_id, _counted_over(session, rows))
-    carried = {row["carried_from"] for row in rows}
-    return Counter(
-        review.reviewer for box_id, review in latest.items() if box_id not in carried
-    )
-
-
-def _counted_over(
-    session: Session, reviews: Sequence[Mapping[str, Any]]
-) -> dict[TallyKey, int]:
-    """From the tallies without an answer to those with it."""
-    current = DecisionRepository(session).rows(row["box_id"] for row in reviews)
-    changes: dict[TallyKey, int] = {}
-    for row in current.values():
-        for said, change in (("", -1), (row.review or "", 1)):
-            key = TallyKey(row.class_id, row.reason, row.toss_up, said)
-            changes[key] = changes.get(key, 0) + change
-    return changes
+            left.append(former.id)
+            continue
+        carried.append(
+            {
+                "box_id": box["id"],
+                "revision": 1,
+                "verdict": review.verdict,
+                "comment": review.comment,
+                "reviewer": review.reviewer,
+                "batch_id": None,
+                "carried_from": former.id,
+                "created_at": utc_now(),
+            }
+        )
+        before = TallyKey(box["class_id"], box["reason"], box["toss_up"], "")
+        changes[before] -= 1
+        changes[before._replace(review=review.verdict)] += 1
+    if carried:
+        reviews.add(carried)
+        TallyRepository(session).add(old.dataset_id, changes)
+    return carried, reviews.meant_by(left)
 
 
 def _geometry(raw: Mapping[str, Any]) -> dict[str, Any]:

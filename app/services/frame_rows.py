@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from typing import Any
@@ -56,6 +56,8 @@ class WrittenFrame:
     revision: int
     created_at: datetime
     decisions: Decisions
+    carried: Sequence[Mapping[str, Any]] = ()
+    """Answers that came along from the revision before, as rows."""
 
 
 def write_frames(
@@ -81,10 +83,12 @@ def write_frames(
     for content, row in zip(contents, written, strict=True):
         rows.add(content, row)
     rows.insert(session)
-    for content, former in zip(contents, formers, strict=True):
+    for number, former in enumerate(formers):
         if former is not None:
-            boxes = rows.boxes_of(content.key)
-            _replaced(session, active.name, former, content, boxes)
+            content, row = contents[number], written[number]
+            boxes = _with_what_was_decided(rows.boxes_of(content.key), content, row)
+            carried = _replaced(session, active.name, former, content, boxes)
+            written[number] = replace(row, carried=carried)
     for content, known in work:
         if known.has_problem:
             frames.forget_problems(active.row.dataset_id, content.key)
@@ -188,20 +192,31 @@ class _Rows:
         TallyRepository(session).add(self._active.row.dataset_id, tallies_of(alike))
 
 
+def _with_what_was_decided(
+    boxes: Sequence[Mapping[str, Any]], content: FrameContent, written: WrittenFrame
+) -> list[dict[str, Any]]:
+    columns = zip(
+        boxes,
+        content.annotation.boxes,
+        written.decisions.reason.tolist(),
+        written.decisions.toss_up.tolist(),
+        strict=True,
+    )
+    return [
+        {**row, "raw": box.raw, "reason": reason, "toss_up": toss_up}
+        for row, box, reason, toss_up in columns
+    ]
+
+
 def _replaced(
     session: Session,
     dataset: str,
     former: Frame,
     content: FrameContent,
     boxes: Sequence[Mapping[str, Any]],
-) -> None:
+) -> Sequence[Mapping[str, Any]]:
     """Carry answers over and note those set aside; Forbidden if they are others'."""
-    raws = [box.raw for box in content.annotation.boxes]
-    set_aside = carry_reviews(
-        session,
-        FrameRepository(session).with_id(former.id, annotation=True),
-        [{**box, "raw": raw} for box, raw in zip(boxes, raws, strict=True)],
-    )
+    carried, set_aside = carry_reviews(session, former, boxes)
     sender, act = content.sender, f"replacing frame {content.key!r}"
     of_others = require_own(sender, set_aside, act)
     AuditTrail(session, sender).note(
@@ -212,6 +227,7 @@ def _replaced(
         answers=sum(set_aside.values()),
         of_others=of_others,
     )
+    return carried
 
 
 def _frame_row(

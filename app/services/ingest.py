@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -26,12 +28,13 @@ __all__ = ["FrameUpload", "StoredFrame", "prepare_frame", "store_frame"]
 class StoredFrame:
     """Where an upload ended: `created` is False for what was there already.
 
-    `answer` describes a frame that is new, without asking the database for it.
+    `describe` is the answer for a frame that is new, without asking the database: to be
+    made when others may write again.
     """
 
     frame_id: int
     created: bool
-    answer: dict[str, Any] | None = None
+    describe: Callable[[], dict[str, Any]] | None = None
 
 
 def prepare_frame(
@@ -85,5 +88,5 @@ def store_frame(
     # Who collects garbage has its turn as a writer: what is there now stays there.
     context.storage.require(file.sha256 for file in content.files.rows)
     (written,) = write_frames(session, active, [(content, known)])
-    answer = None if known.frame_id else describe_new(active, content, written)
-    return StoredFrame(written.frame_id, created=True, answer=answer)
+    describe = partial(describe_new, active, content, written)
+    return StoredFrame(written.frame_id, created=True, describe=describe)

@@ -22,6 +22,8 @@ RESERVE: Final = ".reserve"
 RESERVE_BYTES: Final = 32 * 1024**2
 MOST_OF_DISK: Final = 16
 """At most the so-manieth part of a disk is kept in reserve."""
+DELETING_BYTES: Final = 4 * 1024**2
+"""What a request that deletes writes at most, but for frames of many revisions."""
 RETRY_S: Final = 30
 _PIECE: Final = 1024**2
 
@@ -64,13 +66,14 @@ class Reserve:
             RESERVE_BYTES, shutil.disk_usage(self.path.parent).total // MOST_OF_DISK
         )
 
-    def is_needed(self) -> bool:
-        """Whether less is free than the reserve has."""
-        return free_bytes([self.path.parent]) < self.size_bytes
+    def give_up(self, needed_bytes: int | None = None) -> None:
+        """Make room for who deletes something that is there, if there is too little.
 
-    def give_up(self) -> None:
-        """Make room for who deletes something, if there is none."""
-        if self.path.exists() and self.is_needed():
+        Too little is less than is needed; if nothing is said of that, less than the
+        reserve has.
+        """
+        needed = self.size_bytes if needed_bytes is None else needed_bytes
+        if self.path.exists() and free_bytes([self.path.parent]) < needed:
             self.path.unlink(missing_ok=True)
             log.warning("the disk is full: the reserve is given up to delete something")
 

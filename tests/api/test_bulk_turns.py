@@ -199,3 +199,22 @@ def test_a_repeated_answer_on_a_filter_is_answered_as_the_first(api, street):
     assert (first.status_code, again.status_code) == (201, 201)
     assert first.json() == again.json()
     assert again.headers["idempotent-replayed"] == "true"
+
+
+def test_a_replaced_frame_is_described_without_asking_for_it(service, api, street):
+    """What is asked within the transaction, everybody who writes waits for."""
+    name, ids = street
+    assert api.review(ids[3], "keep", comment="seen").status_code == 201
+    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
+    boxes[4] = {"class": "car", "xyxy": scene.IN_THE_SKY}
+    annotation = {**scene.annotation(), "boxes": boxes}
+
+    with statements_of(service.app.state.database.engine) as found:
+        answer = api.stored(name, "a", annotation, replace=True)
+
+    assert [text for text, _ in found if "FROM evidence" in text] == []
+    frame = api.json(f"/frames/{answer['frame']['id']}")
+    assert answer["decisions"] == frame["boxes"]
+    assert answer["decisions"][3]["review"]["comment"] == "seen"
+    assert answer["frame"]["counts"] == frame["counts"]
+    assert frame["counts"]["reviewed"] == 1

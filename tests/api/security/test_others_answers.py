@@ -206,3 +206,40 @@ def test_exports_that_are_asked_for_are_noted(street, person, admin):
     assert (entry["actor"], entry["action"]) == (ada, "export.created")
     assert entry["subject"] == str(export["id"])
     assert entry["details"] == {"dataset": name, "format": "yolo"}
+
+
+def clear_all(api, name, boxes):
+    body = {"dataset": name, "box_ids": boxes, "verdict": "clear"}
+    seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in boxes]
+    return api.post("/reviews/bulk", {**body, "seen_revisions": seen})
+
+
+def answer_over(api, name, boxes):
+    """And replace the frame by one in which only one's own answers are carried on."""
+    for box_id in boxes:
+        seen = api.json(f"/boxes/{box_id}")["revision"]
+        assert api.review(box_id, "reject", seen=seen).status_code == 201
+    return api.put(name, "0", {**scene.annotation(), "number": 9}, replace=True)
+
+
+@pytest.mark.parametrize("act", ACTS)
+@pytest.mark.parametrize("first", [clear_all, answer_over])
+def test_answers_count_that_somebody_took_back_before(street, person, act, first):
+    name, boxes = street
+    (grace, hers), (_, his) = person(), person()
+    assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
+    assert first(his, name, boxes).is_success
+
+    status, code, detail = refusal(act(his, name))
+
+    assert (status, code) == (403, "others_answers")
+    assert grace in detail
+
+
+def test_answers_one_has_taken_back_oneself_are_in_nobodys_way(street, person):
+    name, boxes = street
+    _, his = person()
+    assert his.review(boxes[1], "keep").status_code == 201
+    assert clear_all(his, name, boxes).is_success
+
+    assert replace(his, name).status_code == 201
