@@ -12,7 +12,7 @@ from fastapi.security import HTTPBearer
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
-from app.db.engine import Database
+from app.db.engine import Database, once_committed
 from app.errors import DatabaseBusy, Forbidden, Unauthorised
 from app.security import (
     SAFE_METHODS,
@@ -25,6 +25,7 @@ from app.services import access
 from app.services.audit import AuditTrail
 from app.services.context import ServiceContext
 from app.services.idempotency import claim_on_begin
+from app.services.room import DELETING_BYTES
 from app.settings import Settings
 
 Result = TypeVar("Result")
@@ -204,6 +205,16 @@ async def upload_session(
     """As `write_session`, for frames: answers of people are stored before them."""
     async with _transaction(request, person=False) as session:
         yield session
+
+
+def make_room(services: ServiceContext, session: Session) -> None:
+    """Give up the reserve if the disk is too full for what this session deleted.
+
+    To be called once there was something to delete that may be deleted, and before the
+    commit, which writes it down. The reserve is taken again as soon as there is room.
+    """
+    if services.reserve.give_up(DELETING_BYTES):
+        once_committed(session, services.something_to_remove.set)
 
 
 @asynccontextmanager

@@ -12,6 +12,7 @@ from app.deps import (
     Audited,
     ReadSession,
     WriteSession,
+    make_room,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ProblemRepository
@@ -127,6 +128,7 @@ def delete_dataset(
     found = DatasetRepository(session).named(dataset)
     datasets.remove_dataset(services, session, found, confirm)
     audit.note(Act.DATASET_DELETED, dataset)
+    make_room(services, session)
     return Response(status_code=204)
 
 

@@ -17,6 +17,7 @@ from app.deps import (
     ReadSession,
     RowId,
     UploadSession,
+    make_room,
 )
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameFilter
@@ -129,12 +130,17 @@ def get_frame_by_key(
 
 @router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
 def delete_frame(
-    dataset: DatasetName, key: FrameKey, principal: CurrentPrincipal, audit: Audited
+    dataset: DatasetName,
+    key: FrameKey,
+    services: AppServices,
+    principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Response:
     """Delete a frame with all its revisions and answers; others' need an admin."""
     begin_as_work(audit.session)
     found = DatasetRepository(audit.session).named(dataset)
     frames.remove_frame(audit, principal, found, key)
+    make_room(services, audit.session)
     return Response(status_code=204)
 
 

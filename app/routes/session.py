@@ -18,6 +18,7 @@ from app.deps import (
     RowId,
     WriteSession,
     counting_wrong,
+    make_room,
 )
 from app.errors import Forbidden
 from app.routing import ApiRouter, OpenRouter
@@ -127,6 +128,8 @@ def log_out(
 ) -> Response:
     """End the session that is shown; a token stays as it is."""
     access.log_out(session, principal)
+    if principal.session_hash is not None:
+        make_room(services, session)
     services.callers.forget_on_commit(session)
     return Response(status_code=204)
 

@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse
 
 from app.db.access_tables import Token
 from app.db.base import utc_now
-from app.deps import AppServices, Audited, ReadSession, RowId, WriteSession
+from app.deps import AppServices, Audited, ReadSession, RowId, WriteSession, make_room
 from app.errors import BadRequest
 from app.repositories.tokens import Tokens
 from app.routing import ApiRouter
@@ -54,6 +54,7 @@ def revoke_token(
 ) -> Response:
     """Take a token back; the sessions that it opened end as well."""
     tokens.revoke(audit, token_id)
+    make_room(services, session)
     services.callers.forget_on_commit(session)
     return Response(status_code=204)
 

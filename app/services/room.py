@@ -66,8 +66,8 @@ class Reserve:
             RESERVE_BYTES, shutil.disk_usage(self.path.parent).total // MOST_OF_DISK
         )
 
-    def give_up(self, needed_bytes: int | None = None) -> None:
-        """Make room for who deletes something that is there, if there is too little.
+    def give_up(self, needed_bytes: int | None = None) -> bool:
+        """Make room for deleting something, if there is too little; whether it did.
 
         Too little is less than is needed; if nothing is said of that, less than the
         reserve has.
@@ -76,6 +76,8 @@ class Reserve:
         if self.path.exists() and free_bytes([self.path.parent]) < needed:
             self.path.unlink(missing_ok=True)
             log.warning("the disk is full: the reserve is given up to delete something")
+            return True
+        return False
 
     def keep(self, min_free_bytes: int) -> None:
         """Take it again, once that leaves enough for others."""

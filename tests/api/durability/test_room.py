@@ -17,7 +17,7 @@ from tests.services import running_services
 
 pytestmark = pytest.mark.sqlite_files("its database shares the small disk")
 
-DISK_MIB, MIN_FREE_MIB = 64, 16
+DISK_MIB, MIN_FREE_MIB = 128, 16
 MIB = 1024**2
 SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
@@ -91,3 +91,33 @@ def test_on_a_full_disk_datasets_are_deleted_and_garbage_is_collected(data, ungh
     assert collected.code == 0, collected.err
     assert json.loads(collected.out)["files"] == 2
     assert left == []
+
+
+def test_the_reserve_is_kept_from_who_deletes_nothing_or_needs_no_room(data):
+    with served(data, **SETTINGS) as (_, api):
+        name = api.dataset()
+        api.stored(name, "a")
+        token = api.post("/tokens", {"name": "ada", "role": "viewer"}).json()["id"]
+        at_last((data / RESERVE).exists)
+        with filled(data, 0):
+            absent = [
+                api.delete(path).status_code
+                for path in (
+                    f"/datasets/{name}/frames/b",
+                    "/datasets/nowhere?confirm=nowhere",
+                    f"/datasets/{name}",
+                    "/tokens/999",
+                    "/session",
+                )
+            ]
+            kept = [(data / RESERVE).exists()]
+        with filled(data, 6 * MIB):
+            revoked = api.delete(f"/tokens/{token}").status_code
+            kept.append((data / RESERVE).exists())
+        with filled(data, 0):
+            deleted = api.delete(f"/datasets/{name}/frames/a").status_code
+            kept.append((data / RESERVE).exists())
+        at_last((data / RESERVE).exists)
+
+    assert absent[:4] == [404, 404, 400, 404]
+    assert (revoked, deleted, kept) == (204, 204, [True, True, False])
