@@ -12,6 +12,9 @@ _M_TOP_PAD: Final = -2
 _M_MMAP_THRESHOLD: Final = -3
 _KEEP_BYTES: Final = 256 * 1024 * 1024
 _PAD_BYTES: Final = 16 * 1024 * 1024
+_COLLECT_EVERY: Final = 10_000
+"""New objects. By default it is 700, and describing a frame of ten thousand boxes makes
+hundreds of thousands: the collector looked through them over and over."""
 
 
 def keep_freed_memory() -> None:
@@ -38,7 +41,9 @@ def settle() -> None:
     """Take what is there after the start out of the collector's sight.
 
     Modules, tables and compiled statements live as long as the process. Looking through
-    them again and again made one answer in twenty sixty milliseconds late.
+    them again and again made one answer in twenty sixty milliseconds late. What comes
+    later is looked through less often.
     """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(_COLLECT_EVERY, *gc.get_threshold()[1:])

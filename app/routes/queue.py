@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from fastapi import Response
-from fastapi.responses import JSONResponse
 
 from app.deps import AppServices, CurrentPrincipal, WriteSession
 from app.repositories.datasets import DatasetRepository
 from app.routes.datasets import DatasetName
 from app.routes.selections import selection_of
 from app.routing import ApiRouter
+from app.schemas.pages import written
 from app.schemas.queue import QueueIn, QueueOut
 from app.services.queue import QueueRequest, next_boxes, outlook
 
@@ -30,4 +30,4 @@ def take_from_queue(
     wanted = QueueRequest(principal.name, selection=filters, **chosen)
     queue = outlook(services, dataset, wanted)
     found = DatasetRepository(session).named(dataset)
-    return JSONResponse(next_boxes(session, found, wanted, queue))
+    return written(next_boxes(session, found, wanted, queue))

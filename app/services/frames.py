@@ -65,27 +65,35 @@ def frame_summaries(
     session: Session, dataset: Dataset, frames: Sequence[Frame]
 ) -> list[dict[str, Any]]:
     """Rows of a list of frames."""
-    ids = [frame.id for frame in frames]
-    files = FrameRepository(session).files(ids)
-    tallies = DecisionRepository(session).per_frame(ids)
-    measurement = dataset.active_measurement_id or 0
-    reports = EvidenceRepository(session).reports(ids, measurement)
-    return [
-        {
+    facts = _Facts(session, dataset, [frame.id for frame in frames])
+    return [facts.summary(frame) for frame in frames]
+
+
+class _Facts:
+    """What rows of frames are made of beside the frames: read once for all of them."""
+
+    def __init__(self, session: Session, dataset: Dataset, ids: Sequence[int]) -> None:
+        self.files = FrameRepository(session).files(ids)
+        self._tallies = DecisionRepository(session).per_frame(ids)
+        measurement = dataset.active_measurement_id or 0
+        self.reports = EvidenceRepository(session).reports(ids, measurement)
+
+    def summary(self, frame: Frame) -> dict[str, Any]:
+        """The row of one frame."""
+        files, report = self.files[frame.id], self.reports.get(frame.id)
+        return {
             "id": frame.id,
             "key": frame.key,
             "revision": frame.revision,
             "width": frame.width,
             "height": frame.height,
             "map": frame.map,
-            "has_image": "image" in files[frame.id],
-            "has_segmentation": "segmentation" in files[frame.id],
-            "lossy": bool((reports.get(frame.id) or {}).get("lossy")),
+            "has_image": "image" in files,
+            "has_segmentation": "segmentation" in files,
+            "lossy": bool((report or {}).get("lossy")),
             "created_at": rfc3339(frame.created_at),
-            "counts": summary(count(_keyed(tallies[frame.id]))),
+            "counts": summary(count(_keyed(self._tallies[frame.id]))),
         }
-        for frame in frames
-    ]
 
 
 def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
@@ -93,21 +101,18 @@ def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
     frames = FrameRepository(session)
     frame = frames.with_id(frame_id, annotation=True)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    (row,) = frame_summaries(session, dataset, [frame])
+    facts = _Facts(session, dataset, [frame.id])
     previous_id, next_id = frames.neighbours(frame)
-    reports = EvidenceRepository(session).reports(
-        [frame.id], dataset.active_measurement_id or 0
-    )
     annotation = frame.annotation
-    return row | {
+    return facts.summary(frame) | {
         "dataset": dataset.name,
         "camera": annotation.get("camera"),
         "carla_version": frame.carla_version,
         "captured_at": frame.captured_at,
         "weather": annotation.get("weather"),
         "superseded": frame.superseded_at is not None,
-        "segmentation": reports.get(frame.id),
-        "files": describe_files(frame.id, frames.files([frame.id])[frame.id]),
+        "segmentation": facts.reports.get(frame.id),
+        "files": describe_files(frame.id, facts.files[frame.id]),
         "previous_id": previous_id,
         "next_id": next_id,
         "boxes": DecisionReader(session, dataset).of_frame(frame),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -218,3 +219,16 @@ def test_a_replaced_frame_is_described_without_asking_for_it(service, api, stree
     assert answer["decisions"][3]["review"]["comment"] == "seen"
     assert answer["frame"]["counts"] == frame["counts"]
     assert frame["counts"]["reviewed"] == 1
+
+
+def test_a_frame_is_described_by_asking_for_everything_once(service, api, street):
+    name, _ = street
+    frame = api.json(f"/datasets/{name}/frames")["items"][0]["id"]
+
+    with statements_of(service.app.state.database.engine) as found:
+        api.json(f"/frames/{frame}")
+
+    asked = [
+        text for text, _ in found if re.search("FROM (evidence|frame_files)", text)
+    ]
+    assert len(asked) == len(set(asked)) == 3

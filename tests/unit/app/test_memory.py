@@ -1,0 +1,24 @@
+"""How often a process of the service looks for what nobody refers to any more."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+DESCRIBED = """
+import gc
+from app.memory import settle
+settle()
+before = gc.get_stats()[0]["collections"]
+boxes = [{"xyxy": [number] * 4, "hidden_by": []} for number in range(20_000)]
+print(gc.get_stats()[0]["collections"] - before)
+"""
+
+
+def test_a_long_answer_is_looked_through_a_few_times_only():
+    """It is sixty thousand objects, all of them still in use."""
+    told = subprocess.run(
+        [sys.executable, "-c", DESCRIBED], check=True, capture_output=True, text=True
+    )
+
+    assert int(told.stdout) < 10
