@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import Depends, Query, Request
-from fastapi.responses import JSONResponse
+from fastapi import Depends, Query, Request, Response
 
 from app.deps import MAX_ID
 from app.repositories.newest import NewestPage, Row
@@ -23,7 +22,7 @@ class NewestFirst:
 
     def answer(
         self, rows: Sequence[Row], describe: Callable[[Row], Mapping[str, Any]]
-    ) -> JSONResponse:
+    ) -> Response:
         """The rows that `newest` found for this page."""
         listed = rows[: self.page.limit]
         following = str(listed[-1].id) if len(rows) > len(listed) else None

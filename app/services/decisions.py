@@ -32,7 +32,7 @@ from filter_core.config import FilterConfig
 from filter_core.decide import decide
 from filter_core.decision_record import FrameFacts, FrameGeometry, decision_dicts
 from filter_core.palettes import FAMILIES
-from filter_core.types import Evidence
+from filter_core.types import Evidence, FloatArray
 
 
 class DecisionReader:
@@ -227,11 +227,13 @@ def _solid(boxes: Sequence[Geometry | None]) -> FrameGeometry:
         visible_xyxy=np.array(
             [(box and box.visible_xyxy) or absent for box in boxes], np.float64
         ).reshape(-1, 4),
-        edges=[
-            None if box is None else np.asarray(box.edges.round(2), np.float64)
-            for box in boxes
-        ],
+        edges=[None if box is None else rounded_edges(box.edges) for box in boxes],
     )
+
+
+def rounded_edges(edges: NDArray[np.floating[Any]]) -> FloatArray:
+    """Edges as they are answered of a frame that is stored: as single floats."""
+    return np.asarray(edges.astype(np.float32).round(2), np.float64)
 
 
 def _review(review: LatestReview | None) -> dict[str, Any] | None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from app.repositories.frames import FileRow
 from app.services.active import ActiveDataset
-from app.services.decisions import accepted_tags, current_review
+from app.services.decisions import accepted_tags, current_review, rounded_edges
 from app.services.frame_rows import FrameContent, WrittenFrame
 from app.services.reviews import effective_verdict
 from app.services.statistics import count, summary, tallies_of
@@ -70,14 +71,17 @@ def _frame(
 def _decisions(
     active: ActiveDataset, content: FrameContent, written: WrittenFrame
 ) -> list[dict[str, Any]]:
-    measured = content.measured
+    measured, geometry = content.measured, content.measured.geometry
+    if written.revision > 1:  # answered as if it was read, as it always has been
+        edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
+        geometry = replace(geometry, edges=edges)
     facts = measured.facts(active.config)
     described = decision_dicts(
         facts,
         measured.ids,
         measured.evidence,
         written.decisions,
-        measured.geometry,
+        geometry,
     )
     masks = measured.evidence.accept_mask.tolist()
     tags = {mask: accepted_tags(facts.family, mask) for mask in set(masks)}
