@@ -28,9 +28,9 @@ EXCUSED = {
     "INSERT INTO dataset_classes": "SQLite plans to look for boxes that wait for their "
     "class; it does so only within a transaction in which one does",
     "DELETE FROM dataset_classes": "SQLite looks for boxes of the class: 6 ms for each "
-    "100,000 boxes that there are. A class of a deleted dataset goes in a transaction of "
-    "its own, in the background, with turns for others after each; an index would cost "
-    "every upload for that",
+    "100,000 boxes that there are. A class of a deleted dataset goes in a transaction "
+    "of its own, in the background, and others have their turns after each; an index "
+    "would cost every upload for that",
 }
 """A part of a statement that may read a big table whole -> why."""
 NOT_INDEXED = {
