@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import socket
 import sys
@@ -170,7 +171,8 @@ def server_config(app: FastAPI) -> uvicorn.Config:
     Where a request comes from is what its connection says, unless that is a proxy that
     the settings trust: anybody can write a header.
     """
-    proxies = app.state.settings.trusted_proxies
+    settings: Settings = app.state.settings
+    proxies = settings.trusted_proxies
     return uvicorn.Config(
         app,
         access_log=False,
@@ -179,6 +181,9 @@ def server_config(app: FastAPI) -> uvicorn.Config:
         proxy_headers=bool(proxies),
         forwarded_allow_ips=list(proxies),
         timeout_graceful_shutdown=STOP_WAIT_S,
+        # Not sooner than our own protocol does it. Uvicorn's five seconds are those of
+        # many clients, too: they would send on a connection that is just being closed.
+        timeout_keep_alive=math.ceil(settings.head_wait_s),
         lifespan="on",
         ws="none",
         http=ProblemProtocol,

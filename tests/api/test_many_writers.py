@@ -6,6 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 
+from app.main import create_app
+from app.settings import Settings
+from app.startup import server_config
+
 CLIENTS = 100
 THREADS_OF_THE_SERVICE = 40
 
@@ -47,3 +51,10 @@ def test_probes_do_not_keep_writers_from_writing(service):
         codes = list(pool.map(ask, range(3 * CLIENTS)))
 
     assert set(codes) == {200, 201}
+
+
+def test_connections_are_kept_for_longer_than_clients_keep_them(tmp_path):
+    """Else a client sends a request on a connection that is closed at that moment."""
+    app = create_app(Settings(data=tmp_path / "data"))
+
+    assert server_config(app).timeout_keep_alive > 2 * httpx.Limits().keepalive_expiry
