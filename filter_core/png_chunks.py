@@ -29,6 +29,7 @@ _PART_BYTES: Final = 1024
 _TAIL: Final = 4096
 """How much may follow the end: some cameras and editors append notes of their own."""
 _AROUND_BODY: Final = 12
+_HEAD: Final = struct.Struct(">I4s")
 _END: Final = b"\0\0\0\0IEND\xaeB`\x82"
 _END_MARK: Final = _END[4:]
 _CRITICAL: Final = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
@@ -71,7 +72,7 @@ def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
         writes.
     """
     walk = _Walk(content)
-    for chunk in walk.chunks():
+    for chunk in walk.chunks(parts_as_one=whole):
         walk.check(chunk)
         if chunk.kind == b"IEND" or (chunk.kind == b"IDAT" and not whole):
             break
@@ -82,9 +83,12 @@ def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
 
 
 class _Chunk(NamedTuple):
+    """A chunk, or as one all the parts of the pixels that follow one another."""
+
     kind: bytes
     start: int
     length: int
+    parts: int = 1
 
 
 @dataclass
@@ -100,17 +104,27 @@ class _Walk:
     compressed: int = 0
     inflated_bytes: int = 0
 
-    def chunks(self) -> Iterator[_Chunk]:
+    def chunks(self, *, parts_as_one: bool) -> Iterator[_Chunk]:
         """One after the other, each wholly within the file."""
         content = self.content
         position, size = len(SIGNATURE), len(content)
+        start, length, parts, total = position, 0, 0, 0
         while position + _AROUND_BODY <= size:
-            length, kind = struct.unpack_from(">I4s", content, position)
-            following = position + _AROUND_BODY + length
-            if following > size:
+            length, kind = _HEAD.unpack_from(content, position)
+            if position + _AROUND_BODY + length > size:
                 break
-            yield _Chunk(kind, position, length)
-            position = following
+            # A photograph has hundreds of parts: one step for all of them.
+            if parts_as_one and kind == b"IDAT" and parts <= _most_parts(total):
+                start = start if parts else position
+                parts, total = parts + 1, total + length
+            else:
+                if parts:
+                    yield _Chunk(b"IDAT", start, total, parts)
+                    parts = total = 0
+                yield _Chunk(kind, position, length)
+            position += _AROUND_BODY + length
+        if parts:
+            yield _Chunk(b"IDAT", start, total, parts)
         raise _ends_too_early(content)
 
     def check(self, chunk: _Chunk) -> None:
@@ -155,9 +169,9 @@ class _Walk:
     def _take_part(self, chunk: _Chunk) -> None:
         if b"IDAT" in self.kinds and self.last != b"IDAT":
             raise ImageError(f"PNG: {_named(self.last)} stands between the pixels")
-        self.parts += 1
+        self.parts += chunk.parts
         self.part_bytes += chunk.length
-        if self.parts > _FEW_PARTS + self.part_bytes // _PART_BYTES:
+        if self.parts > _most_parts(self.part_bytes):
             raise ImageError(
                 f"PNG: {self.parts} parts with {self.part_bytes} bytes of pixels; "
                 f"expected parts of {_PART_BYTES} bytes or more"
@@ -232,6 +246,11 @@ class _Walk:
 
     def _body(self, chunk: _Chunk) -> bytes:
         return self.content[chunk.start + 8 : chunk.start + 8 + chunk.length]
+
+
+def _most_parts(size: int) -> int:
+    """How many parts pixels of so many bytes may come in."""
+    return _FEW_PARTS + size // _PART_BYTES
 
 
 def _inflated_size(kind: bytes, body: bytes, most: int) -> int:

@@ -11,6 +11,7 @@ from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
+from sqlalchemy.pool import ConnectionPoolEntry
 
 from app.db.inspection import MOST_PROBLEMS, Ask, damaged_tables
 from app.db.postgres import make_postgres_engine
@@ -30,6 +31,7 @@ STEPS_BETWEEN_LOOKS: Final = 100_000
 """Of SQLite's machine: some milliseconds."""
 _CACHE_OF_A_READER: Final = f"PRAGMA cache_size=-{CACHE_KIB}"
 _CACHE_OF_THE_WRITER: Final = f"PRAGMA cache_size=-{WRITER_CACHE_KIB}"
+_HAS_MUCH: Final = "has the cache of a writer"
 _DAMAGED: Final = ("malformed", "is not a database")
 _ONCE_COMMITTED: Final = "once committed"
 
@@ -82,6 +84,7 @@ def _begin_sqlite(connection: Connection) -> None:
     # "database is locked", whatever the time-out: writers take their place first.
     if connection.get_execution_options().get("writes", False):
         connection.connection.cursor().execute(_CACHE_OF_THE_WRITER)
+        connection.info[_HAS_MUCH] = True
         connection.exec_driver_sql("BEGIN IMMEDIATE")
         return
     # Every request reads, and this cannot fail: not worth SQLAlchemy's way round.
@@ -90,8 +93,11 @@ def _begin_sqlite(connection: Connection) -> None:
     driver.close()
 
 
-def _keep_little(connection: DBAPIConnection | None, _record: object) -> None:
-    if connection is not None:  # else it was lost
+def _keep_little(
+    connection: DBAPIConnection | None, record: ConnectionPoolEntry
+) -> None:
+    has_much = record.info.pop(_HAS_MUCH, False)
+    if has_much and connection is not None:  # else it was lost
         connection.cursor().execute(_CACHE_OF_A_READER)
 
 

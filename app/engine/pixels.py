@@ -32,7 +32,7 @@ from io import BytesIO
 from multiprocessing.connection import Connection
 from multiprocessing.util import Finalize
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import Empty, LifoQueue
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, cast
 
@@ -121,11 +121,13 @@ class PixelPool:
         self.children = children
         self._seconds, self._memory_bytes = seconds, memory_bytes
         self._context = _context(preload)
-        # Places in the order in which they became free; None: no child lives there yet.
-        self._free: SimpleQueue[_Child | None] = SimpleQueue()
+        # The place that became free last comes first: its child has its caches warm.
+        # None: no child lives there yet.
+        self._free: LifoQueue[_Child | None] = LifoQueue()
         for _ in range(children):
             self._free.put(None)
         self._starting = threading.Lock()
+        self._here = threading.BoundedSemaphore(children)
         self._is_closed = False
         # Before `multiprocessing` asks its processes to end by a signal, at the exit.
         self._at_exit = Finalize(self, _end_all, (self._free,), exitpriority=1)
@@ -168,6 +170,16 @@ class PixelPool:
             raise PixelsRefused(
                 f"reading the picture ended two processes: the last one {died}"
             ) from died
+
+    def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:
+        """Work on something in the thread that asks: for what is known to cost little.
+
+        A process of its own makes a frame a fifth dearer, most of all because what one
+        process had in its caches the other one has not. As many threads work at once as
+        there are children. Errors are those of `work`.
+        """
+        with self._here:
+            return work(*args)
 
     def warm_up(self) -> None:
         """Start all children now, so that nobody waits for them later."""
@@ -245,7 +257,7 @@ class PixelPool:
             return _Child(self._context, self._memory_bytes)
 
 
-def _end_all(free: SimpleQueue[_Child | None]) -> None:
+def _end_all(free: LifoQueue[_Child | None]) -> None:
     with suppress(Empty):
         while True:
             child = free.get_nowait()

@@ -201,7 +201,9 @@ def _options(source: DatasetReading | FilterConfig) -> SegmentationOptions:
 def measure_files(
     pool: PixelPool, plan: MeasurePlan, annotation: FrameAnnotation, files: FrameFiles
 ) -> MeasuredFrame:
-    """Decode, project and measure one frame, in a child process that is waited for.
+    """Decode, project and measure one frame.
+
+    In a child process that is waited for, unless what it costs is known to be little.
 
     Raises
     ------
@@ -211,7 +213,8 @@ def measure_files(
     """
     # Only what is read there travels: not what came along, to be given back by exports.
     needed = replace(annotation, raw={}, extra={}, weather={})
-    measured, decode_s, measure_s = pool.run(
+    is_simple = pixel_work.is_simple(plan.request, needed, files)
+    measured, decode_s, measure_s = (pool.run_here if is_simple else pool.run)(
         pixel_work.measure, plan.request, needed, files
     )
     if decode_s is not None:
