@@ -22,7 +22,7 @@ from app.errors import AppError, Fault
 from app.logs import current_request_id, error_log
 from app.validation_words import in_words
 from filter_core.errors import AnnotationErrors, FilterError
-from filter_core.faults import MAX_FAULTS, pointer_token
+from filter_core.values import MAX_FAULTS, pointer_token
 
 PROBLEM_TYPE: Final = "application/problem+json"
 BUSY_RETRY_S: Final = 2

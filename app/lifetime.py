@@ -33,8 +33,8 @@ from app.services.safety_copies import keep_before_migrating
 from app.services.token_upkeep import keeping_tokens
 from app.settings import Settings
 from app.storage import make_folder, open_store
-from filter_core.config import FilterConfig
-from filter_core.config_file import load_config
+from filter_core.config.file import load_config
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 
 from app.http_errors import PROBLEM_TYPE
-from filter_core.faults import MAX_FAULTS
+from filter_core.values import MAX_FAULTS
 
 _TEXT: Final = {"type": "string"}
 FAULT_SCHEMA: Final = {

@@ -43,10 +43,10 @@ from benchmarks.million import NAME as MILLION
 from benchmarks.million import fill
 from benchmarks.street import Street, street
 from benchmarks.yardstick import decoding_by_opencv
-from filter_core.annotation import parse_annotation
-from filter_core.config import FilterConfig
-from filter_core.frame_filter import FrameOptions, measure_frame
-from filter_core.segmentation import read_segmentation
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.config.filter import FilterConfig
+from filter_core.pipeline import FrameOptions, measure_frame
+from filter_core.segmentation.reading import read_segmentation
 from tests.servers import RunningServer, running_server
 
 BLOCK = 512

@@ -26,8 +26,8 @@ from pathlib import Path
 from benchmarks.bench_upload import photograph
 from benchmarks.street import HEIGHT, WIDTH, Street, frame_boxes, street
 from benchmarks.yardstick import decoding_by_opencv
-from filter_core.measure import measure
-from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.evidence.semantic import measure
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from unghost.cli.filter_local import FilterOptions, filter_local
 
 SCENES = 8

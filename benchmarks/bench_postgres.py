@@ -38,8 +38,8 @@ from app.services.ingest import FrameUpload, prepare_frame, store_frame
 from app.services.measuring import DatasetReading
 from app.settings import Settings
 from benchmarks.million import BOXES_PER_FRAME, MadeRows, Wanted, make, rows_of
-from filter_core.config import FilterConfig
-from filter_core.palettes import FAMILIES
+from filter_core.config.filter import FilterConfig
+from filter_core.segmentation.palettes import FAMILIES
 
 SERVER = "postgresql://postgres@127.0.0.1:5432/postgres"
 SIZES = (1, 2, 4, 8, 16, 32, 64, 256, 1_000, 10_000)

@@ -36,7 +36,7 @@ from app.services.runs import carry_out
 from app.settings import Settings
 from app.storage import FolderStorage
 from benchmarks.million import NAME, fill
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 PAGES = 60
 REPEATS = 3

@@ -30,19 +30,19 @@ from rich.progress import track
 
 from app.demo.writing import MANIFEST, TRUTH, write_street
 from benchmarks.evaluation_page import write_page
-from filter_core.annotation_types import FORMS_3D
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
-from filter_core.formats.frame_source import FrameSource
+from filter_core.annotation.frame import FORMS_3D
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
 from filter_core.formats.layouts import read_source
+from filter_core.formats.reading import FrameSource
+from filter_core.local import measure_source
 from filter_core.local_evaluation import (
     EvaluationTask,
     KnownBoxes,
     evaluate_source,
     read_truth,
 )
-from filter_core.local_filter import measure_source
-from filter_core.segmentation import SegmentationOptions
+from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import Reason
 
 COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")

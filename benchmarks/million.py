@@ -21,8 +21,8 @@ from app.services.context import ServiceContext
 from app.services.datasets import NewDataset, create_dataset
 from app.services.measuring import DatasetReading
 from app.services.statistics import tallies_of
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
 from filter_core.types import Evidence
 
 BOXES_PER_FRAME = 25

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest.mock import patch
 
-from filter_core.png_decoding import InflatedPng
+from filter_core.images.decoding import InflatedPng
 
 
 @contextmanager

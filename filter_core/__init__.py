@@ -5,18 +5,14 @@ gives `Evidence`, numbers per box; `decide` takes evidence and a `FilterConfig` 
 gives `Decisions`. Thresholds can therefore be changed without reading a pixel again.
 """
 
-from filter_core.annotation import (
-    AnnotationLimits,
-    FrameAnnotation,
-    frame_boxes_2d,
-    parse_annotation,
-)
-from filter_core.boxes import correct_xyxy, to_xyxy
-from filter_core.camera import Camera
-from filter_core.config import ClassConfig, FilterConfig
-from filter_core.config_diff import diff_configs
-from filter_core.config_file import LoadedConfig, load_config
-from filter_core.decide import decide
+from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
+from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.config.config_diff import diff_configs
+from filter_core.config.file import LoadedConfig, load_config
+from filter_core.config.filter import ClassConfig, FilterConfig
+from filter_core.decisions.explain import explain, hidden_by
+from filter_core.decisions.rules import decide
 from filter_core.errors import (
     AnnotationError,
     AnnotationErrors,
@@ -29,23 +25,24 @@ from filter_core.errors import (
     NotAvailable,
     SegmentationError,
 )
-from filter_core.explain import explain, hidden_by
-from filter_core.formats.frame_source import ReadOptions
+from filter_core.evidence.semantic import FrameBoxes, MeasureOptions, measure
 from filter_core.formats.layouts import detect_layout, read_source
-from filter_core.frame_filter import (
+from filter_core.formats.reading import ReadOptions
+from filter_core.geometry.boxes import correct_xyxy, to_xyxy
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.projection import project_box, project_boxes
+from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.local import FrameOutcome, filter_source
+from filter_core.pipeline import (
     FrameOptions,
     FrameResult,
     MeasuredFrame,
     filter_frame,
     measure_frame,
 )
-from filter_core.ignore_mask import read_ignore_mask
-from filter_core.local_filter import FrameOutcome, filter_source
-from filter_core.measure import FrameBoxes, MeasureOptions, measure
-from filter_core.palettes import FAMILIES, Palette, family_of_version
-from filter_core.projection import project_box, project_boxes
-from filter_core.segmentation import (
-    Segmentation,
+from filter_core.segmentation.palettes import FAMILIES, Palette, family_of_version
+from filter_core.segmentation.pixel_codes import Segmentation
+from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Final
 
-from filter_core.faults import Faults, Place, shown
+from filter_core.values import Faults, Place, shown
 
 MAX_INTEGER: Final = 2**63 - 1
 """Ids beyond it fit no database column."""

@@ -7,8 +7,8 @@ from functools import lru_cache
 from typing import Final
 
 from filter_core.errors import ConfigError
-from filter_core.faults import nearest, place_of, shown
-from filter_core.palettes import FAMILIES, PUBLISHED_COLORS, Palette
+from filter_core.segmentation.palettes import FAMILIES, PUBLISHED_COLORS, Palette
+from filter_core.values import nearest, place_of, shown
 
 ALIASES: Final = {"street_light": "traffic_light"}
 """Other names under which a class is known."""
@@ -39,6 +39,7 @@ _VEHICLES: Final = {
         bh.crossbike diamondback.century gazelle.omafiets
     """,
 }
+
 BLUEPRINT_CLASS: Final = {
     f"vehicle.{name}": base_type
     for base_type, names in _VEHICLES.items()
@@ -47,6 +48,7 @@ BLUEPRINT_CLASS: Final = {
 """CARLA's vehicle blueprints and the class of each."""
 
 _BASE_TYPES: Final = frozenset(_VEHICLES)
+
 _PREFIXES: Final = (("walker.", "walker"), ("traffic.traffic_light", "traffic_light"))
 
 # A class accepts a set of tags, not one: a driven van is tagged Truck and a parked one
@@ -62,11 +64,13 @@ _ACCEPT_SINCE_0_9_14: Final = {
     "traffic_light": ("TrafficLight",),
     "vehicle": ("Car", "Truck", "Bus", "Motorcycle", "Bicycle", "Rider"),
 }
+
 _ACCEPT_BEFORE: Final = {
     **dict.fromkeys(("car", "truck", "van", "bus", "vehicle"), ("Vehicle",)),
     **dict.fromkeys(("motorcycle", "bicycle"), ("Vehicle", "Pedestrian")),
     "walker": ("Pedestrian",),
 }
+
 _ACCEPT: Final[dict[str, dict[str, tuple[str, ...]]]] = {
     "carla-0.9.14": _ACCEPT_SINCE_0_9_14,
     "carla-0.9.10": {**_ACCEPT_BEFORE, "traffic_light": ("TrafficLight",)},
@@ -172,6 +176,7 @@ _TAG_NAMES: Final = {
     for palette in FAMILIES.values()
     for tag in palette.tags
 }
+
 _LAST_TAG: Final = max(palette.tags[-1].tag for palette in FAMILIES.values())
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from filter_core.annotation_types import FrameAnnotation
+from filter_core.annotation.frame import FrameAnnotation
 from filter_core.errors import ImageSizeMismatch
-from filter_core.pixel_codes import Segmentation
+from filter_core.segmentation.pixel_codes import Segmentation
 
 
 def agreed_size(

@@ -40,21 +40,31 @@ class JsonLimits:
 
 
 _DEFAULT_LIMITS: Final = JsonLimits()
+
 _BYTES_PER_VALUE: Final = 2
 """``1,``: a shorter document cannot hold more values."""
+
 _NO_SIGNS: Final = bytes(sorted(set(range(256)) - set(b'[]{},:"')))
+
 _STEPS: Final = np.zeros(256, np.int8)
+
 _STEPS[list(b"[{")], _STEPS[list(b"]}")] = 1, -1
 """How much deeper the value after a sign stands."""
+
 _LONGEST_NUMBER: Final = 100
+
 _LONG_DIGITS: Final = b"0" * (_LONGEST_NUMBER + 1)
+
 LONG_NUMBER: Final = f"a number of more than {_LONGEST_NUMBER} characters"
 """What is found, in words."""
+
 _AS_DIGITS: Final = bytes(
     ord("0" if code in b"+-.0123456789Ee" else " ") for code in range(256)
 )
 """Makes a zero of all that numbers are written with."""
+
 _ANY_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
+
 _ESCAPES: Final = re.compile(
     r"\\(?:u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}"
     r"|(?P<half>u[dD][89a-fA-F][0-9a-fA-F]{2})|.)",

@@ -10,17 +10,18 @@ from typing import Any, Final
 import numpy as np
 
 from filter_core.channel_types import NOT_MEASURED
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
-from filter_core.evaluation import COMPARED, Evaluation
-from filter_core.formats.frame_source import FrameSource
-from filter_core.frame_filter import MeasuredFrame
+from filter_core.evaluation.comparison import COMPARED, Evaluation
+from filter_core.formats.reading import FrameSource
 from filter_core.json_text import read_json
-from filter_core.local_filter import in_order, measure_source, problem_of
-from filter_core.segmentation import SegmentationOptions
+from filter_core.local import in_order, measure_source, problem_of
+from filter_core.pipeline import MeasuredFrame
+from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import BoolArray, Evidence, IntArray
 
 INSTANCES: Final = "instances"
+
 _MAX_LINE: Final = 1 << 20
 
 Truth = Mapping[str, Mapping[str, bool]]

@@ -6,15 +6,16 @@ from collections.abc import Generator, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from filter_core.annotation import frame_boxes_2d, parse_annotation
-from filter_core.config import FilterConfig
+from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.export_frame import ExportFrame, export_boxes
-from filter_core.formats.frame_source import FrameSource
-from filter_core.frame_filter import box_class
-from filter_core.image_header import read_image_header
-from filter_core.local_filter import decide_source, in_order
-from filter_core.segmentation import SegmentationOptions
+from filter_core.formats.export import ExportFrame, export_boxes
+from filter_core.formats.reading import FrameSource
+from filter_core.images.header import read_image_header
+from filter_core.local import decide_source, in_order
+from filter_core.pipeline import box_class
+from filter_core.segmentation.reading import SegmentationOptions
 
 _KNOWN: Final = (
     "car",

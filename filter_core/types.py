@@ -21,12 +21,16 @@ BoxesXYXY: TypeAlias = NDArray[np.float64]
 """(N, 4) px, ``x_min y_min x_max y_max``, half-open: ``[0, 0, 1, 1]`` is one pixel."""
 
 FloatArray: TypeAlias = NDArray[np.float64]
+
 IntArray: TypeAlias = NDArray[np.int64]
+
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 UNKNOWN_TAG: Final = 255
+
 N_TAGS: Final = 31
 """Columns of a tag histogram: tags 0..29, then Unknown."""
+
 UNKNOWN_COLUMN: Final = 30
 
 
@@ -88,8 +92,11 @@ class Reason(IntEnum):
 # By place, not by key: both are asked several times for every box that is shown, and to
 # hash a reason takes longer than to do anything else with it. Reasons count from 1.
 _LABELS: Final = ["", *(reason.name.lower() for reason in Reason)]
+
 _VERDICTS: Final = [Verdict.REJECTED for _ in _LABELS]
+
 _VERDICTS[Reason.VISIBLE] = Verdict.KEPT
+
 _VERDICTS[Reason.NO_SEGMENTATION] = Verdict.UNMEASURED
 
 

@@ -36,7 +36,7 @@ from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.runs import carry_out
 from app.settings import Settings
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 from tests.api import frames as scene
 from tests.databases import settings_of
 

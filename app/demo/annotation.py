@@ -9,10 +9,10 @@ import numpy as np
 
 from app.demo.things import Thing
 from app.demo.town import TownStyle
-from filter_core.box3d import boxes3d_vertices
-from filter_core.camera import Camera
-from filter_core.pose import Transform
-from filter_core.projection import project_boxes
+from filter_core.geometry.box3d import boxes3d_vertices
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform
+from filter_core.geometry.projection import project_boxes
 from filter_core.types import FloatArray
 
 WIDTH: Final = 1280

@@ -16,7 +16,7 @@ from app.demo.parking import park_in_lot
 from app.demo.solids import block, sheet
 from app.demo.things import HOUSE_TYPE, SCENERY, Thing
 from app.demo.town import BACK_ROW, SIDE_END, TOWN_END, TownBuilder
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 
 _PAVING: Final = Paint((158, 152, 142), kind=Kind.PAVING)
 _KERB: Final = Paint((172, 168, 160))

@@ -15,7 +15,7 @@ from app.demo.rasteriser import Canvas, draw
 from app.demo.shading import Pixels
 from app.demo.snapshot import Snapshot
 from app.demo.textures import Float32, f32
-from filter_core.camera import Camera
+from filter_core.geometry.camera import Camera
 from filter_core.types import IntArray, TagImage
 
 SKY_DEPTH: Final = 1000.0

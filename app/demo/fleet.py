@@ -12,7 +12,7 @@ from app.demo.mesh import Mesh
 from app.demo.people import WALK_PHASES, Dress, walker
 from app.demo.things import Route, Thing
 from app.demo.two_wheelers import bicycle, motorcycle
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 
 RGB = tuple[float, float, float]
 

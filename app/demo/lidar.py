@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.demo.exposure import Planes
 from app.demo.mesh import turned
-from filter_core.camera import Camera
+from filter_core.geometry.camera import Camera
 from filter_core.types import IntArray
 
 RANGE_M: Final = 120.0

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.palettes import palette_of
+from filter_core.segmentation.palettes import palette_of
 
 FAMILY: Final = "carla-0.9.14"
 _PALETTE: Final = palette_of(FAMILY)

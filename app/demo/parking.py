@@ -9,7 +9,7 @@ import numpy as np
 from app.demo.fleet import new_car, new_heavy, new_walker
 from app.demo.ground import PARKING, SIDEWALK_HEIGHT
 from app.demo.town import BACK_ROW, TownBuilder
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 
 
 def park_in_lot(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.demo.paint import FAMILY
 from app.demo.textures import Float32
-from filter_core.palettes import palette_of
+from filter_core.segmentation.palettes import palette_of
 from filter_core.types import TagImage
 
 _DEPTH_STEPS: Final = (1 << 24) - 1

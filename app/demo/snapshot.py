@@ -13,8 +13,8 @@ from app.demo.paint import Kind
 from app.demo.rasteriser import Canvas, draw
 from app.demo.town import Town
 from app.demo.view import NEAR, to_homogeneous, to_screen
-from filter_core.camera import Camera
-from filter_core.pose import Transform
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform
 from filter_core.types import BoolArray, FloatArray, IntArray
 
 _FAR_M: Final = 42.0

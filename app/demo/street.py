@@ -24,7 +24,7 @@ from app.demo.sunlight import ShadowMap
 from app.demo.things import Thing
 from app.demo.town import SIDE_END, STEP_S, TOWN_END, TOWN_START, Town
 from app.demo.truth import truth_of
-from filter_core.camera import Camera
+from filter_core.geometry.camera import Camera
 from filter_core.types import FloatArray
 
 _SHADOW_TEXELS: Final = (4096, 4096)

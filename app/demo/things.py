@@ -12,7 +12,7 @@ import numpy as np
 from app.demo.mesh import Mesh
 from app.demo.paint import FAMILY
 from filter_core.classes import accept_mask_of
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 from filter_core.types import FloatArray
 
 SCENERY: Final = "scenery"

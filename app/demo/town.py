@@ -14,7 +14,7 @@ from app.demo.mesh import Mesh
 from app.demo.sky import Hour
 from app.demo.things import SCENERY, Route, Thing
 from app.demo.trees import TreeKind, tree
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 
 T = TypeVar("T")
 

@@ -21,7 +21,7 @@ from app.demo.town import (
     TownBuilder,
     convoy,
 )
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 
 _WALK_SPEED: Final = 1.35
 _Place = tuple[Transform, Route]

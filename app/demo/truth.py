@@ -11,8 +11,8 @@ from app.demo.annotation import PlacedBox
 from app.demo.exposure import Planes
 from app.demo.paint import Tag
 from app.demo.view import to_homogeneous
-from filter_core.camera import Camera
-from filter_core.projection import DepthStatus, project_boxes
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.projection import DepthStatus, project_boxes
 from filter_core.types import FloatArray
 
 FAR_AWAY_M: Final = 150.0

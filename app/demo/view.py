@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from app.demo.mesh import cross, turned
-from filter_core.camera import Camera
+from filter_core.geometry.camera import Camera
 from filter_core.types import BoolArray, FloatArray, IntArray
 
 NEAR: Final = 0.1

@@ -9,7 +9,7 @@ from fastapi import Depends, Request
 from app.bodies import beside_the_loop
 from app.errors import UnsupportedMedia
 from app.routing import body_up_to
-from filter_core.config_file import LoadedConfig, load_config
+from filter_core.config.file import LoadedConfig, load_config
 
 _MEDIA_TYPES: Final = (
     "application/json",

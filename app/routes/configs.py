@@ -28,7 +28,7 @@ from app.services.configs import active_version, add_version, describe_version
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.runs import start_after
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 router = ApiRouter(prefix="/api/v1", tag="configs")
 

@@ -13,7 +13,7 @@ from app.routes.datasets import DatasetName
 from app.routing import ApiRouter
 from app.schemas.quality import QualityOut, QualityQuery
 from app.services.quality import quality
-from filter_core.thresholds import Goal
+from filter_core.evaluation.thresholds import Goal
 
 router = ApiRouter(prefix="/api/v1", tag="quality")
 

@@ -29,7 +29,7 @@ from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import describe_run, described_run, job_of
 from app.services.runs import cancel_run, start_after
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
 

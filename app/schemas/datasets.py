@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from filter_core.image_header import read_image_header
+from filter_core.images.header import read_image_header
 
 NAME_PATTERN = r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$"
 

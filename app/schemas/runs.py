@@ -23,7 +23,7 @@ from filter_core.formats.export_options import (
     Include,
     Rejected,
 )
-from filter_core.formats.writers import FormatName
+from filter_core.formats.registry import FormatName
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 

@@ -19,7 +19,7 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
 from app.services.measuring import MeasurePlan, plan_of
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 MAX_PLANS: Final = 256
 

@@ -38,7 +38,7 @@ from app.services.json_turns import in_turn
 from app.services.refusals import note_problem
 from app.services.room import require_room
 from app.storage import Drafts
-from filter_core.annotation import without_key
+from filter_core.annotation.parsing import without_key
 from filter_core.errors import FilterError
 from filter_core.types import Reason, Verdict
 

@@ -24,7 +24,7 @@ from app.services.numbers import DatasetNumbers
 from app.services.reviews import effective_verdict
 from app.services.run_requests import active_measurement
 from app.services.statistics import in_conflict
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 ANSWERS_OF: Final = {
     "undecided": ("", "unsure"),

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from app.db.tables import ConfigVersion, Dataset
 from app.repositories.runs import ConfigRepository
 from app.services.timestamps import rfc3339
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 
 def add_version(

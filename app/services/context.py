@@ -21,7 +21,7 @@ from app.services.room import Reserve
 from app.services.shared_looks import SharedLooks
 from app.settings import Settings
 from app.storage import BlobStore
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 
 @dataclass(frozen=True)

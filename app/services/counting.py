@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 from filter_core.types import Decisions, Evidence, IntArray, Reason, Verdict
 
 _VERDICTS: Final = tuple(Verdict)

@@ -29,7 +29,7 @@ from app.services.run_requests import (
 )
 from app.services.statistics import count, summary
 from app.services.timestamps import rfc3339
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 CARLA_CLASSES: Final = (
     "car",

@@ -28,10 +28,10 @@ from app.repositories.reviews import LatestReview, ReviewRepository
 from app.services.configs import active_version, config_of
 from app.services.reviews import effective_verdict
 from filter_core.channel_types import NOT_MEASURED, ChannelNumbers
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
-from filter_core.decision_record import FrameFacts, FrameGeometry, decision_dicts
-from filter_core.palettes import FAMILIES
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.record import FrameFacts, FrameGeometry, decision_dicts
+from filter_core.decisions.rules import decide
+from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import Evidence, FloatArray
 
 

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.color_decoding import decode_image
 from filter_core.errors import ImageError
-from filter_core.image_header import read_image_header
-from filter_core.palettes import FAMILIES
-from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.images.color_decoding import decode_image
+from filter_core.images.header import read_image_header
+from filter_core.segmentation.palettes import FAMILIES
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 
 Picture: TypeAlias = NDArray[np.uint8]
 """(H, W, 3), B, G, R."""

@@ -20,8 +20,8 @@ from app.services.run_requests import (
     coming_settings,
     request_run,
 )
-from filter_core.config_values import CHANNELS, SEMANTIC
-from filter_core.evaluation import Evaluation
+from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.evaluation.comparison import Evaluation
 from filter_core.types import BoolArray, IntArray
 
 Truth = Literal["instances", "people"]

@@ -33,9 +33,9 @@ from app.services.context import ServiceContext
 from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames
-from filter_core.formats.export_frame import ExportFrame, ExportHead
+from filter_core.formats.export import ExportFrame, ExportHead
 from filter_core.formats.export_options import ExportOptions
-from filter_core.formats.writers import write_export
+from filter_core.formats.registry import write_export
 
 OPEN: Final = ("queued", "running")
 TELL_EVERY_S: Final = 0.5

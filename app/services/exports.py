@@ -27,7 +27,7 @@ from app.services.room import require_room
 from app.services.timestamps import rfc3339
 from app.storage import Blob
 from filter_core.formats.export_options import ExportOptions
-from filter_core.formats.writers import format_of
+from filter_core.formats.registry import format_of
 
 MEDIA_TYPE: Final = "application/zip"
 

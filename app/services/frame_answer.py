@@ -13,7 +13,7 @@ from app.services.frame_rows import FrameContent, WrittenFrame
 from app.services.reviews import effective_verdict
 from app.services.statistics import count, summary, tallies_of
 from app.services.timestamps import rfc3339
-from filter_core.decision_record import decision_dicts
+from filter_core.decisions.record import decision_dicts
 
 
 def describe_new(

@@ -10,10 +10,10 @@ from app.repositories.frames import FileRow
 from app.services.pixel_work import FrameFiles
 from app.settings import Settings
 from app.storage import sha256_of
-from filter_core.annotation_types import FrameAnnotation
-from filter_core.channels.points import check_points
+from filter_core.annotation.frame import FrameAnnotation
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
-from filter_core.image_header import ImageHeader, read_image_header, require_size
+from filter_core.evidence.lidar import check_points
+from filter_core.images.header import ImageHeader, read_image_header, require_size
 
 PICTURES: Final = ("image", "segmentation", "depth", "instances", "ignore_mask")
 CLOUDS: Final = ("lidar", "radar")

@@ -14,7 +14,7 @@ from app.repositories.decisions import DecisionRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
-from filter_core.annotation_types import GEOMETRIES
+from filter_core.annotation.frame import GEOMETRIES
 
 
 def retire(session: Session, frame: Frame) -> None:

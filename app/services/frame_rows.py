@@ -29,9 +29,9 @@ from app.services.frame_replacement import carry_reviews, retire
 from app.services.measuring import packed
 from app.services.others_answers import require_own
 from app.services.statistics import tallies_of
-from filter_core.annotation_types import FrameAnnotation
-from filter_core.decide import decide
-from filter_core.frame_filter import MeasuredFrame
+from filter_core.annotation.frame import FrameAnnotation
+from filter_core.decisions.rules import decide
+from filter_core.pipeline import MeasuredFrame
 from filter_core.types import Decisions, Reason
 
 

@@ -23,7 +23,7 @@ from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
 from app.services.timestamps import rfc3339
-from filter_core.decide import decide
+from filter_core.decisions.rules import decide
 from filter_core.types import Evidence, Reason
 
 

@@ -20,10 +20,10 @@ from app.services.json_turns import in_turn
 from app.services.measuring import measure_files
 from app.services.refusals import naming
 from app.settings import Settings
-from filter_core.annotation import AnnotationLimits, parse_annotation
-from filter_core.annotation_types import FrameAnnotation
+from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationError
-from filter_core.frame_filter import MeasuredFrame
+from filter_core.pipeline import MeasuredFrame
 
 MAX_TEXT: Final = 200
 """Characters of an id, a class or a map: what their columns hold."""

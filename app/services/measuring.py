@@ -23,12 +23,12 @@ from app.engine.pixels import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from app.services import pixel_work
 from app.services.pixel_work import SENSORS, FrameFiles, MeasureRequest
-from filter_core.annotation_types import FrameAnnotation
-from filter_core.config import FilterConfig
-from filter_core.config_values import CHANNELS, FILE_OF
-from filter_core.decision_record import FrameGeometry
-from filter_core.frame_filter import MeasuredFrame
-from filter_core.segmentation import SegmentationOptions
+from filter_core.annotation.frame import FrameAnnotation
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import CHANNELS, FILE_OF
+from filter_core.decisions.record import FrameGeometry
+from filter_core.pipeline import MeasuredFrame
+from filter_core.segmentation.reading import SegmentationOptions
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
 CHANNELS_KEY: Final = "channels"

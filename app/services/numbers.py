@@ -22,8 +22,8 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frame_ranges import frame_ranges
 from app.repositories.frames import FrameRepository
 from app.services.counting import match_counts
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
 from filter_core.types import Decisions, Evidence, IntArray
 
 MAX_CACHED_BOXES: Final = 8_000_000

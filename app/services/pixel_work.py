@@ -16,14 +16,14 @@ from typing import Any, Final
 import numpy as np
 
 from app.services.refusals import naming
-from filter_core.annotation_types import FrameAnnotation
-from filter_core.config import FilterConfig
-from filter_core.frame_channels import SensorFiles
-from filter_core.frame_filter import FrameOptions, MeasuredFrame, measure_frame
-from filter_core.ignore_mask import read_ignore_mask
-from filter_core.image_header import MAX_SIDE
-from filter_core.png_chunks import SIGNATURE
-from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.annotation.frame import FrameAnnotation
+from filter_core.config.filter import FilterConfig
+from filter_core.evidence.channels import SensorFiles
+from filter_core.images.header import MAX_SIDE
+from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.images.png import SIGNATURE
+from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from filter_core.types import Mask
 
 MEASURED: Final = ("segmentation", "ignore_mask")
@@ -75,7 +75,7 @@ class MeasureRequest:
         How segmentations are read, and who says so.
     ignored : dict or None
         The dataset's ignore mask: ``png`` in base 64, or ``polygons``.
-    channels : names out of `filter_core.config_values.CHANNELS`
+    channels : names out of `filter_core.config.filter.keys.CHANNELS`
     depth_tolerance : float or None
     """
 

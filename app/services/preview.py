@@ -26,8 +26,8 @@ from app.services.measuring import DatasetReading, plan_for
 from app.services.numbers import DatasetNumbers
 from app.services.recounting import recount
 from app.services.run_requests import active_measurement, needs_pixels
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
 from filter_core.types import Decisions, Evidence, IntArray, Reason
 
 _SIDES: Final = ("kept_to_rejected", "rejected_to_kept")

@@ -19,10 +19,14 @@ from app.services.instance_truth import instance_truth
 from app.services.reviewers import Panel
 from app.services.run_requests import active_measurement
 from app.services.statistics import count
-from filter_core.class_thresholds import Judged, is_by_threshold, suggest_per_class
-from filter_core.config import FilterConfig
-from filter_core.scores import BANDS, Confusion, band_index
-from filter_core.thresholds import Goal
+from filter_core.config.filter import FilterConfig
+from filter_core.evaluation.class_thresholds import (
+    Judged,
+    is_by_threshold,
+    suggest_per_class,
+)
+from filter_core.evaluation.scores import BANDS, Confusion, band_index
+from filter_core.evaluation.thresholds import Goal
 from filter_core.types import Verdict
 
 Truth = Literal["people", "instances"]

@@ -11,8 +11,8 @@ from app.db.evidence_record import (
     unpack_tag_counts,
 )
 from app.repositories.evidence import EvidenceRow
-from filter_core.accept_sets import with_accept_sets
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
+from filter_core.evidence.accept_sets import with_accept_sets
 from filter_core.types import Evidence
 
 

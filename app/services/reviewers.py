@@ -10,7 +10,7 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.repositories.answers import AnswerRepository
-from filter_core.agreement import Kappa, agreement
+from filter_core.evaluation.agreement import Kappa, agreement
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,8 @@ from app.services.configs import config_of
 from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE
 from app.services.numbers import DatasetNumbers
-from filter_core.decide import decide
-from filter_core.types import (
-    Decisions,
-    FloatArray,
-    IntArray,
-    Reason,
-    Verdict,
-)
+from filter_core.decisions.rules import decide
+from filter_core.types import Decisions, FloatArray, IntArray, Reason, Verdict
 
 _KEPT, _REJECTED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.REJECTED))
 _SIDES: Final = {

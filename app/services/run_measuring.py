@@ -27,8 +27,8 @@ from app.services.pixel_work import MEASURED, FrameFiles
 from app.services.recounting import recount, recounted_row
 from app.services.refusals import naming, note_problem
 from app.services.run_states import job_of, run_at_work
-from filter_core.annotation import parse_annotation
-from filter_core.config import FilterConfig
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
 
 _DAMAGED: Final = (

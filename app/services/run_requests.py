@@ -16,7 +16,7 @@ from app.services.context import ServiceContext
 from app.services.job_quota import require_a_place
 from app.services.measuring import DatasetReading, MeasurePlan, plan_for
 from app.version import FILTER_CORE_VERSION
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 
 
 @dataclass(frozen=True)

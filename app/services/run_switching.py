@@ -32,8 +32,8 @@ from app.services.context import ServiceContext
 from app.services.numbers import DatasetNumbers
 from app.services.run_measuring import RunScope, Stored, is_measured
 from app.services.run_states import job_of, run_at_work
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
 from filter_core.types import BoolArray, Decisions, IntArray, Verdict
 
 TELL_EVERY_S: Final = 0.5

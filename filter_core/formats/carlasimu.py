@@ -10,11 +10,12 @@ from typing import Final
 
 from filter_core.errors import LayoutError
 from filter_core.formats.class_lists import carlasimu_classes
-from filter_core.formats.frame_source import FrameSet, ReadOptions, Unmatched
 from filter_core.formats.matching import frame_key, walk
+from filter_core.formats.reading import FrameSet, ReadOptions, Unmatched
 from filter_core.formats.yolo import LabelFolders, frame_set, segmentation_folder
 
 _BAND: Final = re.compile(r"label(\d+)", re.IGNORECASE)
+
 _IMAGES: Final = ("images", "img")
 
 

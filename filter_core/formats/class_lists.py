@@ -6,14 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from filter_core.config_file import parse_yaml
+from filter_core.config.file import parse_yaml
 from filter_core.errors import ConfigError, JsonError, LayoutError
-from filter_core.formats.frame_source import read_label_text
+from filter_core.formats.reading import read_label_text
 from filter_core.json_text import read_json
 
 CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")
 """The order that carlasimu writes; it has no numbers for two-wheelers."""
+
 _YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
+
 _TEXT_LISTS: Final = ("classes.txt", "labels.txt", "obj.names")
 
 

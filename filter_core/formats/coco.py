@@ -8,22 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from filter_core.annotation import KNOWN_FRAME_KEYS
-from filter_core.annotation_boxes import KNOWN_BOX_KEYS
+from filter_core.annotation.boxes import KNOWN_BOX_KEYS
+from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.coco_index import CocoIndex, index_coco, looks_like_coco
-from filter_core.formats.frame_source import (
-    FrameSet,
-    FrameSource,
-    ReadOptions,
-    Unmatched,
-)
 from filter_core.formats.matching import IMAGE_SUFFIXES, FileIndex, frame_key, walk
+from filter_core.formats.reading import FrameSet, FrameSource, ReadOptions, Unmatched
 from filter_core.formats.yolo import segmentation_folder
 
 _PARTS: Final = ("train", "val", "test")
+
 _OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"})
+
 _OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")
+
 _MANY: Final = 3
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Final
 
-from filter_core.annotation import KNOWN_FRAME_KEYS
-from filter_core.annotation_types import FORMS_3D
+from filter_core.annotation.frame import FORMS_3D
+from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.formats.export_boxes import OutBox, Traits
-from filter_core.formats.label_export import PARTS, Desk, OutFrame, band_name
 from filter_core.formats.spool import Spool, json_bytes
+from filter_core.formats.writing import PARTS, Desk, OutFrame, band_name
 
 _ATTRIBUTES: Final = ("type_id", "base_type", "instance_id", *FORMS_3D)
+
 _DECIMALS: Final = 4
 
 
@@ -80,7 +81,7 @@ class _CocoFile:
         }
         self._images.add(image, by_key=True)
         for one in out.boxes:
-            annotation = _annotation(one, self._annotations.count + 1, number)
+            annotation = _annotation_of(one, self._annotations.count + 1, number)
             self._annotations.add(annotation, by_key=True)
 
     def pieces(self, classes: tuple[str, ...]) -> Iterator[bytes]:
@@ -101,7 +102,7 @@ class _CocoFile:
         yield b"}\n"
 
 
-def _annotation(out: OutBox, number: int, image: int) -> dict[str, Any]:
+def _annotation_of(out: OutBox, number: int, image: int) -> dict[str, Any]:
     x_min, y_min, x_max, y_max = out.xyxy
     bbox = [_round(v) for v in (x_min, y_min, x_max - x_min, y_max - y_min)]
     kept = out.box.extra

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final, TypeAlias
 
 from filter_core.errors import NotAvailable
-from filter_core.formats.decisions_table import csv_pieces, row_of
-from filter_core.formats.export_frame import ExportFrame, ExportHead, Sink
-from filter_core.formats.export_tally import Counts, ExportTally
+from filter_core.formats.decisions import csv_pieces, row_of
+from filter_core.formats.export import ExportFrame, ExportHead, Sink
 from filter_core.formats.spool import Spool, json_bytes
+from filter_core.formats.tally import Counts, ExportTally
 
 Pieces: TypeAlias = Callable[[Iterator[ExportFrame], Spool], Iterable[bytes]]
 

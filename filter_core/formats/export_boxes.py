@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from filter_core.formats.export_frame import ExportBox, ExportFrame, Rectangle
+from filter_core.formats.export import ExportBox, ExportFrame, Rectangle
 from filter_core.formats.export_options import ExportOptions
-from filter_core.formats.export_tally import ExportTally
+from filter_core.formats.tally import ExportTally
 
 _RECTANGLES: Final = {
     "visible": ("xyxy",),
@@ -18,6 +18,7 @@ _RECTANGLES: Final = {
 """The keys of a decision in which a rectangle is looked for."""
 
 _NOWHERE: Final = (0.0, 0.0, 0.0, 0.0)
+
 _LEAST_SIDE: Final = 0.01
 """Pixels; what is thinner would vanish when a format rounds it."""
 

@@ -9,8 +9,11 @@ from typing import Any, Final, Literal, get_args
 from filter_core.errors import FilterError
 
 Include = Literal["effective", "kept", "all"]
+
 Rejected = Literal["drop", "dontcare"]
+
 Boxes = Literal["visible", "amodal", "tight"]
+
 Images = Literal["copy", "none"]
 
 _CHOICES: Final = {
@@ -19,7 +22,9 @@ _CHOICES: Final = {
     "boxes": get_args(Boxes),
     "images": get_args(Images),
 }
+
 MAX_BANDS: Final = 16
+
 MAX_BAND: Final = 100_000
 """Metres; a label folder is named after its band."""
 

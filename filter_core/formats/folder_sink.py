@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
-from filter_core.formats.export_frame import Sink
+from filter_core.formats.export import Sink
 from filter_core.formats.export_options import ExportError
 
 

@@ -17,10 +17,14 @@ from filter_core.json_text import (
 )
 
 _PIECE: Final = 1 << 20
+
 _MAX_VALUE: Final = 16 << 20
 """Bytes of one value; what is longer is no box and no image."""
+
 _MANY_VALUES: Final = JsonLimits.max_values
+
 _MAX_NAME: Final = 1 << 16
+
 _SPACE: Final = " \t\n\r"
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from filter_core.errors import JsonError, LayoutError
-from filter_core.formats.frame_source import MAX_LABEL_BYTES
-from filter_core.formats.label_export import KEYS_NAME
 from filter_core.formats.manifest import MAX_KEY
 from filter_core.formats.matching import FrameFiles, frame_key
+from filter_core.formats.reading import MAX_LABEL_BYTES
+from filter_core.formats.writing import KEYS_NAME
 from filter_core.json_text import read_json
 
 

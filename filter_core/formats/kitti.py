@@ -7,14 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from filter_core.camera import Camera
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.frame_source import (
-    FrameSet,
-    FrameSource,
-    ReadOptions,
-    read_label_text,
-)
 from filter_core.formats.key_list import with_keys
 from filter_core.formats.kitti_text import box_of, read_calibration, read_kitti_lines
 from filter_core.formats.matching import (
@@ -24,12 +17,22 @@ from filter_core.formats.matching import (
     match,
     walk,
 )
+from filter_core.formats.reading import (
+    FrameSet,
+    FrameSource,
+    ReadOptions,
+    read_label_text,
+)
 from filter_core.formats.yolo import frame_of, segmentation_folder
-from filter_core.image_header import read_image_header
+from filter_core.geometry.camera import Camera
+from filter_core.images.header import read_image_header
 
 _LABELS: Final = "label_2"
+
 _IMAGES: Final = "image_2"
+
 _CALIBRATIONS: Final = "calib"
+
 _PLACES: Final = ("", "training")
 
 

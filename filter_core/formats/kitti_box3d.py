@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from filter_core.box3d import in_carla_order
-from filter_core.camera import CARLA_TO_IMAGE_AXES, Camera
+from filter_core.geometry.box3d import in_carla_order
+from filter_core.geometry.camera import CARLA_TO_IMAGE_AXES, Camera
 from filter_core.types import FloatArray
 
 _BOTTOM: Final = [0, 2, 4, 6]

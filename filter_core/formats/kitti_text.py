@@ -8,14 +8,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from filter_core.camera import Camera
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.kitti_box3d import kitti_vertices
 from filter_core.formats.label_numbers import read_columns
+from filter_core.geometry.camera import Camera
 from filter_core.types import FloatArray
 
 _COLUMNS: Final = (15, 16)
+
 _DONT_CARE: Final = "dontcare"
+
 _UNKNOWN: Final = -999.0
 """Locations below are KITTI's way to say that there is none."""
 

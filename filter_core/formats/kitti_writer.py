@@ -7,17 +7,22 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from filter_core.camera import Camera
 from filter_core.formats.export_boxes import OutBox, Traits, clipped
 from filter_core.formats.kitti_box3d import to_kitti_box
-from filter_core.formats.label_export import PARTS, Desk, OutFrame
+from filter_core.formats.writing import PARTS, Desk, OutFrame
+from filter_core.geometry.camera import Camera
 
 DONT_CARE: Final = "DontCare"
+
 _NO_BOX: Final = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
 """KITTI's own numbers for a 3D box that is not known."""
+
 _NO_ALPHA: Final = -10.0
+
 _UNKNOWN_OCCLUSION: Final = 3
+
 _VELODYNE_AXES: Final = (0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 0)
+
 _IDENTITY: Final = (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 
 

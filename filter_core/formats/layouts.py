@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import LayoutError
-from filter_core.faults import nearest
 from filter_core.formats.carlasimu import camera_folder, read_carlasimu
 from filter_core.formats.class_lists import find_class_list
 from filter_core.formats.coco import coco_files, read_coco
-from filter_core.formats.frame_source import FrameSet, ReadOptions
 from filter_core.formats.kitti import kitti_folder, read_kitti
 from filter_core.formats.manifest import MANIFEST_NAME, read_manifest
 from filter_core.formats.matching import walk
+from filter_core.formats.reading import FrameSet, ReadOptions
 from filter_core.formats.voc import read_voc_folder
 from filter_core.formats.yolo import is_label, read_yolo
+from filter_core.values import nearest
 
 _READERS: Final[dict[str, Callable[[Path, ReadOptions], FrameSet]]] = {
     "manifest": read_manifest,
@@ -27,6 +27,7 @@ _READERS: Final[dict[str, Callable[[Path, ReadOptions], FrameSet]]] = {
     "voc": read_voc_folder,
     "coco": read_coco,
 }
+
 LAYOUTS: Final = ("auto", *_READERS)
 """What `read_source` takes."""
 

@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
-from filter_core.faults import shown
-from filter_core.formats.frame_source import (
+from filter_core.formats.reading import (
     MAX_LABEL_BYTES,
     FrameSet,
     FrameSource,
     ReadOptions,
 )
 from filter_core.json_text import read_json
+from filter_core.values import shown
 
 MANIFEST_NAME: Final = "manifest.jsonl"
+
 FILES: Final = (
     "image",
     "segmentation",
@@ -26,6 +27,7 @@ FILES: Final = (
     "radar",
     "ignore_mask",
 )
+
 MAX_KEY: Final = 512
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 from filter_core.formats.export_boxes import Traits
-from filter_core.formats.label_export import Desk, OutFrame
 from filter_core.formats.manifest import FILES, MANIFEST_NAME
 from filter_core.formats.spool import json_bytes
+from filter_core.formats.writing import Desk, OutFrame
 
 _OURS: Final = frozenset({"boxes", "key", *FILES})
 

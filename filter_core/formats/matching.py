@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from filter_core.formats.frame_source import Unmatched
+from filter_core.formats.reading import Unmatched
 
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+
 _FOLDER_WORDS: Final = frozenset(
     {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
 )

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, Final
 
-from filter_core.formats.decisions_table import COLUMNS
+from filter_core.formats.decisions import COLUMNS
 from filter_core.formats.spool import Spool
 
 _ROWS_PER_GROUP: Final = 20_000
+
 _TYPES: Final = {str: "string", float: "float64", int: "int64", bool: "bool_"}
 
 

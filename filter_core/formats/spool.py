@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import IO, Final
 
 _IN_MEMORY: Final = 1024 * 1024
+
 _PIECE: Final = 64 * 1024
 
 

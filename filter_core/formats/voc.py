@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from filter_core.errors import FilterError
-from filter_core.formats.frame_source import (
+from filter_core.formats.key_list import with_keys
+from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
+from filter_core.formats.reading import (
     FrameSet,
     FrameSource,
     ReadOptions,
     read_label_bytes,
 )
-from filter_core.formats.key_list import with_keys
-from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
 from filter_core.formats.voc_xml import read_voc
 from filter_core.formats.yolo import band_folders, frame_of, segmentation_folder
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 from filter_core.formats.export_boxes import OutBox, Traits
-from filter_core.formats.label_export import PARTS, Desk, OutFrame
+from filter_core.formats.writing import PARTS, Desk, OutFrame
 from filter_core.formats.xml_text import element
 
 

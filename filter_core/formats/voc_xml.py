@@ -13,9 +13,13 @@ from defusedxml.ElementTree import DefusedXMLParser, ParseError
 from filter_core.errors import LayoutError
 
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
+
 _KEPT: Final = ("pose", "truncated", "difficult", "occluded")
+
 _MAX_SIDE: Final = 1 << 16
+
 _MAX_DEPTH: Final = 32
+
 _MAX_ELEMENTS: Final = 500_000
 
 

@@ -10,19 +10,22 @@ from typing import Final
 
 from filter_core.errors import FilterError
 from filter_core.formats.class_lists import yolo_classes
-from filter_core.formats.frame_source import (
+from filter_core.formats.key_list import with_keys
+from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
+from filter_core.formats.reading import (
     FrameSet,
     FrameSource,
     ReadOptions,
     read_label_text,
 )
-from filter_core.formats.key_list import with_keys
-from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
 from filter_core.formats.yolo_text import read_label_lines
 
 SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
+
 _BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
+
 _CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
+
 _TEXTS_AT_THE_TOP: Final = frozenset(
     {
         "labelmap.txt",

@@ -9,7 +9,9 @@ from filter_core.errors import LayoutError
 from filter_core.formats.label_numbers import read_columns
 
 _WITH_CONFIDENCE: Final = 6
+
 _YOLO_COLUMNS: Final = (5, _WITH_CONFIDENCE)
+
 _RAW_COLUMNS: Final = 4
 
 

@@ -8,10 +8,11 @@ from typing import ClassVar, Final
 import yaml
 
 from filter_core.formats.export_boxes import OutBox, Traits
-from filter_core.formats.label_export import PARTS, Desk, OutFrame
+from filter_core.formats.writing import PARTS, Desk, OutFrame
 
 _DECIMALS: Final = 8
 """Finer than a thousandth of a pixel in the largest image."""
+
 _HALF_UNITS: Final = 10**_DECIMALS // 2
 """Edges lie on every second unit of the last digit: centres are whole units then."""
 

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from unghost import Client, StoredFrame
 
 WIDTH, HEIGHT = 64, 48

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from tests.api import frames as scene
 from tests.api.resources import Api
 

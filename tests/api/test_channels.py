@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.palettes import palette_of
-from tests.unit.filter_core.channels.scene import depth_png, instance_png
-from tests.unit.filter_core.channels.test_points import npy
-from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
+from filter_core.segmentation.palettes import palette_of
+from tests.unit.filter_core.evidence.scene import depth_png, instance_png
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
+from tests.unit.filter_core.evidence.test_lidar import npy
 
 
 def files(**others: bytes) -> dict[str, bytes]:

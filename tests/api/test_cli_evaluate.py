@@ -8,11 +8,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from filter_core.config_file import load_config
+from filter_core.config.file import load_config
 from tests.api.command_line import CommandLine
-from tests.unit.filter_core.channels.scene import depth_png, instance_png
+from tests.unit.filter_core.evidence.scene import depth_png, instance_png
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
 from tests.unit.filter_core.formats.folders import painted
-from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
 
 pytestmark = pytest.mark.long
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tests.api.test_channels import files, sensors
-from tests.unit.filter_core.channels.scene import depth_png
-from tests.unit.filter_core.channels.test_points import ascii_ply, npy
-from tests.unit.filter_core.test_frame_channels import ANNOTATION, scene
+from tests.unit.filter_core.evidence.scene import depth_png
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
+from tests.unit.filter_core.evidence.test_lidar import ascii_ply, npy
 
 CHANNELS = ["ordered", "depth", "depth_center", "instance", "lidar"]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from filter_core.formats.writers import FORMATS
+from filter_core.formats.registry import FORMATS
 from tests.api import frames as scene
 from tests.api.command_line import CommandLine
 from tests.api.test_channels import sensors
-from tests.unit.filter_core.test_frame_channels import ANNOTATION
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION
 from unghost import Client, Invalid
 
 KEYS = ["run/000001", "Run/000001", "straße 7", "v1.2.dots", "empty"]

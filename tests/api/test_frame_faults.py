@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from tests.api import frames as scene
 
 BOX = {"id": "a", "class": "car", "xyxy": scene.ON_THE_CAR}

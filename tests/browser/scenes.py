@@ -14,7 +14,7 @@ import cv2
 import httpx
 import numpy as np
 
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 
 WIDTH, HEIGHT = 640, 360
 FAMILY = "carla-0.9.14"

@@ -13,7 +13,7 @@ from playwright.sync_api import Locator, Page, expect
 from tests.api.test_channels import sensors
 from tests.browser.conftest import SCHEMES, Visit, Visitor
 from tests.browser.test_accessibility import findings
-from tests.unit.filter_core.test_frame_channels import ANNOTATION
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION
 
 pytestmark = pytest.mark.browser
 

@@ -6,9 +6,10 @@ import carla
 import numpy as np
 import pytest
 
-from filter_core.annotation import frame_boxes_2d, parse_annotation
-from filter_core.box3d import boxes3d_vertices
-from filter_core.pose import Transform
+from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.geometry.box3d import boxes3d_vertices
+from filter_core.geometry.pose import Transform
 from unghost.capture.objects import Named, SeenObject, local_box
 from unghost.capture.poses import as_transform
 from unghost.capture.rig import pose_of

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from filter_core import FilterConfig
-from filter_core.channels.depth import read_depth
-from filter_core.channels.instances import read_instances
-from filter_core.channels.points import read_points
+from filter_core.evidence.depth import read_depth
+from filter_core.evidence.instances import read_instances
+from filter_core.evidence.lidar import read_points
 from filter_core.formats.layouts import read_source
-from filter_core.local_filter import filter_source
+from filter_core.local import filter_source
 from tests.capture.conftest import scenario
 
 FAR = {"attributes": {"range": 50}}

@@ -22,7 +22,7 @@ from tests.cluster.nodes import (
     working_process,
 )
 from tests.cluster.totals import begun_run, check_totals, ended, state_of
-from tests.unit.filter_core.test_frame_channels import ANNOTATION
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION
 
 FRAMES = 50
 AWAY = 69

@@ -11,8 +11,8 @@ import pytest
 
 from app.main import create_app
 from app.settings import Settings
-from filter_core.annotation import parse_annotation
-from filter_core.frame_filter import filter_frame
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.pipeline import filter_frame
 from tests.docs.documents import DOCUMENTS, blocks, read
 
 METHODS = ("GET", "POST", "PUT", "PATCH", "DELETE")

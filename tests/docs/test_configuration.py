@@ -5,7 +5,7 @@ from __future__ import annotations
 import yaml
 
 from app.settings import Settings
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 from tests.docs.documents import blocks, read
 from tools.reference import PARTS, part_pattern, settings_table
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from filter_core.config import FilterConfig
-from filter_core.frame_filter import filter_frame
+from filter_core.config.filter import FilterConfig
+from filter_core.pipeline import filter_frame
 from tests.shared_data import shared
 
 SMALL = Path(__file__).resolve().parents[1] / "data" / "published_verdicts"

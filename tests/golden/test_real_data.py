@@ -8,12 +8,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from filter_core.boxes import to_xyxy
-from filter_core.config import FilterConfig
-from filter_core.formats.frame_source import ReadOptions
+from filter_core.config.filter import FilterConfig
 from filter_core.formats.layouts import read_source
-from filter_core.frame_filter import filter_frame
-from filter_core.local_filter import filter_source
+from filter_core.formats.reading import ReadOptions
+from filter_core.geometry.boxes import to_xyxy
+from filter_core.local import filter_source
+from filter_core.pipeline import filter_frame
 from tests.shared_data import shared
 
 AUTHORS = "data/Mofeed-Chaar_base-repo-sample"

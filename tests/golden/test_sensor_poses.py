@@ -7,12 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from filter_core.channels.depth import depth_interval
-from filter_core.channels.lidar import points_inside
-from filter_core.channels.points import LidarPoints
-from filter_core.pose import as_transform
+from filter_core.evidence.depth import depth_interval
+from filter_core.evidence.lidar import LidarPoints, points_inside
+from filter_core.geometry.pose import as_transform
 from tests.shared_data import shared
-from tests.unit.filter_core.geometry_oracle import camera_of
+from tests.unit.filter_core.geometry.geometry_oracle import camera_of
 
 CAR = 14
 SOLID_M = 0.05

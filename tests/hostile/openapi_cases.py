@@ -13,7 +13,7 @@ from schemathesis.schemas import BaseSchema
 
 from app.main import create_app
 from app.settings import Settings
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 from tests.api import archives
 from tests.api.resources import Api
 

@@ -25,16 +25,16 @@ from app.errors import AppError
 from app.routes.multipart import PartLimits, read_parts
 from app.services.batch_frames import FrameAssembler, FrameLimits
 from app.services.tar_stream import TarLimits, TarStream
-from filter_core.annotation import parse_annotation, without_key
-from filter_core.channels.points import check_points, read_points
-from filter_core.color_decoding import decode_image
-from filter_core.config import FilterConfig
-from filter_core.config_file import load_config
+from filter_core.annotation.parsing import parse_annotation, without_key
+from filter_core.config.file import load_config
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
+from filter_core.evidence.lidar import check_points, read_points
 from filter_core.formats.layouts import read_source
-from filter_core.image_header import read_image_header
-from filter_core.local_filter import filter_one
-from filter_core.segmentation import SegmentationOptions
+from filter_core.images.color_decoding import decode_image
+from filter_core.images.header import read_image_header
+from filter_core.local import filter_one
+from filter_core.segmentation.reading import SegmentationOptions
 from tests.hostile import test_fuzz_labels as labels
 from tests.hostile import test_fuzz_pixels as pixels
 from tests.hostile import test_fuzz_wire as wire

@@ -15,13 +15,13 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from filter_core.annotation import parse_annotation, without_key
-from filter_core.config import FilterConfig
-from filter_core.config_file import load_config
+from filter_core.annotation.parsing import parse_annotation, without_key
+from filter_core.config.file import load_config
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
 from filter_core.formats.layouts import read_source
-from filter_core.local_filter import filter_one
-from filter_core.segmentation import SegmentationOptions
+from filter_core.local import filter_one
+from filter_core.segmentation.reading import SegmentationOptions
 from tests.hostile.mutations import (
     bent,
     damaged,

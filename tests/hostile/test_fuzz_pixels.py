@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 
 from app.services.frame_files import KINDS, check_files
 from app.settings import Settings
-from filter_core.annotation import parse_annotation
-from filter_core.channels.depth import read_depth
-from filter_core.channels.instances import read_instances
-from filter_core.channels.points import PointsError, read_points
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import FilterError
-from filter_core.ignore_mask import read_ignore_mask
-from filter_core.image_header import read_image_header
-from filter_core.segmentation import SegmentationOptions, read_segmentation
+from filter_core.evidence.depth import read_depth
+from filter_core.evidence.instances import read_instances
+from filter_core.evidence.lidar import PointsError, read_points
+from filter_core.images.header import read_image_header
+from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from tests import pictures
 from tests.api import frames as scene
 from tests.hostile.mutations import damaged, little_memory, many

@@ -19,7 +19,7 @@ from typing import Any, Final
 import httpx
 import pyarrow.parquet
 
-from filter_core.formats.writers import FORMATS
+from filter_core.formats.registry import FORMATS
 from tests.databases import rows_of
 from tests.pins import street
 from tests.pins.walk import BASE, DATASET, FINISHED, plain, walked

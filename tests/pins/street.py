@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from tests.pictures import chunk, png_of_chunks
 
 WIDTH, HEIGHT, FOCAL, EYE = 96, 64, 48, 1.5

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from filter_core.box3d import boxes3d_vertices
-from filter_core.pose import Transform, Triple
+from filter_core.geometry.box3d import boxes3d_vertices
+from filter_core.geometry.pose import Transform, Triple
 from filter_core.types import FloatArray
 from unghost.capture.actor_boxes import ActorBoxes
 from unghost.capture.map_boxes import map_boxes, without_duplicates

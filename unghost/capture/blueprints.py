@@ -7,7 +7,7 @@ import random
 from collections.abc import Mapping
 from typing import Final
 
-from filter_core.faults import nearest
+from filter_core.values import nearest
 from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario_parts import AttributeValue, Generation, Wheels
 from unghost.capture.simulator import Blueprint, World

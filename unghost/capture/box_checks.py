@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from filter_core.pose import Triple
+from filter_core.geometry.pose import Triple
 
 _LEAST_M: Final = 0.05
 _MOST_M: Final = 15.0

@@ -10,7 +10,7 @@ from typing import Any, Final
 import yaml
 
 from filter_core.classes import class_of
-from filter_core.faults import nearest
+from filter_core.values import nearest
 from unghost.capture.carla_words import MAP_LAYERS, VEHICLE_LIGHTS
 from unghost.capture.carlasimu_sensors import sensors_of
 from unghost.capture.carlasimu_values import (

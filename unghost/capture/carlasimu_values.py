@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from filter_core.faults import nearest
+from filter_core.values import nearest
 from unghost.capture.errors import ScenarioError
 
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from filter_core.pose import Triple
+from filter_core.geometry.pose import Triple
 from unghost.capture.box_checks import checked_light, checked_parked
 from unghost.capture.objects import Named, SeenObject, local_box
 from unghost.capture.scenario import Scenario

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from filter_core.pose import Transform, Triple
+from filter_core.geometry.pose import Transform, Triple
 from unghost.capture.box_checks import LocalBox
 from unghost.capture.poses import rounded
 from unghost.capture.simulator import Box, Vector
@@ -45,7 +45,7 @@ class SeenObject:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """15 numbers, as `filter_core.box3d.boxes3d_vertices` takes them."""
+        """15 numbers, as `filter_core.geometry.box3d.boxes3d_vertices` takes them."""
         pose = self.pose or Transform()
         box = self.box
         parts = (pose.location, pose.rotation, box.location, box.extent, box.rotation)

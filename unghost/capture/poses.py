@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 from unghost.capture.simulator import Actor, Measurement, Pose, Snapshot
 
 _DIGITS: Final = 6

@@ -12,7 +12,7 @@ from typing import Any, Final, get_args
 import yaml
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from filter_core.faults import nearest
+from filter_core.values import nearest
 from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario_parts import (
     Boxes,

@@ -15,7 +15,7 @@ from pydantic import (
     model_validator,
 )
 
-from filter_core.faults import nearest
+from filter_core.values import nearest
 from unghost.capture.carla_words import (
     LENS_ATTRIBUTES,
     MAP_LAYERS,

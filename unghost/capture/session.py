@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
-from filter_core.faults import nearest
+from filter_core.values import nearest
 from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import Scenario
 from unghost.capture.simulator import Actor, Carla, Client, Snapshot, World

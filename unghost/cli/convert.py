@@ -18,9 +18,9 @@ from unghost.cli.source_options import SegmentationReading, SourceOptions
 from unghost.cli.sources import open_source, read_config
 
 if TYPE_CHECKING:
-    from filter_core.formats.export_frame import ExportFrame
+    from filter_core.formats.export import ExportFrame
     from filter_core.formats.export_options import ExportOptions
-    from filter_core.formats.frame_source import FrameSet
+    from filter_core.formats.reading import FrameSet
     from filter_core.local_export import LeftOut
 
 
@@ -73,7 +73,7 @@ def convert(options: ConvertOptions) -> None:
     """
     if options.config is not None and not options.filter:
         raise typer.BadParameter("--config is for --filter")
-    from filter_core.formats.writers import format_of
+    from filter_core.formats.registry import format_of
 
     format_of(options.to, _wanted(options))
     found = open_source(options.source, options)
@@ -98,9 +98,9 @@ def _wanted(options: ConvertOptions) -> ExportOptions:
 def _write(
     options: ConvertOptions, found: FrameSet, coming: _Coming
 ) -> Mapping[str, Any]:
-    from filter_core.formats.export_frame import ExportHead
+    from filter_core.formats.export import ExportHead
     from filter_core.formats.folder_sink import folder_sink
-    from filter_core.formats.writers import write_export
+    from filter_core.formats.registry import write_export
     from filter_core.local_export import class_order, export_sources
 
     config = read_config(options.config, options, options.screen)
@@ -131,7 +131,7 @@ class _Coming:
         self, frames: Iterable[ExportFrame | LeftOut], total: int | None
     ) -> Iterator[ExportFrame]:
         """The frames to be written, under a bar."""
-        from filter_core.formats.export_frame import ExportFrame
+        from filter_core.formats.export import ExportFrame
 
         with self.screen.progress("convert", "frames") as advance:
             for frame in frames:

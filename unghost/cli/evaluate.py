@@ -128,7 +128,7 @@ def evaluate(options: EvaluateOptions) -> None:
 
 
 def _task(options: EvaluateOptions) -> EvaluationTask:
-    from filter_core.evaluation import COMPARED
+    from filter_core.evaluation.comparison import COMPARED
     from filter_core.local_evaluation import EvaluationTask, read_truth
 
     chosen = tuple(one.value for one in options.channel or ())

@@ -22,7 +22,7 @@ from unghost.cli.source_options import LocalFilterOptions
 from unghost.cli.sources import open_source, read_config
 
 if TYPE_CHECKING:
-    from filter_core.formats.frame_source import Unmatched
+    from filter_core.formats.reading import Unmatched
 
 Write = Callable[[bytes], object]
 

@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from unghost.cli.exits import Refused
 
 if TYPE_CHECKING:
-    from filter_core.config import FilterConfig
-    from filter_core.formats.frame_source import FrameSet, FrameSource
-    from filter_core.local_filter import FrameOutcome
+    from filter_core.config.filter import FilterConfig
+    from filter_core.formats.reading import FrameSet, FrameSource
+    from filter_core.local import FrameOutcome
 
 FEWEST_FRAMES: Final = 1000
 """Fewer are decided before processes would have started."""
@@ -64,7 +64,7 @@ def decided_lines(
     count = workers or os.cpu_count() or 1
     is_short = found.count is not None and found.count < FEWEST_FRAMES
     if count < FEWEST_PROCESSES or is_short:
-        from filter_core.local_filter import in_order
+        from filter_core.local import in_order
 
         return in_order(partial(_line_of, config), found, workers)
     return _by_processes(found, config, count)
@@ -108,7 +108,7 @@ def _parts(found: Iterable[FrameSource]) -> Iterator[list[FrameSource | FrameOut
 
 def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
     """A frame as another process can take it: errors cannot be sent as they are."""
-    from filter_core.local_filter import FrameOutcome, problem_of
+    from filter_core.local import FrameOutcome, problem_of
 
     if source.problem is None:
         return source
@@ -124,7 +124,7 @@ def _context() -> BaseContext:
     vars(multiprocessing.util)["abstract_sockets_supported"] = False
     context = multiprocessing.get_context("forkserver")
     # Imported once, and shared by all.
-    context.set_forkserver_preload(["filter_core.local_filter", "pydantic"])
+    context.set_forkserver_preload(["filter_core.local", "pydantic"])
     return context
 
 
@@ -153,8 +153,8 @@ def _lines_of(
 
 
 def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLine:
-    from filter_core.local_filter import FrameOutcome, filter_one
-    from filter_core.segmentation import SegmentationOptions
+    from filter_core.local import FrameOutcome, filter_one
+    from filter_core.segmentation.reading import SegmentationOptions
 
     outcome = frame
     if not isinstance(outcome, FrameOutcome):

@@ -23,7 +23,7 @@ from unghost.outgoing import Outcome
 from unghost.results import Dataset
 
 if TYPE_CHECKING:
-    from filter_core.formats.frame_source import FrameSet
+    from filter_core.formats.reading import FrameSet
 
 _LOOKED_AT: Final = 500
 """Boxes without tags whose classes are named."""

@@ -11,7 +11,7 @@ from unghost.errors import ApiError, Conflict
 from unghost.outgoing import NotSent, Outcome, Sent
 
 if TYPE_CHECKING:
-    from filter_core.formats.frame_source import Unmatched
+    from filter_core.formats.reading import Unmatched
 
 _LISTED: Final = 20
 _WORDS: Final = ("stored", "already_there", "refused")

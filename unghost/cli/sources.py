@@ -12,16 +12,16 @@ from unghost.cli.exits import Refused
 from unghost.outgoing import NotSent, OutgoingFrame
 
 if TYPE_CHECKING:
-    from filter_core.config import FilterConfig
-    from filter_core.formats.frame_source import FrameSet, FrameSource
+    from filter_core.config.filter import FilterConfig
+    from filter_core.formats.reading import FrameSet, FrameSource
     from unghost.cli.screen import Screen
     from unghost.cli.source_options import SegmentationReading, SourceOptions
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSet:
     """The frames of a folder or a manifest; LayoutError if it is neither."""
-    from filter_core.formats.frame_source import ReadOptions
     from filter_core.formats.layouts import read_source
+    from filter_core.formats.reading import ReadOptions
 
     read = ReadOptions(
         segmentation=options.segmentation,
@@ -41,8 +41,8 @@ def read_config(
     path: Path | None, reading: SegmentationReading, screen: Screen
 ) -> FilterConfig:
     """A file's configuration, with what the command line says on top."""
-    from filter_core.config import FilterConfig
-    from filter_core.config_file import load_config
+    from filter_core.config.file import load_config
+    from filter_core.config.filter import FilterConfig
 
     with naming(path):
         loaded = load_config(path.read_bytes() if path is not None else b"")

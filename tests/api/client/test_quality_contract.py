@@ -9,7 +9,7 @@ import pytest
 import unghost
 from tests.api import frames
 from tests.api.test_channels import files, sensors
-from tests.unit.filter_core.test_frame_channels import ANNOTATION
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION
 from unghost import Client, OutgoingFrame
 
 

@@ -17,7 +17,7 @@ from app.services.findings import Severity
 from app.services.garbage import collect
 from app.settings import Settings
 from app.storage import sha256_of
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from tests.api import frames as scene
 from tests.api.archives import frame, packed
 from tests.api.durability.conftest import blobs, silently

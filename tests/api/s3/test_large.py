@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from tests.api import frames as scene
 from tests.api.s3.conftest import served_on_s3
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from app.routing import MAX_READS_PER_TOKEN
-from filter_core.palettes import FAMILIES
+from filter_core.segmentation.palettes import FAMILIES
 from tests.api import frames as scene
 from tests.api import probe_routes
 from tests.api.archives import frame, lines_of, packed

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from app.services.json_turns import in_turn
-from filter_core.annotation import parse_annotation
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
 from tests.api import frames as scene
 from tests.api.archives import END, frame, lines_of, pieces

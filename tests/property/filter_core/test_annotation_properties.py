@@ -8,7 +8,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filter_core.annotation import parse_annotation
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
 
 KEYS = [

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filter_core.boxes import FORMS, correct_xyxy, from_xyxy, pixel_bounds, to_xyxy
+from filter_core.geometry.boxes import (
+    FORMS,
+    correct_xyxy,
+    from_xyxy,
+    pixel_bounds,
+    to_xyxy,
+)
 from filter_core.types import BoxState
 
 WH = (64, 48)

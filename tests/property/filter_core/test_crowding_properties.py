@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filter_core import crowding
-from filter_core.crowding import crowding_percent
+from filter_core.evidence import crowding
+from filter_core.evidence.crowding import crowding_percent
 from tests.slow_definitions import slow_crowding
 
 MASKS = np.array([0, 1 << 14, 3 << 14, 1 << 16, 5 << 12, 1 << 12])

@@ -9,10 +9,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filter_core.config import FilterConfig
-from filter_core.decide import decide
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
 from filter_core.types import BoxState, Reason
-from tests.unit.filter_core.evidence_of import ACCEPTS_CAR, evidence_of
+from tests.unit.filter_core.evidence.evidence_of import ACCEPTS_CAR, evidence_of
 
 NAMES = ("car", "van", "traffic_light")
 PERCENT = st.sampled_from([0, 0.1, 2, 10, 33.3, 50, 70, 99.9, 100])

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filter_core.accept_sets import accept_sets_differ, with_accept_sets
-from filter_core.config import FilterConfig
-from filter_core.frame_filter import filter_frame
+from filter_core.config.filter import FilterConfig
+from filter_core.evidence.accept_sets import accept_sets_differ, with_accept_sets
+from filter_core.pipeline import filter_frame
 
 WH = (24, 16)
 ACCEPTS = {"car": {14}, "van": {14, 15}, "walker": {12}, "kite": set()}

@@ -6,16 +6,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from filter_core.counting import (
+from filter_core.evidence.counting import (
     Regions,
     count_by_comparing,
     count_by_pixels,
     count_by_tables,
     count_codes_in,
 )
-from filter_core.measure import FrameBoxes, MeasureOptions, measure, with_accept_masks
-from filter_core.palettes import FAMILIES
-from filter_core.segmentation import (
+from filter_core.evidence.semantic import (
+    FrameBoxes,
+    MeasureOptions,
+    measure,
+    with_accept_masks,
+)
+from filter_core.segmentation.palettes import FAMILIES
+from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,

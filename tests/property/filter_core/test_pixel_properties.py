@@ -6,11 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from filter_core.color_codes import exact_codes
-from filter_core.counting import Regions, count_codes_in, count_matches, count_pixels
-from filter_core.pixel_values import count_codes, occurring_codes
-from filter_core.runs import run_ends, run_lengths
-from filter_core.segmentation import segmentation_from_tags
+from filter_core.evidence.counting import (
+    Regions,
+    count_codes_in,
+    count_matches,
+    count_pixels,
+)
+from filter_core.images.pixels import count_codes, occurring_codes
+from filter_core.images.runs import run_ends, run_lengths
+from filter_core.segmentation.codes import exact_codes
+from filter_core.segmentation.reading import segmentation_from_tags
 from tests.pictures import FAMILY, painted
 
 WIDTHS = st.sampled_from([1, 5, 7, 8, 16, 24, 31])

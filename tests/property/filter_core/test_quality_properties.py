@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from filter_core.agreement import agreement
-from filter_core.scores import Confusion
-from filter_core.thresholds import Answers, Goal, suggest
+from filter_core.evaluation.agreement import agreement
+from filter_core.evaluation.scores import Confusion
+from filter_core.evaluation.thresholds import Answers, Goal, suggest
 
 SAID = st.dictionaries(
     st.tuples(st.integers(1, 6), st.integers(0, 4)), st.booleans(), max_size=25

@@ -11,7 +11,7 @@ from app.repositories.runs import ExportRepository
 from app.services.datasets import remove_dataset
 from app.services.export_jobs import job_of, make_export, start_exports
 from app.services.exports import ExportRequest, cancel_export, request_export
-from filter_core.formats.writers import FORMATS
+from filter_core.formats.registry import FORMATS
 from tests.api import frames as scene
 from tests.services import Street, running_services
 

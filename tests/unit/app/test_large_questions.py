@@ -17,11 +17,11 @@ from app.services.preview import PreviewLimits, current_histogram, preview
 from app.services.quality import quality
 from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.runs import carry_out
-from filter_core.config import FilterConfig
-from filter_core.thresholds import Goal
+from filter_core.config.filter import FilterConfig
+from filter_core.evaluation.thresholds import Goal
 from tests.api import frames as scene
 from tests.api.test_channels import sensors
-from tests.unit.filter_core.test_frame_channels import ANNOTATION, cube
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION, cube
 
 FRAMES = 9
 MOST_BOXES = 40

@@ -9,8 +9,8 @@ from app.demo.mesh import Mesh, join
 from app.demo.paint import CONCRETE, Paint, Tag
 from app.demo.solids import ball, block, loft, tube
 from app.demo.view import NEAR, to_screen
-from filter_core.camera import Camera
-from filter_core.pose import Transform
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform
 
 CAMERA = Camera.from_fov(200, 100, 90, Transform())
 

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from app.demo.writing import write_street
-from filter_core.formats.frame_source import ReadOptions
 from filter_core.formats.manifest import read_manifest
+from filter_core.formats.reading import ReadOptions
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from filter_core.classes import (
     accepted_names,
     class_of,
 )
-from filter_core.config import FilterConfig
+from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError
 from tests.shared_data import shared
 

@@ -6,9 +6,10 @@ import json
 
 import pytest
 
-from filter_core.annotation import AnnotationLimits, parse_annotation
+from filter_core.annotation.frame import AnnotationLimits
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
-from filter_core.faults import MAX_FAULTS
+from filter_core.values import MAX_FAULTS
 
 POSE = {"x": 0, "y": 0, "z": 2.4}
 CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}

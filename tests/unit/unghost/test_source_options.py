@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from filter_core.config_values import CHOICES
-from filter_core.palettes import FAMILIES
+from filter_core.config.keys import CHOICES
+from filter_core.segmentation.palettes import FAMILIES
 from unghost.cli.source_options import (
     ChannelOrder,
     Encoding,

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from filter_core.annotation import parse_annotation
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import LayoutError
 from filter_core.formats import json_stream
 from filter_core.formats.layouts import read_source

@@ -11,12 +11,13 @@ from typing import get_args
 import pytest
 
 from filter_core.errors import NotAvailable
-from filter_core.formats import decisions_table, parquet, spool
-from filter_core.formats.export_names import FileNames, file_stem
+from filter_core.formats import decisions as decisions_table
+from filter_core.formats import parquet, spool
 from filter_core.formats.export_options import ExportError, ExportOptions
+from filter_core.formats.files import FileNames, file_stem
 from filter_core.formats.folder_sink import folder_sink
 from filter_core.formats.layouts import read_source
-from filter_core.formats.writers import FORMATS, FormatName, format_of, write_export
+from filter_core.formats.registry import FORMATS, FormatName, format_of, write_export
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 from tests.unit.filter_core.formats.folders import write_files
 from unghost.cli.format_options import FORMATS as NAMES_ON_THE_COMMAND_LINE

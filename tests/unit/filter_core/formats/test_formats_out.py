@@ -8,9 +8,9 @@ import defusedxml.ElementTree as ElementTree
 import pytest
 import yaml
 
-from filter_core.camera import Camera
 from filter_core.formats.kitti_writer import kitti_types, number_text
 from filter_core.formats.voc_writer import whole_pixels
+from filter_core.geometry.camera import Camera
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 
 HERE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from filter_core.boxes import to_xyxy
-from filter_core.config import FilterConfig
-from filter_core.formats.export_frame import ExportBox, ExportFrame, ExportHead
+from filter_core.config.filter import FilterConfig
+from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
 from filter_core.formats.export_options import ExportOptions
 from filter_core.formats.layouts import read_source
-from filter_core.formats.writers import write_export
-from filter_core.local_filter import filter_source
+from filter_core.formats.registry import write_export
+from filter_core.geometry.boxes import to_xyxy
+from filter_core.local import filter_source
 from tests.unit.filter_core.formats.folders import painted, street, write_files
 
 CAR = (10.25, 10.5, 50, 40)

@@ -9,11 +9,11 @@ import pytest
 import yaml
 
 from filter_core.formats.decisions_writer import write_decisions
-from filter_core.formats.export_frame import ExportBox, ExportFrame, ExportHead
-from filter_core.formats.export_names import file_stem
+from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
 from filter_core.formats.export_options import ExportError, ExportOptions
-from filter_core.formats.label_export import split_of
-from filter_core.formats.writers import write_export
+from filter_core.formats.files import file_stem
+from filter_core.formats.registry import write_export
+from filter_core.formats.writing import split_of
 
 HEAD = ExportHead(("car", "traffic light"), {"dataset": "d", "config": "0" * 64})
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from filter_core.pose import Transform
+from filter_core.geometry.pose import Transform
 from unghost.capture.poses import differs, has_wrong_metadata, version_numbers
 
 

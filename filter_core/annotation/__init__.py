@@ -1,0 +1,1 @@
+"""What came with a frame, from JSON to rectangles."""

@@ -1,0 +1,231 @@
+"""Reads the boxes of an annotation and notes every fault in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from filter_core.annotation.frame import (
+    BOX3D,
+    GEOMETRIES,
+    VERTICES,
+    AnnotationLimits,
+    BoxAnnotation,
+)
+from filter_core.annotation_text import (
+    check_kept,
+    read_id,
+    read_instance_id,
+    read_kept_object,
+    read_text,
+)
+from filter_core.geometry.pose import (
+    Transform,
+    Triple,
+    read_rotation,
+    read_transform,
+    read_vector,
+)
+from filter_core.values import (
+    BoxPlace,
+    Faults,
+    Place,
+    plain_numbers,
+    read_list,
+    read_number,
+    read_numbers,
+    shown,
+)
+
+KNOWN_BOX_KEYS: Final = frozenset(
+    {"id", "class", "type_id", "base_type", "distance", "instance_id", "extra"}
+    | set(GEOMETRIES)
+)
+
+_BOX3D_KEYS: Final = ("transform", "location", "extent", "rotation")
+
+
+def read_boxes(
+    value: object, faults: Faults, limits: AnnotationLimits
+) -> tuple[BoxAnnotation, ...]:
+    """The boxes that are in order; every fault of the others is noted."""
+    at = Place() / "boxes"
+    if not isinstance(value, (list, tuple)):
+        found = "nothing" if value is None else shown(value)
+        faults.add(at, "missing_boxes", "a list of boxes", found)
+        return ()
+    if len(value) > limits.max_boxes:
+        expected = f"at most {limits.max_boxes} boxes"
+        faults.add(at, "too_many_boxes", expected, f"{len(value)}")
+        return ()
+    seen: dict[str, int] = {}
+    boxes = [_read_box(raw, i, faults, limits, seen) for i, raw in enumerate(value)]
+    return tuple(box for box in boxes if box is not None)
+
+
+def box_place(index: int, raw: object) -> BoxPlace:
+    """The place of a box, also of one that is no object."""
+    return BoxPlace(index, raw.get("id") if isinstance(raw, Mapping) else None)
+
+
+def _read_box(
+    raw: object,
+    index: int,
+    faults: Faults,
+    limits: AnnotationLimits,
+    seen: dict[str, int],
+) -> BoxAnnotation | None:
+    at = box_place(index, raw)
+    if not isinstance(raw, Mapping):
+        faults.add(at, "not_an_object", "an object", shown(raw))
+        return None
+    before, longest = len(faults), limits.max_text
+    box_id = read_id(raw.get("id"), index, at / "id", faults, longest)
+    _refuse_repeated_id(box_id, index, at, faults, seen)
+    names = [
+        None if raw.get(key) is None else read_text(raw[key], at / key, faults, longest)
+        for key in ("class", "type_id", "base_type")
+    ]
+    _require_class(raw, at, faults)
+    form, values = _read_geometry(raw, at, faults)
+    box = BoxAnnotation(
+        id=box_id,
+        index=index,
+        class_name=names[0],
+        type_id=names[1],
+        base_type=names[2],
+        form=form,
+        values=values,
+        distance=_read_distance(raw, at, faults),
+        instance_id=_read_instance(raw, at, faults),
+        extra=read_extra(raw, KNOWN_BOX_KEYS, at, faults),
+        raw=raw,
+    )
+    return box if len(faults) == before else None
+
+
+def _refuse_repeated_id(
+    box_id: str, index: int, at: Place, faults: Faults, seen: dict[str, int]
+) -> None:
+    first = seen.setdefault(box_id, index)
+    if first != index:
+        expected = "an id that occurs once in the frame"
+        found = f"{shown(box_id)} again, after box {first}"
+        faults.add(at / "id", "duplicate_id", expected, found)
+
+
+def _require_class(raw: Mapping[str, object], at: Place, faults: Faults) -> None:
+    if raw.get("class") is None and raw.get("type_id") is None:
+        faults.add(at / "class", "missing_class", "a class or a type_id", "neither")
+
+
+def _read_distance(
+    raw: Mapping[str, object], at: Place, faults: Faults
+) -> float | None:
+    value = raw.get("distance")
+    if value is None:
+        return None
+    distance = read_number(value, at / "distance", faults)
+    if distance is not None and distance < 0:
+        place = at / "distance"
+        faults.add(place, "negative_distance", "metres from 0", shown(value))
+    return distance
+
+
+def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int | None:
+    value = raw.get("instance_id")
+    if value is None:
+        return None
+    return read_instance_id(value, at / "instance_id", faults)
+
+
+def read_extra(
+    raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
+) -> dict[str, object]:
+    """What the product does not know: the object `extra`, and every unknown key."""
+    given = raw.get("extra")
+    extra = {} if given is None else read_kept_object(given, at / "extra", faults)
+    if raw.keys() <= known:
+        return extra
+    unknown = {key: raw[key] for key in raw if key not in known}
+    check_kept(unknown, at, faults)
+    return {**extra, **unknown}
+
+
+def _read_geometry(
+    raw: Mapping[str, object], at: Place, faults: Faults
+) -> tuple[str, tuple[float, ...]]:
+    forms = [form for form in GEOMETRIES if form in raw]
+    if len(forms) != 1:
+        code = "several_geometries" if forms else "no_geometry"
+        expected = f"exactly one of {', '.join(GEOMETRIES)}"
+        faults.add(at, code, expected, " and ".join(forms) or "none")
+        return "", ()
+    form = forms[0]
+    place = at / form
+    if form == VERTICES:
+        return form, _read_vertices(raw[form], place, faults)
+    if form == BOX3D:
+        return form, _read_box3d(raw[form], place, faults)
+    return form, read_numbers(raw[form], 4, place, faults) or ()
+
+
+def _read_vertices(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
+    plain = _plain_corners(value)
+    if plain is not None:
+        return plain
+    corners = read_list(value, 8, at, faults, of="points")
+    if corners is None:
+        return ()
+    read = [read_vector(corner, at / i, faults) for i, corner in enumerate(corners)]
+    return tuple(number for corner in read if corner for number in corner)
+
+
+def _plain_corners(value: object) -> tuple[float, ...] | None:
+    """The usual case at once: 8 lists of 3 numbers without a fault."""
+    if not isinstance(value, list) or len(value) != 8:
+        return None
+    if not all(type(corner) is list and len(corner) == 3 for corner in value):
+        return None
+    return plain_numbers(number for corner in value for number in corner)
+
+
+def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
+    if not isinstance(value, Mapping):
+        faults.add(at, "not_an_object", "an object", shown(value))
+        return ()
+    for key in value.keys() - set(_BOX3D_KEYS):
+        expected = f"only {', '.join(_BOX3D_KEYS)}"
+        faults.add(at / key, "unknown_key", expected, shown(value[key]))
+    actor = _read_actor(value, at / "transform", faults)
+    parts = [
+        actor.location,
+        actor.rotation,
+        _read_optional(value, "location", at, faults),
+        _read_extent(value, at / "extent", faults),
+        _read_optional(value, "rotation", at, faults),
+    ]
+    return tuple(number for part in parts for number in part)
+
+
+def _read_actor(value: Mapping[str, object], at: Place, faults: Faults) -> Transform:
+    # Without a transform the box is given in the world, as get_level_bbs does.
+    given = value.get("transform")
+    read = None if given is None else read_transform(given, at, faults)
+    return read or Transform()
+
+
+def _read_extent(value: Mapping[str, object], at: Place, faults: Faults) -> Triple:
+    if "extent" not in value:
+        faults.add(at, "missing", "half sizes {x, y, z}", "nothing")
+        return (0.0, 0.0, 0.0)
+    return read_vector(value["extent"], at, faults) or (0.0, 0.0, 0.0)
+
+
+def _read_optional(
+    value: Mapping[str, object], key: str, at: Place, faults: Faults
+) -> Triple:
+    given = value.get(key)
+    read = read_rotation if key == "rotation" else read_vector
+    triple = None if given is None else read(given, at / key, faults)
+    return triple or (0.0, 0.0, 0.0)

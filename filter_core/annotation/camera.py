@@ -1,0 +1,174 @@
+"""Reads the camera and the other sensors of an annotation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from filter_core.annotation.boxes import box_place
+from filter_core.annotation.frame import FORMS_3D, Sensor
+from filter_core.annotation_text import check_kept, read_kept_object
+from filter_core.errors import FilterError
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform, read_transform
+from filter_core.types import FloatArray
+from filter_core.values import (
+    Faults,
+    Place,
+    read_list,
+    read_number,
+    read_numbers,
+    shown,
+)
+
+Size: TypeAlias = tuple[int, int]
+
+Rows: TypeAlias = list[tuple[float, ...]]
+
+_OPTICS: Final = ("fov", "intrinsic")
+
+_POSES: Final = ("transform", "world_to_camera")
+
+_KNOWN_KEYS: Final = frozenset({"width", "height", *_OPTICS, *_POSES})
+
+
+def read_camera(value: object, faults: Faults) -> tuple[Camera | None, Size | None]:
+    """The camera if all of it is given, and its size; null is no camera.
+
+    `fov` and `transform` may be replaced by `intrinsic` and `world_to_camera`, each on
+    its own. Without either pair the camera can still promise the image's size.
+    """
+    if value is None:
+        return None, None
+    at = Place() / "camera"
+    if not isinstance(value, Mapping):
+        faults.add(at, "not_an_object", "an object", shown(value))
+        return None, None
+    before = len(faults)
+    unknown = {key: value[key] for key in value if key not in _KNOWN_KEYS}
+    check_kept(unknown, at, faults)
+    width = _read_side(value.get("width"), at / "width", faults)
+    height = _read_side(value.get("height"), at / "height", faults)
+    optics = _only_one(value, _OPTICS, at, faults)
+    pose = _only_one(value, _POSES, at, faults)
+    fov_or_rows = _read_optics(value, optics, at, faults)
+    motion = _read_pose(value, pose, at, faults)
+    if width is None or height is None:
+        return None, None
+    size = (width, height)
+    if len(faults) > before or fov_or_rows is None or motion is None:
+        return None, size
+    return _build(size, fov_or_rows, motion, faults), size
+
+
+def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
+    """Note that a 3D box cannot be projected for want of a complete camera.
+
+    Only to be asked when the camera itself has no faults: they say more.
+    """
+    box = _first_3d_box(raw.get("boxes"))
+    if box is None:
+        return
+    value = raw.get("camera")
+    given = _KNOWN_KEYS & value.keys() if isinstance(value, Mapping) else set()
+    needed = "width, height, fov and transform (or intrinsic and world_to_camera)"
+    found = ", ".join(sorted(given)) or "nothing"
+    expected = f"{needed} because {box.words} is 3D"
+    faults.add(Place() / "camera", "missing_camera", expected, found)
+
+
+def _first_3d_box(boxes: object) -> Place | None:
+    if not isinstance(boxes, (list, tuple)):
+        return None
+    for index, box in enumerate(boxes):
+        if isinstance(box, Mapping) and not box.keys().isdisjoint(FORMS_3D):
+            return box_place(index, box)
+    return None
+
+
+def read_sensors(value: object, faults: Faults) -> dict[str, Sensor]:
+    """The sensors beside the camera by name; null is none."""
+    at = Place() / "sensors"
+    given = read_kept_object(value, at, faults)
+    sensors: dict[str, Sensor] = {}
+    for name, raw in given.items():
+        if not isinstance(raw, Mapping):
+            faults.add(at / name, "not_an_object", "an object", shown(raw))
+            continue
+        pose = raw.get("transform")
+        place = at / name / "transform"
+        transform = None if pose is None else read_transform(pose, place, faults)
+        sensors[name] = Sensor(transform, raw)
+    return sensors
+
+
+def _read_side(value: object, at: Place, faults: Faults) -> int | None:
+    if value is None:
+        faults.add(at, "missing", "a number of pixels", "nothing")
+        return None
+    side = read_number(value, at, faults)
+    if side is None:
+        return None
+    if side < 1 or side != int(side):
+        faults.add(at, "bad_size", "a whole number of pixels from 1", shown(value))
+        return None
+    return int(side)
+
+
+def _only_one(
+    value: Mapping[str, object], keys: tuple[str, str], at: Place, faults: Faults
+) -> str | None:
+    given = [key for key in keys if value.get(key) is not None]
+    if len(given) > 1:
+        # Two that disagree would project differently, and nothing says which is meant.
+        faults.add(at, "contradiction", f"{keys[0]} or {keys[1]}", "both")
+    return given[0] if given else None
+
+
+def _read_optics(
+    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
+) -> float | Rows | None:
+    if key == "fov":
+        return read_number(value["fov"], at / "fov", faults)
+    return _read_rows(value[key], 3, at / key, faults) if key else None
+
+
+def _read_pose(
+    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
+) -> Transform | Rows | None:
+    if key == "transform":
+        return read_transform(value["transform"], at / "transform", faults)
+    return _read_rows(value[key], 4, at / key, faults) if key else None
+
+
+def _read_rows(value: object, side: int, at: Place, faults: Faults) -> Rows | None:
+    rows = read_list(value, side, at, faults, of=f"rows of {side} numbers")
+    if rows is None:
+        return None
+    read = [read_numbers(row, side, at / i, faults) for i, row in enumerate(rows)]
+    known = [row for row in read if row is not None]
+    return known if len(known) == side else None
+
+
+def _build(
+    size: Size, optics: float | Rows, pose: Transform | Rows, faults: Faults
+) -> Camera | None:
+    try:
+        if isinstance(optics, float) and isinstance(pose, Transform):
+            return Camera.from_fov(*size, optics, pose)
+        return Camera.from_matrices(*size, _intrinsic(size, optics), _motion(pose))
+    except FilterError as error:
+        faults.take(error)
+        return None
+
+
+def _intrinsic(size: Size, optics: float | Rows) -> FloatArray:
+    if isinstance(optics, float):
+        return Camera.from_fov(*size, optics, Transform()).intrinsic
+    return np.array(optics)
+
+
+def _motion(pose: Transform | Rows) -> FloatArray:
+    return pose.inverse_matrix if isinstance(pose, Transform) else np.array(pose)

@@ -1,0 +1,1 @@
+"""Keys of the configuration and what is made of them."""

@@ -1,0 +1,235 @@
+"""Configuration files: our own keys, or carlasimu's boundingBox.yaml as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final, Protocol
+
+import yaml
+
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import ConfigError, JsonError
+from filter_core.json_text import JsonLimits, read_json
+
+_MAX_CHARACTERS: Final = 64 * 1024
+
+_MAX_DEPTH: Final = 16
+
+_MAX_VALUES: Final = 10_000
+"""More take seconds: YAML is read by Python, sign by sign."""
+
+_JSON_LIMITS: Final = JsonLimits(
+    max_depth=_MAX_DEPTH, max_values=_MAX_VALUES, max_keys=_MAX_VALUES
+)
+
+_MAX_KEY: Final = 1000
+
+_MAX_DIGITS: Final = 1000
+
+_MAX_UNUSED: Final = 100
+
+_SHOWN_KEY: Final = 80
+
+_CARLASIMU_ROOT: Final = "sitting"
+
+_THRESHOLDS: Final = ("threshold_small_box", "size_big_box", "threshold_big_box")
+
+_DISTANCES: Final = ("min_distance", "max_distance")
+
+
+@dataclass(frozen=True)
+class LoadedConfig:
+    """A configuration, and the keys of its file that it has no use for."""
+
+    config: FilterConfig
+    unused_keys: tuple[str, ...] = ()
+
+
+def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
+    """The configuration that a YAML or JSON text, or a mapping, describes.
+
+    Parameters
+    ----------
+    source : str, bytes (UTF-8) or mapping
+        Our own keys (`FilterConfig`), every one optional; or the paper's published
+        ``boundingBox.yaml`` (root key ``sitting``), which gives profile ``carlasimu``.
+
+    Returns
+    -------
+    LoadedConfig
+        `unused_keys` lists what concerns only the capture, as ``sitting.cam_rgb.3D``:
+        the first 100, and of long keys the beginning.
+
+    Raises
+    ------
+    ConfigError
+        Not YAML, a key twice, an alias, too large or too deep; or as
+        `FilterConfig.from_mapping`.
+    NotAvailable
+        As `FilterConfig.from_mapping`.
+    """
+    raw = source if isinstance(source, Mapping) else parse_yaml(source)
+    if raw is None:  # an empty file: every key is optional
+        raw = {}
+    if isinstance(raw, Mapping) and _CARLASIMU_ROOT in raw:
+        return _from_carlasimu(raw)
+    return LoadedConfig(FilterConfig.from_mapping(raw))
+
+
+def parse_yaml(text: str | bytes) -> object:
+    """Plain values from YAML or JSON written by a stranger.
+
+    Raises
+    ------
+    ConfigError
+        Not YAML, a key twice, an alias (a few bytes of them can stand for gigabytes),
+        a text that UTF-8 has no form for, more than 64 Ki characters, more than 10,000
+        values, or nested too deeply.
+    """
+    if len(text) > _MAX_CHARACTERS:
+        raise ConfigError(
+            f"expected at most {_MAX_CHARACTERS} characters of YAML, found {len(text)}",
+            code="config_too_large",
+        )
+    try:
+        # Bytes are decoded here: YAML would take a UTF-16 mark as leave to switch.
+        plain = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        if plain.lstrip().startswith("{"):
+            # Nearly YAML, but for tabs and for numbers such as 1e1.
+            with suppress(JsonError):
+                return read_json(plain, _JSON_LIMITS, object_pairs_hook=_unique)
+        return _StrictLoader(plain).get_single_data()
+    except ConfigError:
+        raise
+    except yaml.MarkedYAMLError as exc:
+        place = _place(exc.problem_mark)
+        raise ConfigError(f"{place}{exc.problem}", code="bad_yaml") from exc
+    except UnicodeDecodeError as exc:
+        raise ConfigError(
+            f"expected YAML in UTF-8, found other bytes at offset {exc.start}",
+            code="bad_yaml",
+        ) from exc
+    except yaml.YAMLError as exc:
+        raise ConfigError(f"not readable as YAML: {exc}", code="bad_yaml") from exc
+    except (ArithmeticError, ValueError, LookupError, AttributeError) as exc:
+        # A date that no calendar has, a number of a million digits, one of hours and
+        # minutes (1:30:00) that is larger than floats are; and what PyYAML
+        # stumbles over if a tag is written out: `!!int _`, `!!bool x`, `!!timestamp x`.
+        raise ConfigError(f"not a value: {exc}", code="bad_yaml") from exc
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ConfigError(f"the key {key[:60]!r} is given twice", code="bad_yaml")
+        found[key] = value
+    return found
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """A SafeLoader without aliases, without merging, and with unique keys."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = self._values = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]  # stubs
+        if isinstance(event, yaml.AliasEvent):
+            raise _refused("aliases are not allowed", event)
+        self._depth += 1
+        self._values += 1
+        if self._depth > _MAX_DEPTH:
+            raise _refused("nested too deeply", event)
+        if self._values > _MAX_VALUES:
+            raise _refused(f"more than {_MAX_VALUES} values", event)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if isinstance(node, yaml.MappingNode):
+            _refuse_bad_keys(node)
+        if isinstance(node, yaml.ScalarNode) and not _is_encodable(node.value):
+            raise _refused("half of a surrogate pair is no text", node)
+        return node
+
+
+def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    # Also in base 16 and 60; Python writes no integer of thousands of digits.
+    if len(node.value) > _MAX_DIGITS:
+        raise _refused("not a value: a number of too many digits", node)
+    number: int = loader.construct_yaml_int(node)
+    return number
+
+
+_StrictLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+
+
+def _is_encodable(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _refuse_bad_keys(node: yaml.MappingNode) -> None:
+    seen: set[str] = set()
+    for key, _value in node.value:
+        if not isinstance(key, yaml.ScalarNode) or key.tag.endswith(":merge"):
+            raise _refused("expected a plain key", key)
+        if len(key.value) > _MAX_KEY:
+            raise _refused(f"a key of more than {_MAX_KEY} characters", key)
+        if key.value in seen:
+            raise _refused(f"the key {key.value[:60]!r} is given twice", key)
+        seen.add(key.value)
+
+
+def _refused(problem: str, at: yaml.Event | yaml.Node) -> ConfigError:
+    return ConfigError(f"{_place(at.start_mark)}{problem}", code="bad_yaml")
+
+
+def _place(mark: _Mark | None) -> str:
+    return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+
+
+class _Mark(Protocol):
+    line: int
+    column: int
+
+
+def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
+    others = [str(key) for key in raw if key != _CARLASIMU_ROOT]
+    sitting = raw[_CARLASIMU_ROOT]
+    if others or not isinstance(sitting, Mapping):
+        raise ConfigError(
+            f"expected one root key {_CARLASIMU_ROOT!r} with keys below it, as in "
+            f"carlasimu's boundingBox.yaml, found {', '.join(map(repr, raw))}"[:300],
+            pointer="" if others else f"/{_CARLASIMU_ROOT}",
+        )
+    camera = sitting.get("cam_rgb")
+    sections = ((sitting, _THRESHOLDS), (camera, _DISTANCES))
+    given = {
+        key: section[key]
+        for section, keys in sections
+        if isinstance(section, Mapping)
+        for key in keys
+        if key in section
+    }
+    config = FilterConfig.from_mapping({"profile": "carlasimu", **given})
+    used = {f"{_CARLASIMU_ROOT}.{key}" for key in _THRESHOLDS}
+    used |= {f"{_CARLASIMU_ROOT}.cam_rgb.{key}" for key in _DISTANCES}
+    paths = _leaf_paths(sitting, _CARLASIMU_ROOT)
+    unused = islice((path for path in paths if path not in used), _MAX_UNUSED)
+    return LoadedConfig(config, tuple(unused))
+
+
+def _leaf_paths(section: Mapping[object, object], prefix: str) -> Iterator[str]:
+    for key, value in section.items():
+        path = f"{prefix}.{str(key)[:_SHOWN_KEY]}"
+        if isinstance(value, Mapping) and value:
+            yield from _leaf_paths(value, path)
+        else:
+            yield path

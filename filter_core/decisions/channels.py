@@ -1,0 +1,149 @@
+"""The rules of the channels beyond the segmentation. They replace its thresholds.
+
+A box is judged by the channel that the configuration names, if that channel has a
+number for it; otherwise by the segmentation, as if nothing else were there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.channel_types import ChannelNumbers
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import SEMANTIC
+from filter_core.types import BoolArray, Decisions, Evidence, Reason
+
+Codes = NDArray[np.uint8]
+
+_BEFORE_CHANNELS: Final = (
+    Reason.OUTSIDE_IMAGE,
+    Reason.COVERS_IMAGE,
+    Reason.DEGENERATE,
+    Reason.OUT_OF_RANGE,
+    Reason.UNMAPPED_CLASS,
+)
+"""Rules that look at no pixel stand before every channel."""
+
+DECIDED_BY_CHANNELS: Final = frozenset(Reason) - {*_BEFORE_CHANNELS}
+"""What a channel can have decided."""
+
+
+def apply_channels(
+    evidence: Evidence, config: FilterConfig, decisions: Decisions
+) -> None:
+    """Judge, in place, the boxes that a channel of the configuration has a number for.
+
+    Parameters
+    ----------
+    evidence : Evidence of N boxes
+    config : FilterConfig
+    decisions : Decisions of N boxes
+        By the segmentation; what a channel decides has no threshold in percent.
+    """
+    numbers = evidence.channels
+    if numbers is None or config.evidence == SEMANTIC:
+        return
+    open_ = ~np.isin(decisions.reason, _BEFORE_CHANNELS)
+    for name in config.channels:
+        rows = np.flatnonzero(open_ & _has_number(numbers, name))
+        open_[rows] = False
+        reasons = _RULES[name](numbers[rows], config, _needed(evidence, config)[rows])
+        decisions.reason[rows] = reasons
+        decisions.threshold[rows] = np.nan
+        decisions.margin[rows] = np.nan
+        decisions.toss_up[rows] = False
+        decisions.large[rows] = False
+
+
+def channels_used(evidence: Evidence, config: FilterConfig) -> list[str]:
+    """The channel that each of N boxes is judged by."""
+    used = np.full(len(evidence), SEMANTIC, dtype=object)
+    if evidence.channels is not None:
+        for name in reversed(config.channels):
+            used[_has_number(evidence.channels, name)] = name
+    return list(used)
+
+
+def has_number(evidence: Evidence, channel: str) -> BoolArray:
+    """(N,) bool: which boxes a channel, or the segmentation, has a number for."""
+    if channel == SEMANTIC:
+        return evidence.measured
+    if evidence.channels is None:
+        return np.zeros(len(evidence), np.bool_)
+    return _has_number(evidence.channels, channel)
+
+
+def _has_number(numbers: ChannelNumbers, channel: str) -> BoolArray:
+    counts = {
+        "ordered": numbers.owned_pixels,
+        "depth": numbers.depth_pixels,
+        "instance": numbers.instance_pixels,
+        "lidar": numbers.lidar_points,
+    }
+    if channel in counts:
+        return np.asarray(counts[channel] >= 0)
+    return np.asarray(~np.isnan(numbers.center_gap))
+
+
+def _needed(evidence: Evidence, config: FilterConfig) -> NDArray[np.int64]:
+    limits = config.thresholds_for(evidence.class_names).min_visible_pixels
+    return limits[evidence.class_index]
+
+
+def _by_order(
+    numbers: ChannelNumbers, config: FilterConfig, needed: NDArray[np.int64]
+) -> Codes:
+    """Where nothing nearer explains any pixel, few are as good as many."""
+    explained = numbers.explained_by >= 0
+    missing = np.where(explained, Reason.EXPLAINED_BY_NEARER, Reason.NO_VISIBLE_PIXELS)
+    enough = np.where(explained, config.ordered_min_pixels, np.maximum(needed, 1))
+    return _kept_from(numbers.owned_pixels >= enough, missing)
+
+
+def _by_depth(
+    numbers: ChannelNumbers, _: FilterConfig, needed: NDArray[np.int64]
+) -> Codes:
+    return _kept_from(numbers.depth_pixels >= needed, Reason.HIDDEN_BY_DEPTH)
+
+
+def _by_center(
+    numbers: ChannelNumbers, config: FilterConfig, _: NDArray[np.int64]
+) -> Codes:
+    return _kept_from(
+        numbers.center_gap <= config.depth_tolerance, Reason.HIDDEN_BY_DEPTH
+    )
+
+
+def _by_instance(
+    numbers: ChannelNumbers, _: FilterConfig, needed: NDArray[np.int64]
+) -> Codes:
+    # An instance of no pixels is none, however few are needed.
+    seen = numbers.instance_pixels >= np.maximum(needed, 1)
+    return _kept_from(seen, Reason.HIDDEN_BY_INSTANCE)
+
+
+def _by_lidar(
+    numbers: ChannelNumbers, config: FilterConfig, _: NDArray[np.int64]
+) -> Codes:
+    return _kept_from(
+        numbers.lidar_points >= config.lidar_min_points, Reason.TOO_FEW_LIDAR_POINTS
+    )
+
+
+def _kept_from(seen: BoolArray, otherwise: Reason | NDArray[np.int64]) -> Codes:
+    return np.where(seen, Reason.VISIBLE, otherwise).astype(np.uint8)
+
+
+_Rule = Callable[[ChannelNumbers, FilterConfig, NDArray[np.int64]], Codes]
+
+_RULES: Final[Mapping[str, _Rule]] = {
+    "ordered": _by_order,
+    "depth": _by_depth,
+    "depth_center": _by_center,
+    "instance": _by_instance,
+    "lidar": _by_lidar,
+}

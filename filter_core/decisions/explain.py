@@ -1,0 +1,237 @@
+"""One honest sentence per decision, and what hides a box. For people to read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import Final, NamedTuple, TypedDict
+
+from filter_core.decisions.explain_channels import (
+    ChannelJudgement,
+    any_of,
+    explain_channel,
+)
+from filter_core.segmentation.palettes import FAMILIES
+from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, Reason
+
+_HIDES_NOTHING: Final = frozenset(
+    {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
+)
+"""What lies around an object in its box rather than in front of it."""
+
+_MOST_SHOWN: Final = 3
+
+
+class HiddenBy(TypedDict):
+    """A tag that a box's class does not accept, and how much of the box it covers."""
+
+    tag: int
+    name: str
+    percent: float
+
+
+class Judgement(NamedTuple):
+    """What a sentence about one box is made of.
+
+    `accepted` are the names of the tags that count; distances are metres, None where
+    unknown or without limit; `published` is profile ``carlasimu``, which needs more
+    than the threshold where profile ``paper`` needs at least that; `channel` is given
+    where another channel than the segmentation decided.
+    """
+
+    reason: Reason
+    class_name: str
+    match_percent: float | None = None
+    threshold: float | None = None
+    area_percent: float | None = None
+    large: bool = False
+    matched_pixels: int | None = None
+    min_visible_pixels: int = 1
+    distance: float | None = None
+    min_distance: float | None = None
+    max_distance: float | None = None
+    accepted: tuple[str, ...] = ()
+    hidden_by: Sequence[HiddenBy] = ()
+    published: bool = False
+    channel: ChannelJudgement | None = None
+
+
+def hidden_by(
+    tag_counts: Sequence[int], accept_mask: int, family: str
+) -> list[HiddenBy]:
+    """The up to three commonest tags in a box that its class does not accept.
+
+    Parameters
+    ----------
+    tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
+    accept_mask : bit t is set if the class accepts tag t
+    family : a key of `filter_core.palettes.FAMILIES`
+
+    Returns
+    -------
+    list of {"tag", "name", "percent"}, the commonest first (ties: the lower tag)
+        Percent of the pixels counted. What surrounds objects without hiding them
+        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) is left out.
+    """
+    total = sum(tag_counts)
+    hides = _hides(family)
+    found = [
+        (-count, *hides[column])
+        for column, count in enumerate(tag_counts)
+        if count and column in hides and not accept_mask >> column & 1
+    ]
+    return [
+        {"tag": tag, "name": name, "percent": 100.0 * -negative / total}
+        for negative, tag, name in sorted(found)[:_MOST_SHOWN]
+    ]
+
+
+@lru_cache
+def _hides(family: str) -> Mapping[int, tuple[int, str]]:
+    """Tag and name of each column of a histogram, where the tag can hide a box."""
+    palette = FAMILIES[family]
+    tags = [*range(UNKNOWN_COLUMN), UNKNOWN_TAG]
+    named = ((tag, palette.name_of(tag)) for tag in tags)
+    return {
+        column: (tag, name)
+        for column, (tag, name) in enumerate(named)
+        if name not in _HIDES_NOTHING
+    }
+
+
+def explain(judgement: Judgement) -> str:
+    """Why a box was kept, rejected or not measured, in one sentence.
+
+    Numbers are rounded only as far as the sentence stays true: 9.96 % is never shown
+    as the 10 % that are needed.
+    """
+    if judgement.channel is not None:
+        sentence = explain_channel(judgement.channel)
+    else:
+        sentence = _SENTENCES[judgement.reason](judgement)
+    return f"{judgement.reason.verdict.value}: {sentence}"
+
+
+def percent(value: float, against: float | None = None) -> str:
+    """A percentage for people, with as many digits as keep it honest.
+
+    Whole from 10 up, one decimal below; more if it would otherwise read like, or lie
+    on the other side of, `against`, 0 or 100.
+    """
+    marks = [0.0, 100.0] + ([against] if against is not None else [])
+    return f"{_rounded(value, 0 if value >= 10 else 1, marks)} %"
+
+
+def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
+    """With the fewest digits that leave the value on its side of every mark."""
+    shown = value
+    for count in range(digits, 10):
+        text = f"{value:.{count}f}"
+        shown = float(text)
+        if _keeps_sides(value, shown, marks):
+            break
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _keeps_sides(value: float, shown: float, marks: Sequence[float]) -> bool:
+    if value == shown:
+        return True
+    # A loop: as a generator it costs more than everything else a sentence is made of.
+    for mark in marks:
+        if (value > mark) != (shown > mark) or (value < mark) != (shown < mark):
+            return False
+    return True
+
+
+def _exact_percent(value: float) -> str:
+    return f"{value:.15g} %"
+
+
+def _metres(value: float, limit: float) -> str:
+    return f"{_rounded(value, 0, [limit])} m"
+
+
+def _outside(_: Judgement) -> str:
+    return "the box lies outside the image"
+
+
+def _covers(_: Judgement) -> str:
+    return "the box covers the whole image"
+
+
+def _degenerate(_: Judgement) -> str:
+    return "the box has no area inside the image"
+
+
+def _out_of_range(box: Judgement) -> str:
+    distance = box.distance if box.distance is not None else float("nan")
+    low, high = box.min_distance, box.max_distance
+    if low is not None and distance < low:
+        limit, words = low, "at least"
+    elif high is not None and distance > high:
+        limit, words = high, "at most"
+    else:
+        return "it is not in the range of distances that is wanted"
+    return f"it is {_metres(distance, limit)} away, {words} {limit:.15g} m are wanted"
+
+
+def _unmapped(box: Judgement) -> str:
+    return f"no tag is accepted for the class {box.class_name!r}"
+
+
+def _unmeasured(_: Judgement) -> str:
+    return "there is no segmentation to measure with"
+
+
+def _no_visible_pixels(box: Judgement) -> str:
+    names = any_of(box.accepted)
+    found, needed = box.matched_pixels or 0, box.min_visible_pixels
+    if found == 0:
+        return f"none of its pixels are {names}{_hiding(box)}"
+    are = "is" if found == 1 else "are"
+    return (
+        f"only {found} of its pixels {are} {names}, {needed} are needed{_hiding(box)}"
+    )
+
+
+def _share(box: Judgement) -> str:
+    match, threshold = box.match_percent, box.threshold
+    if match is None or threshold is None:
+        return f"some of its pixels are {any_of(box.accepted)}"
+    large = ""
+    if box.large and box.area_percent is not None:
+        large = f"it covers {percent(box.area_percent)} of the image and "
+    more = "more than " if box.published else ""
+    return (
+        f"{large}{percent(match, threshold)} of its pixels are "
+        f"{any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
+    )
+
+
+def _too_little(box: Judgement) -> str:
+    return _share(box) + _hiding(box)
+
+
+def _hiding(box: Judgement) -> str:
+    if not box.hidden_by:
+        return ""
+    first = box.hidden_by[0]
+    return f"; {first['name']} covers {percent(first['percent'])}"
+
+
+_SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
+    Reason.OUTSIDE_IMAGE: _outside,
+    Reason.COVERS_IMAGE: _covers,
+    Reason.DEGENERATE: _degenerate,
+    Reason.OUT_OF_RANGE: _out_of_range,
+    Reason.UNMAPPED_CLASS: _unmapped,
+    Reason.NO_SEGMENTATION: _unmeasured,
+    Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
+    Reason.LARGE_BELOW_THRESHOLD: _too_little,
+    Reason.BELOW_THRESHOLD: _too_little,
+    Reason.EXPLAINED_BY_NEARER: lambda _: "nearer boxes explain all of its pixels",
+    Reason.HIDDEN_BY_DEPTH: lambda _: "what is seen there is at another depth",
+    Reason.HIDDEN_BY_INSTANCE: lambda _: "no instance in the image belongs to it",
+    Reason.TOO_FEW_LIDAR_POINTS: lambda _: "too few LiDAR points lie inside it",
+    Reason.VISIBLE: _share,
+}

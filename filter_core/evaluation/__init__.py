@@ -1,0 +1,1 @@
+"""How right verdicts are, and which thresholds answers speak for."""

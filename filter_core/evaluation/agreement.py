@@ -1,0 +1,179 @@
+"""How far people agree with each other, and how much of it is more than chance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from filter_core.evaluation.scores import Z95
+from filter_core.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Kappa:
+    """Agreement beyond chance, -1..1, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two people, by their indexes, and the boxes that both answered.
+
+    Attributes
+    ----------
+    a, b : int
+        Indexes of the two, ``a < b``.
+    table : (2, 2) int64
+        Boxes by the answer of `a`, then of `b`; 0 is reject, 1 is keep.
+    """
+
+    a: int
+    b: int
+    table: IntArray
+
+    @property
+    def boxes(self) -> int:
+        """How many both answered."""
+        return int(self.table.sum())
+
+    @property
+    def agreed(self) -> int:
+        """How many of those both answered alike."""
+        return int(np.trace(self.table))
+
+    @property
+    def kappa(self) -> Kappa | None:
+        """Their agreement beyond chance."""
+        return cohen_kappa(self.table)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What several people said of the same boxes.
+
+    Attributes
+    ----------
+    boxes : int
+        Boxes with answers of two or more people.
+    agreed : int
+        Those on which all of them said the same.
+    pairs : list of Pair
+        Every two people who share a box, in order.
+    """
+
+    boxes: int
+    agreed: int
+    pairs: list[Pair]
+
+    @property
+    def kappa(self) -> Kappa | None:
+        """Cohen's kappa of all pairs in one table; of two people it is theirs."""
+        tables = [pair.table for pair in self.pairs]
+        return cohen_kappa(np.sum(tables, axis=0)) if tables else None
+
+
+def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
+    """Compare the answers of people who answered the same boxes.
+
+    Parameters
+    ----------
+    box : (N,) int64
+        The box of each answer.
+    person : (N,) int64
+        Who gave it; a box and a person occur together once at most.
+    keep : (N,) bool
+        Whether the answer is keep.
+
+    Returns
+    -------
+    Agreement
+
+    Notes
+    -----
+    O(N log N): sorted by box, the two answers of a pair are `step` rows apart, and
+    there are as many steps as people on one box, less one.
+    """
+    order = np.lexsort((person, box))
+    box, person, keep = box[order], person[order], keep[order]
+    counted: dict[tuple[int, int], IntArray] = {}
+    step = 1
+    while True:
+        rows = np.flatnonzero(box[step:] == box[:-step])
+        if not len(rows):
+            break
+        _count_pairs(counted, person, keep, rows, rows + step)
+        step += 1
+    _, first, answers = np.unique(box, return_index=True, return_counts=True)
+    keeps = np.add.reduceat(keep.astype(np.int64), first) if len(box) else answers
+    several = answers > 1
+    unanimous = several & ((keeps == 0) | (keeps == answers))
+    pairs = [Pair(*people, table) for people, table in sorted(counted.items())]
+    return Agreement(int(several.sum()), int(unanimous.sum()), pairs)
+
+
+def cohen_kappa(table: IntArray) -> Kappa | None:
+    """Agreement of two people beyond what chance would give.
+
+    Parameters
+    ----------
+    table : (K, K) of counts
+        Boxes by the answer of the one, then of the other.
+
+    Returns
+    -------
+    Kappa or None
+        None where it is not defined: without a box, or if both always gave one answer.
+
+    References
+    ----------
+    .. [1] J. Cohen, "A coefficient of agreement for nominal scales", Educational and
+       Psychological Measurement 20, 1960.
+    .. [2] J. L. Fleiss, J. Cohen, B. S. Everitt, "Large sample standard errors of kappa
+       and weighted kappa", Psychological Bulletin 72, 1969, equation 13.
+    """
+    total = int(table.sum())
+    if total == 0:
+        return None
+    share: FloatArray = table / total
+    row, column = share.sum(axis=1), share.sum(axis=0)
+    observed, by_chance = float(np.trace(share)), float(row @ column)
+    if by_chance == 1.0:
+        return None
+    value = (observed - by_chance) / (1.0 - by_chance)
+    half = Z95 * _standard_error(share, observed, by_chance, total)
+    return Kappa(value, max(-1.0, value - half), min(1.0, value + half))
+
+
+def _standard_error(
+    share: FloatArray, observed: float, by_chance: float, total: int
+) -> float:
+    row, column = share.sum(axis=1), share.sum(axis=0)
+    agree = np.diagonal(share)
+    same = (agree * (1 - by_chance - (row + column) * (1 - observed)) ** 2).sum()
+    # p_ij (p_.i + p_j.)^2 wherever i is not j.
+    weights = share * (column[:, None] + row[None, :]) ** 2
+    other = (1 - observed) ** 2 * (weights.sum() - np.trace(weights))
+    mean = observed * by_chance - 2 * by_chance + observed
+    variance = (same + other - mean**2) / (total * (1 - by_chance) ** 4)
+    return math.sqrt(max(0.0, float(variance)))
+
+
+def _count_pairs(
+    counted: dict[tuple[int, int], IntArray],
+    person: IntArray,
+    keep: BoolArray,
+    first: IntArray,
+    second: IntArray,
+) -> None:
+    people, index = np.unique(
+        np.column_stack([person[first], person[second]]), axis=0, return_inverse=True
+    )
+    cell = index.reshape(-1) * 4 + keep[first] * 2 + keep[second]
+    tables = np.bincount(cell, minlength=4 * len(people)).reshape(-1, 2, 2)
+    for (a, b), table in zip(people.tolist(), tables, strict=True):
+        counted[a, b] = counted.get((a, b), 0) + table

@@ -1,0 +1,135 @@
+"""Channels compared with what is true: precision, recall, ghosts kept, visible lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.decisions.channels import has_number
+from filter_core.decisions.rules import decide
+from filter_core.evaluation.scores import BANDS, Confusion, band_index
+from filter_core.evaluation.worst import NameOf, Worst
+from filter_core.types import BoolArray, Evidence, IntArray, Reason
+
+COMPARED: Final = (SEMANTIC, *CHANNELS)
+
+
+def _by_row(row: int) -> dict[str, int]:
+    return {"row": row}
+
+
+@dataclass
+class ChannelScore:
+    """One channel's rights and wrongs so far.
+
+    Attributes
+    ----------
+    by_class, by_band : dict of Confusion
+    judged : int
+        Boxes that the channel had a number for; the segmentation judged the others.
+    worst : Worst
+        What to look at first.
+    """
+
+    by_class: dict[str, Confusion] = field(default_factory=dict)
+    by_band: dict[str, Confusion] = field(default_factory=dict)
+    judged: int = 0
+    worst: Worst = field(default_factory=Worst)
+
+    @property
+    def total(self) -> Confusion:
+        """All boxes together."""
+        return sum(self.by_band.values(), start=Confusion())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON; classes by name, bands from near to far."""
+        bands = [name for name in BANDS if name in self.by_band]
+        return {
+            **self.total.as_dict(),
+            "judged": self.judged,
+            "by_class": {
+                name: one.as_dict() for name, one in sorted(self.by_class.items())
+            },
+            "by_distance": [
+                {"band": name, **self.by_band[name].as_dict()} for name in bands
+            ],
+            "worst": [box.as_dict() for box in self.worst.boxes],
+        }
+
+
+class Evaluation:
+    """Counts frames, one after the other, under every channel that was measured.
+
+    Parameters
+    ----------
+    config : FilterConfig
+        Its thresholds and ranges; its own channel is not looked at.
+    channels : names out of `COMPARED`
+    """
+
+    def __init__(
+        self, config: FilterConfig, channels: tuple[str, ...] = COMPARED
+    ) -> None:
+        self.configs = {name: replace(config, evidence=name) for name in channels}
+        self.scores = {name: ChannelScore() for name in channels}
+        self.boxes = 0
+        self.frames = 0
+
+    def add(
+        self,
+        evidence: Evidence,
+        visible: BoolArray,
+        frames: int = 1,
+        name_of: NameOf = _by_row,
+    ) -> None:
+        """Count boxes of one or more frames; `visible` (N,) is the truth.
+
+        Boxes that nothing can judge are left out: they are unmeasured, not rejected.
+        """
+        self.frames += frames
+        self.boxes += len(evidence)
+        bands = band_index(evidence.distance)
+        for channel, config in self.configs.items():
+            reason = decide(evidence, config).reason
+            judged = reason != Reason.NO_SEGMENTATION
+            kept = reason == Reason.VISIBLE
+            outcomes = Outcomes(kept[judged], visible[judged])
+            score = self.scores[channel]
+            classes = evidence.class_index[judged].astype(np.int64)
+            outcomes.count(classes, evidence.class_names, score.by_class)
+            outcomes.count(bands[judged], BANDS, score.by_band)
+            own = has_number(evidence, channel)
+            score.judged += int(np.count_nonzero(own & judged))
+            score.worst.add(evidence, kept, np.where(judged, visible, kept), name_of)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The whole comparison, ready for JSON."""
+        return {
+            "frames": self.frames,
+            "boxes": self.boxes,
+            "channels": {name: one.as_dict() for name, one in self.scores.items()},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """Whether each of N boxes was kept, and whether it is visible."""
+
+    kept: BoolArray
+    visible: BoolArray
+
+    def count(
+        self, group: IntArray, names: Sequence[str], into: dict[str, Confusion]
+    ) -> None:
+        """Add what happened in each group; `group` (N,) points into `names`."""
+        code = group * 4 + self.kept * 2 + self.visible
+        counts = np.bincount(code, minlength=4 * len(names)).reshape(-1, 4).tolist()
+        for name, (hidden, lost, ghosts, found) in zip(names, counts, strict=True):
+            if hidden + lost + ghosts + found:
+                counted = Confusion(found, ghosts, lost, hidden)
+                into[name] = into.get(name, Confusion()) + counted

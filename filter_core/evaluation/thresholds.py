@@ -1,0 +1,236 @@
+"""Which threshold people's answers speak for, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.evaluation.scores import Confusion
+from filter_core.types import BoolArray, FloatArray, IntArray
+
+RESAMPLES: Final = 200
+
+_MOST_VALUES: Final = 256
+"""Different matches that resamples tell apart: finer than any interval is wide."""
+
+_MAX_PERCENT: Final = 100.0
+
+_MOST_DECIMALS: Final = 6
+
+GRID: Final = np.concatenate([np.arange(0, 10, 0.5), np.arange(10, 101, 1.0)])
+"""Thresholds of a curve, in percent; finer where thin objects have theirs."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Answered boxes of one class whose verdict hangs on one threshold.
+
+    Attributes
+    ----------
+    match : (N,) float64, percent
+    keep : (N,) bool
+        What people said.
+    others : Confusion
+        Answered boxes of the class that the threshold does not decide: large ones,
+        those outside the image and so on. They count in every score.
+    strict : bool
+        A box is kept above the threshold (profile ``carlasimu``), not from it on.
+    """
+
+    match: FloatArray
+    keep: BoolArray
+    others: Confusion = field(default_factory=Confusion)
+    strict: bool = False
+
+    def __len__(self) -> int:
+        return len(self.match) + self.others.boxes
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a threshold is chosen for.
+
+    ``f1``: the highest F1. ``recall``: the highest threshold that keeps at least this
+    part of what people keep.
+    """
+
+    target: Literal["f1", "recall"] = "f1"
+    recall: float = 0.99
+
+
+@dataclass(frozen=True)
+class Point:
+    """The scores of one threshold; None where nothing is kept, or to be kept."""
+
+    threshold: float
+    precision: float | None
+    recall: float | None
+    f1: float | None
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """The threshold for a goal, its 95 % interval, and scores of other thresholds."""
+
+    threshold: float
+    interval: tuple[float, float]
+    at_current: Point
+    at_suggested: Point
+    curve: list[Point]
+
+
+def suggest(
+    answers: Answers, current: float, goal: Goal, *, seed: int = 0
+) -> Suggestion | None:
+    """The threshold that serves a goal best on what people answered.
+
+    Parameters
+    ----------
+    answers : Answers
+    current : float, percent
+        Stays if nothing is better; of several best ones the nearest to it is taken.
+    goal : Goal
+    seed : int
+        Of the resamples: the same answers always give the same interval.
+
+    Returns
+    -------
+    Suggestion or None
+        None unless people both kept and rejected boxes that the threshold decides.
+
+    Notes
+    -----
+    A threshold matters by which boxes it splits, so only the gaps between neighbouring
+    matches are tried: all of them, by running sums. The interval is the percentile
+    bootstrap [1]_ of this whole choice: answers are drawn with replacement, the same
+    number, and the choice made anew. More than 256 different matches are put into 256
+    groups for that.
+
+    References
+    ----------
+    .. [1] B. Efron, R. J. Tibshirani, "An Introduction to the Bootstrap", 1993,
+       chapter 13.
+    """
+    if not answers.keep.any() or answers.keep.all():
+        return None
+    cuts = _Cuts(answers, current)
+    chosen = cuts.threshold(int(cuts.best(cuts.counts[None], goal)[0]))
+    groups = _Cuts(_grouped(answers, cuts.values), current)
+    drawn = np.random.default_rng(seed).multinomial(
+        len(answers), groups.counts / len(answers), size=RESAMPLES
+    )
+    best = groups.best(drawn, goal).tolist()
+    thresholds = np.array([groups.threshold(cut) for cut in best])
+    low, high = np.quantile(thresholds, [0.025, 0.975]).tolist()
+    curve = np.unique(np.concatenate([GRID, [current, chosen]])).tolist()
+    return Suggestion(
+        chosen,
+        (min(low, chosen), max(high, chosen)),
+        cuts.point(current),
+        cuts.point(chosen),
+        [cuts.point(threshold) for threshold in curve],
+    )
+
+
+class _Cuts:
+    """Places to cut sorted matches: cut c rejects the c lowest different values."""
+
+    def __init__(self, answers: Answers, current: float) -> None:
+        self.values, index = np.unique(answers.match, return_inverse=True)
+        self._strict, self._current = answers.strict, current
+        self.counts = _counts(answers, index.reshape(-1), len(self.values))
+        self._scores = self.scores(self.counts[None])
+        self.at_current = self.cut(current)
+        # No threshold is below 0 or above 100: some cuts cannot be made.
+        at_zero = answers.strict and self.values[0] <= 0
+        at_most = not answers.strict and self.values[-1] >= _MAX_PERCENT
+        self._possible = slice(int(at_zero), len(self.values) + 1 - int(at_most))
+
+    def scores(self, counts: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+        """(R, M + 1) each: rightly kept, wrongly kept, wrongly rejected per cut."""
+        size = len(self.values)
+        rejects = _before(counts[:, :size])
+        keeps = _before(counts[:, size : 2 * size])
+        fixed = counts[:, 2 * size :]
+        right = keeps[:, -1:] - keeps + fixed[:, 0:1]
+        wrong = rejects[:, -1:] - rejects + fixed[:, 1:2]
+        return right, wrong, keeps + fixed[:, 2:3]
+
+    def best(self, counts: IntArray, goal: Goal) -> IntArray:
+        """(R,): the best cut of each row of counts."""
+        right, wrong, lost = self.scores(counts)
+        cuts = np.arange(right.shape[1])
+        if goal.target == "recall":
+            enough = right >= goal.recall * (right + lost)
+            value: NDArray[np.float64] = np.where(enough, cuts, -cuts - 1.0)
+        else:
+            value = 2.0 * right / np.maximum(2 * right + wrong + lost, 1)
+        value = value[:, self._possible]
+        first = self._possible.start
+        # The nearest to the current one among those that are as good.
+        good = value >= value.max(axis=1, keepdims=True) - 1e-12
+        away = np.abs(cuts[self._possible] - self.at_current)
+        nearest: IntArray = np.where(good, away, len(cuts) + 1).argmin(axis=1)
+        return nearest + first
+
+    def cut(self, threshold: float) -> int:
+        """The cut that a threshold makes."""
+        side: Literal["left", "right"] = "right" if self._strict else "left"
+        return int(np.searchsorted(self.values, threshold, side=side))
+
+    def threshold(self, cut: int) -> float:
+        """The threshold in the gap of a cut, as round as the gap allows."""
+        if cut == self.at_current:
+            return self._current
+        low = float(self.values[cut - 1]) if cut else 0.0
+        high = float(self.values[cut]) if cut < len(self.values) else _MAX_PERCENT
+        middle = (low + high) / 2
+        for decimals in range(_MOST_DECIMALS + 1):
+            rounded = round(middle, decimals)
+            if low < rounded < high and self.cut(rounded) == cut:
+                return rounded
+        return low if self._strict else high
+
+    def point(self, threshold: float) -> Point:
+        """The scores of a threshold."""
+        cut = self.cut(threshold)
+        columns = (column[0, cut] for column in self._scores)
+        right, wrong, lost = (int(count) for count in columns)
+        return Point(
+            threshold,
+            right / (right + wrong) if right + wrong else None,
+            right / (right + lost) if right + lost else None,
+            2 * right / (2 * right + wrong + lost) if right + wrong + lost else None,
+        )
+
+
+def _before(counts: IntArray) -> IntArray:
+    """(R, M + 1): sums of the first 0, 1, .. M columns."""
+    sums = np.zeros((len(counts), counts.shape[1] + 1), np.int64)
+    np.cumsum(counts, axis=1, out=sums[:, 1:])
+    return sums
+
+
+def _counts(answers: Answers, index: IntArray, values: int) -> IntArray:
+    """(2 M + 4,): rejected and kept answers per value, then the four others."""
+    cell = index + values * answers.keep
+    others = answers.others
+    fixed = [
+        others.kept_visible,
+        others.kept_hidden,
+        others.rejected_visible,
+        others.rejected_hidden,
+    ]
+    return np.concatenate([np.bincount(cell, minlength=2 * values), fixed])
+
+
+def _grouped(answers: Answers, values: FloatArray) -> Answers:
+    """The answers with neighbouring matches made equal, where there are too many."""
+    if len(values) <= _MOST_VALUES:
+        return answers
+    first = values[np.arange(_MOST_VALUES) * len(values) // _MOST_VALUES]
+    group = np.searchsorted(first, answers.match, side="right") - 1
+    return replace(answers, match=first[group])

@@ -1,0 +1,213 @@
+"""Count pixels inside boxes: three strategies, one result, and one place that chooses.
+
+Which is cheapest depends on how much of the image the boxes cover; all are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import cv2
+import numpy as np
+
+from filter_core.images.pixels import gather, values_of
+from filter_core.images.runs import run_ends, run_lengths
+from filter_core.segmentation.pixel_codes import PixelCodes
+from filter_core.types import BoolArray, IntArray, Mask
+
+# Nanoseconds, measured with benchmarks/bench_filter.py; only their ratios matter.
+_NS_PER_BOX: Final = 1_800.0
+
+_NS_PER_BOX_PIXEL: Final = 1.1
+
+_NS_PER_CODE_AND_PIXEL: Final = 0.28
+
+_NS_PER_IMAGE_PIXEL: Final = 1.6
+
+_NS_PER_CODE_AND_BOX: Final = 12.0
+
+_NS_PER_COMPARISON: Final = 2_000.0
+
+_NS_PER_COMPARED_PIXEL: Final = 0.25
+
+_CHUNK_PIXELS: Final = 1 << 20
+"""Pixels gathered at a time: a few megabytes, whatever the boxes are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Rectangles of pixels of one image.
+
+    Attributes
+    ----------
+    codes : PixelCodes
+    bounds : (N, 4) int64
+        First column, first row, last column + 1, last row + 1; may be empty.
+    keep : (H, W) bool or None
+        Pixels that count; None: all do.
+    """
+
+    codes: PixelCodes
+    bounds: IntArray
+    keep: Mask | None = None
+
+    def __len__(self) -> int:
+        return len(self.bounds)
+
+    @cached_property
+    def areas(self) -> IntArray:
+        """(N,) int64: pixels of each rectangle, whether they count or not."""
+        x0, y0, x1, y1 = self.bounds.T
+        areas: IntArray = (x1 - x0) * (y1 - y0)
+        return areas
+
+
+def count_pixels(regions: Regions) -> IntArray:
+    """(N,) int64: the pixels of each rectangle that count."""
+    if regions.keep is None:
+        return regions.areas
+    kept = PixelCodes.of_tags(regions.keep.view(np.uint8), 2, np.ones(2, np.int64))
+    return count_codes_in(Regions(kept, regions.bounds), [1])[:, 0]
+
+
+def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
+    """How many pixels of each rectangle have each of the wanted codes.
+
+    Parameters
+    ----------
+    regions : Regions
+    wanted : sequence of K different codes
+
+    Returns
+    -------
+    (N, K) int64, px
+
+    Notes
+    -----
+    The rectangles' own pixels are counted, or summed-area tables [1]_ of the whole
+    image are built, one per code: whichever is expected to be cheaper.
+
+    References
+    ----------
+    .. [1] F. C. Crow, "Summed-area tables for texture mapping", SIGGRAPH 1984.
+    """
+    height, width = regions.codes.hw
+    by_pixels = len(regions) * _NS_PER_BOX
+    by_pixels += float(regions.areas.sum()) * _NS_PER_BOX_PIXEL
+    by_tables = height * width * _NS_PER_IMAGE_PIXEL
+    by_tables += height * width * len(wanted) * _NS_PER_CODE_AND_PIXEL
+    by_tables += len(regions) * len(wanted) * _NS_PER_CODE_AND_BOX
+    if by_tables < by_pixels:
+        return count_by_tables(regions, wanted)
+    return count_by_pixels(regions, wanted)
+
+
+def count_matches(
+    regions: Regions, codes: Sequence[int], accepted: BoolArray
+) -> IntArray:
+    """How many pixels of each rectangle have a code that it accepts.
+
+    Parameters
+    ----------
+    regions : Regions, N of them
+    codes : sequence of K different codes
+    accepted : (N, K) bool
+
+    Returns
+    -------
+    (N,) int64, px
+    """
+    wanted = np.flatnonzero(accepted.any(axis=0)).tolist()
+    comparisons = accepted.sum(axis=1)
+    by_comparing = float(comparisons.sum()) * _NS_PER_COMPARISON
+    by_comparing += float((comparisons * regions.areas).sum()) * _NS_PER_COMPARED_PIXEL
+    height, width = regions.codes.hw
+    by_tables = height * width * (1.0 + len(wanted)) * _NS_PER_CODE_AND_PIXEL
+    if by_comparing < by_tables:
+        return count_by_comparing(regions, codes, accepted)
+    counts = count_codes_in(regions, [codes[column] for column in wanted])
+    matched: IntArray = (counts * accepted[:, wanted]).sum(axis=1)
+    return matched
+
+
+def count_by_comparing(
+    regions: Regions, codes: Sequence[int], accepted: BoolArray
+) -> IntArray:
+    """Matches by comparing a rectangle's pixels with each accepted value."""
+    values = {
+        column: regions.codes.value_of(codes[column])
+        for column in np.flatnonzero(accepted.any(axis=0)).tolist()
+    }
+    wanted: list[list[int]] = [[] for _ in range(len(regions))]
+    for row, column in np.argwhere(accepted).tolist():
+        wanted[row].append(values[column])
+    matched = []
+    for (x0, y0, x1, y1), some in zip(regions.bounds.tolist(), wanted, strict=True):
+        part, count = values_of(regions.codes.pixels[y0:y1, x0:x1]), 0
+        for value in some:
+            hit = part == value
+            if regions.keep is not None:
+                hit &= regions.keep[y0:y1, x0:x1]
+            count += np.count_nonzero(hit)
+        matched.append(count)
+    return np.array(matched, dtype=np.int64)
+
+
+def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
+    """Counts from the rectangles' own pixels, in portions of bounded size."""
+    counts = np.zeros((len(regions), len(wanted)), dtype=np.int64)
+    column = np.full(256, len(wanted), dtype=np.int64)
+    column[list(wanted)] = np.arange(len(wanted))
+    for portion in _portions(regions.areas):
+        some = replace(regions, bounds=regions.bounds[portion])
+        counts[portion] = _count_portion(some, column, len(wanted) + 1)[:, :-1]
+    return counts
+
+
+def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
+    """Counts from one summed-area table per code."""
+    height, width = regions.codes.hw
+    plane = regions.codes.crop(0, 0, width, height)
+    x0, y0, x1, y1 = regions.bounds.T
+    row = width + 1
+    corners = np.stack([y1 * row + x1, y1 * row + x0, y0 * row + x1, y0 * row + x0])
+    counts = np.empty((len(wanted), len(regions)), dtype=np.int64)
+    for index, code in enumerate(wanted):
+        hit = plane == code
+        if regions.keep is not None:
+            hit &= regions.keep
+        # Exact: int32 holds the pixels of any image that may be opened.
+        table = np.asarray(cv2.integral(hit.view(np.uint8)), np.int32).reshape(-1)
+        bottom_right, bottom_left, top_right, top_left = table.take(corners)
+        counts[index] = bottom_right - bottom_left - top_right + top_left
+    transposed: IntArray = counts.T
+    return transposed
+
+
+def _portions(areas: IntArray) -> Iterator[slice]:
+    """Boxes of about `_CHUNK_PIXELS` together, at least one at a time."""
+    total = np.cumsum(areas)
+    starts = [0]
+    if len(areas) and total[-1] > _CHUNK_PIXELS:
+        starts += (np.flatnonzero(np.diff(total // _CHUNK_PIXELS)) + 1).tolist()
+    for start, stop in zip(starts, [*starts[1:], len(areas)], strict=True):
+        if start < stop:
+            yield slice(start, stop)
+
+
+def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:
+    codes = regions.codes
+    values, sizes = gather(codes.pixels, regions.bounds, regions.keep)
+    stops = np.cumsum(sizes)
+    ends = run_ends(values, stops)
+    box = np.searchsorted(stops, ends, side="right")
+    counts = np.bincount(
+        box * width + column[codes.codes_of(values[ends])],
+        # Weights are float64: exact for whole numbers of pixels.
+        weights=run_lengths(ends),
+        minlength=len(regions) * width,
+    )
+    return counts.reshape(-1, width).astype(np.int64)

@@ -1,0 +1,202 @@
+"""How much of a box one other box of a like class covers. Geometry only, no pixels.
+
+A semantic segmentation cannot tell two cars apart: where another box covers a box,
+matching pixels may be the other's. Crowding says how far that can go.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from filter_core.types import BoxesXYXY, FloatArray, IntArray
+
+_ALL_PAIRS: Final = 1 << 16
+"""Up to this many pairs, comparing them all at once is faster than being clever."""
+
+_LARGEST: Final = 96
+"""Rivals that are tried on every box first: large ones contain most small boxes."""
+
+_AT_ONCE: Final = 8
+"""How many of them, before boxes that are wholly covered drop out."""
+
+_WORTHWHILE: Final = 0.98
+"""If more boxes than this share stay open, the largest rivals are not worth trying."""
+
+_GROUP: Final = 32
+"""Boxes near each other that share one selection of rivals."""
+
+_CHUNK: Final = 1 << 15
+"""Pairs at a time, so that temporaries stay in the processor's cache."""
+
+
+def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
+    """The largest share of each box that one other box of a like class covers.
+
+    Parameters
+    ----------
+    xyxy : (N, 4) float64, px
+        Corrected boxes. NaN rows cover nothing and are covered by nothing.
+    accept_mask : (N,) int64
+        Boxes whose masks share a bit are alike.
+
+    Returns
+    -------
+    (N,) float64, percent
+        0 where no other like box overlaps.
+
+    Notes
+    -----
+    Exact: equal to comparing all pairs. Many boxes are grouped by size and place, and
+    a rival is only compared with a group if it could cover more of one of its boxes
+    than the best rival so far. The largest rivals and the group itself come first, so
+    that "the best so far" is soon hard to beat.
+    """
+    percent = np.zeros(len(xyxy))
+    live = np.flatnonzero(~np.isnan(xyxy).any(axis=1) & (accept_mask != 0))
+    if len(live) < 2:
+        return percent
+    boxes, masks = xyxy[live], accept_mask[live]
+    if len(live) ** 2 <= _ALL_PAIRS:
+        covered = _covered_among_few(boxes, masks)
+    else:
+        covered = _covered_among_many(boxes, masks)
+    extent = boxes[:, 2:] - boxes[:, :2]
+    area = extent[:, 0] * extent[:, 1]
+    # The area of a sliver can be too small for a float: nothing covers it.
+    percent[live] = 100.0 * covered / np.where(area > 0, area, 1.0)
+    return percent
+
+
+def _covered_among_few(boxes: BoxesXYXY, masks: IntArray) -> FloatArray:
+    alike = (masks[:, None] & masks[None, :]) != 0
+    np.fill_diagonal(alike, False)
+    common = _common_areas(boxes.T, boxes.T)
+    common[~alike] = 0.0
+    covered: FloatArray = common.max(axis=1)
+    return covered
+
+
+def _covered_among_many(boxes: BoxesXYXY, masks: IntArray) -> FloatArray:
+    covered = np.zeros(len(boxes))
+    for mask in np.unique(masks):
+        own = np.flatnonzero(masks == mask)
+        search = _Search(boxes, np.flatnonzero(masks & mask))
+        covered[own] = search.covered_areas(own)
+    return covered
+
+
+def _common_areas(some: FloatArray, others: FloatArray) -> FloatArray:
+    """(M, K): the areas of the intersections of (4, M) with (4, K) boxes."""
+    x0, y0, x1, y1 = some[:, :, None]
+    width = np.minimum(x1, others[2])
+    width -= np.maximum(x0, others[0])
+    height = np.minimum(y1, others[3])
+    height -= np.maximum(y0, others[1])
+    np.maximum(width, 0.0, out=width)
+    np.maximum(height, 0.0, out=height)
+    common: FloatArray = width * height
+    return common
+
+
+class _Search:
+    """For boxes of one class: the rival that covers most of each."""
+
+    def __init__(self, boxes: BoxesXYXY, rivals: IntArray) -> None:
+        self.boxes = np.ascontiguousarray(boxes.T)
+        extent = self.boxes[2:] - self.boxes[:2]
+        self.areas: FloatArray = extent[0] * extent[1]
+        self.order = rivals[np.argsort(-self.areas[rivals], kind="stable")]
+        self.rivals = self.boxes[:, self.order]
+        self.place = np.full(boxes.shape[0], -1)
+        self.place[self.order] = np.arange(len(rivals))
+
+    def covered_areas(self, own: IntArray) -> FloatArray:
+        """(M,) float64: the largest area that one rival covers of each box, px."""
+        best = np.zeros(len(own))
+        open_ = np.arange(len(own))
+        for start in range(0, min(_LARGEST, len(self.order)), _AT_ONCE):
+            rivals = np.arange(start, min(start + _AT_ONCE, len(self.order)))
+            best[open_] = np.maximum(best[open_], self._cover(own[open_], rivals))
+            # Nothing covers more of a box than all of it.
+            still_open = open_[best[open_] < self.areas[own[open_]]]
+            few_closed = len(still_open) > _WORTHWHILE * len(open_)
+            open_ = still_open
+            if few_closed:
+                break
+        near = open_[_by_size_and_place(self.boxes[:, own[open_]])]
+        for start in range(0, len(near), _GROUP):
+            group = near[start : start + _GROUP]
+            best[group] = self._cover_group(own[group], best[group])
+        return best
+
+    def _cover_group(self, own: IntArray, best: FloatArray) -> FloatArray:
+        best = np.maximum(best, self._cover(own, np.sort(self.place[own])))
+        promising = self._promising(own, best)
+        step = _CHUNK // _GROUP
+        for start in range(0, len(promising), step):
+            part = promising[start : start + step]
+            best = np.maximum(best, self._cover(own, part))
+        return best
+
+    def _cover(self, own: IntArray, rivals: IntArray) -> FloatArray:
+        """(M,): the largest area that one of some rivals covers of each box.
+
+        `rivals` are places in `self.order`, ascending; a box is no rival of itself.
+        """
+        # The longer axis last: numpy is fast along it.
+        upright = len(own) > len(rivals)
+        boxes, others = self.boxes[:, own], self.rivals[:, rivals]
+        common = (
+            _common_areas(others, boxes).T if upright else _common_areas(boxes, others)
+        )
+        place = self.place[own]
+        column = np.searchsorted(rivals, place)
+        column[column == len(rivals)] = 0
+        itself = np.flatnonzero(rivals[column] == place)
+        common[itself, column[itself]] = 0.0
+        covered: FloatArray = common.max(axis=1)
+        return covered
+
+    def _promising(self, own: IntArray, best: FloatArray) -> IntArray:
+        """Places of the rivals that could cover more than `best` of a box of `own`.
+
+        To cover an area, a rival has to reach across the box by at least that area
+        divided by the box's other side. The allowance is for rounding.
+        """
+        x0, y0, x1, y1 = self.boxes[:, own]
+        share = best / self.areas[own] * (1.0 - 1e-9) - 1e-9
+        across, down = share * (x1 - x0), share * (y1 - y0)
+        smallest = best.min() * (1.0 - 1e-9)
+        count = np.searchsorted(-self.areas[self.order], -smallest, side="right")
+        rivals = self.rivals[:, :count]
+        keep = rivals[0] <= (x1 - across).max()
+        keep &= rivals[1] <= (y1 - down).max()
+        keep &= rivals[2] >= (x0 + across).min()
+        keep &= rivals[3] >= (y0 + down).min()
+        return np.flatnonzero(keep)
+
+
+def _by_size_and_place(boxes: FloatArray) -> IntArray:
+    """An order of (4, M) boxes in which neighbours are of like size and place.
+
+    Like in size: within a factor of four.
+    """
+    extent = boxes[2:] - boxes[:2]
+    if not extent.size:
+        return np.empty(0, dtype=np.int64)
+    size_class = np.floor(np.log2(extent) / 2).astype(np.int64)
+    center = (boxes[:2] + boxes[2:]) / 2
+    low, high = center.min(axis=1), center.max(axis=1)
+    cells = 255.0 / np.maximum(high - low, 1.0)
+    column, row = ((center - low[:, None]) * cells[:, None]).astype(np.int64)
+    place = _spread_bits(column) | _spread_bits(row) << 1
+    return np.lexsort((place, size_class[1], size_class[0]))
+
+
+def _spread_bits(values: IntArray) -> IntArray:
+    """Eight bits, each followed by a free one: two such numbers make a Morton code."""
+    values = (values | values << 4) & 0x0F0F
+    values = (values | values << 2) & 0x3333
+    return (values | values << 1) & 0x5555

@@ -1,0 +1,428 @@
+"""Semantic LiDAR: .ply and .npy read, points inside 3D boxes.
+
+Points of a semantic LiDAR inside 3D boxes.
+
+Files of CARLA's semantic LiDAR: .ply (text or binary) and .npy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.channel_types import NOT_MEASURED
+from filter_core.errors import FilterError
+from filter_core.evidence.npy_file import MAGIC, read_npy
+from filter_core.geometry.box3d import in_carla_order
+from filter_core.geometry.pose import Transform
+from filter_core.types import UNKNOWN_COLUMN, BoolArray, FloatArray, IntArray
+
+_PLY_TYPES: Final[Mapping[str, str]] = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
+    "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
+    "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+
+_FORMATS: Final[Mapping[str, Literal["<", ">"]]] = {
+    "binary_little_endian": "<",
+    "binary_big_endian": ">",
+}
+
+_HEADER_LIMIT: Final = 16_384
+
+_PORTION: Final = 1 << 20
+"""Bytes of a text that are taken apart at a time: words take 30 times their size."""
+
+_BLANKS: Final = (b"\n", b" ", b"\r", b"\t", b"\x0b", b"\x0c")
+
+_MOST_DIGITS: Final = 18
+
+_MOST: Final = 2**53
+"""Whole numbers up to here are the same as floats."""
+
+MAX_POINTS: Final = 20_000_000
+
+_NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+    "x": ("x",),
+    "y": ("y",),
+    "z": ("z",),
+    "object": ("objidx", "object_idx", "object_id", "object"),
+    "tag": ("objtag", "object_tag", "tag", "label"),
+}
+
+_COLUMNS: Final = ("x", "y", "z", "cos", "object", "tag")
+
+
+class PointsError(FilterError):
+    """A file is not a semantic LiDAR measurement that can be used."""
+
+    code = "bad_lidar"
+
+
+@dataclass(frozen=True, eq=False)
+class LidarPoints:
+    """Points of a semantic LiDAR, in the sensor's axes.
+
+    Attributes
+    ----------
+    xyz : (P, 3) float64, metres
+    object_id : (P,) int64
+    tag : (P,) int64
+    """
+
+    xyz: FloatArray
+    object_id: IntArray
+    tag: IntArray
+
+    def __len__(self) -> int:
+        return len(self.tag)
+
+
+def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
+    """Check that a file of points is as long as its own header says.
+
+    Parameters
+    ----------
+    content : bytes
+        Of a semantic LiDAR, as `read_points` takes it; or of a radar, whose columns may
+        have any names.
+    sensor : ``lidar`` or ``radar``
+        Whose columns are expected, and what errors name.
+    max_points : int
+
+    Returns
+    -------
+    str
+        The media type, ``application/x-ply`` or ``application/x-npy``.
+
+    Raises
+    ------
+    PointsError
+        What `read_points` raises, but for words that are no numbers: they are counted.
+
+    Notes
+    -----
+    No array of the points is made. Of a text, words are counted, half a millisecond per
+    MiB.
+    """
+    try:
+        if content.startswith(MAGIC):
+            _check_npy(content, sensor, max_points)
+            return "application/x-npy"
+        if content.startswith((b"ply\n", b"ply\r")):
+            _check_ply(content, sensor, max_points)
+            return "application/x-ply"
+        raise _fault("a PLY or NPY file", f"{content[:8]!r}")
+    except PointsError as error:
+        text = error.detail.replace("the LiDAR file", f"the {sensor} file", 1)
+        raise PointsError(text, pointer=f"/{sensor}") from None
+
+
+def _check_npy(content: bytes, sensor: str, max_points: int) -> None:
+    array = _npy_array(content, whole=True)
+    if sensor == "lidar":
+        _lidar_columns(array)
+    if array.ndim == 0 or len(array) > max_points:
+        raise _fault(f"rows, at most {max_points:,}", f"an array of {array.shape}")
+
+
+def _check_ply(content: bytes, sensor: str, max_points: int) -> None:
+    encoding, count, dtype, body = _ply_header(content)
+    _check_count(count, max_points)
+    if sensor == "lidar":
+        _columns_by_meaning(dtype.names or ())
+    if encoding != "ascii":
+        _check_binary(content, count, dtype, body)
+        return
+    needed, found = count * len(dtype.names or ()), _words_in(content, body)
+    if found < needed:
+        raise _too_few_words(found, count, dtype)
+
+
+def _words_in(content: bytes, start: int) -> int:
+    """How many words follow; counted a portion at a time."""
+    words, before = 0, True
+    for at in range(start, len(content), _PORTION):
+        part = np.frombuffer(content, np.uint8, min(_PORTION, len(content) - at), at)
+        # A blank, and all from a tab to a carriage return, stand between words.
+        is_blank = (part == 0x20) | (part - np.uint8(9) < 5)
+        words += int(before and not is_blank[0])
+        words += int(np.count_nonzero(is_blank[:-1] & ~is_blank[1:]))
+        before = bool(is_blank[-1])
+    return words
+
+
+def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
+    """Read a semantic LiDAR file, recognised by its content.
+
+    Parameters
+    ----------
+    content : bytes
+        PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns
+        x, y, z, cosine, object and tag.
+    max_points : int
+
+    Raises
+    ------
+    PointsError
+        Neither of the two, truncated, without x, y, z and tag, or with too many points.
+
+    References
+    ----------
+    .. [1] CARLA documentation, ``carla.SemanticLidarDetection``.
+    .. [2] G. Turk, "The PLY polygon file format", 1994.
+    .. [3] NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
+    """
+    if content.startswith(MAGIC):
+        table = _read_npy(content)
+    elif content.startswith((b"ply\n", b"ply\r")):
+        table = _read_ply(content, max_points)
+    else:
+        raise _fault("a PLY or NPY file", f"{content[:8]!r}")
+    if len(table) > max_points:
+        raise _fault(f"at most {max_points:,} points", f"{len(table):,}")
+    return _named(table)
+
+
+def _fault(expected: str, found: str) -> PointsError:
+    return PointsError(
+        f"the LiDAR file: expected {expected}, found {found}", pointer="/lidar"
+    )
+
+
+def _npy_array(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
+    try:
+        return read_npy(content, whole=whole)
+    except ValueError as error:
+        raise _fault("a whole NumPy array of numbers", str(error)) from None
+
+
+def _lidar_columns(array: NDArray[np.generic]) -> bool:
+    """Whether its columns have names; PointsError if it is no table of a LiDAR."""
+    if array.dtype.names is not None and array.ndim == 1:
+        _columns_by_meaning(array.dtype.names)
+        return True
+    if array.ndim != 2 or array.shape[1] != 6 or array.dtype.kind not in "fiu":
+        found = f"shape {array.shape} of {array.dtype}"
+        raise _fault("an array of 6 columns (x, y, z, cosine, object, tag)", found)
+    return False
+
+
+def _read_npy(content: bytes) -> NDArray[np.void]:
+    array = _npy_array(content)
+    if _lidar_columns(array):
+        return np.asarray(array)
+    table = np.empty(len(array), [(name, "f8") for name in _COLUMNS])
+    for column, name in enumerate(_COLUMNS):
+        table[name] = array[:, column]
+    return table
+
+
+def _read_ply(content: bytes, max_points: int) -> NDArray[np.void]:
+    encoding, count, dtype, body = _ply_header(content)
+    _check_count(count, max_points)
+    if encoding != "ascii":
+        _check_binary(content, count, dtype, body)
+        binary = dtype.newbyteorder(_FORMATS[encoding])
+        return np.frombuffer(content, binary, count, body)
+    return _ascii_points(content, body, count, dtype)
+
+
+def _check_count(count: int, max_points: int) -> None:
+    if count > max_points:
+        raise _fault(f"at most {max_points:,} points", f"{count:,}")
+
+
+def _check_binary(
+    content: bytes, count: int, dtype: np.dtype[np.void], body: int
+) -> None:
+    needed = count * dtype.itemsize
+    if len(content) - body < needed:
+        found = f"{len(content) - body:,} bytes: it is truncated"
+        raise _fault(f"{needed:,} bytes of points", found)
+
+
+def _ascii_points(
+    content: bytes, body: int, count: int, dtype: np.dtype[np.void]
+) -> NDArray[np.void]:
+    names = dtype.names or ()
+    needed = count * len(names)
+    # A number takes a digit and a blank: what cannot be there is not made room for.
+    if needed > len(content) - body:
+        raise _too_few_words(_words_in(content, body), count, dtype)
+    numbers = np.empty(needed)
+    found, at = 0, body
+    while found < needed and at < len(content):
+        end = _end_of_portion(content, at)
+        words = content[at:end].split(None, needed - found)[: needed - found]
+        try:
+            numbers[found : found + len(words)] = np.array(words, np.float64)
+        except ValueError:
+            raise _fault("numbers", "words among the points") from None
+        found, at = found + len(words), end
+    if found < needed:
+        raise _too_few_words(found, count, dtype)
+    rows = numbers.reshape(count, len(names))
+    table = np.empty(count, [(name, "f8") for name in names])
+    for column, name in enumerate(names):
+        table[name] = rows[:, column]
+    return table
+
+
+def _end_of_portion(content: bytes, start: int) -> int:
+    """Behind the last blank within a portion."""
+    end = start + _PORTION
+    if end >= len(content):
+        return len(content)
+    cut = max(content.rfind(blank, start, end) for blank in _BLANKS) + 1
+    if cut == 0:
+        raise _fault("numbers", f"a word of more than {_PORTION:,} bytes")
+    return cut
+
+
+def _too_few_words(found: int, count: int, dtype: np.dtype[np.void]) -> PointsError:
+    return _fault(
+        f"{count:,} points of {len(dtype.names or ())} numbers",
+        f"{found:,} numbers: it is truncated",
+    )
+
+
+def _ply_header(content: bytes) -> tuple[str, int, np.dtype[np.void], int]:
+    """Encoding, number of vertices, their type, and where they begin."""
+    end = content.find(b"end_header", 0, _HEADER_LIMIT)
+    body = content.find(b"\n", end) + 1
+    if end < 0 or body == 0:
+        raise _fault("a PLY header that ends", "none")
+    lines = content[:end].decode("ascii", "replace").splitlines()[1:]
+    encoding, count, columns = _ply_elements([line.split() for line in lines])
+    if encoding not in ("ascii", *_FORMATS):
+        raise _fault("format ascii or binary", f"{encoding[:40]!r}")
+    if count < 0 or not columns:
+        raise _fault("an element vertex with properties", "none")
+    try:
+        return encoding, count, np.dtype(columns), body
+    except ValueError:
+        raise _fault("properties of different names", "one name twice") from None
+
+
+def _ply_elements(
+    lines: list[list[str]],
+) -> tuple[str, int, list[tuple[str, str]]]:
+    encoding, element, count = "", "", -1
+    columns: list[tuple[str, str]] = []
+    for words in lines:
+        keyword = words[0] if words else ""
+        if keyword == "format" and len(words) >= 2:
+            encoding = words[1]
+        elif keyword == "element" and len(words) == 3:
+            count = _vertex_count(words, element, count)
+            element = words[1]
+        elif keyword == "property" and element == "vertex":
+            columns.append(_ply_property(words))
+    return encoding, count, columns
+
+
+def _vertex_count(words: list[str], before: str, count: int) -> int:
+    if words[1] != "vertex":
+        if count < 0:
+            raise _fault("the element vertex first", f"{words[1][:40]!r}")
+        return count
+    if before or not words[2].isdecimal() or len(words[2]) > _MOST_DIGITS:
+        raise _fault("one element vertex with a number", " ".join(words)[:60])
+    return int(words[2])
+
+
+def _ply_property(words: list[str]) -> tuple[str, str]:
+    if len(words) != 3 or words[1] not in _PLY_TYPES:
+        raise _fault("properties of a number type", " ".join(words)[:60])
+    return words[2], _PLY_TYPES[words[1]]
+
+
+def _columns_by_meaning(names: Sequence[str]) -> dict[str, str]:
+    """The file's own names of the columns that are needed; PointsError without."""
+    lower = {name.lower(): name for name in names}
+    found: dict[str, str] = {}
+    for wanted, spellings in _NAMES.items():
+        name = next((lower[one] for one in spellings if one in lower), None)
+        if name is not None:
+            found[wanted] = name
+        elif wanted != "object":
+            raise _fault(f"a column {spellings[0]}", ", ".join(lower)[:200] or "none")
+    return found
+
+
+def _named(table: NDArray[np.void]) -> LidarPoints:
+    found = {
+        wanted: np.asarray(table[name], np.float64)
+        for wanted, name in _columns_by_meaning(table.dtype.names or ()).items()
+    }
+    xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
+    if not all(np.isfinite(column).all() for column in found.values()):
+        raise _fault("finite numbers", "NaN or an infinity")
+    objects = found.get("object", np.zeros(len(xyz)))
+    if max(np.abs(objects).max(initial=0), np.abs(found["tag"]).max(initial=0)) > _MOST:
+        raise _fault(f"objects and tags up to {_MOST:,}", "larger ones")
+    return LidarPoints(xyz, objects.astype(np.int64), found["tag"].astype(np.int64))
+
+
+_FLATTEST: Final = 1e-9
+
+
+def points_inside(
+    points: LidarPoints,
+    sensor: Transform,
+    vertices: FloatArray,
+    accept_mask: IntArray,
+) -> IntArray:
+    """How many points of an accepted tag lie inside each box.
+
+    Parameters
+    ----------
+    points : LidarPoints
+    sensor : Transform
+        The LiDAR's own, in the world: it rarely stands where the camera does.
+    vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
+    accept_mask : (N,) int64
+
+    Returns
+    -------
+    (N,) int64
+        `NOT_MEASURED` for boxes that are not 3D.
+
+    Notes
+    -----
+    Exact for every parallelepiped. Points are sorted along x first, so that each box
+    looks at a slice of them only.
+    """
+    counts = np.full(len(vertices), NOT_MEASURED, np.int64)
+    matrix = sensor.matrix
+    order, world = _sorted_by_x(points.xyz @ matrix[:3, :3].T + matrix[:3, 3])
+    tags = np.clip(points.tag, 0, UNKNOWN_COLUMN)[order]
+    solid = np.flatnonzero(~np.isnan(vertices).any(axis=(1, 2)))
+    corners = in_carla_order(vertices[solid])
+    for row, box in zip(solid.tolist(), corners, strict=True):
+        begin, end = np.searchsorted(world[:, 0], [box[:, 0].min(), box[:, 0].max()])
+        near = slice(int(begin), int(end) + 1)
+        wanted = int(accept_mask[row]) & (1 << UNKNOWN_COLUMN) - 1
+        accepted = (wanted >> tags[near] & 1).astype(np.bool_)
+        counts[row] = np.count_nonzero(_inside(world[near][accepted], box))
+    return counts
+
+
+def _sorted_by_x(world: FloatArray) -> tuple[IntArray, FloatArray]:
+    order = np.argsort(world[:, 0], kind="stable")
+    return order, world[order]
+
+
+def _inside(points: FloatArray, box: FloatArray) -> BoolArray:
+    """(P,) bool: in the coordinates of the box's own axes, 0..1 along each."""
+    axes = np.stack([box[4] - box[0], box[2] - box[0], box[1] - box[0]], axis=1)
+    if abs(np.linalg.det(axes)) < _FLATTEST:
+        return np.zeros(len(points), np.bool_)
+    local = np.linalg.solve(axes, (points - box[0]).T)
+    return np.asarray(((local >= 0) & (local <= 1)).all(axis=0))

@@ -1,0 +1,352 @@
+"""Measure what a segmentation shows inside each box. No thresholds and no verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.errors import FilterError, ImageSizeMismatch
+from filter_core.evidence.ambiguity import refuse_ambiguity
+from filter_core.evidence.counting import (
+    Regions,
+    count_codes_in,
+    count_matches,
+    count_pixels,
+)
+from filter_core.evidence.crowding import crowding_percent
+from filter_core.geometry.boxes import correct_xyxy, pixel_bounds
+from filter_core.segmentation.codes import CODE_OF, packed
+from filter_core.segmentation.palettes import PUBLISHED_COLORS, RGB
+from filter_core.segmentation.pixel_codes import Segmentation
+from filter_core.types import (
+    N_TAGS,
+    UNKNOWN_COLUMN,
+    BoolArray,
+    BoxesXYXY,
+    BoxState,
+    Evidence,
+    FloatArray,
+    IntArray,
+    Mask,
+)
+
+Profile: TypeAlias = Literal["paper", "carlasimu"]
+
+
+@dataclass(frozen=True)
+class FrameBoxes:
+    """The boxes of one frame, as given.
+
+    Attributes
+    ----------
+    xyxy : (N, 4) float64, px
+        Not yet corrected; may lie outside the image.
+    class_names : tuple of str
+        What `class_index` points into.
+    class_index : (N,) int32
+    accept_mask : (N,) int64
+        Bit t is set if the box's class accepts tag t; 0: the class is not mapped.
+    distance : (N,) float64, metres, NaN where unknown
+    image_wh : (width, height) of the image, px
+    """
+
+    xyxy: BoxesXYXY
+    class_names: tuple[str, ...]
+    class_index: NDArray[np.int32]
+    accept_mask: IntArray
+    distance: FloatArray
+    image_wh: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.class_index)
+
+    @classmethod
+    def of(
+        cls,
+        xyxy: BoxesXYXY | Sequence[Sequence[float]],
+        classes: Sequence[str],
+        accept_masks: Mapping[str, int],
+        image_wh: tuple[int, int],
+        distance: Sequence[float] | FloatArray | None = None,
+    ) -> FrameBoxes:
+        """Boxes from a class name per box and one accept mask per class.
+
+        A class that `accept_masks` does not have is not mapped.
+        """
+        names = tuple(dict.fromkeys(classes))
+        index = {name: number for number, name in enumerate(names)}
+        unknown = np.full(len(classes), np.nan)
+        return cls(
+            xyxy=np.asarray(xyxy, dtype=np.float64).reshape(-1, 4),
+            class_names=names,
+            class_index=np.array([index[name] for name in classes], dtype=np.int32),
+            accept_mask=np.array(
+                [accept_masks.get(name, 0) for name in classes], dtype=np.int64
+            ),
+            distance=unknown if distance is None else np.asarray(distance, np.float64),
+            image_wh=image_wh,
+        )
+
+
+@dataclass(frozen=True)
+class MeasureOptions:
+    """What changes the numbers, apart from how the segmentation is read.
+
+    Attributes
+    ----------
+    profile : ``paper`` or ``carlasimu``
+    histogram : bool
+        Count every tag in each box. Without it only the accepted tags are counted,
+        which is several times faster, and `Evidence.tag_counts` is None.
+    class_colors : Mapping
+        Profile ``carlasimu``: the one colour that counts, by class name.
+    """
+
+    profile: Profile = "paper"
+    histogram: bool = True
+    class_colors: Mapping[str, RGB] = field(default_factory=lambda: PUBLISHED_COLORS)
+
+
+_DEFAULTS: Final = MeasureOptions()
+
+
+def measure(
+    segmentation: Segmentation | None,
+    boxes: FrameBoxes,
+    options: MeasureOptions = _DEFAULTS,
+    *,
+    ignore: Mask | None = None,
+) -> Evidence:
+    """Numbers for each box of a frame: no threshold, no verdict.
+
+    Parameters
+    ----------
+    segmentation : Segmentation or None
+        None: there is none, and only what needs no pixel is measured.
+    boxes : FrameBoxes of N boxes
+    options : MeasureOptions
+    ignore : (H, W) bool, optional
+        True: the pixel never counts, neither as matched nor as the box's.
+
+    Returns
+    -------
+    Evidence of N boxes
+        Boxes that are outside the image or degenerate have no pixels, a match of 0 %
+        and no crowding.
+
+    Raises
+    ------
+    ImageSizeMismatch
+        The segmentation or the ignore mask has another size than `boxes.image_wh`.
+    AnnotationError
+        A coordinate is not finite.
+    SegmentationError
+        ``ambiguous_palette``: the segmentation fits two families, and what counts for
+        a class differs between them.
+
+    Notes
+    -----
+    Profile ``paper``: a box's pixels are those that it touches. Profile ``carlasimu``:
+    the crop ``[int(y_min):int(y_max), int(x_min):int(x_max)]``, pixels of exactly the
+    class's one colour, their percentage of the float area, which may pass 100.
+
+    References
+    ----------
+    .. [1] M. Chaar, J. Raiyn, G. Weidl, "Improve Bounding Box in Carla Simulator",
+       VEHITS 2024, Algorithms 1 and 2.
+    """
+    _require_sizes(segmentation, boxes, ignore)
+    wh = boxes.image_wh
+    corrected, state = correct_xyxy(boxes.xyxy, wh, options.profile)
+    live = state == BoxState.MEASURABLE
+    areas = _areas(corrected)
+    bounds = _bounds(corrected, wh, options.profile)
+    counts = _Counts.of_geometry(bounds)
+    if segmentation is not None:
+        regions = Regions(
+            segmentation.codes, bounds, None if ignore is None else ~ignore
+        )
+        counts = _counts(segmentation, regions, boxes, options)
+    return Evidence(
+        class_names=boxes.class_names,
+        class_index=boxes.class_index,
+        state=state,
+        accept_mask=boxes.accept_mask,
+        measured=np.full(len(boxes), segmentation is not None),
+        box_pixels=counts.box_pixels,
+        matched_pixels=counts.matched_pixels,
+        image_pixels=np.full(len(boxes), wh[0] * wh[1], dtype=np.int64),
+        match_percent=(
+            np.full(len(boxes), np.nan)
+            if segmentation is None
+            else _match_percent(counts, areas, options.profile)
+        ),
+        area_percent=(areas / float(wh[0] * wh[1])) * 100,
+        crowding=crowding_percent(corrected, np.where(live, boxes.accept_mask, 0)),
+        distance=boxes.distance,
+        xyxy=corrected,
+        tag_counts=counts.tag_counts,
+    )
+
+
+def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
+    """The same evidence with other accept sets; reads no pixel.
+
+    Parameters
+    ----------
+    evidence : Evidence of the N boxes of one frame, with `tag_counts` and `xyxy`
+        Measured with profile ``paper``.
+    accept_mask : (N,) int64
+
+    Raises
+    ------
+    FilterError
+        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
+    """
+    if evidence.xyxy is None or (
+        evidence.tag_counts is None and evidence.measured.any()
+    ):
+        raise FilterError(
+            "other accept sets need the tag histogram and the boxes; "
+            "they were not measured or not loaded",
+            code="no_histogram",
+        )
+    live = evidence.state == BoxState.MEASURABLE
+    crowding = crowding_percent(evidence.xyxy, np.where(live, accept_mask, 0))
+    changed = replace(evidence, accept_mask=accept_mask, crowding=crowding)
+    if evidence.tag_counts is None:
+        return changed
+    bits = accept_mask[:, None] >> np.arange(UNKNOWN_COLUMN) & 1
+    matched = (evidence.tag_counts[:, :UNKNOWN_COLUMN] * bits).sum(axis=1)
+    counts = _Counts(evidence.box_pixels, matched.astype(np.int64), None)
+    percent = _match_percent(counts, _areas(evidence.xyxy), "paper")
+    return replace(
+        changed,
+        matched_pixels=counts.matched_pixels,
+        match_percent=np.where(evidence.measured, percent, np.nan),
+    )
+
+
+class _Counts(NamedTuple):
+    """Pixels of N boxes, and per tag if that was asked for."""
+
+    box_pixels: IntArray
+    matched_pixels: IntArray
+    tag_counts: NDArray[np.int32] | None
+
+    @classmethod
+    def of_geometry(cls, bounds: IntArray) -> _Counts:
+        """What is known without a segmentation."""
+        x0, y0, x1, y1 = bounds.T
+        return cls((x1 - x0) * (y1 - y0), np.zeros(len(bounds), np.int64), None)
+
+
+def _refuse_ambiguity(segmentation: Segmentation, boxes: FrameBoxes) -> None:
+    if segmentation.rivals:
+        masks = {
+            (boxes.class_names[index], mask)
+            for index, mask in zip(
+                boxes.class_index.tolist(), boxes.accept_mask.tolist(), strict=True
+            )
+        }
+        refuse_ambiguity(segmentation, sorted(masks))
+
+
+def _require_sizes(
+    segmentation: Segmentation | None, boxes: FrameBoxes, ignore: Mask | None
+) -> None:
+    if segmentation is not None:
+        _require_size("segmentation", segmentation.wh, boxes.image_wh)
+    if ignore is not None:
+        _require_size("ignore mask", ignore.shape[::-1], boxes.image_wh)
+
+
+def _require_size(what: str, wh: tuple[int, ...], image_wh: tuple[int, int]) -> None:
+    if wh != tuple(image_wh):
+        raise ImageSizeMismatch(
+            f"the {what} is {wh[0]} x {wh[1]} pixels, "
+            f"the image is {image_wh[0]} x {image_wh[1]}"
+        )
+
+
+def _areas(xyxy: BoxesXYXY) -> FloatArray:
+    """(N,) px: as the published code multiplies; 0 where there is no box."""
+    areas: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
+    areas[np.isnan(areas)] = 0.0
+    return areas
+
+
+def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
+    if profile == "paper":
+        return pixel_bounds(xyxy, wh)
+    # Python's int() drops the fraction, and so does a cast; NaN has none to drop.
+    return np.nan_to_num(xyxy, nan=0.0).astype(np.int64)
+
+
+def _counts(
+    segmentation: Segmentation,
+    regions: Regions,
+    boxes: FrameBoxes,
+    options: MeasureOptions,
+) -> _Counts:
+    if options.profile == "paper":
+        _refuse_ambiguity(segmentation, boxes)
+    codes = list(regions.codes.occurring)
+    if options.profile == "carlasimu" and _has_exact_colors(segmentation):
+        accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
+    else:
+        accepted = _accepted_by_tag(regions.codes.tag_of_code[codes], boxes.accept_mask)
+    box_pixels = count_pixels(regions)
+    if not options.histogram:
+        return _Counts(box_pixels, count_matches(regions, codes, accepted), None)
+    counts = count_codes_in(regions, codes)
+    return _Counts(
+        box_pixels,
+        (counts * accepted).sum(axis=1),
+        _tag_counts(counts, regions.codes.tag_of_code[codes]),
+    )
+
+
+def _has_exact_colors(segmentation: Segmentation) -> bool:
+    return segmentation.encoding == "palette" and not segmentation.lossy
+
+
+def _accepted_by_color(
+    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
+) -> BoolArray:
+    """(N, 256): the code of each class's one colour, even if the family lacks it."""
+    table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
+    for row, name in enumerate(boxes.class_names):
+        color = options.class_colors.get(name)
+        if color is not None:
+            code = CODE_OF.get(packed(color, segmentation.channel_order))
+            table[row, [] if code is None else code] = True
+    accepted: BoolArray = table[boxes.class_index]
+    return accepted
+
+
+def _accepted_by_tag(tags: NDArray[np.uint8], accept_mask: IntArray) -> BoolArray:
+    """(N, K): whether each box accepts each of K tags; nobody accepts Unknown."""
+    shift = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
+    known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
+    return (known[:, None] >> shift & 1).astype(np.bool_)
+
+
+def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """(N, N_TAGS): the counts of codes under their tags; several may be Unknown."""
+    tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
+    known = tags < UNKNOWN_COLUMN
+    tag_counts[:, tags[known]] = counts[:, known]
+    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
+    return tag_counts
+
+
+def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> FloatArray:
+    if profile == "paper":
+        return 100.0 * counts.matched_pixels / np.maximum(counts.box_pixels, 1)
+    # In the published code's order of operations: a threshold may be met exactly.
+    return (counts.matched_pixels / np.where(areas > 0, areas, 1.0)) * 100

@@ -1,0 +1,277 @@
+"""Which pixels a box can be seen in: the hull of a 3D box, else its rectangle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import cv2
+import numpy as np
+
+from filter_core.geometry.boxes import pixel_bounds
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.projection import hull_points
+from filter_core.types import BoxesXYXY, FloatArray, IntArray, Mask
+
+_Reach: TypeAlias = "Callable[[_Edges, FloatArray], tuple[FloatArray, FloatArray]]"
+
+_ROWS_AT_ONCE: Final = 1 << 13
+"""Temporaries of a few hundred KiB, however many boxes there are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """The pixels that the outline of one box touches.
+
+    Attributes
+    ----------
+    row : int
+        The box, in its frame.
+    x0, y0, x1, y1 : int, px
+        Columns ``x0 .. x1 - 1`` and rows ``y0 .. y1 - 1``.
+    inside : (y1 - y0, x1 - x0) bool, or None
+        None: the whole rectangle.
+    centred : (y1 - y0, x1 - x0) bool, or None
+        Those whose centre lies within the outline: an image has one sample per pixel,
+        so no other pixel can show the box. None where nobody asked.
+    """
+
+    row: int
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+    inside: Mask | None = None
+    centred: Mask | None = None
+
+    @property
+    def region(self) -> tuple[slice, slice]:
+        """Rows and columns, to index an image with."""
+        return np.s_[self.y0 : self.y1, self.x0 : self.x1]
+
+    @property
+    def pixels(self) -> int:
+        """How many pixels it touches."""
+        if self.inside is None:
+            return (self.x1 - self.x0) * (self.y1 - self.y0)
+        return int(np.count_nonzero(self.inside))
+
+    def of(self, mask: Mask) -> Mask:
+        """A mask of the region without what is outside the outline."""
+        return mask if self.inside is None else mask & self.inside
+
+
+def silhouettes(
+    xyxy: BoxesXYXY,
+    vertices: FloatArray,
+    camera: Camera | None,
+    image_wh: tuple[int, int],
+    *,
+    centres: bool = False,
+) -> list[Silhouette]:
+    """The silhouettes of a frame's boxes.
+
+    Parameters
+    ----------
+    xyxy : (N, 4) float64, px
+        Corrected rectangles; boxes with NaN rows have no silhouette.
+    vertices : (N, 8, 3) float64, metres
+        World corners; NaN rows for boxes that came as rectangles.
+    camera : Camera or None
+        Needed if any box has corners.
+    image_wh : (width, height), px
+    centres : bool
+        Whether `Silhouette.centred` is wanted.
+
+    Returns
+    -------
+    list of Silhouette
+        In the order of the boxes, without those that are not in the image.
+
+    Notes
+    -----
+    A pixel belongs to a silhouette if the outline touches its square, as the paper's
+    rectangles take every pixel they touch: a box thinner than a pixel still has one.
+    """
+    bounds = pixel_bounds(xyxy, image_wh)
+    solid = ~np.isnan(vertices).any(axis=(1, 2)) & (camera is not None)
+    outlines: list[FloatArray | None] = [None] * len(xyxy)
+    if camera is not None and solid.any():
+        rows = np.flatnonzero(solid)
+        solids = hull_points(vertices[rows], camera)
+        for row, points in zip(rows.tolist(), solids, strict=True):
+            outlines[row] = points
+    there = ~np.isnan(xyxy[:, 0])
+    there &= (bounds[:, 0] < bounds[:, 2]) & (bounds[:, 1] < bounds[:, 3])
+    hulls = {
+        row: outline
+        for row, outline in enumerate(outlines)
+        if there[row] and outline is not None and len(outline)
+    }
+    inside = _by_row(touched_pixels, hulls, bounds)
+    centred: dict[int, Mask] = {}
+    if centres:
+        for row in np.flatnonzero(there).tolist():
+            hulls.setdefault(row, _corners(xyxy[row]))
+        centred = _by_row(centred_pixels, hulls, bounds)
+    return [
+        Silhouette(row, x0, y0, x1, y1, inside.get(row), centred.get(row))
+        for row, (x0, y0, x1, y1) in enumerate(bounds.tolist())
+        if there[row]
+    ]
+
+
+def _corners(xyxy: FloatArray) -> FloatArray:
+    """(4, 2) px."""
+    x0, y0, x1, y1 = xyxy.tolist()
+    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def _by_row(
+    masks_of: Callable[[Sequence[FloatArray], IntArray], list[Mask]],
+    hulls: Mapping[int, FloatArray],
+    bounds: IntArray,
+) -> dict[int, Mask]:
+    """The masks of some boxes' outlines."""
+    masks = masks_of(list(hulls.values()), bounds[list(hulls)])
+    return dict(zip(hulls, masks, strict=True))
+
+
+def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
+    """The pixels that the convex hull of some points touches, for N sets of points.
+
+    Parameters
+    ----------
+    outlines : N of (P, 2) float64, px
+    bounds : (N, 4) int64
+        First column, first row, last column + 1, last row + 1 of each.
+
+    Returns
+    -------
+    N of (rows, columns) bool
+
+    Notes
+    -----
+    A convex shape covers one interval of each row of pixels: from the lowest to the
+    highest x that its edges have within that row. The rows of all shapes are looked at
+    together: most boxes are small, and each alone would be mostly overhead.
+    """
+    return _filled(_touched, outlines, bounds)
+
+
+def centred_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
+    """The pixels whose centres lie in the convex hull of some points, or on its edge.
+
+    Parameters and result are those of `touched_pixels`.
+    """
+    return _filled(_centred, outlines, bounds)
+
+
+def _filled(
+    reach: _Reach, outlines: Sequence[FloatArray], bounds: IntArray
+) -> list[Mask]:
+    """Masks of N hulls, of which each row of pixels has one interval."""
+    if not len(outlines):
+        return []
+    heights = bounds[:, 3] - bounds[:, 1]
+    ends = np.cumsum(heights)
+    owner = np.repeat(np.arange(len(outlines)), heights)
+    top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
+    left, right = _spans(reach, _hulls(outlines), owner, top.astype(np.float64))
+    masks: list[Mask] = []
+    for (x0, _, x1, _), end, height in zip(
+        bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
+    ):
+        rows, columns = np.s_[end - height : end], np.arange(x0, x1)
+        mask = columns >= left[rows, None]
+        mask &= columns < right[rows, None]
+        masks.append(mask)
+    return masks
+
+
+def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
+    """(N, K, 2) px: corners in turn; a hull of fewer ends in copies of its last one."""
+    found = []
+    for points in outlines:
+        # Of points that all coincide, OpenCV makes no hull.
+        corners: Any = cv2.convexHull(points.astype(np.float32))
+        found.append(points[:1] if corners is None else corners[:, 0])
+    padded = np.empty((len(found), max(map(len, found)), 2))
+    for row, hull in enumerate(found):
+        padded[row, : len(hull)] = hull
+        padded[row, len(hull) :] = hull[-1]
+    return padded
+
+
+def _spans(
+    reach: _Reach, hulls: FloatArray, owner: IntArray, top: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(R,), (R,) px: first column, last column + 1 of rows of pixels of their hulls."""
+    left, right = np.empty(len(top)), np.empty(len(top))
+    edges = _Edges.of(hulls)
+    for start in range(0, len(top), _ROWS_AT_ONCE):
+        part = np.s_[start : start + _ROWS_AT_ONCE]
+        left[part], right[part] = reach(edges.of_hulls(owner[part]), top[part, None])
+    return left, right
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """From each corner of a hull to the next; all (N, K), px."""
+
+    x: FloatArray
+    y: FloatArray
+    end_x: FloatArray
+    low_y: FloatArray
+    high_y: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of(cls, hulls: FloatArray) -> _Edges:
+        x, y = hulls[..., 0], hulls[..., 1]
+        end_x, end_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+        slope = (end_x - x) / np.where(end_y == y, 1.0, end_y - y)
+        return cls(x, y, end_x, np.minimum(y, end_y), np.maximum(y, end_y), slope)
+
+    def of_hulls(self, rows: IntArray) -> _Edges:
+        """The edges of some hulls, which may be named more than once."""
+        parts = (self.x, self.y, self.end_x, self.low_y, self.high_y, self.slope)
+        return _Edges(*(part[rows] for part in parts))
+
+    def x_at(self, y: FloatArray) -> FloatArray:
+        """Where each edge, or the line that it lies on, has a height."""
+        return self.x + (y - self.y) * self.slope
+
+    def range_of(
+        self, passed: Mask, first: FloatArray, second: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest x of the edges that are `passed`.
+
+        A level edge is passed from one end to the other.
+        """
+        second = np.where(self.low_y == self.high_y, self.end_x, second)
+        nearest = np.where(passed, np.minimum(first, second), np.inf).min(axis=1)
+        farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
+        return nearest, farthest
+
+
+def _touched(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What hulls touch in rows of pixels, whose upper edge is at `top`, (R, 1)."""
+    bottom = top + 1
+    nearest, farthest = edges.range_of(
+        (edges.low_y < bottom) & (edges.high_y >= top),
+        edges.x_at(np.clip(top, edges.low_y, edges.high_y)),
+        edges.x_at(np.clip(bottom, edges.low_y, edges.high_y)),
+    )
+    left = np.floor(nearest)
+    return left, np.maximum(np.ceil(farthest), left + 1)
+
+
+def _centred(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As `_touched`, of the pixels' centres: an interval may be empty."""
+    middle = top + 0.5
+    passed = (edges.low_y <= middle) & (edges.high_y >= middle)
+    first = edges.x_at(middle)
+    nearest, farthest = edges.range_of(passed, first, first)
+    return np.ceil(nearest - 0.5), np.floor(farthest - 0.5) + 1

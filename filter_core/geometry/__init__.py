@@ -1,0 +1,1 @@
+"""Rectangles, poses, the camera, and 3D boxes in the image."""

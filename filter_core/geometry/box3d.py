@@ -1,0 +1,179 @@
+"""Corners of 3D boxes in the world, in the order that CARLA gives them."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from filter_core.errors import FilterError
+from filter_core.geometry.pose import (
+    TransformLike,
+    VectorLike,
+    as_rotation,
+    as_transform,
+    as_vector,
+    rotation_matrices,
+)
+from filter_core.types import BoolArray, FloatArray
+
+CORNER_SIGNS: Final[FloatArray] = np.array(
+    list(product((-1.0, 1.0), repeat=3)), dtype=np.float64
+)
+"""(8, 3): index bits 4, 2 and 1 are +x, +y and +z of the half extent."""
+
+EDGES: Final = np.array(
+    [(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]
+)
+"""(12, 2): pairs of corners that differ in one sign."""
+
+_SHAPE_TOLERANCE: Final = 1e-3
+"""Share of a box's size by which float32 corners may miss a parallelepiped."""
+
+
+def box3d_vertices(
+    transform: TransformLike,
+    location: VectorLike,
+    extent: VectorLike,
+    rotation: VectorLike,
+) -> FloatArray:
+    """World corners of one box, as ``carla.BoundingBox.get_world_vertices`` gives them.
+
+    Parameters
+    ----------
+    transform : Transform or an object
+        The actor's; the identity for a box that is given in the world.
+    location : {x, y, z} or [x, y, z], metres
+        The box's centre in the actor's frame.
+    extent : {x, y, z} or [x, y, z], metres
+        Half sizes; zeros (CARLA's bikes) and mirrored boxes are accepted.
+    rotation : {pitch, yaw, roll} or [pitch, yaw, roll], degrees
+        The box's, within the actor's frame.
+
+    Returns
+    -------
+    (8, 3) float64, metres
+        In CARLA's order.
+
+    Raises
+    ------
+    AnnotationErrors
+        A vector or the transform cannot be read.
+    """
+    actor = as_transform(transform)
+    center = as_vector(location, "location")
+    half = as_vector(extent, "extent")
+    turned = as_rotation(rotation)
+    row = [*actor.location, *actor.rotation, *center, *half, *turned]
+    vertices: FloatArray = boxes3d_vertices([row])[0]
+    return vertices
+
+
+def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
+    """World corners of many boxes at once.
+
+    Parameters
+    ----------
+    rows : (N, 15), metres and degrees
+        The actor's location and rotation (pitch, yaw, roll), then the box's location,
+        extent and rotation.
+
+    Returns
+    -------
+    (N, 8, 3) float64, metres
+    """
+    boxes = np.asarray(rows, dtype=np.float64).reshape(-1, 15)
+    actor_location, actor_rotation, center, extent, rotation = np.hsplit(
+        boxes, [3, 6, 9, 12]
+    )
+    corners = CORNER_SIGNS * extent[:, None]
+    in_actor = corners @ _transposed(rotation_matrices(rotation)) + center[:, None]
+    turned = in_actor @ _transposed(rotation_matrices(actor_rotation))
+    vertices: FloatArray = turned + actor_location[:, None]
+    return vertices
+
+
+def in_carla_order(vertices: ArrayLike) -> FloatArray:
+    """Corners in CARLA's order, whatever order they came in.
+
+    Parameters
+    ----------
+    vertices : (N, 8, 3), metres
+
+    Returns
+    -------
+    (N, 8, 3) float64
+        Always a new array. Axes and signs are one consistent choice, not the
+        original's, so only the *edges* can be relied on. Eight points that are no box
+        in any order stay as they are.
+
+    Notes
+    -----
+    Opposite corners share the centre; of the three pairs that remain, the choice of
+    one corner each whose edges from the first corner add up to the diagonal are its
+    neighbours. Exact for every parallelepiped.
+    """
+    boxes = np.array(as_vertices(vertices))
+    for index in np.flatnonzero(~_is_in_order(boxes)):
+        boxes[index] = _reordered(boxes[index])
+    return boxes
+
+
+def as_vertices(vertices: ArrayLike) -> FloatArray:
+    """(N, 8, 3) float64 from N boxes or one; ``bad_shape`` (`FilterError`) else."""
+    boxes = np.asarray(vertices, dtype=np.float64)
+    if boxes.size == 0:
+        return boxes.reshape(0, 8, 3)
+    if boxes.shape[-2:] != (8, 3) or boxes.ndim > 3:
+        raise FilterError(
+            f"vertices: expected an array of shape (N, 8, 3), found {boxes.shape}",
+            code="bad_shape",
+        )
+    many: FloatArray = boxes.reshape(-1, 8, 3)
+    return many
+
+
+def _transposed(matrices: FloatArray) -> FloatArray:
+    swapped: FloatArray = matrices.transpose(0, 2, 1)
+    return swapped
+
+
+def _is_in_order(boxes: FloatArray) -> BoolArray:
+    """(N,) bool: each axis's four edges are the same vector."""
+    size = np.abs(boxes - boxes[:, :1]).max(axis=(1, 2), initial=0.0)
+    miss = np.zeros(len(boxes))
+    for start in range(0, 12, 4):
+        first, second = EDGES[start : start + 4].T
+        edges = boxes[:, second] - boxes[:, first]
+        miss = np.maximum(miss, np.abs(edges - edges[:, :1]).max(axis=(1, 2)))
+    in_order: BoolArray = miss <= _SHAPE_TOLERANCE * size
+    return in_order
+
+
+def _reordered(corners: FloatArray) -> FloatArray:
+    opposite = _opposite_corners(corners)
+    first, last = 0, opposite[0]
+    pairs = [(i, opposite[i]) for i in range(1, 8) if i < opposite[i]]
+    choices = np.array(list(product(*pairs)))
+    sums = (corners[choices] - corners[first]).sum(axis=1)
+    diagonal = corners[last] - corners[first]
+    x, y, z = choices[np.linalg.norm(sums - diagonal, axis=1).argmin()].tolist()
+    order = [first, z, y, opposite[x], x, opposite[y], opposite[z], last]
+    ordered: FloatArray = corners[order]
+    return ordered if _is_in_order(ordered[None])[0] else corners
+
+
+def _opposite_corners(corners: FloatArray) -> list[int]:
+    """For each corner the one through the centre."""
+    mirrored = 2 * corners.mean(axis=0) - corners
+    gaps = np.linalg.norm(mirrored[:, None] - corners[None], axis=2)
+    opposite = [-1] * 8
+    for i in range(8):
+        if opposite[i] < 0:
+            # Each is taken once: corners of a flat box coincide and could be mixed up.
+            free = [j for j in range(8) if j != i and opposite[j] < 0]
+            opposite[i] = min(free, key=lambda j: float(gaps[i, j]))
+            opposite[opposite[i]] = i
+    return opposite

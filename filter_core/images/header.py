@@ -1,0 +1,133 @@
+"""What a PNG or JPEG says about itself, read from its bytes without decoding them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from mmap import mmap
+from typing import Final, Literal, TypeAlias
+
+from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
+from filter_core.images.jpeg import read_jpeg
+from filter_core.images.png import SIGNATURE, read_png
+
+MAX_SIDE: Final = 16_384
+"""Default limit for width and height, px; a decoded pixel takes up to four bytes."""
+
+ColorModel: TypeAlias = Literal["grey", "grey_alpha", "rgb", "rgba", "indexed", "cmyk"]
+
+_PNG_MODELS: Final[dict[int, tuple[ColorModel, int]]] = {
+    0: ("grey", 1),
+    2: ("rgb", 3),
+    3: ("indexed", 1),
+    4: ("grey_alpha", 2),
+    6: ("rgba", 4),
+}
+
+_JPEG_MODELS: Final[dict[int, ColorModel]] = {1: "grey", 3: "rgb", 4: "cmyk"}
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What an image file promises to contain.
+
+    Attributes
+    ----------
+    media_type : ``image/png`` or ``image/jpeg``
+    width, height : px, as stored; a rotation in EXIF is not applied
+    bit_depth : bits per channel, or per index
+    channels : 1, 2, 3 or 4 as stored; an indexed image has one
+    color_model : ``indexed`` is a PNG with a palette of its own
+    """
+
+    media_type: str
+    width: int
+    height: int
+    bit_depth: int
+    channels: int
+    color_model: ColorModel
+
+    @property
+    def wh(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.width, self.height
+
+
+def read_image_header(
+    content: bytes | mmap, *, max_side: int = MAX_SIDE, whole: bool = True
+) -> ImageHeader:
+    """The header of a PNG or JPEG, recognised by its content.
+
+    Parameters
+    ----------
+    content : bytes, or a mapped file
+        The whole file: a file that ends too early is refused.
+    max_side : int, px
+        Checked before anything is decoded, so that a header cannot ask for gigabytes.
+    whole : bool
+        True: what stands between the segments or chunks of the whole file is looked at,
+        so that a decoder finds what the header says, at a price that its size bounds.
+        False: only up to the first pixels. For files that are not decoded, or are one's
+        own.
+
+    Raises
+    ------
+    ImageTooLarge
+        If a side exceeds `max_side`.
+    ImageError
+        If it is neither PNG nor JPEG, ends too early, is animated, contradicts its
+        format, or has in it what no camera and no program writes.
+
+    References
+    ----------
+    .. [1] W3C, "Portable Network Graphics (PNG) Specification", third edition.
+    .. [2] ITU-T T.81, "Digital compression and coding of continuous-tone still images".
+    """
+    if content[:8] == SIGNATURE:
+        header = _png_header(content, whole=whole)
+    elif content[:3] == b"\xff\xd8\xff":
+        header = _jpeg_header(content, whole=whole)
+    else:
+        found = f"{len(content)} bytes that begin with {content[:8]!r}"
+        raise ImageError(
+            f"expected a PNG or JPEG file, found {found if content else 'no bytes'}"
+        )
+    if min(header.wh) < 1:
+        raise ImageError(f"the header says {header.width} x {header.height} pixels")
+    if max(header.wh) > max_side:
+        raise ImageTooLarge(
+            f"the header says {header.width} x {header.height} pixels, "
+            f"no side may exceed {max_side}"
+        )
+    return header
+
+
+def require_size(
+    header: ImageHeader, expected_wh: tuple[int, int], *, what: str, than: str
+) -> None:
+    """Refuse an image whose size is not the expected one.
+
+    Raises
+    ------
+    ImageSizeMismatch
+        Such as "the segmentation is 800 x 600, the image is 1280 x 720".
+    """
+    if header.wh != tuple(expected_wh):
+        width, height = expected_wh
+        raise ImageSizeMismatch(
+            f"{what} is {header.width} x {header.height} pixels, "
+            f"{than} is {width} x {height}"
+        )
+
+
+def _png_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:
+    png = read_png(content, whole=whole)
+    model, channels = _PNG_MODELS[png.color_type]
+    return ImageHeader(
+        "image/png", png.width, png.height, png.bit_depth, channels, model
+    )
+
+
+def _jpeg_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:
+    jpeg = read_jpeg(content, whole=whole)
+    model = _JPEG_MODELS[jpeg.channels]
+    return ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, jpeg.channels, model)

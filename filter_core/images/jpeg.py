@@ -1,0 +1,209 @@
+"""The segments and scans of a JPEG, walked from its first byte to its end.
+
+Nothing is decoded. What is read here is what any decoder reads: libjpeg passes over
+bytes that are no marker, so that a file may show one size to who reads its header by
+the lengths of its segments, and another one to who decodes it. Such files are refused.
+
+References
+----------
+.. [1] ITU-T T.81, annex B.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from mmap import mmap
+from typing import Final
+
+from filter_core.errors import ImageError
+
+MOST_SCANS: Final = 32
+"""Of a progressive picture; encoders write 10, and 18 for four channels. A decoder goes
+through all blocks in each."""
+
+MOST_SEGMENTS: Final = 1000
+
+_WINDOW: Final = 1 << 20
+"""Bytes that are searched at a time; Python lets others run in between."""
+
+_MOST_PADDING: Final = 64
+
+_SOI, _EOI, _SOS = 0xD8, 0xD9, 0xDA
+
+_TABLES: Final = frozenset({0xC4, 0xDB, 0xDD})  # DHT, DQT, DRI
+
+_NOTES: Final = frozenset({*range(0xE0, 0xF0), 0xFE})  # APP0 to APP15, COM
+
+_BASELINE, _EXTENDED, _PROGRESSIVE = 0xC0, 0xC1, 0xC2
+
+_FRAMES: Final = frozenset({_BASELINE, _EXTENDED, _PROGRESSIVE})
+
+_OTHER_FRAMES: Final = {
+    **dict.fromkeys((0xC3, 0xC7, 0xCB, 0xCF), "a lossless picture"),
+    **dict.fromkeys((0xC5, 0xC6, 0xCD, 0xCE, 0xDE, 0xDF), "a hierarchical picture"),
+    **dict.fromkeys((0xC9, 0xCA, 0xCC), "arithmetic coding"),
+    0xDC: "a height that follows the pixels",
+    _SOI: "a picture within the picture",
+}
+
+# Behind 0xFF: 0 is data, 0xD0 to 0xD7 are pauses, and 0xFF is padding.
+_MARKER_IN_SCAN: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+
+
+@dataclass(frozen=True)
+class JpegHeader:
+    """What the frame's header says; 1, 3 or 4 channels of 8 bits."""
+
+    width: int
+    height: int
+    channels: int
+    marker: int
+
+    @property
+    def most_scans(self) -> int:
+        """A scan has all of a channel, or, in a progressive picture, a part of it."""
+        return MOST_SCANS if self.marker == _PROGRESSIVE else self.channels
+
+
+def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
+    """The header of a JPEG whose segments are in order.
+
+    Parameters
+    ----------
+    content : bytes, or a mapped file
+        What follows its end does not count: cameras put more pictures there.
+    whole : bool
+        False: what comes behind the first scan's header is not looked at.
+
+    Raises
+    ------
+    ImageError
+        It ends too early, has bytes that are no marker between its segments, more than
+        one picture, more scans or segments than any program writes, or is coded in a
+        way that is not common.
+    """
+    walk = _Walk(content)
+    position = 2
+    for _ in range(MOST_SEGMENTS + MOST_SCANS):
+        marker, position = _marker_at(content, position)
+        if marker == _EOI:
+            return walk.finished()
+        position = walk.passed(marker, position)
+        if marker == _SOS:
+            if not whole:
+                return walk.finished()
+            position = _end_of_scan(content, position)
+    raise ImageError(f"JPEG: more than {MOST_SEGMENTS} segments")
+
+
+@dataclass
+class _Walk:
+    content: bytes | mmap
+    header: JpegHeader | None = None
+    scans: int = 0
+
+    def passed(self, marker: int, position: int) -> int:
+        """Where the segment ends whose marker ends here."""
+        if marker not in _FRAMES | _TABLES | _NOTES and marker != _SOS:
+            raise _unexpected(marker, position - 2)
+        start, end = _body_at(self.content, position)
+        if marker in _FRAMES:
+            if self.header is not None:
+                raise ImageError("JPEG: expected one frame, found another")
+            self.header = _frame_header(self.content, marker, start, end)
+        elif marker == _SOS:
+            self.scans += 1
+            _check_scan(self.header, self.content[start:end], self.scans)
+        return end
+
+    def finished(self) -> JpegHeader:
+        if self.header is None:
+            raise ImageError("JPEG: found no header with a size")
+        if not self.scans:
+            raise ImageError("JPEG: found no pixels")
+        return self.header
+
+
+def _marker_at(content: bytes | mmap, position: int) -> tuple[int, int]:
+    """The marker that has to be here, and where it ends."""
+    head = content[position : position + _MOST_PADDING]
+    bare = head.lstrip(b"\xff")
+    padding = len(head) - len(bare)
+    if not bare:
+        if position + padding >= len(content):
+            raise _ends_too_early(content)
+        raise ImageError(f"JPEG: more than {_MOST_PADDING} bytes of padding")
+    if not padding:
+        raise ImageError(
+            f"JPEG: expected a marker at byte {position}, found {bytes(head[:4])!r}"
+        )
+    return bare[0], position + padding + 1
+
+
+def _body_at(content: bytes | mmap, position: int) -> tuple[int, int]:
+    """Where a segment's content begins and ends."""
+    if position + 2 > len(content):
+        raise _ends_too_early(content)
+    (length,) = struct.unpack_from(">H", content, position)
+    end = position + length
+    if length < 2 or end > len(content):
+        raise ImageError("JPEG: the file ends too early, inside its header")
+    return position + 2, end
+
+
+def _frame_header(
+    content: bytes | mmap, marker: int, start: int, end: int
+) -> JpegHeader:
+    if end - start < 6:
+        raise ImageError("JPEG: found no header with a size")
+    bit_depth, height, width, channels = struct.unpack_from(">BHHB", content, start)
+    if channels not in (1, 3, 4):
+        raise ImageError(f"JPEG: expected 1, 3 or 4 channels, found {channels}")
+    if bit_depth != 8:
+        raise ImageError(f"JPEG: expected 8 bits per channel, found {bit_depth}")
+    if end - start != 6 + 3 * channels:
+        raise ImageError(
+            f"JPEG: a header of {channels} channels has {6 + 3 * channels} bytes, "
+            f"found {end - start}"
+        )
+    return JpegHeader(width, height, channels, marker)
+
+
+def _check_scan(header: JpegHeader | None, body: bytes, scans: int) -> None:
+    if header is None:
+        raise ImageError("JPEG: found no header with a size before the pixels")
+    channels = body[0] if body else 0
+    if not 1 <= channels <= header.channels or len(body) != 4 + 2 * channels:
+        raise ImageError(
+            f"JPEG: a scan of {channels} channels with {len(body)} bytes in a picture "
+            f"of {header.channels} channels"
+        )
+    if scans > header.most_scans:
+        raise ImageError(
+            f"JPEG: expected at most {header.most_scans} scans, found more"
+        )
+
+
+def _end_of_scan(content: bytes | mmap, position: int) -> int:
+    """Where the marker is that ends the coded pixels."""
+    while position < len(content):
+        # One byte more: a marker has two.
+        found = _MARKER_IN_SCAN.search(content, position, position + _WINDOW + 1)
+        if found is not None:
+            return found.start()
+        position += _WINDOW
+    raise _ends_too_early(content)
+
+
+def _unexpected(marker: int, position: int) -> ImageError:
+    found = _OTHER_FRAMES.get(marker, f"the bytes FF {marker:02X}")
+    return ImageError(
+        "JPEG: expected a baseline or progressive picture and nothing between its "
+        f"segments, found {found} at byte {position}"
+    )
+
+
+def _ends_too_early(content: bytes | mmap) -> ImageError:
+    return ImageError(f"JPEG: the file ends too early, after {len(content)} bytes")

@@ -1,0 +1,200 @@
+"""Pixels as one comparable number each, and what numbers there are in an image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.images.runs import positions, run_ends, run_lengths
+from filter_core.types import IntArray, Mask
+
+Codes: TypeAlias = NDArray[np.uint8]
+"""A small number for each colour; `filter_core.color_codes` has those of palettes."""
+
+PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
+"""Packed colours with 255 in the upper byte, so negative; or codes."""
+
+# OpenCV splits larger pictures between threads, which then wait for each other
+# whenever the cores are busy with other frames.
+_CONVERTED_AT_ONCE: Final = 1 << 16
+
+# A strip's temporaries stay in the processor's cache.
+_STRIP_PIXELS: Final = 1 << 17
+
+# Three words of eight bytes.
+_BLOCK_PIXELS: Final = 8
+
+# Finding a run costs about as much as looking up this many pixels.
+_SHORTEST_MEAN_RUN: Final = 4
+
+
+def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
+    """One number per pixel.
+
+    Parameters
+    ----------
+    pixels : (H, W) uint8: codes; or (H, W, 3) uint8: red, green, blue
+
+    Returns
+    -------
+    (H, W) uint8 or int32
+        Codes are not copied, colours are converted.
+    """
+    if pixels.ndim == 2:
+        return pixels
+    height, width, _ = pixels.shape
+    if 0 < height * width <= _CONVERTED_AT_ONCE:
+        return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGRA).view(np.int32)[:, :, 0]
+    bgra = np.empty((height, width, 4), dtype=np.uint8)
+    _convert(pixels, bgra)
+    return bgra.view(np.int32)[:, :, 0]
+
+
+def gather(
+    pixels: NDArray[np.uint8], bounds: IntArray, keep: Mask | None = None
+) -> tuple[PixelValues, IntArray]:
+    """The values of several rectangles, one after the other.
+
+    Parameters
+    ----------
+    pixels : as for `values_of`
+    bounds : (N, 4) int64
+        First column, first row, last column + 1, last row + 1; may be empty.
+    keep : (H, W) bool, optional
+        The pixels that are wanted; None: all.
+
+    Returns
+    -------
+    values : (P,)
+    sizes : (N,) int64
+        How many values each rectangle has.
+    """
+    regions = [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in bounds.tolist()]
+    if keep is None and pixels.ndim == 3:
+        return _gather_converted(pixels, regions)
+    parts = [values_of(pixels[region]) for region in regions]
+    if keep is None:
+        parts = [part.reshape(-1) for part in parts]
+    else:
+        parts = [part[keep[r]] for part, r in zip(parts, regions, strict=True)]
+    sizes = np.array([len(part) for part in parts], dtype=np.int64)
+    values: PixelValues = np.concatenate([*parts, np.empty(0, np.uint8)])
+    return values, sizes
+
+
+def codes_of(values: PixelValues, table: Codes) -> Codes:
+    """The code of each value: of codes themselves, or by the table of 2^24 colours."""
+    if values.dtype == np.uint8:
+        return values.astype(np.uint8, copy=False)
+    # A negative number counts from the end of the table's 2^24 rows: wrapping drops
+    # the upper byte, which is 255, for free.
+    return table.take(values, mode="wrap")
+
+
+def count_codes(pixels: NDArray[np.uint8], table: Codes) -> IntArray:
+    """How many pixels of an image have each code.
+
+    Parameters
+    ----------
+    pixels : as for `values_of`
+    table : (2^24,) uint8
+        The code of each packed colour; not looked at if `pixels` are codes.
+
+    Returns
+    -------
+    (256,) int64, px
+
+    Notes
+    -----
+    Exact. A segmentation consists of runs of one colour; only the last pixel of each
+    is looked up and counts for the whole run. Images without runs are looked up whole.
+    """
+    counts = np.zeros(256, dtype=np.int64)
+    values: list[NDArray[Any]] = []
+    lengths: list[IntArray] = []
+    for strip in _strips(pixels):
+        ends = run_ends(strip)
+        if len(ends) * _SHORTEST_MEAN_RUN > len(strip):
+            counts += np.bincount(codes_of(strip, table), minlength=256)
+        else:
+            values.append(strip[ends])
+            lengths.append(run_lengths(ends))
+    if values:
+        found: PixelValues = np.concatenate(values)
+        codes = codes_of(found, table)
+        # Weights are float64: exact for whole numbers of pixels.
+        weighed = np.bincount(codes, weights=np.concatenate(lengths), minlength=256)
+        counts += weighed.astype(np.int64)
+    return counts
+
+
+def occurring_codes(rgb: NDArray[np.uint8], table: Codes) -> list[int]:
+    """Which codes occur in an image, in ascending order.
+
+    Parameters
+    ----------
+    rgb : (H, W, 3) uint8, contiguous
+    table : (2^24,) uint8
+
+    Notes
+    -----
+    Exact, and cheaper than counting: a block of eight pixels that equals the one above
+    it adds nothing, so only the others are looked at.
+    """
+    height, width, _ = rgb.shape
+    if width % _BLOCK_PIXELS:
+        return _codes_counted(count_codes(rgb, table))
+    blocks = rgb.reshape(-1).view(np.uint64).reshape(height, width // _BLOCK_PIXELS, 3)
+    changed = blocks[1:] != blocks[:-1]
+    new = changed[:, :, 0] | changed[:, :, 1]
+    new |= changed[:, :, 2]
+    below = blocks[1:].reshape(-1, 3).take(positions(new), axis=0)
+    looked_at = np.concatenate([blocks[0], below]).view(np.uint8)
+    values = values_of(looked_at.reshape(1, -1, 3)).reshape(-1)
+    last = np.append(np.flatnonzero(values[1:] != values[:-1]), len(values) - 1)
+    return _codes_counted(np.bincount(codes_of(values[last], table)))
+
+
+def _codes_counted(counts: IntArray) -> list[int]:
+    return [int(code) for code in np.flatnonzero(counts)]
+
+
+def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
+    """Whole rows of values, flat; valid until the next strip is asked for."""
+    rows = max(1, _STRIP_PIXELS // pixels.shape[1])
+    for top in range(0, len(pixels), rows):
+        # Contiguous already, unless an array of tags was given as a view.
+        strip: PixelValues = values_of(pixels[top : top + rows]).reshape(-1)
+        yield strip
+
+
+def _gather_converted(
+    rgb: NDArray[np.uint8], regions: list[tuple[slice, slice]]
+) -> tuple[PixelValues, IntArray]:
+    """Each rectangle is converted straight into its place, without a copy between."""
+    parts = [rgb[region] for region in regions]
+    sizes = [part.shape[0] * part.shape[1] for part in parts]
+    room = np.empty((sum(sizes), 4), dtype=np.uint8)
+    start = 0
+    for part, size in zip(parts, sizes, strict=True):
+        height, width, _ = part.shape
+        _convert(part, room[start : start + size].reshape(height, width, 4))
+        start += size
+    return room.view(np.int32).reshape(-1), np.array(sizes, dtype=np.int64)
+
+
+def _convert(rgb: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
+    """Write B, G, R and 255: in memory, a packed colour."""
+    height, width, _ = bgra.shape
+    pixels = height * width
+    if 0 < pixels <= _CONVERTED_AT_ONCE:
+        cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA, dst=bgra)
+    elif pixels:
+        rows = max(1, _CONVERTED_AT_ONCE // width)
+        for top in range(0, height, rows):
+            part = slice(top, top + rows)
+            cv2.cvtColor(rgb[part], cv2.COLOR_RGB2BGRA, dst=bgra[part])

@@ -1,0 +1,1 @@
+"""Colours and tags of a segmentation image."""

@@ -1,0 +1,139 @@
+"""A small number for each colour that any family knows, and how often each occurs.
+
+A colour is packed as ``R << 16 | G << 8 | B``: what four bytes B, G, R, A are as a
+little-endian integer without A. Code 0 is a colour of no family, in no channel order.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.images.pixels import Codes
+from filter_core.segmentation.palettes import FAMILIES, RGB, palette_of
+from filter_core.types import UNKNOWN_TAG
+
+ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
+
+ORDERS: Final[tuple[ChannelOrder, ...]] = ("rgb", "bgr")
+
+NO_FAMILY: Final = 0
+
+N_COLORS: Final = 1 << 24
+
+COLOR_BITS: Final = N_COLORS - 1
+
+NEAREST_LEVELS: Final = 32
+"""How far a lossy colour may be from a palette's, per channel."""
+
+RECOGNIZED_LEVELS: Final = 8
+"""How near a lossy colour must be to count towards recognising its family."""
+
+
+def packed(rgb: RGB, order: ChannelOrder = "rgb") -> int:
+    """The colour as it lies in memory when channels were written in this order."""
+    red, green, blue = rgb if order == "rgb" else rgb[::-1]
+    return red << 16 | green << 8 | blue
+
+
+def unpacked(color: int) -> RGB:
+    """Inverse of `packed` for order ``rgb``."""
+    return color >> 16 & 255, color >> 8 & 255, color & 255
+
+
+def _all_packed_colors() -> tuple[int, ...]:
+    seen = {
+        packed(tag.rgb, order): None
+        for order in ORDERS
+        for palette in FAMILIES.values()
+        for tag in palette.tags
+    }
+    return tuple(seen)
+
+
+KNOWN_COLORS: Final = _all_packed_colors()
+"""Every colour of every family, in both channel orders; code = index + 1."""
+
+N_CODES: Final = len(KNOWN_COLORS) + 1
+
+CODE_OF: Final = {color: code for code, color in enumerate(KNOWN_COLORS, start=1)}
+
+
+@lru_cache(maxsize=1)
+def exact_codes() -> Codes:
+    """(2^24,) uint8: the code of every packed colour.
+
+    Almost all of it is zeros that were never written, so it takes 16 MiB of addresses
+    and a few pages of memory.
+    """
+    table = np.zeros(N_COLORS, dtype=np.uint8)
+    table[list(KNOWN_COLORS)] = np.arange(1, N_CODES)
+    table.setflags(write=False)
+    return table
+
+
+@lru_cache(maxsize=1)
+def recognizable_codes() -> Codes:
+    """(2^24,) uint8: the code whose colour is nearest, within `RECOGNIZED_LEVELS`."""
+    colors = [(color, code) for color, code in CODE_OF.items()]
+    return _nearest(colors, RECOGNIZED_LEVELS, default=NO_FAMILY)
+
+
+@lru_cache(maxsize=4)
+def nearest_tags(family: str, order: ChannelOrder) -> Codes:
+    """(2^24,) uint8: the tag whose colour is nearest, within `NEAREST_LEVELS`.
+
+    Nearest in the Euclidean sense, the lower tag wins a tie; 255 where no colour is
+    near, and where it is exactly the colour of another family.
+    """
+    tags = palette_of(family).tags
+    table = _nearest(
+        [(packed(tag.rgb, order), tag.tag) for tag in tags],
+        NEAREST_LEVELS,
+        default=UNKNOWN_TAG,
+    )
+    own = {packed(tag.rgb, order) for tag in tags}
+    foreign = [
+        color
+        for palette in FAMILIES.values()
+        for tag in palette.tags
+        if (color := packed(tag.rgb, order)) not in own
+    ]
+    table.setflags(write=True)
+    table[foreign] = UNKNOWN_TAG
+    table.setflags(write=False)
+    return table
+
+
+@lru_cache(maxsize=16)
+def tags_of_codes(family: str, order: ChannelOrder) -> NDArray[np.uint8]:
+    """(256,) uint8: the tag that each code means in a family; 255 where none."""
+    tags = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
+    for tag in palette_of(family).tags:
+        tags[CODE_OF[packed(tag.rgb, order)]] = tag.tag
+    tags.setflags(write=False)
+    return tags
+
+
+def _nearest(colors: list[tuple[int, int]], levels: int, *, default: int) -> Codes:
+    """The value of the nearest of some packed colours, for every colour there is."""
+    table = np.full((256, 256, 256), default, dtype=np.uint8)
+    distance = np.full(table.shape, np.iinfo(np.uint16).max, dtype=np.uint16)
+    steps = np.arange(-255, 256, dtype=np.int32) ** 2
+    for color, value in colors:
+        rgb = unpacked(color)
+        cube = tuple(slice(max(0, c - levels), c + levels + 1) for c in rgb)
+        red, green, blue = (
+            steps[part.start - c + 255 : min(part.stop, 256) - c + 255]
+            for part, c in zip(cube, rgb, strict=True)
+        )
+        far = red[:, None, None] + green[None, :, None] + blue[None, None, :]
+        nearer = far < distance[cube]
+        distance[cube][nearer] = far[nearer]
+        table[cube][nearer] = value
+    flat = table.reshape(-1)
+    flat.setflags(write=False)
+    return flat

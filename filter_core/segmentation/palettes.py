@@ -1,0 +1,320 @@
+"""CARLA's tag families: which tag number has which name and colour, per version."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.errors import FilterError
+from filter_core.types import UNKNOWN_TAG, TagImage
+
+RGB: TypeAlias = tuple[int, int, int]
+
+UNKNOWN_NAME: Final = "Unknown"
+
+UNKNOWN_RGB: Final[RGB] = (255, 255, 255)
+"""What a tag without a colour is painted with; no family uses white."""
+
+
+class UnknownVersion(FilterError):
+    """A CARLA version whose tags are not known."""
+
+    code = "unknown_carla_version"
+
+
+class UnknownTag(FilterError):
+    """A tag name that a family does not have."""
+
+    code = "unknown_tag"
+
+
+class UnknownPalette(FilterError):
+    """A palette name that is not one of the families."""
+
+    code = "unknown_palette"
+
+
+@dataclass(frozen=True)
+class Tag:
+    """One row of a palette."""
+
+    tag: int
+    name: str
+    rgb: RGB
+
+
+@dataclass(frozen=True)
+class Palette:
+    """One tag family: tag, name and colour are a bijection inside it."""
+
+    name: str
+    tags: tuple[Tag, ...]
+
+    def name_of(self, tag: int) -> str:
+        """The tag's name; a tag that the family does not have is named by its number.
+
+        ``255`` is `UNKNOWN_NAME`.
+        """
+        if 0 <= tag < len(self.tags):
+            return self.tags[tag].name
+        return UNKNOWN_NAME if tag == UNKNOWN_TAG else f"Tag {tag}"
+
+    def tag_of(self, name: str) -> int:
+        """The number of a tag given by name, in any case.
+
+        Raises
+        ------
+        UnknownTag
+            If the family has no tag of that name.
+        """
+        for tag in self.tags:
+            if tag.name.casefold() == name.casefold():
+                return tag.tag
+        known = ", ".join(tag.name for tag in self.tags)
+        raise UnknownTag(f"{self.name} has no tag {name!r}; it has {known}")
+
+    @cached_property
+    def rgb_table(self) -> NDArray[np.uint8]:
+        """(256, 3) uint8: the colour of every tag number, `UNKNOWN_RGB` for others."""
+        table = np.full((256, 3), UNKNOWN_RGB, dtype=np.uint8)
+        table[: len(self.tags)] = [tag.rgb for tag in self.tags]
+        table.setflags(write=False)
+        return table
+
+    def paint(self, tags: TagImage) -> NDArray[np.uint8]:
+        """Colour every pixel by its tag.
+
+        Parameters
+        ----------
+        tags : (H, W) uint8
+            Tags that the family does not have become `UNKNOWN_RGB`.
+
+        Returns
+        -------
+        (H, W, 3) uint8, RGB
+        """
+        colors: NDArray[np.uint8] = self.rgb_table[tags]
+        return colors
+
+    def decode(self, rgb: NDArray[np.uint8]) -> TagImage:
+        """Exact inverse of `paint`.
+
+        Parameters
+        ----------
+        rgb : (H, W, 3) uint8, RGB
+
+        Returns
+        -------
+        (H, W) uint8
+            255 (Unknown) where the colour is not exactly one of the family's.
+        """
+        packed = _packed(rgb)
+        colors = _packed(self.rgb_table[: len(self.tags)])
+        order = np.argsort(colors)
+        place = np.searchsorted(colors[order], packed).clip(max=len(colors) - 1)
+        tag: TagImage = order[place].astype(np.uint8)
+        tag[colors[tag] != packed] = UNKNOWN_TAG
+        return tag
+
+
+_BYTE_WEIGHTS: Final = np.array([1 << 16, 1 << 8, 1], dtype=np.uint32)
+
+
+def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    packed: NDArray[np.uint32] = rgb.astype(np.uint32) @ _BYTE_WEIGHTS
+    return packed
+
+
+def _palette(name: str, *rows: tuple[str, RGB]) -> Palette:
+    return Palette(name, tuple(Tag(tag, *row) for tag, row in enumerate(rows)))
+
+
+# 0.9.0: CARLA's documentation; 0.9.10 and 0.9.14: the CityScapesPalette table inside
+# the client libraries 0.9.12 to 0.9.16 (29 Rock: later builds of the UE5 branch);
+# paper-table1: Chaar, Raiyn, Weidl (VEHITS 2024), Table 1, as printed.
+_PALETTES: Final = (
+    _palette(
+        "carla-0.9.0",
+        ("Unlabeled", (0, 0, 0)),
+        ("Building", (70, 70, 70)),
+        ("Fence", (190, 153, 153)),
+        ("Other", (250, 170, 160)),
+        ("Pedestrian", (220, 20, 60)),
+        ("Pole", (153, 153, 153)),
+        ("RoadLine", (157, 234, 50)),
+        ("Road", (128, 64, 128)),
+        ("Sidewalk", (244, 35, 232)),
+        ("Vegetation", (107, 142, 35)),
+        ("Vehicle", (0, 0, 142)),
+        ("Wall", (102, 102, 156)),
+        ("TrafficSign", (220, 220, 0)),
+    ),
+    _palette(
+        "carla-0.9.10",
+        ("Unlabeled", (0, 0, 0)),
+        ("Building", (70, 70, 70)),
+        ("Fence", (100, 40, 40)),
+        ("Other", (55, 90, 80)),
+        ("Pedestrian", (220, 20, 60)),
+        ("Pole", (153, 153, 153)),
+        ("RoadLine", (157, 234, 50)),
+        ("Road", (128, 64, 128)),
+        ("Sidewalk", (244, 35, 232)),
+        ("Vegetation", (107, 142, 35)),
+        ("Vehicle", (0, 0, 142)),
+        ("Wall", (102, 102, 156)),
+        ("TrafficSign", (220, 220, 0)),
+        ("Sky", (70, 130, 180)),
+        ("Ground", (81, 0, 81)),
+        ("Bridge", (150, 100, 100)),
+        ("RailTrack", (230, 150, 140)),
+        ("GuardRail", (180, 165, 180)),
+        ("TrafficLight", (250, 170, 30)),
+        ("Static", (110, 190, 160)),
+        ("Dynamic", (170, 120, 50)),
+        ("Water", (45, 60, 150)),
+        ("Terrain", (145, 170, 100)),
+    ),
+    _palette(
+        "carla-0.9.14",
+        ("Unlabeled", (0, 0, 0)),
+        ("Road", (128, 64, 128)),
+        ("Sidewalk", (244, 35, 232)),
+        ("Building", (70, 70, 70)),
+        ("Wall", (102, 102, 156)),
+        ("Fence", (190, 153, 153)),
+        ("Pole", (153, 153, 153)),
+        ("TrafficLight", (250, 170, 30)),
+        ("TrafficSign", (220, 220, 0)),
+        ("Vegetation", (107, 142, 35)),
+        ("Terrain", (152, 251, 152)),
+        ("Sky", (70, 130, 180)),
+        ("Pedestrian", (220, 20, 60)),
+        ("Rider", (255, 0, 0)),
+        ("Car", (0, 0, 142)),
+        ("Truck", (0, 0, 70)),
+        ("Bus", (0, 60, 100)),
+        ("Train", (0, 80, 100)),
+        ("Motorcycle", (0, 0, 230)),
+        ("Bicycle", (119, 11, 32)),
+        ("Static", (110, 190, 160)),
+        ("Dynamic", (170, 120, 50)),
+        ("Other", (55, 90, 80)),
+        ("Water", (45, 60, 150)),
+        ("RoadLine", (157, 234, 50)),
+        ("Ground", (81, 0, 81)),
+        ("Bridge", (150, 100, 100)),
+        ("RailTrack", (230, 150, 140)),
+        ("GuardRail", (180, 165, 180)),
+        ("Rock", (180, 130, 70)),
+    ),
+    _palette(
+        "paper-table1",
+        ("Unlabelled", (0, 0, 0)),
+        ("Car and Truck", (0, 0, 142)),
+        ("Bus", (0, 60, 100)),
+        ("Van", (0, 0, 70)),
+        ("Bicycle", (119, 11, 32)),
+        ("Motorcycle", (0, 0, 230)),
+        ("Building", (70, 70, 70)),
+        ("Fence", (100, 40, 40)),
+        ("Other", (55, 90, 80)),
+        ("Pedestrian", (220, 20, 60)),
+        ("Pole", (153, 153, 153)),
+        ("RoadLine", (157, 234, 50)),
+        ("Road", (128, 64, 128)),
+        ("Sidewalk", (244, 35, 232)),
+        ("Vegetation", (107, 142, 35)),
+        ("Wall", (102, 102, 156)),
+        ("TrafficSign", (220, 220, 0)),
+        ("Sky", (70, 130, 180)),
+        ("Ground", (81, 0, 81)),
+        ("Bridge", (150, 100, 100)),
+        ("RailTrack", (230, 150, 140)),
+        ("GuardRail", (180, 165, 180)),
+        ("TrafficLight", (250, 170, 30)),
+        ("Static", (110, 190, 160)),
+        ("Dynamic", (170, 120, 50)),
+        ("Water", (45, 60, 150)),
+        ("Terrain", (145, 170, 100)),
+    ),
+)
+
+FAMILIES: Final[Mapping[str, Palette]] = {
+    palette.name: palette for palette in _PALETTES
+}
+
+PUBLISHED_COLORS: Final[Mapping[str, RGB]] = MappingProxyType(
+    {
+        "car": (0, 0, 142),
+        "truck": (0, 0, 142),
+        "bus": (0, 60, 100),
+        "van": (0, 0, 70),
+        "bicycle": (119, 11, 32),
+        "motorcycle": (0, 0, 230),
+        "walker": (220, 20, 60),
+        "traffic_light": (250, 170, 30),
+        "street_light": (250, 170, 30),
+    }
+)
+"""The one colour per class that the paper's published code counts."""
+
+PAPER_TABLE: Final = "paper-table1"
+"""The only family that no CARLA server renders: a hybrid, to reproduce the paper."""
+
+_OLDEST_KNOWN: Final = (0, 9, 0)
+
+_FIRST_UNKNOWN: Final = (0, 11)
+
+_FIRST_VERSION: Final = (
+    ((0, 9, 14), "carla-0.9.14"),
+    ((0, 9, 10), "carla-0.9.10"),
+    ((0, 9, 0), "carla-0.9.0"),
+)
+
+
+def palette_of(family: str) -> Palette:
+    """The family's palette.
+
+    Raises
+    ------
+    UnknownPalette
+        If there is no such family; the text lists those that there are.
+    """
+    try:
+        return FAMILIES[family]
+    except KeyError:
+        known = ", ".join(FAMILIES)
+        raise UnknownPalette(
+            f"palette must be auto or one of {known}; found {family!r}"
+        ) from None
+
+
+def family_of_version(version: str) -> str:
+    """The tag family that a CARLA version renders.
+
+    Parameters
+    ----------
+    version : str
+        ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``.
+
+    Raises
+    ------
+    UnknownVersion
+        If it is no version number, or one before 0.9.0 or after 0.10.
+    """
+    match = re.match(r"\s*v?(\d+(?:\.\d+)+)", version, re.IGNORECASE)
+    if match:
+        number = tuple(int(part) for part in match.group(1).split("."))
+        if _OLDEST_KNOWN[:2] <= number < _FIRST_UNKNOWN:
+            return next(name for first, name in _FIRST_VERSION if (*number, 0) >= first)
+    raise UnknownVersion(
+        f"carla_version must be 0.9.0 to 0.9.16 or 0.10, found {version!r}"
+    )

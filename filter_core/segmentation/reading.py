@@ -1,0 +1,275 @@
+"""Read a segmentation image, or refuse it, and say what was recognised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.errors import ImageError, SegmentationError
+from filter_core.images.color_decoding import decode_color, decode_image
+from filter_core.images.header import (
+    MAX_SIDE,
+    ImageHeader,
+    read_image_header,
+    require_size,
+)
+from filter_core.images.pixels import count_codes, occurring_codes
+from filter_core.segmentation.codes import NO_FAMILY, ChannelOrder, exact_codes
+from filter_core.segmentation.palettes import (
+    PAPER_TABLE,
+    UnknownVersion,
+    family_of_version,
+    palette_of,
+)
+from filter_core.segmentation.pixel_codes import Segmentation
+from filter_core.segmentation.raw_pixels import (
+    looks_raw,
+    raw_segmentation,
+    read_raw_channel,
+    read_raw_tags,
+)
+from filter_core.segmentation.recognition import Named
+from filter_core.segmentation.tags import read_exact_colors, read_nearest_colors
+from filter_core.types import TagImage
+
+_FIELDS = ("palette", "encoding", "channel_order", "lossy")
+
+
+@dataclass(frozen=True)
+class SegmentationOptions:
+    """How a segmentation is to be read; ``auto`` leaves it to recognition.
+
+    Attributes
+    ----------
+    palette : ``auto`` or a key of `filter_core.palettes.FAMILIES`
+    encoding : ``auto``, ``palette`` or ``raw``
+    channel_order : ``auto``, ``rgb`` or ``bgr``
+    lossy : ``refuse`` or ``nearest``
+    carla_version : str or None
+        The frame's own, the last of those who can name the family.
+    sources : Mapping
+        Who named each field, for the text of a contradiction; see `agreed`.
+    """
+
+    palette: str = "auto"
+    encoding: Literal["auto", "palette", "raw"] = "auto"
+    channel_order: Literal["auto", "rgb", "bgr"] = "auto"
+    lossy: Literal["refuse", "nearest"] = "refuse"
+    carla_version: str | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
+        """What several sources say together, the strongest first.
+
+        Parameters
+        ----------
+        layers : Mapping
+            Such as ``{"the dataset": ..., "the config": ...}``.
+
+        Raises
+        ------
+        SegmentationError
+            ``segmentation_contradiction``, naming both, if two of them differ.
+        """
+        unset = cls()
+        chosen: dict[str, str] = {}
+        sources: dict[str, str] = {}
+        for source, layer in layers.items():
+            for name in _FIELDS:
+                value = getattr(layer, name)
+                if value == getattr(unset, name):
+                    continue
+                if chosen.setdefault(name, value) != value:
+                    _contradict(
+                        f"{sources[name]} says {name} {chosen[name]}, "
+                        f"{source} says {value}"
+                    )
+                sources.setdefault(name, source)
+        version = next(
+            (layer.carla_version for layer in layers.values() if layer.carla_version),
+            None,
+        )
+        return cls(**chosen, carla_version=version, sources=sources)  # type: ignore[arg-type]  # each value comes from the field of its name
+
+
+def read_segmentation(
+    content: bytes,
+    options: SegmentationOptions | None = None,
+    *,
+    expected_wh: tuple[int, int] | None = None,
+    max_side: int = MAX_SIDE,
+) -> Segmentation:
+    """Read a segmentation file of any form.
+
+    Parameters
+    ----------
+    content : bytes
+        PNG: palette-coloured RGB, RGBA or indexed; raw tags in 8-bit grey or in the
+        red channel. JPEG: palette-coloured, if `options.lossy` is ``nearest``.
+    options : SegmentationOptions
+    expected_wh : (width, height), px
+        The RGB image's and the camera's size.
+    max_side : int, px
+        Checked against the header, before anything is decoded.
+
+    Returns
+    -------
+    Segmentation
+        Its tags are computed lazily; a rotation in EXIF is not applied.
+
+    Raises
+    ------
+    ImageError
+        Not a PNG or JPEG that can be decoded; `ImageTooLarge`, `ImageSizeMismatch`.
+    SegmentationError
+        `kind` is ``lossy_segmentation``, ``foreign_colors``, ``foreign_tags``,
+        ``family_not_named``, ``ambiguous_palette``, ``segmentation_contradiction``
+        or ``bad_segmentation``.
+    """
+    options = options or SegmentationOptions()
+    header = read_image_header(content, max_side=max_side)
+    if expected_wh is not None:
+        require_size(header, expected_wh, what="the segmentation", than="the image")
+    _refuse_unusable(header, options)
+    named, notes = _named(options)
+    pixels = _decode(content, header)
+    if header.color_model in ("grey", "grey_alpha"):
+        return _noted(read_raw_tags(_first_channel(pixels), named), notes)
+    return _noted(_read_channels(pixels, header, options, named), notes)
+
+
+def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
+    """A segmentation from an array of tags.
+
+    Parameters
+    ----------
+    tags : (H, W) uint8
+        255 is Unknown, and so is a tag that the family does not have. Not copied.
+    family : key of `filter_core.palettes.FAMILIES`
+
+    Raises
+    ------
+    SegmentationError
+        ``bad_segmentation``: another shape or dtype.
+    UnknownPalette
+        If there is no such family.
+    """
+    palette_of(family)
+    if tags.ndim != 2 or tags.dtype != np.uint8 or not tags.size:
+        raise SegmentationError(
+            f"tags: expected an array (H, W) of uint8, found {tags.shape} {tags.dtype}"
+        )
+    return raw_segmentation(tags, count_codes(tags, exact_codes()), family, "rgb")
+
+
+def _read_channels(
+    rgb: NDArray[np.uint8],
+    header: ImageHeader,
+    options: SegmentationOptions,
+    named: Named,
+) -> Segmentation:
+    if options.encoding == "raw":
+        return read_raw_channel(rgb, named)
+    if header.media_type == "image/jpeg":
+        return read_nearest_colors(rgb, named)
+    occurring = occurring_codes(rgb, exact_codes())
+    no_family = NO_FAMILY in occurring
+    if no_family and options.encoding == "auto" and looks_raw(rgb):
+        return read_raw_channel(rgb, named)
+    if no_family and options.lossy == "nearest":
+        return read_nearest_colors(rgb, named)
+    return read_exact_colors(rgb, occurring, named)
+
+
+def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
+    grey = header.color_model in ("grey", "grey_alpha")
+    if header.bit_depth == 16 or (grey and header.bit_depth != 8):
+        raise SegmentationError(
+            f"expected 8 bits per channel, found {header.bit_depth}; "
+            "a tag or a colour is one byte"
+        )
+    if grey and options.encoding == "palette":
+        _contradict(
+            f"{_source(options, 'encoding')} says encoding palette, "
+            "the image is grey, so it can only hold raw tags"
+        )
+    if header.media_type != "image/jpeg":
+        return
+    if grey or options.encoding == "raw":
+        raise SegmentationError(
+            "raw tags in a JPEG are lost: one level off is another tag; expected a PNG",
+            code="lossy_segmentation",
+        )
+    if options.lossy != "nearest":
+        raise SegmentationError(
+            "the segmentation is a JPEG, whose colours are no longer those that CARLA "
+            "wrote; expected a PNG. lossy_segmentation: nearest reads it by the "
+            "nearest colour and marks every decision as lossy",
+            code="lossy_segmentation",
+        )
+
+
+def _named(options: SegmentationOptions) -> tuple[Named, tuple[str, ...]]:
+    """What is named, the options before the frame's version, and what to note."""
+    order: ChannelOrder | None
+    order = None if options.channel_order == "auto" else options.channel_order
+    family = None if options.palette == "auto" else palette_of(options.palette).name
+    sources = {name: _source(options, name) for name in _FIELDS}
+    if options.carla_version is None:
+        return Named(family, order, sources), ()
+    try:
+        rendered = family_of_version(options.carla_version)
+    except UnknownVersion as unknown:
+        notes = (f"{unknown}; not used",)
+        return Named(family, order, sources), notes
+    version = f"carla_version {options.carla_version}"
+    # The paper's table is no version's: naming it says how to read, not who rendered.
+    if family not in (None, rendered, PAPER_TABLE):
+        _contradict(
+            f"{sources['palette']} says palette {family}, {version} renders {rendered}"
+        )
+    if family is None:
+        family, sources["palette"] = rendered, version
+    return Named(family, order, sources), ()
+
+
+def _source(options: SegmentationOptions, name: str) -> str:
+    return options.sources.get(name, "the caller")
+
+
+def _contradict(text: str) -> None:
+    raise SegmentationError(text, code="segmentation_contradiction")
+
+
+def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:
+    """(H, W) or (H, W, 2 or 4) if it is grey, else (H, W, 3) red, green, blue."""
+    is_grey = header.color_model in ("grey", "grey_alpha")
+    pixels = (
+        decode_image(content, header, cv2.IMREAD_UNCHANGED)
+        if is_grey
+        else decode_color(content, header, "rgb")
+    )
+    if pixels is None:
+        raise ImageError(
+            f"the {header.media_type} of {header.width} x {header.height} pixels "
+            "cannot be decoded: it is damaged"
+        )
+    return pixels
+
+
+def _first_channel(pixels: NDArray[np.uint8]) -> TagImage:
+    if pixels.ndim == 2:
+        return pixels
+    return cv2.extractChannel(pixels, 0).astype(np.uint8, copy=False)
+
+
+def _noted(segmentation: Segmentation, notes: tuple[str, ...]) -> Segmentation:
+    if not notes:
+        return segmentation
+    return replace(segmentation, notes=(*segmentation.notes, *notes))

@@ -1,0 +1,252 @@
+"""Which family, in which channel order, the colours that occur belong to.
+
+Colours decide, never the share of pixels: an image of carla-0.9.14 can be explained to
+99.6 % by the palette of carla-0.9.10, and a swapped Sky equals Rock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final, NamedTuple, NoReturn
+
+from filter_core.errors import SegmentationError
+from filter_core.segmentation.codes import (
+    KNOWN_COLORS,
+    ORDERS,
+    ChannelOrder,
+    tags_of_codes,
+    unpacked,
+)
+from filter_core.segmentation.palettes import FAMILIES, PAPER_TABLE, RGB, palette_of
+from filter_core.types import UNKNOWN_TAG
+
+_NEWEST_FIRST: Final = (
+    *(family for family in reversed(list(FAMILIES)) if family != PAPER_TABLE),
+    PAPER_TABLE,
+)
+
+
+class Reading(NamedTuple):
+    """One way to understand the colours of an image."""
+
+    family: str
+    order: ChannelOrder
+
+    def missing(self, codes: frozenset[int]) -> frozenset[int]:
+        """The colours that this reading does not explain."""
+        tags = tags_of_codes(self.family, self.order)
+        return frozenset(code for code in codes if tags[code] == UNKNOWN_TAG)
+
+    def name_of(self, code: int) -> str:
+        """What a colour means in this reading."""
+        return palette_of(self.family).name_of(
+            int(tags_of_codes(self.family, self.order)[code])
+        )
+
+
+@dataclass(frozen=True)
+class Named:
+    """What was named rather than left to recognition, and by whom.
+
+    `family` None and `order` None: not named.
+    """
+
+    family: str | None = None
+    order: ChannelOrder | None = None
+    sources: Mapping[str, str] | None = None
+
+    def source(self, what: str) -> str:
+        """Who named it, for an error's text."""
+        return (self.sources or {}).get(what, "the caller")
+
+    def allows(self, reading: Reading) -> bool:
+        """Whether nothing that was named speaks against this reading."""
+        return self.family in (None, reading.family) and self.order in (
+            None,
+            reading.order,
+        )
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """The reading that was chosen.
+
+    Attributes
+    ----------
+    family, order
+    rivals : tuple of str
+        Families that explain the same colours, but call some of them otherwise. They
+        matter only to a class whose accepted colours differ.
+    missing : frozenset of int
+        Codes of other families' colours.
+    notes : tuple of str
+        What a person should know about the choice.
+    """
+
+    family: str
+    order: ChannelOrder
+    rivals: tuple[str, ...]
+    missing: frozenset[int]
+    notes: tuple[str, ...]
+
+
+def recognize(occurring: Iterable[int], named: Named) -> Recognition:
+    """Choose the family and channel order of a palette-coloured image.
+
+    Parameters
+    ----------
+    occurring : codes of the known colours that occur, see `filter_core.color_codes`
+    named : Named
+
+    Raises
+    ------
+    SegmentationError
+        ``segmentation_contradiction``: what is named leaves colours unexplained that
+        another reading explains, without explaining any itself that the other does
+        not. ``ambiguous_palette``: the colours belong to several families at once.
+
+    Notes
+    -----
+    The reading that leaves the fewest colours (not pixels) unexplained is chosen. A
+    tie is broken in favour of what CARLA renders over the paper's table, of ``rgb``,
+    and of the newer family; `Recognition.rivals` and the notes say so.
+    """
+    codes = frozenset(occurring)
+    try:
+        return _recognized(codes, Named(named.family, named.order))
+    except SegmentationError:
+        # Again, to say who named what.
+        return _recognize(codes, named)
+
+
+@lru_cache(maxsize=256)
+def _recognized(codes: frozenset[int], named: Named) -> Recognition:
+    """The frames of a recording have few different sets of colours."""
+    return _recognize(codes, named)
+
+
+def _recognize(codes: frozenset[int], named: Named) -> Recognition:
+    missing = {
+        reading: reading.missing(codes)
+        for reading in (Reading(f, o) for f in _NEWEST_FIRST for o in ORDERS)
+    }
+    allowed = [reading for reading in missing if named.allows(reading)]
+    fewest = min(len(missing[reading]) for reading in allowed)
+    best = [reading for reading in allowed if len(missing[reading]) == fewest]
+    chosen = _preferred(best)
+    _refuse_contradiction(chosen, named, missing)
+    equals = [reading for reading in best if reading.order == chosen.order]
+    if named.family is None:
+        _refuse_mixture(chosen, equals, missing)
+    rivals = _rivals(chosen, equals, codes - missing[chosen])
+    return Recognition(
+        family=chosen.family,
+        order=chosen.order,
+        rivals=rivals,
+        missing=missing[chosen],
+        notes=tuple(_notes(chosen, best, rivals, codes - missing[chosen])),
+    )
+
+
+def color_of(code: int, order: ChannelOrder) -> RGB:
+    """The colour of a code as red, green, blue, whatever the order in the file."""
+    red, green, blue = unpacked(KNOWN_COLORS[code - 1])
+    return (red, green, blue) if order == "rgb" else (blue, green, red)
+
+
+def _preferred(readings: list[Reading]) -> Reading:
+    """CARLA before the paper's table, then rgb, then the newest."""
+    return min(readings, key=lambda r: (r.family == PAPER_TABLE, r.order != "rgb"))
+
+
+def _refuse_contradiction(
+    chosen: Reading, named: Named, missing: Mapping[Reading, frozenset[int]]
+) -> None:
+    for other, unexplained in missing.items():
+        if not unexplained < missing[chosen]:
+            continue
+        code = min(missing[chosen] - unexplained)
+        proof = f"{color_of(code, other.order)} is {other.name_of(code)} there"
+        if other.order != chosen.order and named.order is not None:
+            _contradict(
+                f"{named.source('channel_order')} says channel_order {chosen.order}, "
+                f"the colours that occur prove {other.order}: {proof}"
+            )
+        # The paper's table is meant for images of other families.
+        if named.family not in (None, PAPER_TABLE) and other.family != PAPER_TABLE:
+            _contradict(
+                f"{named.source('palette')} says palette {chosen.family}, "
+                f"the colours that occur prove {other.family}: {proof} "
+                f"and no colour of {chosen.family}"
+            )
+
+
+def _contradict(text: str) -> NoReturn:
+    raise SegmentationError(text, code="segmentation_contradiction")
+
+
+def _refuse_mixture(
+    chosen: Reading,
+    equals: list[Reading],
+    missing: Mapping[Reading, frozenset[int]],
+) -> None:
+    """Families that each lack another colour: neither is proved."""
+    for other in equals:
+        if other.family == PAPER_TABLE or missing[other] == missing[chosen]:
+            continue
+        lacking = color_of(min(missing[other] - missing[chosen]), chosen.order)
+        foreign = color_of(min(missing[chosen] - missing[other]), chosen.order)
+        raise SegmentationError(
+            f"the colours that occur belong to {chosen.family} and {other.family} at "
+            f"once: only {chosen.family} has {lacking}, only {other.family} has "
+            f"{foreign}; name the palette",
+            code="ambiguous_palette",
+        )
+
+
+def _rivals(
+    chosen: Reading, equals: list[Reading], explained: frozenset[int]
+) -> tuple[str, ...]:
+    return tuple(
+        other.family
+        for other in equals
+        if other.family not in (chosen.family, PAPER_TABLE)
+        and any(other.name_of(code) != chosen.name_of(code) for code in explained)
+    )
+
+
+def _notes(
+    chosen: Reading,
+    best: list[Reading],
+    rivals: tuple[str, ...],
+    explained: frozenset[int],
+) -> Iterable[str]:
+    told = {chosen.family, PAPER_TABLE, *rivals}
+    same = [
+        reading.family
+        for reading in best
+        if reading.order == chosen.order and reading.family not in told
+    ]
+    if same:
+        yield (
+            f"read as {chosen.family}; {' and '.join(same)} would mean the same by "
+            "the colours that occur"
+        )
+    for rival in rivals:
+        other = Reading(rival, chosen.order)
+        code = min(c for c in explained if other.name_of(c) != chosen.name_of(c))
+        yield (
+            f"read as {chosen.family}; {rival} has the same colours, but calls "
+            f"{color_of(code, chosen.order)} {other.name_of(code)} instead of "
+            f"{chosen.name_of(code)}"
+        )
+    if any(
+        reading.order != chosen.order
+        and any(reading.name_of(code) != chosen.name_of(code) for code in explained)
+        for reading in best
+    ):
+        yield "the colours that occur do not tell the channel order; read as rgb"
+    if chosen.order == "bgr":
+        yield "red and blue are swapped in the file; read as bgr"

@@ -1,0 +1,190 @@
+"""Read a palette-coloured image: count its colours, recognise the family, or refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.errors import SegmentationError
+from filter_core.images.pixels import Codes, codes_of, count_codes, values_of
+from filter_core.segmentation.codes import (
+    COLOR_BITS,
+    NO_FAMILY,
+    exact_codes,
+    nearest_tags,
+    recognizable_codes,
+    tags_of_codes,
+    unpacked,
+)
+from filter_core.segmentation.palettes import FAMILIES, RGB
+from filter_core.segmentation.pixel_codes import PixelCodes, Segmentation
+from filter_core.segmentation.recognition import (
+    Named,
+    Reading,
+    Recognition,
+    color_of,
+    recognize,
+)
+from filter_core.types import UNKNOWN_TAG, IntArray
+
+MAX_NO_FAMILY_PERCENT: Final = 1.0
+"""Above this share of colours of no family an image is not believed."""
+
+_LOSSY_FLOOR_PERCENT: Final = 0.1
+"""A lossy colour must cover this much to count: blends at edges imitate others."""
+
+
+def read_exact_colors(
+    pixels: NDArray[np.uint8], occurring: Sequence[int], named: Named
+) -> Segmentation:
+    """A segmentation whose colours are exactly those of a palette.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8: red, green, blue
+    occurring : codes of the colours that occur, as `exact_codes` has them
+    named : Named
+
+    Raises
+    ------
+    SegmentationError
+        ``foreign_colors``: more than 1 % of the pixels have colours of no family; and
+        what `recognize` raises.
+    """
+    if NO_FAMILY in occurring:
+        _refuse_no_family(pixels, count_codes(pixels, exact_codes()), [NO_FAMILY])
+    found = recognize(set(occurring) - {NO_FAMILY}, named)
+    tags = tags_of_codes(found.family, found.order)
+    segmentation = Segmentation(
+        codes=PixelCodes(pixels, tags, tuple(occurring)),
+        family=found.family,
+        encoding="palette",
+        channel_order=found.order,
+        notes=found.notes,
+        rivals=found.rivals,
+    )
+    if NO_FAMILY in occurring or found.missing:
+        return _with_unknown(segmentation, found)
+    return segmentation
+
+
+def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation:
+    """A segmentation whose colours have suffered: each pixel by the nearest colour.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8: red, green, blue
+    named : Named
+
+    Raises
+    ------
+    SegmentationError
+        ``foreign_colors``: nothing resembles a palette; and what `recognize` raises.
+    """
+    near = count_codes(pixels, recognizable_codes())
+    floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
+    occurring = set(np.flatnonzero(near >= floor).tolist()) - {NO_FAMILY}
+    if not occurring:
+        raise SegmentationError(
+            "no colour of the image is near one of a known family; "
+            "expected a segmentation",
+            code="foreign_colors",
+        )
+    found = recognize(occurring, named)
+    table = nearest_tags(found.family, found.order)
+    tags = codes_of(values_of(pixels), table)
+    counts = count_codes(tags, table)
+    unknown = int(counts[UNKNOWN_TAG])
+    share = 100.0 * unknown / float(counts.sum())
+    return Segmentation(
+        codes=PixelCodes.of_tags(tags, UNKNOWN_TAG, counts),
+        family=found.family,
+        encoding="palette",
+        channel_order=found.order,
+        lossy=True,
+        unknown_pixels=unknown,
+        notes=(
+            *found.notes,
+            f"lossy: tags by the nearest colour, {share:.2f} % of the pixels "
+            "are too far from any",
+        ),
+        rivals=found.rivals,
+    )
+
+
+def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentation:
+    """The same, with what is Unknown counted: only then does each pixel matter."""
+    counts = count_codes(segmentation.pixels, exact_codes())
+    foreign, senseless = _split_missing(found)
+    no_family = [NO_FAMILY, *senseless]
+    _refuse_no_family(segmentation.pixels, counts, no_family)
+    foreign_pixels = int(counts[foreign].sum())
+    return replace(
+        segmentation,
+        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
+        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
+        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
+    )
+
+
+def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:
+    """Other families' colours, and those that are some family's only when swapped."""
+    readings = [Reading(family, found.order) for family in FAMILIES]
+    foreign = [
+        code
+        for code in sorted(found.missing)
+        if any(not reading.missing(frozenset({code})) for reading in readings)
+    ]
+    return foreign, sorted(found.missing - set(foreign))
+
+
+def _refuse_no_family(
+    pixels: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
+) -> None:
+    share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
+    if share <= MAX_NO_FAMILY_PERCENT:
+        return
+    red, green, blue = _commonest_color(pixels, codes, exact_codes())
+    raise SegmentationError(
+        f"{share:.1f} % of the pixels have colours of no known family, most often "
+        f"({red}, {green}, {blue}); at most {MAX_NO_FAMILY_PERCENT:g} % may. "
+        "Raw tags need encoding: raw; a palette image that was a JPEG or was resized "
+        "needs lossy_segmentation: nearest",
+        code="foreign_colors",
+    )
+
+
+def _commonest_color(
+    pixels: NDArray[np.uint8], codes: Sequence[int], table: Codes
+) -> RGB:
+    colors = values_of(pixels).reshape(-1) & COLOR_BITS
+    odd, how_often = np.unique(
+        colors[np.isin(table[colors], codes)], return_counts=True
+    )
+    return unpacked(int(odd[how_often.argmax()]))
+
+
+def _unknown_notes(
+    counts: IntArray, found: Recognition, foreign: list[int], no_family: list[int]
+) -> Iterable[str]:
+    total = float(counts.sum())
+    for code in foreign:
+        reading = next(
+            reading
+            for reading in (Reading(family, found.order) for family in FAMILIES)
+            if not reading.missing(frozenset({code}))
+        )
+        yield (
+            f"{100.0 * counts[code] / total:.2f} % of the pixels are "
+            f"{color_of(code, found.order)}, {reading.name_of(code)} of "
+            f"{reading.family}; counted as Unknown"
+        )
+    if pixels := int(counts[no_family].sum()):
+        yield (
+            f"{100.0 * pixels / total:.2f} % of the pixels have colours of no family; "
+            "counted as Unknown"
+        )

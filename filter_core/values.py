@@ -1,0 +1,273 @@
+"""What is wrong with what strangers wrote: every fault with its place, in words.
+
+`Faults` collects those of one annotation in one pass.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
+
+MAX_FAULTS: Final = 100
+"""Of one annotation; those beyond it are counted only."""
+
+MAX_MAGNITUDE: Final = 1e9
+"""A larger number is not a coordinate: in metres it lies beyond any map."""
+
+_SHOWN_TEXT: Final = 60
+
+_SHOWN_KEY: Final = 80
+
+_SIMILAR: Final = 0.6
+"""From here on a word is taken for a misspelt one."""
+
+_NUMBER: Final = (int, float, np.integer, np.floating)
+
+
+class Place:
+    """Where in the JSON a value stands, and what people call that spot.
+
+    ``Place() / "boxes" / 3`` points to ``/boxes/3``. Words are made only when there is
+    a fault to report: most places never need them.
+    """
+
+    __slots__ = ("_key", "_parent")
+
+    def __init__(self, key: str | int = "", parent: Place | None = None) -> None:
+        self._key = key
+        self._parent = parent
+
+    def __truediv__(self, key: str | int) -> Place:
+        return Place(key, self)
+
+    @property
+    def label(self) -> str:
+        """A name of its own; what lies below is then named relative to this place."""
+        return ""
+
+    @property
+    def is_boxes(self) -> bool:
+        """Whether it is the annotation's list of boxes."""
+        root = self._parent
+        return self._key == "boxes" and root is not None and root._parent is None
+
+    @property
+    def pointer(self) -> str:
+        """The JSON pointer (RFC 6901); of a long key it has the beginning and "…"."""
+        if self._parent is None:
+            return ""
+        key = _sayable(str(self._key)).replace("~", "~0").replace("/", "~1")
+        return f"{self._parent.pointer}/{key}"
+
+    @property
+    def words(self) -> str:
+        """The place for people, such as ``box 3 (id "217"), xyxy[2]``."""
+        label, field = self._label_and_field()
+        return ", ".join(part for part in (label, field) if part)
+
+    def _label_and_field(self) -> tuple[str, str]:
+        if self.label or self._parent is None:
+            return self.label, ""
+        label, field = self._parent._label_and_field()
+        if isinstance(self._key, int):
+            return label, f"{field}[{self._key}]"
+        key = _sayable(self._key)
+        return label, f"{field}.{key}" if field else key
+
+
+class BoxPlace(Place):
+    """The place of a box, which people know by its index and its id."""
+
+    __slots__ = ("_id",)
+
+    def __init__(self, index: int, box_id: object) -> None:
+        super().__init__(index, _BOXES)
+        self._id = str(index) if box_id is None else box_id
+
+    @property
+    def label(self) -> str:
+        """Such as ``box 3 (id "217")``."""
+        return f"box {self._key} (id {shown(self._id)})"
+
+
+_BOXES: Final = Place("boxes", Place())
+
+
+class Faults:
+    """The faults found so far; nothing is raised until `raise_any`.
+
+    The first `MAX_FAULTS` are kept, the others counted: whoever sends an annotation
+    decides how many there are.
+    """
+
+    def __init__(self, frame: str = "") -> None:
+        self._frame = frame
+        self._errors: list[AnnotationError] = []
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, at: Place, code: str, expected: str, found: str) -> None:
+        """Note one fault: its place, a stable code, what was expected and found."""
+        self._count += 1
+        if self._count > MAX_FAULTS:
+            return
+        frame = f"frame {self._frame}" if self._frame else ""
+        subject = ", ".join(part for part in (frame, at.words) if part)
+        detail = f"{subject or 'annotation'}: expected {expected}, found {found}"
+        self._errors.append(AnnotationError(detail, pointer=at.pointer, code=code))
+
+    def take(self, error: FilterError) -> None:
+        """Note a fault that a constructor has raised."""
+        self._count += 1
+        if self._count > MAX_FAULTS:
+            return
+        frame = f"frame {self._frame}, " if self._frame else ""
+        self._errors.append(
+            AnnotationError(
+                f"{frame}{error.detail}", pointer=error.pointer, code=error.kind
+            )
+        )
+
+    def as_error(self) -> AnnotationErrors:
+        """The faults as one error, in the order in which they were noted."""
+        return AnnotationErrors(self._errors, self._count)
+
+    def raise_any(self) -> None:
+        """Raise `as_error` if there are any faults."""
+        if self._errors:
+            raise self.as_error()
+
+
+def _sayable(text: str) -> str:
+    """A key of the input as an error can carry it: short, halves of pairs escaped."""
+    cut = text if len(text) <= _SHOWN_KEY else text[:_SHOWN_KEY] + "…"
+    return cut.encode("utf-8", "backslashreplace").decode()
+
+
+def shown(value: object) -> str:
+    """A value as an error names it: short, on one line, its type where that matters."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        cut = value if len(value) <= _SHOWN_TEXT else value[:_SHOWN_TEXT] + "…"
+        # repr-like escapes keep control characters out of logs and terminals.
+        return "the text " + ascii(cut) if not cut.isprintable() else f'"{cut}"'
+    if isinstance(value, dict):
+        return "an object"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    return _shown_number(value) if isinstance(value, _NUMBER) else type(value).__name__
+
+
+def _shown_number(value: object) -> str:
+    if isinstance(value, int) and value.bit_length() > 256:
+        return f"an integer of {value.bit_length()} bits"
+    if isinstance(value, (float, np.floating)) and not math.isfinite(value):
+        return (
+            "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
+        )
+    return str(value)
+
+
+def read_number(value: object, at: Place, faults: Faults) -> float | None:
+    """A finite number of at most `MAX_MAGNITUDE`, or None and a fault.
+
+    Text and booleans are not numbers, however they look.
+    """
+    if isinstance(value, bool) or not isinstance(value, _NUMBER):
+        faults.add(at, "not_a_number", "a number", shown(value))
+    elif not isinstance(value, int) and not math.isfinite(value):
+        faults.add(at, "not_finite", "a finite number", shown(value))
+    elif abs(value) > MAX_MAGNITUDE:
+        expected = "a number between -1e9 and 1e9"
+        faults.add(at, "number_too_large", expected, shown(value))
+    else:
+        return float(value)
+    return None
+
+
+def read_numbers(
+    value: object, count: int, at: Place, faults: Faults
+) -> tuple[float, ...] | None:
+    """A list of exactly `count` numbers, or None and every fault in it."""
+    if type(value) is list and len(value) == count:
+        plain = plain_numbers(value)
+        if plain is not None:
+            return plain
+    return _read_numbers_one_by_one(value, count, at, faults)
+
+
+def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
+    """Items that are all ints and floats without a fault; None if any needs a look.
+
+    The usual case, and cheap: readers look again, item by item, where it is None.
+    """
+    numbers: list[float] = []
+    for item in items:
+        if type(item) is not float and type(item) is not int:
+            return None
+        if not -MAX_MAGNITUDE <= item <= MAX_MAGNITUDE:
+            return None
+        numbers.append(float(item))
+    return tuple(numbers)
+
+
+def _read_numbers_one_by_one(
+    value: object, count: int, at: Place, faults: Faults
+) -> tuple[float, ...] | None:
+    items = read_list(value, count, at, faults, of="numbers")
+    if items is None:
+        return None
+    read = [read_number(item, at / i, faults) for i, item in enumerate(items)]
+    known = tuple(number for number in read if number is not None)
+    return known if len(known) == count else None
+
+
+def read_list(
+    value: object, count: int, at: Place, faults: Faults, *, of: str
+) -> list[object] | None:
+    """A list, tuple or array of exactly `count` items, or None and a fault."""
+    items = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(items, (list, tuple)):
+        faults.add(at, "not_a_list", f"a list of {count} {of}", shown(items))
+    elif len(items) != count:
+        expected = f"a list of {count} {of}"
+        faults.add(at, "wrong_length", expected, shown(items))
+    else:
+        return list(items)
+    return None
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """The known word most like this one, however unlike it is."""
+    return _matches(word, known, 0.0)[0]
+
+
+def similar(word: object, known: Iterable[str]) -> str | None:
+    """The known word that this one is likely to stand for; None if it is like none."""
+    return next(iter(_matches(word, known, _SIMILAR)), None)
+
+
+def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
+    # difflib is quadratic: a kilobyte of nonsense must not cost a second.
+    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
+
+
+def pointer_token(key: object) -> str:
+    """A key as one token of a JSON pointer (RFC 6901)."""
+    return str(key)[:80].replace("~", "~0").replace("/", "~1")
+
+
+def place_of(at: str) -> str:
+    """A JSON pointer as it stands before a message."""
+    return f"{at.strip('/').replace('/', '.')}: " if at else ""

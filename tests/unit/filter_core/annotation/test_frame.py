@@ -1,0 +1,142 @@
+"""From annotations to the rectangles that are measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
+from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.errors import AnnotationError, FilterError, ImageSizeMismatch
+from filter_core.geometry.boxes import correct_xyxy
+from filter_core.types import BoxState
+
+WH = (1280, 720)
+CAMERA = {
+    "width": 1280,
+    "height": 720,
+    "fov": 90,
+    "transform": {"x": 0, "y": 0, "z": 0},
+}
+FLAT = {"class": "car", "xywh": [10, 20, 30, 40]}
+
+
+def solid(x, y=0.0, **keys):
+    place = {"x": x, "y": y, "z": 0}
+    return {"class": "car", "box3d": {"transform": place, "extent": [1, 1, 1]}, **keys}
+
+
+def geometry_of(*boxes, projection="clipped", **frame):
+    annotation = parse_annotation({"boxes": list(boxes), "camera": CAMERA, **frame})
+    return frame_boxes_2d(annotation, WH, projection)
+
+
+def test_rectangles_of_all_forms_come_in_the_order_of_the_boxes():
+    found = geometry_of(
+        {"class": "a", "cxcywhn": [0.5, 0.5, 0.5, 0.5]},
+        FLAT,
+        {"class": "a", "xyxy": [1, 2, 3, 4]},
+        {"class": "a", "xyxyn": [0, 0, 1, 1]},
+        {"class": "a", "cxcywh": [10, 10, 4, 2]},
+    )
+
+    assert found.xyxy.tolist() == [
+        [320, 180, 960, 540],
+        [10, 20, 40, 60],
+        [1, 2, 3, 4],
+        [0, 0, 1280, 720],
+        [8, 9, 12, 11],
+    ]
+    assert found.edges == [None] * 5
+    assert np.isnan(found.visible_xyxy).all()
+
+
+def test_a_3d_box_is_measured_by_the_rectangle_of_its_visible_part():
+    found = geometry_of(FLAT, solid(10, y=10))
+
+    np.testing.assert_array_equal(found.xyxy[1], found.visible_xyxy[1])
+    assert found.amodal_xyxy[1, 2] > found.visible_xyxy[1, 2] == 1280
+    assert found.edges[0] is None
+    assert found.edges[1] is not None
+    assert np.isnan(found.vertices[0]).all()
+    assert np.isfinite(found.vertices[1]).all()
+
+
+def test_corners_and_box3d_of_the_same_box_agree():
+    by_box = geometry_of(solid(10))
+    corners = by_box.vertices[0].tolist()
+
+    by_corners = geometry_of({"class": "car", "vertices": corners})
+
+    np.testing.assert_allclose(by_corners.xyxy, by_box.xyxy)
+
+
+@pytest.mark.parametrize("box", [solid(-10), solid(10, y=100)])
+@pytest.mark.parametrize("profile", ["paper", "carlasimu"])
+def test_what_the_camera_cannot_see_is_outside_of_the_image(box, profile):
+    found = geometry_of(box)
+
+    _, states = correct_xyxy(found.xyxy, WH, profile)
+
+    assert states.tolist() == [BoxState.OUTSIDE_IMAGE]
+    assert np.isnan(found.visible_xyxy).all()
+
+
+def test_naive_gives_algorithm_1_the_papers_own_rectangle():
+    found = geometry_of(solid(10, y=10), projection="naive")
+
+    np.testing.assert_array_equal(found.xyxy, found.amodal_xyxy)
+    assert found.xyxy[0, 2] > 1280
+
+
+def test_distances_are_as_given_else_measured_else_unknown():
+    found = geometry_of(
+        FLAT, {**FLAT, "distance": 3}, solid(3, y=4), solid(3, distance=9)
+    )
+
+    np.testing.assert_allclose(found.distance, [np.nan, 3, 5, 9])
+
+
+def test_a_frame_without_boxes_has_empty_arrays():
+    found = geometry_of()
+
+    assert (len(found), found.xyxy.shape, found.vertices.shape) == (
+        0,
+        (0, 4),
+        (0, 8, 3),
+    )
+
+
+def test_an_image_of_another_size_than_the_camera_is_refused():
+    annotation = parse_annotation({"boxes": [FLAT], "camera": CAMERA})
+
+    words = "camera: expected 640 x 360 px, the image's size, found 1280 x 720 px"
+    with pytest.raises(ImageSizeMismatch, match=words):
+        frame_boxes_2d(annotation, (640, 360))
+
+
+def test_a_3d_box_built_without_a_camera_is_refused():
+    box = BoxAnnotation(
+        id="7",
+        index=0,
+        class_name="car",
+        type_id=None,
+        base_type=None,
+        form="box3d",
+        values=(0.0,) * 15,
+        distance=None,
+        instance_id=None,
+        extra={},
+        raw={},
+    )
+
+    with pytest.raises(
+        AnnotationError, match=r'box 0 \(id "7"\), box3d: expected a cam'
+    ):
+        frame_boxes_2d(FrameAnnotation(boxes=(box,)), WH)
+
+
+def test_an_unknown_projection_is_refused():
+    with pytest.raises(FilterError, match="expected clipped or naive"):
+        geometry_of(solid(10), projection="exact")

@@ -1,0 +1,244 @@
+"""Annotations that are in order: what is read, kept and given back."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from filter_core.annotation.frame import Sensor
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.geometry.pose import Transform
+
+POSE = {"x": 0, "y": 0, "z": 2.4, "pitch": 0, "yaw": 0, "roll": 0}
+CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}
+CORNERS = [[10 + x, y, z] for x in (0, 4) for y in (-1, 1) for z in (0, 1.5)]
+
+
+def car(**keys):
+    return {"class": "car", "xyxy": [83, 410, 466, 640], **keys}
+
+
+def frame(*boxes, **keys):
+    return {"boxes": list(boxes), **keys}
+
+
+def only_box(**keys):
+    (box,) = parse_annotation(frame(car(**keys))).boxes
+    return box
+
+
+def geometry(form, values):
+    box = {"class": "car", form: values}
+    (read,) = parse_annotation(frame(box, camera=CAMERA)).boxes
+    return read.form, read.values
+
+
+EXAMPLE = frame(
+    {"id": "217", "class": "car", "xyxy": [83, 410, 466, 640], "distance": 12.5},
+    {"id": "218", "type_id": "vehicle.x", "base_type": "van", "xywh": [10, 20, 30, 40]},
+    {"id": "219", "class": "van", "cxcywhn": [0.5] * 4, "instance_id": 4711},
+    {"id": "220", "class": "walker", "vertices": CORNERS},
+    carla_version="0.9.15",
+    captured_at="2026-01-01T00:00:00Z",
+    map="Town10HD",
+    weather={"fog_density": 2.0},
+    camera=CAMERA,
+)
+
+
+def test_the_frame_of_the_contracts_example_is_read():
+    read = parse_annotation(EXAMPLE)
+
+    assert (read.carla_version, read.map) == ("0.9.15", "Town10HD")
+    assert (read.captured_at, read.weather) == (
+        EXAMPLE["captured_at"],
+        EXAMPLE["weather"],
+    )
+    assert read.camera_wh == (1280, 720)
+
+
+def test_the_boxes_of_the_contracts_example_are_read():
+    boxes = parse_annotation(EXAMPLE).boxes
+
+    assert [box.id for box in boxes] == ["217", "218", "219", "220"]
+    assert [box.class_name for box in boxes] == ["car", None, "van", "walker"]
+    assert [box.distance for box in boxes] == [12.5, None, None, None]
+    assert (boxes[1].type_id, boxes[1].base_type) == ("vehicle.x", "van")
+    assert boxes[2].instance_id == 4711
+    assert [box.is_3d for box in boxes] == [False, False, False, True]
+
+
+def test_bytes_text_and_mapping_say_the_same():
+    raw = frame(car(id="ä"), carla_version="0.9.15")
+    text = json.dumps(raw, ensure_ascii=False)
+
+    by_mapping = parse_annotation(raw)
+
+    assert parse_annotation(text) == by_mapping
+    assert parse_annotation(text.encode()) == by_mapping
+    assert parse_annotation(b"\xef\xbb\xbf" + text.encode()) == by_mapping
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("217", "217"),
+        (217, "217"),
+        (-1, "-1"),
+        (2**63 - 1, str(2**63 - 1)),
+        (None, "0"),
+    ],
+)
+def test_ids_are_texts_and_a_missing_one_is_the_index(given, expected):
+    assert only_box(id=given).id == expected
+
+
+def test_a_box_without_an_id_takes_its_index():
+    read = parse_annotation(frame(car(), car(id="x"), car()))
+
+    assert [(box.id, box.index) for box in read.boxes] == [("0", 0), ("x", 1), ("2", 2)]
+
+
+def test_null_is_an_absent_value():
+    box = only_box(id=None, type_id=None, distance=None, instance_id=None, extra=None)
+
+    assert (box.id, box.type_id, box.distance, box.instance_id, box.extra) == (
+        "0",
+        None,
+        None,
+        None,
+        {},
+    )
+    everything = ("camera", "map", "weather", "sensors", "captured_at", "carla_version")
+    read = parse_annotation(frame(car(), **dict.fromkeys(everything)))
+    assert (read.camera, read.map, read.weather, read.sensors) == (None, None, {}, {})
+
+
+def test_unknown_keys_are_kept_and_merged_with_a_given_extra():
+    box = only_box(occluded=0.4, extra={"note": "parked"}, tags=["a", None])
+    read = parse_annotation(frame(car(), extra={"a": 1}, scenario={"n": 7}))
+
+    assert box.extra == {"note": "parked", "occluded": 0.4, "tags": ["a", None]}
+    assert read.extra == {"a": 1, "scenario": {"n": 7}}
+
+
+def test_minus_zero_and_integral_floats_are_numbers():
+    assert only_box(xyxy=[-0.0, 0, 1e9, -1e9]).values == (0.0, 0.0, 1e9, -1e9)
+    assert only_box(distance=-0.0).distance == 0
+
+
+def test_numpy_numbers_and_arrays_are_read():
+    box = only_box(
+        xyxy=np.array([1, 2, 3, 4], dtype=np.float32), distance=np.float32(2)
+    )
+
+    assert (box.values, box.distance) == ((1, 2, 3, 4), 2)
+    assert only_box(xyxy=(1, np.int64(2), 3, 4)).values == (1, 2, 3, 4)
+
+
+def test_corners_are_lists_or_objects():
+    objects = [dict(zip("xyz", corner, strict=True)) for corner in CORNERS]
+    flat = tuple(float(number) for corner in CORNERS for number in corner)
+
+    assert geometry("vertices", CORNERS) == ("vertices", flat)
+    assert geometry("vertices", objects) == ("vertices", flat)
+    assert geometry("vertices", np.array(CORNERS, dtype=float)) == ("vertices", flat)
+
+
+@pytest.mark.parametrize(
+    "box3d",
+    [
+        {
+            "transform": {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6},
+            "location": {"x": 7, "y": 8, "z": 9},
+            "extent": {"x": 10, "y": 11, "z": 12},
+            "rotation": {"pitch": 13, "yaw": 14, "roll": 15},
+        },
+        {
+            "transform": {"location": [1, 2, 3], "rotation": [4, 5, 6]},
+            "location": [7, 8, 9],
+            "extent": [10, 11, 12],
+            "rotation": [13, 14, 15],
+        },
+    ],
+)
+def test_a_box_as_carla_gives_it_is_fifteen_numbers(box3d):
+    assert geometry("box3d", box3d) == ("box3d", tuple(range(1, 16)))
+
+
+def test_a_box_in_the_world_needs_no_transform():
+    form, values = geometry("box3d", {"location": [7, 8, 9], "extent": [1, 2, 0]})
+
+    assert (form, values) == ("box3d", (0,) * 6 + (7, 8, 9, 1, 2, 0) + (0,) * 3)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        CAMERA,
+        {**CAMERA, "transform": {"location": [0, 0, 2.4]}},
+        {
+            "width": 1280.0,
+            "height": 720,
+            "intrinsic": [[640, 0, 640], [0, 640, 360], [0, 0, 1]],
+            "world_to_camera": Transform((0, 0, 2.4)).inverse_matrix.tolist(),
+        },
+        {
+            "width": 1280,
+            "height": 720,
+            "fov": 90,
+            "world_to_camera": Transform((0, 0, 2.4)).inverse_matrix.tolist(),
+        },
+    ],
+)
+def test_a_camera_can_be_written_in_several_ways(camera):
+    read = parse_annotation(frame(camera=camera)).camera
+
+    assert read is not None
+    np.testing.assert_allclose(read.position, [0, 0, 2.4])
+    np.testing.assert_allclose(read.intrinsic[0], [640, 0, 640])
+
+
+def test_a_camera_without_a_pose_still_promises_a_size():
+    read = parse_annotation(frame(car(), camera={"width": 1280, "height": 720}))
+
+    assert (read.camera, read.camera_wh) == (None, (1280, 720))
+
+
+def test_sensors_have_their_own_transform():
+    lidar = {"transform": POSE, "channels": 64}
+    read = parse_annotation(frame(sensors={"lidar": lidar, "radar": {}}))
+
+    assert read.sensors == {
+        "lidar": Sensor(Transform((0, 0, 2.4)), lidar),
+        "radar": Sensor(None, {}),
+    }
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        "2026-01-01T00:00:00Z",
+        "2026-01-01T00:00:00z",
+        "2026-01-01T00:00:00.5Z",
+        "2026-01-01T00:00:00.123456789+02:00",
+    ],
+)
+def test_rfc_3339_times_are_kept_as_given(time):
+    assert parse_annotation(frame(captured_at=time)).captured_at == time
+
+
+def test_reading_changes_nothing():
+    raw = frame(car(mine=[1]), camera=CAMERA, extra={"a": {}}, sensors={"s": {}})
+    before = copy.deepcopy(raw)
+
+    parse_annotation(raw)
+
+    assert raw == before
+
+
+def test_a_frame_without_boxes_is_a_frame():
+    assert parse_annotation({"boxes": []}).boxes == ()

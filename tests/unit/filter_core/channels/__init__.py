@@ -1,1 +1,0 @@
-"""Evidence beyond the segmentation."""

@@ -1,0 +1,135 @@
+"""Configuration files: our own, the paper's published one, and hostile ones."""
+
+from __future__ import annotations
+
+import pytest
+
+from filter_core.config.file import load_config
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import ConfigError
+
+# The keys of carlasimu's boundingBox.yaml, with other values and other comments.
+CARLASIMU = r"""
+sitting:
+  cam_rgb:
+    save_to_file: True
+    save_dir: 'out\cam'
+    3D: False
+    filter: True
+    max_distance: 50   # metres
+    min_distance: 1
+    actors:
+      vehicles: True
+      walkers: True
+    num_image: 1000
+  lidar_sensor:
+    save_to_file: False
+  fiter_boundinbox: True
+  threshold_small_box: 12
+  size_big_box: 65
+  threshold_big_box: 45
+  time_screen_shot: 1
+"""
+
+
+@pytest.mark.parametrize(
+    "text", ["", "# nothing\n", "classes:\n", "{}", b"\xef\xbb\xbf"]
+)
+def test_an_empty_file_is_the_default(text):
+    assert load_config(text).config == FilterConfig()
+
+
+def test_our_own_keys_load_from_yaml_and_from_json():
+    yaml = "threshold_small_box: 5\nclasses:\n  van: {accept: [Truck, Car]}\n"
+    json = (
+        '{"classes": {"van": {"accept": ["Car", "Truck"]}}, "threshold_small_box": 5}'
+    )
+
+    assert load_config(yaml).config == load_config(json.encode()).config
+    assert load_config(yaml).unused_keys == ()
+
+
+def test_json_may_have_tabs_and_exponents():
+    loaded = load_config('\n{\n\t"threshold_small_box": 2.5e1\n}')
+
+    assert loaded.config == FilterConfig(threshold_small_box=25)
+
+
+def test_the_published_file_loads_as_it_is():
+    loaded = load_config(CARLASIMU)
+
+    assert loaded.config == FilterConfig(
+        profile="carlasimu",
+        threshold_small_box=12,
+        size_big_box=65,
+        threshold_big_box=45,
+        min_distance=1,
+        max_distance=50,
+    )
+    assert loaded.unused_keys == (
+        "sitting.cam_rgb.save_to_file",
+        "sitting.cam_rgb.save_dir",
+        "sitting.cam_rgb.3D",
+        "sitting.cam_rgb.filter",
+        "sitting.cam_rgb.actors.vehicles",
+        "sitting.cam_rgb.actors.walkers",
+        "sitting.cam_rgb.num_image",
+        "sitting.lidar_sensor.save_to_file",
+        "sitting.fiter_boundinbox",
+        "sitting.time_screen_shot",
+    )
+
+
+def test_a_wrong_number_in_the_published_file_is_refused():
+    with pytest.raises(ConfigError, match="threshold_small_box: expected a number"):
+        load_config("sitting: {threshold_small_box: 120}")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("profile: paper\nprofile: paper", "line 2, column 1: the key 'profile' is"),
+        ("classes: {car: {}, car: {}}", "the key 'car' is given twice"),
+        ('{"profile": "paper", "profile": "paper"}', "'profile' is given twice"),
+        ("{'a': " * 5000, "nested too deeply"),
+        ('{"a": ' * 6000, "nested too deeply"),
+        ("a: &x [1]\nb: *x", "line 2, column 4: aliases are not allowed"),
+        ("<<: {profile: paper}", "expected a plain key"),
+        ("? [a]\n: b", "expected a plain key"),
+        ("a: !!python/object/apply:os.system [ls]", "could not determine"),
+        ("[" * 5000, "nested too deeply"),
+        ("{", "line 1, column 2"),
+        ("a: \x00", "not readable as YAML"),
+        (b"\xff\xfea", "expected YAML in UTF-8"),
+        ("a: 2024-13-45", "not a value"),
+        ("a: " + "9" * 9000, "not a value"),
+        ("profile: " + "1:" * 4000 + "1", "a number of too many digits"),
+        ("profile: 0x" + "f" * 9000, "a number of too many digits"),
+        ("a: " + "1:" * 400 + "1.5", "not a value"),
+        ("a: [" + "b," * 20_000 + "]", "more than 10000 values"),
+        ('a: "\\ud800"', "column 4: half of a surrogate pair is no text"),
+        ('"\\udc00": 1', "column 1: half of a surrogate pair is no text"),
+        ('{"\\ud800": 1}', "column 2: half of a surrogate pair is no text"),
+        ("a" * 1001 + ": 1", "a key of more than 1000 characters"),
+        ("a: " + "x" * 70_000, "at most 65536 characters"),
+        ("[1, 2]", "expected a mapping of keys, found a list of 2"),
+        ("1: 2", "unknown key 1"),
+        ("sitting: 3", "expected one root key 'sitting'"),
+        ("sitting: {}\nprofile: paper", "found 'sitting', 'profile'"),
+        ("--- {}\n--- {}", "another document"),
+    ],
+)
+def test_a_file_that_is_not_a_configuration_is_refused(text, words):
+    with pytest.raises(ConfigError) as caught:
+        load_config(text)
+
+    assert words in caught.value.detail
+
+
+def test_of_unused_keys_the_first_are_named_and_none_at_length():
+    leaves = ", ".join(f"k{number}: 1" for number in range(2000))
+    text = f"sitting: {{{'x' * 900}: {{{leaves}}}}}"
+
+    unused = load_config(text).unused_keys
+
+    assert unused == tuple(f"sitting.{'x' * 80}.k{number}" for number in range(100))

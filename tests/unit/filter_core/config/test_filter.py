@@ -1,0 +1,222 @@
+"""The configuration: what it accepts, how it names itself, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from filter_core.config.config_diff import ConfigChange, diff_configs
+from filter_core.config.filter import INHERIT, ClassConfig, FilterConfig
+from filter_core.errors import ConfigError
+
+
+def test_every_key_has_its_documented_default():
+    assert FilterConfig().as_dict() == {
+        "profile": "paper",
+        "threshold_small_box": 10,
+        "size_big_box": 70,
+        "threshold_big_box": 50,
+        "min_visible_pixels": 1,
+        "min_distance": None,
+        "max_distance": None,
+        "evidence": "semantic",
+        "projection": "clipped",
+        "depth_tolerance": 0.15,
+        "ordered_min_pixels": 3,
+        "lidar_min_points": 5,
+        "palette": "auto",
+        "encoding": "auto",
+        "channel_order": "auto",
+        "lossy_segmentation": "refuse",
+        "classes": {},
+    }
+
+
+def test_the_digest_never_changes_for_the_same_configuration():
+    """Stored with every run: another value would orphan every stored decision."""
+    digest = "02b9fd0b"
+
+    assert FilterConfig().digest.startswith(digest)
+    assert len(FilterConfig().digest) == 64
+
+
+def test_ten_and_ten_point_zero_are_one_configuration():
+    whole = FilterConfig.from_mapping({"threshold_small_box": 10})
+    decimal = FilterConfig.from_mapping({"threshold_small_box": 10.0})
+
+    assert whole == decimal == FilterConfig()
+    assert whole.digest == decimal.digest
+
+
+def test_spelling_order_and_aliases_do_not_make_another_configuration():
+    one = {"van": {"accept": ["Truck", "Car"]}, "street_light": {"min_distance": 1}}
+    two = {"traffic_light": {"min_distance": 1.0}, "van": {"accept": ["car", "TRUCK"]}}
+
+    first = FilterConfig.from_mapping({"classes": one})
+    second = FilterConfig.from_mapping({"classes": two})
+
+    assert first.digest == second.digest
+    assert first.classes["van"].accept == ("Car", "Truck")
+
+
+def test_a_configuration_survives_json_pickle_and_hashing():
+    config = FilterConfig.from_mapping(
+        {"max_distance": 120.5, "classes": {"van": {"accept": ["Truck", 14]}}}
+    )
+
+    again = FilterConfig.from_mapping(json.loads(json.dumps(config.as_dict())))
+
+    assert again == config == pickle.loads(pickle.dumps(config))
+    assert {again, config} == {config}
+
+
+def test_an_empty_override_is_none():
+    config = FilterConfig.from_mapping({"classes": {"car": {}}})
+
+    assert config == FilterConfig()
+    assert config.of_class("car") == ClassConfig()
+    assert ClassConfig().min_distance is INHERIT
+
+
+@pytest.mark.parametrize(
+    ("raw", "pointer", "words"),
+    [
+        ({"treshold_small_box": 1}, "/treshold_small_box", "'threshold_small_box'"),
+        ({"threshold_small_box": 101}, "/threshold_small_box", "0 to 100 percent"),
+        ({"threshold_small_box": -1}, "/threshold_small_box", "found -1"),
+        ({"threshold_small_box": True}, "/threshold_small_box", "found true"),
+        ({"threshold_small_box": "10"}, "/threshold_small_box", 'found "10"'),
+        ({"threshold_small_box": None}, "/threshold_small_box", "found null"),
+        ({"size_big_box": float("nan")}, "/size_big_box", "found NaN"),
+        ({"min_visible_pixels": 1.5}, "/min_visible_pixels", "a whole number"),
+        ({"max_distance": float("inf")}, "/max_distance", "metres or null"),
+        ({"max_distance": 10**400}, "/max_distance", "metres or null"),
+        ({"profile": "papr"}, "/profile", "did you mean 'paper'"),
+        ({"palette": "carla-0.9.15"}, "/palette", "did you mean 'carla-0.9.1"),
+        ({"evidence": "dept"}, "/evidence", "did you mean 'depth'"),
+        ({"min_distance": 5, "max_distance": 2}, "/min_distance", "max_distance (2)"),
+        ({"classes": []}, "/classes", "a mapping of class names"),
+        ({"classes": {"car": 3}}, "/classes/car", "classes.car: expected a mapping"),
+        (
+            {"classes": {"car": {"threshold": 3}}},
+            "/classes/car/threshold",
+            "classes.car: unknown key 'threshold'; the nearest valid key is",
+        ),
+        (
+            {"classes": {"a/b": {"size_big_box": 300}}},
+            "/classes/a~1b/size_big_box",
+            "found 300",
+        ),
+        (
+            {"classes": {"car": {"min_distance": 5}}, "max_distance": 2},
+            "/classes/car/min_distance",
+            "classes.car: min_distance",
+        ),
+        (
+            {"classes": {"van": {"accept": ["Trukc"]}}},
+            "/classes/van/accept",
+            "classes.van.accept: unknown tag 'Trukc'; the nearest valid name is 'Tr",
+        ),
+        ({"config": {}}, "/config", "unknown key 'config'; expected one of profile, "),
+        ({"profile": "x"}, "/profile", 'expected one of paper, carlasimu, found "x"'),
+        ({"classes": {"van": {"accept": [30]}}}, "/classes/van/accept", "0 to 29"),
+        ({"classes": {"van": {"accept": [True]}}}, "/classes/van/accept", "'True'"),
+        ({"classes": {"van": {"accept": []}}}, "/classes/van/accept", "a list of"),
+        ({"classes": {"": {}}}, "/classes", "a class name"),
+        (
+            {"classes": {"traffic_light": {}, "street_light": {}}},
+            "/classes/street_light",
+            "name the same class",
+        ),
+        ([], "", "found a list of 0"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_key_and_range(raw, pointer, words):
+    with pytest.raises(ConfigError) as caught:
+        FilterConfig.from_mapping(raw)
+
+    assert words in caught.value.detail
+    assert caught.value.pointer == pointer
+
+
+@pytest.mark.parametrize(
+    "channel", ["ordered", "depth", "depth_center", "instance", "lidar", "auto"]
+)
+def test_every_channel_can_be_asked_for(channel):
+    assert FilterConfig.from_mapping({"evidence": channel}).evidence == channel
+
+
+def test_an_unknown_channel_is_refused_with_the_nearest():
+    with pytest.raises(ConfigError, match="did you mean 'lidar'"):
+        FilterConfig.from_mapping({"evidence": "lidr"})
+
+
+def test_a_class_can_lift_a_limit_that_all_others_have():
+    config = FilterConfig.from_mapping(
+        {"max_distance": 50, "classes": {"traffic_light": {"max_distance": None}}}
+    )
+
+    limits = config.thresholds_for(["car", "street_light"])
+
+    np.testing.assert_array_equal(limits.max_distance, [50, np.inf])
+    assert config.as_dict()["classes"] == {"traffic_light": {"max_distance": None}}
+
+
+def test_thresholds_are_a_class_s_own_or_the_common_ones():
+    config = FilterConfig.from_mapping(
+        {"classes": {"van": {"threshold_small_box": 2, "min_visible_pixels": 7}}}
+    )
+
+    limits = config.thresholds_for(["car", "van"])
+
+    assert limits.threshold_small_box.tolist() == [10, 2]
+    assert limits.min_visible_pixels.tolist() == [1, 7]
+    assert limits.threshold_big_box.tolist() == [50, 50]
+
+
+def test_only_what_needs_pixels_is_in_the_measure_key():
+    default = FilterConfig().measure_key()
+    accepting = {"classes": {"van": {"accept": ["Truck"]}}}
+
+    for numbers in ({"threshold_small_box": 3}, {"max_distance": 9}, accepting):
+        assert FilterConfig.from_mapping(numbers).measure_key() == default
+    for pixels in ({"palette": "carla-0.9.0"}, {"projection": "naive"}):
+        assert FilterConfig.from_mapping(pixels).measure_key() != default
+
+
+def test_profile_carlasimu_cannot_change_accept_sets_without_pixels():
+    plain = FilterConfig.from_mapping({"profile": "carlasimu"})
+    other = FilterConfig.from_mapping(
+        {"profile": "carlasimu", "classes": {"van": {"accept": ["Truck"]}}}
+    )
+
+    assert plain.measure_key() != other.measure_key()
+
+
+def test_a_difference_names_every_key_that_changed():
+    before = FilterConfig.from_mapping({"classes": {"van": {"accept": ["Truck"]}}})
+    after = FilterConfig.from_mapping(
+        {"max_distance": 80, "classes": {"car": {"threshold_small_box": 5}}}
+    )
+
+    assert diff_configs(before, after) == [
+        ConfigChange("max_distance", None, 80),
+        ConfigChange("classes.van.accept", ["Truck"], None),
+        ConfigChange("classes.car.threshold_small_box", None, 5),
+    ]
+    assert diff_configs(after, after) == []
+
+
+@pytest.mark.parametrize(
+    ("evidence", "channels"),
+    [
+        ("semantic", ()),
+        ("depth_center", ("depth_center",)),
+        ("auto", ("instance", "depth", "ordered")),
+    ],
+)
+def test_a_configuration_says_which_channels_it_decides_by(evidence, channels):
+    assert FilterConfig(evidence=evidence).channels == channels

@@ -1,0 +1,168 @@
+"""Sentences about decisions: true, and never rounded into a lie."""
+
+from __future__ import annotations
+
+import pytest
+
+from filter_core.decisions.explain import (
+    HiddenBy,
+    Judgement,
+    explain,
+    hidden_by,
+    percent,
+)
+from filter_core.types import N_TAGS, Reason
+
+VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
+
+
+@pytest.mark.parametrize(
+    ("judgement", "sentence"),
+    [
+        (
+            Judgement(
+                Reason.BELOW_THRESHOLD,
+                "car",
+                match_percent=4.1,
+                threshold=10,
+                accepted=("Car",),
+                hidden_by=[VEGETATION],
+            ),
+            "rejected: 4.1 % of its pixels are Car, 10 % are needed; "
+            "Vegetation covers 71 %",
+        ),
+        (
+            Judgement(
+                Reason.VISIBLE, "car", match_percent=74, threshold=10, accepted=("Car",)
+            ),
+            "kept: 74 % of its pixels are Car, 10 % are needed",
+        ),
+        (
+            Judgement(
+                Reason.LARGE_BELOW_THRESHOLD,
+                "van",
+                match_percent=41,
+                threshold=50,
+                area_percent=83,
+                large=True,
+                accepted=("Car", "Truck"),
+            ),
+            "rejected: it covers 83 % of the image and 41 % of its pixels are "
+            "Car or Truck, 50 % are needed",
+        ),
+        (
+            Judgement(
+                Reason.BELOW_THRESHOLD,
+                "car",
+                match_percent=10,
+                threshold=10,
+                accepted=("Car",),
+                published=True,
+            ),
+            "rejected: 10 % of its pixels are Car, more than 10 % are needed",
+        ),
+        (
+            Judgement(
+                Reason.NO_VISIBLE_PIXELS,
+                "car",
+                matched_pixels=0,
+                accepted=("Car",),
+                hidden_by=[VEGETATION],
+            ),
+            "rejected: none of its pixels are Car; Vegetation covers 71 %",
+        ),
+        (
+            Judgement(
+                Reason.NO_VISIBLE_PIXELS,
+                "car",
+                matched_pixels=1,
+                min_visible_pixels=5,
+                accepted=("Car",),
+            ),
+            "rejected: only 1 of its pixels is Car, 5 are needed",
+        ),
+        (
+            Judgement(Reason.OUT_OF_RANGE, "car", distance=312.4, max_distance=200),
+            "rejected: it is 312 m away, at most 200 m are wanted",
+        ),
+        (
+            Judgement(Reason.OUT_OF_RANGE, "car", distance=4.996, min_distance=5),
+            "rejected: it is 4.996 m away, at least 5 m are wanted",
+        ),
+        (
+            Judgement(Reason.UNMAPPED_CLASS, "bike"),
+            "rejected: no tag is accepted for the class 'bike'",
+        ),
+        (
+            Judgement(Reason.NO_SEGMENTATION, "car"),
+            "unmeasured: there is no segmentation to measure with",
+        ),
+        (
+            Judgement(Reason.OUTSIDE_IMAGE, "car"),
+            "rejected: the box lies outside the image",
+        ),
+    ],
+)
+def test_a_decision_in_one_sentence(judgement, sentence):
+    assert explain(judgement) == sentence
+
+
+@pytest.mark.parametrize("reason", list(Reason))
+def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
+    sentence = explain(Judgement(reason, "car"))
+
+    assert sentence.startswith(f"{reason.verdict.value}: ")
+    assert "None" not in sentence
+
+
+@pytest.mark.parametrize(
+    ("value", "against", "text"),
+    [
+        (74.4, 10, "74 %"),
+        (9.96, 10, "9.96 %"),
+        (10.0004, 10, "10.0004 %"),
+        (10, 10, "10 %"),
+        (4.14, 10, "4.1 %"),
+        (0, None, "0 %"),
+        (0.004, None, "0.004 %"),
+        (99.97, None, "99.97 %"),
+        (100, None, "100 %"),
+        (33.4, 33.3, "33.4 %"),
+        (33.2, 33.3, "33 %"),
+        (33.34, 33.3, "33.34 %"),
+    ],
+)
+def test_a_percentage_is_rounded_only_as_far_as_it_stays_true(value, against, text):
+    assert percent(value, against) == text
+
+
+def counts(**by_tag):
+    row = [0] * N_TAGS
+    for tag, pixels in by_tag.items():
+        row[int(tag[1:])] = pixels
+    return row
+
+
+def test_what_hides_a_box_is_what_its_class_does_not_accept():
+    row = counts(t14=10, t9=50, t3=20, t6=15, t5=4, t1=1)
+
+    assert hidden_by(row, 1 << 14, "carla-0.9.14") == [
+        {"tag": 9, "name": "Vegetation", "percent": 50.0},
+        {"tag": 3, "name": "Building", "percent": 20.0},
+        {"tag": 6, "name": "Pole", "percent": 15.0},
+    ]
+
+
+def test_what_lies_around_a_box_does_not_hide_it():
+    row = counts(t1=10, t2=10, t10=10, t11=10, t24=10, t25=10, t14=40)
+
+    assert hidden_by(row, 1 << 14, "carla-0.9.14") == []
+    assert hidden_by([0] * N_TAGS, 1 << 14, "carla-0.9.14") == []
+
+
+def test_unknown_pixels_are_named_and_ties_go_to_the_lower_tag():
+    row = counts(t30=5, t3=5)
+
+    names = [one["name"] for one in hidden_by(row, 0, "carla-0.9.14")]
+
+    assert names == ["Building", "Unknown"]

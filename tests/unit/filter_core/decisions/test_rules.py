@@ -1,0 +1,190 @@
+"""The rules: which one fires, the threshold that applied, and when it was close."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
+from filter_core.types import BoxState, Reason, Verdict
+from tests.unit.filter_core.evidence.evidence_of import evidence_of
+
+
+def reason_of(box, **config):
+    return Reason(decide(evidence_of([box]), FilterConfig(**config)).reason[0]).label
+
+
+def test_the_first_rule_that_matches_gives_the_reason():
+    everything = {
+        "state": BoxState.OUTSIDE_IMAGE,
+        "distance": 500,
+        "accept_mask": 0,
+        "measured": False,
+        "matched_pixels": 0,
+        "area_percent": 90,
+        "match_percent": 1,
+    }
+    faults = [
+        ("outside_image", "state"),
+        ("out_of_range", "distance"),
+        ("unmapped_class", "accept_mask"),
+        ("no_segmentation", "measured"),
+        ("no_visible_pixels", "matched_pixels"),
+        ("large_below_threshold", "area_percent"),
+        ("below_threshold", "match_percent"),
+    ]
+
+    for reason, key in faults:
+        assert reason_of(everything, max_distance=100) == reason
+        del everything[key]
+
+    assert reason_of(everything, max_distance=100) == "visible"
+
+
+@pytest.mark.parametrize(
+    ("state", "reason"),
+    [
+        (BoxState.OUTSIDE_IMAGE, "outside_image"),
+        (BoxState.COVERS_IMAGE, "covers_image"),
+        (BoxState.DEGENERATE, "degenerate"),
+    ],
+)
+def test_what_correcting_found_comes_first(state, reason):
+    assert reason_of({"state": state, "measured": False}) == reason
+
+
+@pytest.mark.parametrize(
+    ("match", "area", "profile", "reason"),
+    [
+        (9.99, 1, "paper", "below_threshold"),
+        (10, 1, "paper", "visible"),
+        (10, 1, "carlasimu", "below_threshold"),
+        (10.01, 1, "carlasimu", "visible"),
+        (49.99, 70, "paper", "visible"),
+        (49.99, 70.01, "paper", "large_below_threshold"),
+        (50, 70.01, "paper", "visible"),
+        (50, 70, "carlasimu", "large_below_threshold"),
+        (50, 69.99, "carlasimu", "visible"),
+        (50.01, 70, "carlasimu", "visible"),
+    ],
+)
+def test_a_number_that_equals_its_threshold(match, area, profile, reason):
+    box = {"match_percent": match, "area_percent": area}
+
+    assert reason_of(box, profile=profile) == reason
+
+
+def test_profile_carlasimu_tests_large_boxes_by_both_thresholds():
+    box = {"match_percent": 40, "area_percent": 90}
+    config = {"threshold_small_box": 60, "threshold_big_box": 20}
+
+    assert reason_of(box, **config) == "visible"
+    assert reason_of(box, profile="carlasimu", **config) == "below_threshold"
+
+
+def test_profile_carlasimu_compares_more_than_all_before_it_is_capped():
+    box = {"match_percent": 104.0}
+    config = FilterConfig(profile="carlasimu", threshold_small_box=100)
+
+    decisions = decide(evidence_of([box]), config)
+
+    assert decisions.reason[0] == Reason.VISIBLE
+    assert decisions.margin[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("distance", "reason"),
+    [
+        (4.99, "out_of_range"),
+        (5, "visible"),
+        (80, "visible"),
+        (80.01, "out_of_range"),
+        (np.nan, "visible"),
+    ],
+)
+def test_the_ends_of_the_range_of_distances_are_inside(distance, reason):
+    box = {"distance": distance}
+
+    assert reason_of(box, min_distance=5, max_distance=80) == reason
+
+
+@pytest.mark.parametrize(("pixels", "reason"), [(2, "no_visible_pixels"), (3, None)])
+def test_as_many_pixels_as_are_needed_are_enough(pixels, reason):
+    box = {"matched_pixels": pixels, "match_percent": 30}
+
+    assert reason_of(box, min_visible_pixels=3) == (reason or "visible")
+
+
+def test_each_class_has_its_own_thresholds():
+    config = FilterConfig.from_mapping(
+        {
+            "classes": {
+                "street_light": {"threshold_small_box": 2},
+                "van": {"size_big_box": 30, "threshold_big_box": 60},
+            }
+        }
+    )
+    names = ("car", "street_light", "van")
+    boxes = [
+        {"class_index": index, "match_percent": 5, "area_percent": area}
+        for index, area in enumerate((1, 1, 40))
+    ]
+
+    decisions = decide(evidence_of(boxes, names), config)
+
+    assert decisions.threshold.tolist() == [10, 2, 60]
+    assert decisions.margin.tolist() == [-5, 3, -55]
+    assert decisions.large.tolist() == [False, False, True]
+    labels = [Reason(code).label for code in decisions.reason]
+    assert labels == ["below_threshold", "visible", "large_below_threshold"]
+
+
+def test_no_threshold_applied_where_an_earlier_rule_decided():
+    boxes = [
+        {"state": BoxState.DEGENERATE},
+        {"accept_mask": 0},
+        {"measured": False, "match_percent": np.nan},
+        {"matched_pixels": 0, "match_percent": 0.0, "area_percent": 90},
+    ]
+
+    decisions = decide(evidence_of(boxes), FilterConfig())
+
+    assert np.isnan(decisions.threshold).all()
+    assert np.isnan(decisions.margin).all()
+    assert not decisions.toss_up.any()
+    assert not decisions.large.any()
+
+
+@pytest.mark.parametrize(
+    ("matched", "pixels", "toss_up"),
+    [
+        (9, 100, True),
+        (5, 100, True),
+        (4, 100, False),
+        (90, 1000, True),
+        (80, 1000, False),
+    ],
+)
+def test_few_pixels_near_the_threshold_are_a_toss_up(matched, pixels, toss_up):
+    box = {
+        "matched_pixels": matched,
+        "box_pixels": pixels,
+        "match_percent": 100 * matched / pixels,
+    }
+
+    assert decide(evidence_of([box]), FilterConfig()).toss_up[0] == toss_up
+
+
+def test_no_boxes_give_no_decisions():
+    decisions = decide(evidence_of([], class_names=()), FilterConfig())
+
+    assert len(decisions) == 0
+    assert decisions.count(Verdict.KEPT) == 0
+
+
+def test_deciding_needs_neither_rectangles_nor_histograms():
+    evidence = evidence_of([{}, {"match_percent": 1}])
+
+    assert evidence.xyxy is None
+    assert decide(evidence, FilterConfig()).count(Verdict.KEPT) == 1

@@ -1,0 +1,64 @@
+"""Kappa against textbooks, and what people said of the same boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.evaluation.agreement import agreement, cohen_kappa
+
+
+@pytest.mark.parametrize(
+    ("table", "kappa", "error"),
+    [
+        # J. L. Fleiss, Statistical Methods for Rates and Proportions, 2nd ed., p. 219.
+        pytest.param([[75, 1, 4], [5, 4, 1], [0, 0, 10]], 0.676, 0.0877, id="Fleiss"),
+        # J. Cohen 1960 has three categories of proportions; n = 200.
+        pytest.param(
+            [[88, 14, 18], [10, 40, 10], [2, 6, 12]], 0.492, None, id="Cohen 1960"
+        ),
+        pytest.param([[20, 5], [10, 15]], 0.4, None, id="two of two"),
+        pytest.param([[0, 7], [7, 0]], -1.0, 0.0, id="always opposed"),
+        pytest.param([[3, 0], [0, 9]], 1.0, 0.0, id="always alike"),
+    ],
+)
+def test_kappa_is_that_of_the_textbooks(table, kappa, error):
+    found = cohen_kappa(np.array(table))
+
+    assert found is not None
+    assert found.value == pytest.approx(kappa, abs=5e-4)
+    assert -1 <= found.low <= found.value <= found.high <= 1
+    if error is not None:
+        assert found.value - max(-1, found.low) == pytest.approx(
+            min(1.959964 * error, found.value + 1), abs=5e-4
+        )
+
+
+@pytest.mark.parametrize("table", [[[0, 0], [0, 0]], [[5, 0], [0, 0]]])
+def test_kappa_of_one_and_the_same_answer_is_not_defined(table):
+    assert cohen_kappa(np.array(table)) is None
+
+
+def test_only_boxes_of_several_people_count():
+    #                 ada eve  ada eve bob  ada
+    box = np.array([1, 1, 2, 2, 2, 3])
+    person = np.array([0, 1, 0, 1, 2, 0])
+    keep = np.array([True, True, True, False, False, True])
+
+    found = agreement(box, person, keep)
+
+    assert (found.boxes, found.agreed) == (2, 1)
+    assert [(p.a, p.b, p.boxes, p.agreed) for p in found.pairs] == [
+        (0, 1, 2, 1),
+        (0, 2, 1, 0),
+        (1, 2, 1, 1),
+    ]
+    assert found.pairs[0].table.tolist() == [[0, 0], [1, 1]]
+
+
+def test_nobody_agrees_with_nobody():
+    nothing = np.empty(0, np.int64)
+
+    found = agreement(nothing, nothing, nothing.astype(bool))
+
+    assert (found.boxes, found.agreed, found.pairs, found.kappa) == (0, 0, [], None)

@@ -1,0 +1,58 @@
+"""Thresholds for every class from boxes whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from filter_core.config.filter import ClassConfig, FilterConfig
+from filter_core.evaluation.class_thresholds import TruthCollector, with_thresholds
+from filter_core.evaluation.thresholds import Goal
+from tests.unit.filter_core.evidence.evidence_of import evidence_of
+
+POLE = {"class_index": 0, "match_percent": 6.0}
+POLE_IN_FRONT_OF_ONE = {"class_index": 0, "match_percent": 1.0}
+CAR = {"class_index": 1, "match_percent": 70.0}
+
+
+def gathered(config=None):
+    """Frames whose classes stand in different orders."""
+    collector = TruthCollector(config or FilterConfig())
+    poles = [POLE, POLE_IN_FRONT_OF_ONE, CAR]
+    names = ("traffic_light", "car")
+    collector.add(evidence_of(poles, names), np.array([True, False, True]))
+    swapped = [{**box, "class_index": 1 - box["class_index"]} for box in poles]
+    collector.add(evidence_of(swapped, names[::-1]), np.array([True, False, True]))
+    return collector
+
+
+def test_classes_are_told_apart_whatever_their_order_in_a_frame():
+    (found,) = gathered().suggestions(Goal())
+
+    assert (found.class_name, found.current, found.boxes) == ("traffic_light", 10, 4)
+    assert 1 < found.found.threshold < 6
+
+
+def test_the_suggested_configuration_keeps_everything_else():
+    config = FilterConfig(
+        max_distance=80,
+        evidence="depth",
+        classes={
+            "street_light": ClassConfig(min_visible_pixels=2),
+            "van": ClassConfig(accept=("Car",)),
+        },
+    )
+    collector = gathered(config)
+    found = collector.suggestions(Goal())
+
+    new = with_thresholds(collector.config, found)
+
+    assert (new.evidence, new.max_distance) == ("semantic", 80)
+    assert new.limit_of("traffic_light", "min_visible_pixels") == 2
+    assert new.limit_of("traffic_light", "threshold_small_box") == (
+        found[0].found.threshold
+    )
+    assert new.of_class("van") == config.of_class("van")
+
+
+def test_nothing_is_suggested_from_nothing():
+    assert TruthCollector(FilterConfig()).suggestions(Goal()) == []

@@ -1,0 +1,72 @@
+"""Channels compared with the truth, box by box."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import CHANNELS
+from filter_core.evaluation.comparison import Evaluation
+from filter_core.evidence.channels import SensorFiles
+from filter_core.pipeline import FrameOptions, filter_frame
+from tests.unit.filter_core.evidence.scene import depth_png, instance_png
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
+
+TRUTH = np.array([True, False])
+
+
+def measured(*kinds):
+    tags, metres, ids = scene()
+    contents = {"depth": depth_png(metres), "instances": instance_png(tags, ids)}
+    files = SensorFiles({kind: contents[kind] for kind in kinds}, channels=CHANNELS)
+    result = filter_frame(ANNOTATION, tags, options=FrameOptions(sensors=files))
+    return result.measured.evidence
+
+
+def test_every_channel_is_counted_on_the_same_boxes():
+    evaluation = Evaluation(FilterConfig())
+
+    for _ in range(3):
+        evaluation.add(measured("depth", "instances"), TRUTH)
+
+    found = evaluation.as_dict()
+    assert (found["frames"], found["boxes"]) == (3, 6)
+    ghosts = {name: one["kept_hidden"] for name, one in found["channels"].items()}
+    assert ghosts == {
+        "semantic": 3,
+        "ordered": 0,
+        "depth": 0,
+        "depth_center": 0,
+        "instance": 0,
+        "lidar": 3,
+    }
+    assert found["channels"]["depth"]["f1"]["value"] == 1.0
+
+
+def test_a_channel_without_numbers_says_how_few_it_judged():
+    evaluation = Evaluation(FilterConfig(), ("semantic", "depth", "ordered"))
+
+    evaluation.add(measured(), TRUTH)
+
+    judged = {name: one.judged for name, one in evaluation.scores.items()}
+    assert judged == {"semantic": 2, "depth": 0, "ordered": 2}
+
+
+def test_classes_and_distances_are_told_apart():
+    evaluation = Evaluation(FilterConfig(), ("semantic",))
+
+    evaluation.add(measured(), TRUTH)
+
+    semantic = evaluation.as_dict()["channels"]["semantic"]
+    assert semantic["by_class"]["car"]["kept_hidden"] == 1
+    assert [one["band"] for one in semantic["by_distance"]] == ["0-50"]
+
+
+def test_what_nothing_can_judge_is_left_out():
+    evaluation = Evaluation(FilterConfig(), ("semantic",))
+    options = FrameOptions(image_wh=(160, 120))
+    unseen = filter_frame(ANNOTATION, None, options=options).measured.evidence
+
+    evaluation.add(unseen, TRUTH)
+
+    assert evaluation.scores["semantic"].total.boxes == 0

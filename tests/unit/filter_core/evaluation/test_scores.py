@@ -1,0 +1,68 @@
+"""Scores and their intervals, against textbook values and slow definitions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from filter_core.evaluation.scores import (
+    BANDS,
+    Confusion,
+    band_index,
+    share,
+    wilson_interval,
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "whole", "low", "high"),
+    [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (10, 10, 0.7225, 1.0)],
+)
+def test_wilsons_interval_is_that_of_the_textbooks(part, whole, low, high):
+    assert wilson_interval(part, whole) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_a_share_of_nothing_is_unknown():
+    assert share(0, 0) is None
+    empty = Confusion()
+    assert (empty.precision, empty.recall, empty.f1) == (None, None, None)
+
+
+@given(*[st.integers(0, 200)] * 4)
+def test_scores_are_as_defined_and_lie_in_their_intervals(tp, fp, fn, tn):
+    scores = Confusion(tp, fp, fn, tn)
+
+    assert scores.boxes == tp + fp + fn + tn
+    if tp:
+        precision, recall = tp / (tp + fp), tp / (tp + fn)
+        f1 = 2 * precision * recall / (precision + recall)
+        found = scores.precision, scores.recall, scores.f1
+        values = [one.value for one in found if one is not None]
+        assert values == pytest.approx([precision, recall, f1])
+    for one in (scores.precision, scores.recall, scores.f1):
+        if one is not None:
+            assert 0 <= one.low <= one.value <= one.high <= 1
+
+
+@given(
+    st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30), st.integers(0, 30)
+)
+def test_parts_add_up(boxes, cut):
+    kept, visible = np.array(boxes, bool).reshape(-1, 2).T
+
+    parts = Confusion.of(kept[:cut], visible[:cut]) + Confusion.of(
+        kept[cut:], visible[cut:]
+    )
+
+    assert parts == Confusion.of(kept, visible)
+    assert parts.kept_hidden == sum(k and not v for k, v in boxes)
+
+
+def test_a_band_begins_with_its_lower_end():
+    metres = np.array([0, 49.99, 50, 150, 200, 1e6, np.nan])
+
+    bands = [BANDS[index] for index in band_index(metres)]
+
+    assert bands == ["0-50", "0-50", "50-100", "150-200", ">200", ">200", "unknown"]

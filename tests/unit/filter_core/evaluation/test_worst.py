@@ -1,0 +1,42 @@
+"""Which disagreements are listed, and in which order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from filter_core.evaluation.worst import MOST, Worst
+from tests.unit.filter_core.evidence.evidence_of import evidence_of
+
+LOST, GHOST = (False, True), (True, False)
+
+
+def listed(worst):
+    return [(box.name["row"], box.error, box.pixels) for box in worst.boxes]
+
+
+def add(worst, boxes, outcomes):
+    kept, visible = np.array(outcomes, np.bool_).T
+    worst.add(evidence_of(boxes), kept, visible, lambda row: {"row": row})
+
+
+def test_a_ghost_counts_with_its_box_and_a_lost_object_with_what_is_seen():
+    worst = Worst()
+    boxes = [
+        {"box_pixels": 500, "matched_pixels": 20},
+        {"box_pixels": 400, "matched_pixels": 70},
+        {"box_pixels": 900, "matched_pixels": 90},
+    ]
+
+    add(worst, boxes, [GHOST, LOST, (True, True)])
+
+    assert listed(worst) == [(0, "kept_hidden", 500), (1, "rejected_visible", 70)]
+
+
+def test_the_largest_stay_however_many_come():
+    worst = Worst()
+    sizes = list(range(100, 100 + 3 * MOST))
+    for start in (0, MOST, 2 * MOST):
+        part = [{"box_pixels": size} for size in sizes[start : start + MOST]]
+        add(worst, part, [GHOST] * MOST)
+
+    assert [box.pixels for box in worst.boxes] == sizes[::-1][:MOST]

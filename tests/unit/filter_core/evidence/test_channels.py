@@ -1,0 +1,190 @@
+"""Whole frames judged by depth, instances, order and LiDAR."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import ImageError
+from filter_core.evidence.channels import SensorFiles
+from filter_core.pipeline import FrameOptions, filter_frame
+from tests.unit.filter_core.evidence.scene import depth_png, instance_png
+
+CAR, ROAD = 14, 1
+WIDTH, HEIGHT = 160, 120
+CAMERA = {
+    "width": WIDTH,
+    "height": HEIGHT,
+    "fov": 90,
+    "transform": {"x": 0, "y": 0, "z": 0},
+}
+NEAR, FAR = 10.0, 40.0
+
+
+def cube(box_id: str, distance: float) -> dict:
+    return {
+        "id": box_id,
+        "class": "car",
+        "box3d": {
+            "transform": {"x": distance, "y": 0, "z": 0},
+            "location": [0, 0, 0],
+            "extent": [2, 2, 2],
+            "rotation": [0, 0, 0],
+        },
+    }
+
+
+ANNOTATION: dict[str, Any] = {
+    "carla_version": "0.9.15",
+    "camera": CAMERA,
+    "sensors": {"lidar": {"transform": {"x": 0, "y": 0, "z": 1}}},
+    "boxes": [cube("217", NEAR), cube("218", FAR)],
+}
+
+
+def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tags, metres and instances: one car, and nothing of the one behind it."""
+    tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
+    metres, ids = np.full(tags.shape, 60.0), np.zeros(tags.shape, int)
+    seen = np.s_[41:79, 61:99]
+    tags[seen], metres[seen], ids[seen] = CAR, NEAR - 2, 999
+    return tags, metres, ids
+
+
+def decided(evidence: str, **contents: bytes) -> list[dict]:
+    tags, _, _ = scene()
+    options = FrameOptions(sensors=SensorFiles(contents))
+    return filter_frame(
+        ANNOTATION, tags, FilterConfig(evidence=evidence), options
+    ).decisions
+
+
+def depth_file() -> bytes:
+    return depth_png(scene()[1])
+
+
+def instance_file() -> bytes:
+    return instance_png(scene()[0], scene()[2])
+
+
+def test_the_segmentation_alone_keeps_the_car_behind_the_car():
+    assert [one["verdict"] for one in decided("semantic")] == ["kept", "kept"]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "contents", "explanation"),
+    [
+        ("ordered", {}, "rejected: explained by the nearer car 217"),
+        (
+            "depth",
+            {"depth": depth_file()},
+            "rejected: all Car pixels here are 30 m nearer than the box",
+        ),
+        (
+            "depth_center",
+            {"depth": depth_file()},
+            "rejected: what is seen at its centre is 30 m nearer than the box",
+        ),
+        (
+            "instance",
+            {"instances": instance_file()},
+            "rejected: no instance in the image belongs to it",
+        ),
+        (
+            "auto",
+            {"instances": instance_file(), "depth": depth_file()},
+            "rejected: no instance in the image belongs to it",
+        ),
+    ],
+    ids=["ordered", "depth", "depth_center", "instance", "auto"],
+)
+def test_a_channel_sees_that_it_is_hidden(evidence, contents, explanation):
+    near, far = decided(evidence, **contents)
+
+    assert near["verdict"] == "kept"
+    assert far["explanation"] == explanation
+    assert far["evidence"] == ("instance" if evidence == "auto" else evidence)
+    assert far["threshold"] is None
+
+
+def test_what_is_seen_of_a_box_has_a_tight_rectangle_and_levels():
+    near, far = decided("instance", instances=instance_file())
+
+    assert near["tight_xyxy"] == [61.0, 41.0, 99.0, 79.0]
+    assert near["visible_pixels"] == 38 * 38
+    assert (far["tight_xyxy"], far["visible_pixels"]) == (None, 0)
+    assert near["truncated"] == pytest.approx(0.0)
+
+
+def test_depth_gives_the_level_of_occlusion():
+    near, far = decided("depth", depth=depth_file())
+
+    assert (near["occluded"], far["occluded"]) == (0, 2)
+    assert decided("semantic")[0]["occluded"] == 3
+
+
+def test_order_names_the_box_that_explains():
+    near, far = decided("ordered")
+
+    assert (near["explained_by"], far["explained_by"]) == (None, "217")
+
+
+def test_a_channel_without_its_file_leaves_the_box_to_the_segmentation():
+    near, far = decided("depth")
+
+    assert (near["evidence"], far["evidence"]) == ("semantic", "semantic")
+    assert far["explanation"].startswith("kept: ")
+
+
+def test_instances_alone_are_enough():
+    options = FrameOptions(
+        image_wh=(WIDTH, HEIGHT), sensors=SensorFiles({"instances": instance_file()})
+    )
+
+    result = filter_frame(ANNOTATION, None, FilterConfig(evidence="instance"), options)
+
+    assert [one["verdict"] for one in result.decisions] == ["kept", "rejected"]
+
+
+def test_depth_that_is_too_coarse_refuses_the_frame_that_asks_for_it():
+
+    grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
+
+    with pytest.raises(ImageError, match=r"3\.9 m"):
+        decided("depth", depth=grey)
+    assert decided("auto", depth=grey)[1]["evidence"] == "ordered"
+
+
+def test_what_no_channel_asks_for_is_not_read():
+    assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
+
+
+@pytest.mark.parametrize(
+    ("config", "boxes", "explanation"),
+    [
+        ({}, [FAR], "kept: 1 of its Car pixels is not explained by nearer boxes"),
+        (
+            {"min_visible_pixels": 2},
+            [FAR],
+            "rejected: only 1 of its pixels is Car, 2 are needed",
+        ),
+        ({}, [NEAR, FAR], "rejected: explained by the nearer car 0"),
+    ],
+    ids=["nothing nearer", "more are asked for", "something nearer"],
+)
+def test_one_pixel_is_enough_where_nothing_nearer_explains_it(
+    config, boxes, explanation
+):
+    tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
+    tags[HEIGHT // 2, WIDTH // 2] = CAR
+    cubes = [cube(str(place), distance) for place, distance in enumerate(boxes)]
+
+    found = filter_frame(
+        {**ANNOTATION, "boxes": cubes}, tags, FilterConfig(evidence="ordered", **config)
+    )
+
+    assert found.decisions[-1]["explanation"] == explanation

@@ -1,0 +1,135 @@
+"""Instances: reading them, and which one belongs to which box."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.channel_types import ChannelNumbers
+from filter_core.errors import ImageError
+from filter_core.evidence.assign import InstanceBoxes, measure_instances
+from filter_core.evidence.instances import read_instances
+from filter_core.evidence.silhouettes import silhouettes
+from tests.shared_data import shared
+from tests.unit.filter_core.evidence.scene import instance_png
+
+CAR, WALKER = 14, 12
+CARS = 1 << CAR
+
+
+def measured(tags, ids, xyxy, *, distance=None, accept=CARS, given=None):
+    """The numbers of some boxes in one instance image."""
+    image = read_instances(instance_png(tags, ids))
+    boxes = np.array(xyxy, np.float64)
+    count = len(boxes)
+    numbers = ChannelNumbers.absent(count)
+    wanted = InstanceBoxes(
+        boxes,
+        np.full(count, accept, np.int64),
+        np.full(count, np.nan) if distance is None else np.array(distance, np.float64),
+        np.array(given or [-1] * count, np.int64),
+    )
+    solid = np.full((count, 8, 3), np.nan)
+    measure_instances(numbers, image, wanted, silhouettes(boxes, solid, None, image.wh))
+    return numbers
+
+
+def two_cars() -> tuple[np.ndarray, np.ndarray]:
+    """A car of 6 x 4 px beside one of 3 x 4 px."""
+    ids = np.zeros((6, 12), int)
+    ids[1:5, 1:7], ids[1:5, 8:11] = 54_321, 77
+    return np.where(ids > 0, CAR, 0), ids
+
+
+def test_ids_have_sixteen_bits():
+    image = read_instances(
+        instance_png(np.array([[CAR, WALKER]]), np.array([[65_535, 256]]))
+    )
+
+    assert image.tags.tolist() == [[CAR, WALKER]]
+    assert image.ids.tolist() == [[65_535, 256]]
+    assert not image.swapped
+
+
+def test_red_and_blue_that_were_exchanged_are_put_right():
+    tags, ids = np.full((2, 2), CAR), np.full((2, 2), 54_321)
+
+    image = read_instances(instance_png(tags, ids, swapped=True))
+
+    assert image.swapped
+    assert image.tags.tolist() == tags.tolist()
+    assert image.ids.tolist() == ids.tolist()
+
+
+def test_a_real_image_that_was_saved_swapped_is_put_right():
+    path = shared("data/ee267-litian-gong/report/Part5_output")
+
+    image = read_instances((path / "instance_segmentation.png").read_bytes())
+
+    assert image.swapped
+    assert int(image.tags.max()) <= 29
+
+
+@pytest.mark.parametrize(
+    ("extension", "pixels", "code"),
+    [
+        (".jpg", np.zeros((8, 8, 3), np.uint8), "lossy_instances"),
+        (".png", np.zeros((4, 4), np.uint8), "bad_instances"),
+        (".png", np.full((4, 4, 3), 99, np.uint8), "bad_instances"),
+    ],
+    ids=["jpeg", "grey", "no tags in any channel"],
+)
+def test_what_is_no_instance_image_is_refused(extension, pixels, code):
+    with pytest.raises(ImageError) as refused:
+        read_instances(cv2.imencode(extension, pixels)[1].tobytes())
+
+    assert refused.value.kind == code
+
+
+def test_each_box_gets_its_own_instance():
+    numbers = measured(*two_cars(), [[8, 1, 11, 5], [1, 1, 7, 5]])
+
+    assert numbers.instance_pixels.tolist() == [12, 24]
+    assert numbers.tight_xyxy.tolist() == [[8, 1, 11, 5], [1, 1, 7, 5]]
+
+
+def test_a_ghost_behind_a_car_gets_none():
+    numbers = measured(*two_cars(), [[1, 1, 7, 5], [2, 2, 6, 4]], distance=[10.0, 40.0])
+
+    assert numbers.instance_pixels.tolist() == [24, 0]
+    assert np.isnan(numbers.tight_xyxy[1]).all()
+
+
+def test_a_fragment_belongs_to_the_nearer_box_not_to_the_one_of_its_size():
+    ids = np.zeros((20, 40), int)
+    ids[8:10, 16:20] = 5
+    hidden_car, far_ghost = [10, 2, 30, 14], [16, 8, 20, 10]
+
+    numbers = measured(
+        np.where(ids > 0, CAR, 0), ids, [far_ghost, hidden_car], distance=[150.0, 20.0]
+    )
+
+    assert numbers.instance_pixels.tolist() == [0, 8]
+
+
+def test_a_given_id_is_used_wherever_its_pixels_are():
+    numbers = measured(
+        *two_cars(), [[1, 1, 7, 5], [0, 0, 2, 2]], given=[-1, 0x1_0000 + 77]
+    )
+
+    assert numbers.instance_pixels.tolist() == [24, 12]
+
+
+def test_a_box_whose_own_instance_is_out_of_sight_gets_no_other_one():
+    numbers = measured(*two_cars(), [[1, 1, 7, 5]], given=[4])
+
+    assert numbers.instance_pixels.tolist() == [0]
+
+
+def test_pixels_of_other_tags_do_not_count():
+    tags, ids = two_cars()
+
+    numbers = measured(tags, ids, [[1, 1, 7, 5]], accept=1 << WALKER)
+
+    assert numbers.instance_pixels.tolist() == [0]

@@ -1,0 +1,218 @@
+"""Semantic LiDAR files, and which of their points are in a box."""
+
+from __future__ import annotations
+
+import io
+import struct
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from filter_core.evidence.lidar import (
+    LidarPoints,
+    PointsError,
+    check_points,
+    points_inside,
+    read_points,
+)
+from filter_core.geometry.pose import Transform
+from tests.unit.filter_core.evidence.scene import box_ahead
+
+CAR = 14
+POINTS = [(1.5, -2.0, 0.25, 0.5, 217, CAR), (8.0, 9.0, 1.0, 1.0, 0, 1)]
+DTYPE = [
+    ("x", "<f4"),
+    ("y", "<f4"),
+    ("z", "<f4"),
+    ("CosAngle", "<f4"),
+    ("ObjIdx", "<u4"),
+    ("ObjTag", "<u4"),
+]
+TABLE = np.array(POINTS, DTYPE)
+
+
+def header(form: str, count: int = len(POINTS)) -> bytes:
+    names = [name for name, _ in DTYPE]
+    types = ["float32"] * 4 + ["uint32"] * 2
+    lines = [f"property {kind} {name}" for kind, name in zip(types, names, strict=True)]
+    top = ["ply", f"format {form} 1.0", f"element vertex {count}"]
+    return "\n".join([*top, *lines, "end_header\n"]).encode()
+
+
+def ascii_ply() -> bytes:
+    rows = (" ".join(map(str, point)) for point in POINTS)
+    return header("ascii") + "\n".join(rows).encode() + b"\n"
+
+
+def npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def npy_of_columns(name: str) -> bytes:
+    """Two rows of two numbers; the first is named as Python writes `name`."""
+    described = f"[({name!r}, '<f4'), ('a', '<f4')]"
+    text = f"{{'descr': {described}, 'fortran_order': False, 'shape': (2,)}}".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(16)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        ascii_ply(),
+        header("binary_little_endian") + TABLE.tobytes(),
+        header("binary_big_endian")
+        + TABLE.astype(TABLE.dtype.newbyteorder()).tobytes(),
+        npy(TABLE),
+        npy(np.array(POINTS, np.float64)),
+    ],
+    ids=["ascii", "little endian", "big endian", "structured npy", "plain npy"],
+)
+def test_every_form_gives_the_same_points(content):
+    points = read_points(content)
+
+    assert points.xyz.tolist() == [[1.5, -2.0, 0.25], [8.0, 9.0, 1.0]]
+    assert points.object_id.tolist() == [217, 0]
+    assert points.tag.tolist() == [CAR, 1]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "PLY or NPY"),
+        (b"ply\nformat ascii 1.0\n", "header that ends"),
+        (header("ascii") + b"1 2 3", "truncated"),
+        (header("ascii") + b"a b c d e f " * 2, "words among the points"),
+        (header("binary_little_endian") + TABLE.tobytes()[:-1], "truncated"),
+        (header("ascii", 10**12), "at most 20,000,000 points"),
+        (header("latin", 0), "format ascii or binary"),
+        (header("ascii", 0).replace(b"ObjTag", b"Label2"), "column objtag"),
+        (npy(TABLE)[:-3], "whole NumPy array"),
+        (npy(np.array([{"a": 1}], object)), "whole NumPy array"),
+        (npy(np.zeros((4, 3))), "6 columns"),
+        (npy(np.full((1, 6), np.nan)), "finite"),
+    ],
+)
+def test_what_is_no_measurement_is_refused_in_words(content, words):
+    with pytest.raises(PointsError, match=words):
+        read_points(content)
+
+
+def test_the_sensors_own_place_counts_not_the_cameras():
+    points = LidarPoints(
+        np.array([[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [10.0, 0.0, 0.0]]),
+        np.zeros(3, np.int64),
+        np.array([CAR, CAR, 1]),
+    )
+    turned = Transform((100.0, 50.0, 0.0), (0.0, 90.0, 0.0))
+    ahead_of_it = box_ahead(0.0, half=1.0) + np.array([100.0, 60.0, 0.0])
+    flat = np.full((8, 3), np.nan)
+
+    counts = points_inside(
+        points,
+        turned,
+        np.stack([ahead_of_it, box_ahead(10.0, half=1.0), flat]),
+        np.full(3, 1 << CAR, np.int64),
+    )
+
+    assert counts.tolist() == [1, 0, -1]
+
+
+RADAR = np.zeros(3, [("x", "<f4"), ("velocity", "<f4")])
+RADAR_PLY = (
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 3\n"
+    b"property float x\nproperty float velocity\nend_header\n"
+)
+LONG_NAMES = "columns that are not named with 1 to 64 characters of text"
+SOUND = [
+    pytest.param(ascii_ply(), "lidar", "ply", id="ascii"),
+    pytest.param(header("ascii", 0), "lidar", "ply", id="no points"),
+    pytest.param(
+        header("binary_little_endian") + TABLE.tobytes(), "lidar", "ply", id="binary"
+    ),
+    pytest.param(npy(TABLE), "lidar", "npy", id="named npy"),
+    pytest.param(npy(np.array(POINTS)), "lidar", "npy", id="plain npy"),
+    pytest.param(RADAR_PLY + RADAR.tobytes(), "radar", "ply", id="radar"),
+    pytest.param(npy(RADAR), "radar", "npy", id="radar npy"),
+    pytest.param(npy(np.zeros((5, 4))), "radar", "npy", id="plain radar npy"),
+    pytest.param(npy_of_columns("ü" * 31), "radar", "npy", id="names of their own"),
+]
+
+
+@pytest.mark.parametrize(("content", "sensor", "kind"), SOUND)
+def test_a_whole_file_is_known_by_its_content(content, sensor, kind):
+    assert check_points(content, sensor=sensor) == f"application/x-{kind}"
+
+
+@pytest.mark.parametrize(
+    ("content", "sensor", "words"),
+    [
+        pytest.param(b"ply\n", "lidar", "header that ends", id="four bytes"),
+        pytest.param(b"\x93NUMPY", "lidar", "whole NumPy array", id="a beginning"),
+        pytest.param(b"v1 2 3", "radar", "PLY or NPY", id="neither"),
+        pytest.param(npy(TABLE)[:-1], "lidar", "whole NumPy", id="npy, cut"),
+        pytest.param(npy(TABLE) + b"x", "lidar", "whole NumPy", id="npy and more"),
+        pytest.param(npy(np.zeros((4, 3))), "lidar", "6 columns", id="npy, narrow"),
+        pytest.param(npy(np.zeros(())), "radar", "rows", id="npy of one number"),
+        pytest.param(npy(RADAR), "lidar", "column", id="a radar's as LiDAR"),
+        pytest.param(RADAR_PLY, "lidar", "column", id="a radar's PLY as LiDAR"),
+        pytest.param(npy_of_columns("\ud800"), "lidar", LONG_NAMES, id="half a name"),
+        pytest.param(npy_of_columns("\ud800"), "radar", LONG_NAMES, id="radar's half"),
+        pytest.param(npy_of_columns("x" * 65), "radar", LONG_NAMES, id="a long name"),
+        pytest.param(npy_of_columns(""), "radar", LONG_NAMES, id="no name"),
+        pytest.param(RADAR_PLY + bytes(23), "radar", "24 bytes", id="PLY, cut"),
+        pytest.param(ascii_ply()[:-8], "lidar", "2 points of 6", id="text, cut"),
+        pytest.param(
+            header("ascii", 20_000_001), "lidar", "20,000,000", id="too many points"
+        ),
+        pytest.param(
+            header("ascii", 20_000_000), "lidar", "found 0", id="as many as allowed"
+        ),
+    ],
+)
+def test_a_file_that_is_not_what_its_header_says_is_refused(content, sensor, words):
+    with pytest.raises(PointsError, match=words) as refused:
+        check_points(content, sensor=sensor)
+
+    assert refused.value.pointer == f"/{sensor}"
+    assert f"the {sensor} file" in str(refused.value)
+
+
+@pytest.mark.parametrize("blank", [" ", "\n", "\r\n", "\t\t"])
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_words_are_counted_where_portions_meet_as_they_are_read(blank, size):
+    """Words of several lengths, so that each of them is cut somewhere."""
+    points = 40_000 * size
+    words = [f"{number % 10**size}" for number in range(points * 6)]
+    text = header("ascii", points) + blank.join(words).encode()
+
+    assert check_points(text, sensor="lidar") == "application/x-ply"
+    assert len(read_points(text)) == points
+    with pytest.raises(PointsError, match="truncated"):
+        check_points(text[: text.rindex(blank.encode())], sensor="lidar")
+
+
+def test_a_text_of_points_takes_little_more_memory_than_its_numbers():
+    points = 150_000
+    text = header("ascii", points) + b"1 2 3 0 5 14\n" * points
+    tracemalloc.start()
+    try:
+        check_points(text, sensor="lidar")
+        _, checked = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        read_points(text)
+        _, read = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert checked < 8 * 2**20
+    assert read < 60 * 2**20 + 3 * 8 * 6 * points
+
+
+def test_a_word_without_an_end_is_no_number():
+    text = header("ascii", 1) + b"1" * (3 << 20)
+
+    with pytest.raises(PointsError, match=r"word of more than|truncated"):
+        read_points(text + b" 1 2 3 4 5")

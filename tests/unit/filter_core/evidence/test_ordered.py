@@ -1,0 +1,120 @@
+"""Order of distance: who owns a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from filter_core.evidence.accepted import AcceptedPixels
+from filter_core.evidence.ordered import owned_pixels
+from filter_core.evidence.silhouettes import Silhouette
+
+
+def box(row, x0, x1, mask=None):
+    """The pixels x0 .. x1 - 1 of an image of one row."""
+    pixels = np.ones((1, x1 - x0), bool) if mask is None else np.array([mask], bool)
+    return AcceptedPixels(Silhouette(row, x0, 0, x1, 1), pixels)
+
+
+def owned(boxes, distance, ids=None, wh=(20, 1)):
+    names = ids or [str(row) for row in range(len(distance))]
+    counts, explained = owned_pixels(boxes, np.array(distance), names, wh)
+    return counts.tolist(), explained.tolist()
+
+
+def drawing(row, x0, y0, picture, centred=None):
+    """A box whose region is drawn: # is accepted."""
+    mask = np.array([[pixel == "#" for pixel in line] for line in picture])
+    height, width = mask.shape
+    own = None if centred is None else np.array(centred, bool)
+    outline = Silhouette(row, x0, y0, x0 + width, y0 + height, None, own)
+    return AcceptedPixels(outline, mask, mask)
+
+
+def test_the_nearer_box_takes_what_both_could_have():
+    assert owned([box(0, 0, 10), box(1, 4, 14)], [30.0, 10.0]) == ([4, 10], [1, -1])
+
+
+def test_a_box_wholly_explained_owns_nothing_and_names_who_explains_it():
+    assert owned([box(0, 2, 6), box(1, 0, 10)], [30.0, 10.0]) == ([0, 10], [1, -1])
+
+
+def test_a_ghost_in_front_takes_nothing_from_what_is_seen_through_it():
+    unseen = box(0, 0, 10, mask=[False] * 10)
+
+    assert owned([unseen, box(1, 0, 10)], [5.0, 20.0]) == ([0, 10], [-1, -1])
+
+
+def test_an_unknown_distance_neither_explains_nor_is_tested():
+    assert owned([box(0, 0, 10), box(1, 0, 10)], [np.nan, 20.0]) == ([-1, 10], [-1, -1])
+
+
+def test_equal_distances_go_by_id():
+    assert owned([box(0, 0, 4), box(1, 0, 4)], [9.0, 9.0], ["b", "a"]) == (
+        [0, 4],
+        [1, -1],
+    )
+
+
+def test_the_box_that_explains_most_is_named():
+    boxes = [box(0, 0, 10), box(1, 0, 3), box(2, 3, 10)]
+
+    assert owned(boxes, [50.0, 10.0, 20.0])[1] == [2, -1, -1]
+
+
+CAR_WITH_A_VIEW_OVER_ITS_BONNET = [
+    "..........",
+    "..####....",
+    "..####.##.",
+    "..####.##.",
+    "..####....",
+    "..#######.",
+    "..#######.",
+    "..........",
+]
+
+
+def test_what_is_seen_over_a_bonnet_is_left_to_the_box_behind():
+    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
+    behind = drawing(1, 6, 1, [line[6:10] for line in near_rows(1, 4)])
+
+    assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 4], [-1, -1])
+
+
+def near_rows(first, last):
+    return CAR_WITH_A_VIEW_OVER_ITS_BONNET[first:last]
+
+
+def test_the_same_patch_is_the_nearer_ones_if_nobody_behind_holds_all_of_it():
+    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
+    behind = drawing(1, 8, 1, [line[8:10] for line in near_rows(1, 4)])
+
+    assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 0], [-1, 0])
+
+
+def test_halves_of_a_car_behind_a_tree_both_stay_its_own():
+    halves = [".........", ".###.###.", ".###.###.", "........."]
+    near = drawing(0, 0, 0, halves)
+    ghost = drawing(1, 4, 0, [line[4:9] for line in halves])
+
+    assert owned([near, ghost], [10.0, 40.0], wh=(12, 8)) == ([12, 0], [-1, 0])
+
+
+def test_a_splinter_is_no_sign_of_a_large_box_behind():
+    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
+    rows = ["." * 16] + [line[6:10] + "." * 12 for line in near_rows(1, 4)]
+    behind = drawing(1, 6, 0, rows + ["." * 16] * 9)
+
+    assert owned([near, behind], [10.0, 40.0], wh=(30, 20)) == ([34, 0], [-1, 0])
+
+
+def test_a_pixel_whose_centre_is_outside_of_the_nearer_outline_is_not_taken():
+    near = drawing(0, 0, 0, ["####"], centred=[[True, True, True, False]])
+    far = drawing(1, 2, 0, ["##"])
+
+    assert owned([near, far], [10.0, 40.0]) == ([4, 1], [-1, 0])
+
+
+def test_a_box_too_thin_for_any_centre_takes_what_it_touches():
+    thin = drawing(0, 0, 0, ["##"], centred=[[False, False]])
+
+    assert owned([thin, drawing(1, 0, 0, ["##"])], [10.0, 40.0]) == ([2, 0], [-1, 0])

@@ -1,0 +1,289 @@
+"""Evidence of boxes on small pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from filter_core.errors import (
+    AnnotationError,
+    FilterError,
+    ImageSizeMismatch,
+    SegmentationError,
+)
+from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
+from filter_core.segmentation.reading import read_segmentation, segmentation_from_tags
+from filter_core.types import UNKNOWN_COLUMN, BoxState
+from tests.pictures import FAMILY, frame_boxes, painted, png, tag_image
+
+PICTURE = tag_image(
+    "......",
+    ".cc.w.",
+    ".cct??",
+    "......",
+)
+WH = (6, 4)
+NAN = float("nan")
+
+
+def evidence(box, *, of="car", profile="paper", tags=PICTURE, ignore=None):
+    """What is measured of one box; twice, with and without the histogram."""
+    boxes = frame_boxes([box], (tags.shape[1], tags.shape[0]), of)
+    segmentation = segmentation_from_tags(tags, FAMILY)
+    full, quick = (
+        measure(segmentation, boxes, MeasureOptions(profile, histogram), ignore=ignore)
+        for histogram in (True, False)
+    )
+    assert quick.tag_counts is None
+    np.testing.assert_array_equal(quick.matched_pixels, full.matched_pixels)
+    np.testing.assert_array_equal(quick.match_percent, full.match_percent)
+    return full
+
+
+@pytest.mark.parametrize(
+    ("box", "pixels", "matched"),
+    [
+        pytest.param((1, 1, 3, 3), 4, 4, id="box filled by its class"),
+        pytest.param((1, 1, 5, 3), 8, 4, id="half of it is something else"),
+        pytest.param((-9, -9, 2, 2), 4, 1, id="only one corner is on the image"),
+        pytest.param((-9, -9, 99, 99), 24, 4, id="larger than the image"),
+        pytest.param((1.2, 1.2, 1.8, 1.8), 1, 1, id="smaller than one pixel"),
+        pytest.param((2.9, 1.9, 3.1, 2.1), 4, 2, id="thin, but touches four pixels"),
+        pytest.param((1, 1, 1.001, 3), 2, 2, id="a sliver has a column of its own"),
+        pytest.param((5.999, 0, 6, 4), 4, 0, id="a sliver at the right edge"),
+        pytest.param((0, 0, 1, 1), 1, 0, id="the first pixel"),
+        pytest.param((0.9999, 1, 3, 3), 6, 4, id="a hair over the edge of a pixel"),
+    ],
+)
+def test_a_box_has_every_pixel_that_it_touches(box, pixels, matched):
+    found = evidence(box)
+
+    assert found.state[0] == BoxState.MEASURABLE
+    assert (found.box_pixels[0], found.matched_pixels[0]) == (pixels, matched)
+    assert found.match_percent[0] == 100.0 * matched / pixels
+    assert found.tag_counts[0].sum() == pixels
+
+
+@pytest.mark.parametrize(
+    ("box", "state"),
+    [
+        pytest.param((7, 0, 9, 4), BoxState.OUTSIDE_IMAGE, id="right of the image"),
+        pytest.param((-5, 0, -1, 4), BoxState.OUTSIDE_IMAGE, id="left of the image"),
+        pytest.param((3, 3, 1, 1), BoxState.DEGENERATE, id="inverted"),
+        pytest.param((6, 0, 9, 4), BoxState.DEGENERATE, id="only touches the edge"),
+        pytest.param((2, 2, 2, 3), BoxState.DEGENERATE, id="without width"),
+    ],
+)
+def test_a_box_without_pixels_measures_nothing(box, state):
+    found = evidence(box)
+
+    assert found.state[0] == state
+    assert np.isnan(found.xyxy).all()
+    assert (found.box_pixels[0], found.matched_pixels[0]) == (0, 0)
+    assert (found.match_percent[0], found.area_percent[0]) == (0, 0)
+    assert not found.tag_counts.any()
+
+
+def test_the_histogram_counts_every_tag_and_what_is_unknown():
+    found = evidence((0, 0, 6, 4), of="truck")
+
+    counted = {int(tag): int(found.tag_counts[0, tag]) for tag in (1, 12, 14, 15)}
+    assert counted == {1: 16, 12: 1, 14: 4, 15: 1}
+    assert found.tag_counts[0, UNKNOWN_COLUMN] == 2
+    assert found.matched_pixels[0] == 5
+    assert found.image_pixels[0] == 24
+
+
+def test_the_area_is_that_of_the_float_box_and_not_of_its_pixels():
+    assert evidence((1.5, 1.5, 3.5, 2.5)).area_percent[0] == 2.0 / 24 * 100
+
+
+def test_an_ignored_pixel_is_neither_matched_nor_the_boxes():
+    ignore = np.zeros(PICTURE.shape, np.bool_)
+    ignore[2:, :] = True
+
+    found = evidence((1, 1, 5, 3), ignore=ignore)
+
+    assert (found.box_pixels[0], found.matched_pixels[0]) == (4, 2)
+    assert found.tag_counts[0].sum() == 4
+
+
+def test_a_box_of_ignored_pixels_alone_matches_nothing():
+    found = evidence((1, 1, 3, 3), ignore=np.ones(PICTURE.shape, np.bool_))
+
+    assert (found.box_pixels[0], found.match_percent[0]) == (0, 0.0)
+
+
+def test_a_class_without_an_accept_set_matches_nothing():
+    found = evidence((1, 1, 3, 3), of="unicorn")
+
+    assert (found.accept_mask[0], found.matched_pixels[0]) == (0, 0)
+
+
+def test_unknown_pixels_match_no_class():
+    everything = {"car": (1 << 62) - 1}
+    boxes = frame_boxes([(4, 2, 6, 3)], WH, accept=everything)
+
+    found = measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
+
+    assert found.matched_pixels[0] == 0
+
+
+def test_without_a_segmentation_the_geometry_is_still_measured():
+    boxes = frame_boxes([(1, 1, 3, 3), (1, 1, 2, 3)], WH)
+
+    found = measure(None, boxes)
+
+    assert not found.measured.any()
+    assert np.isnan(found.match_percent).all()
+    assert found.tag_counts is None
+    assert found.box_pixels.tolist() == [4, 2]
+    assert found.crowding.tolist() == [50.0, 100.0]
+
+
+def test_a_frame_without_boxes_has_empty_evidence():
+    boxes = frame_boxes(np.empty((0, 4)), WH)
+
+    found = measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
+
+    assert len(found) == 0
+    assert found.tag_counts is not None
+    assert found.tag_counts.shape == (0, 31)
+
+
+def test_a_coordinate_that_is_not_finite_is_an_error_that_names_the_box():
+    boxes = frame_boxes([(1, 1, 3, 3), (1, NAN, 3, 3)], WH)
+
+    with pytest.raises(AnnotationError, match="box 1: "):
+        measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
+
+
+@pytest.mark.parametrize("what", ["segmentation", "ignore mask"])
+def test_another_size_is_an_error_that_says_which(what):
+    segmentation = segmentation_from_tags(PICTURE, FAMILY)
+    ignore = np.zeros((6, 4), np.bool_) if what == "ignore mask" else None
+    wh = WH if what == "ignore mask" else (4, 6)
+
+    with pytest.raises(ImageSizeMismatch, match=f"the {what} is . x . pixels"):
+        measure(segmentation, frame_boxes([(0, 0, 1, 1)], wh), ignore=ignore)
+
+
+class TestPublishedCode:
+    """Profile `carlasimu`: bit for bit what the paper's authors published."""
+
+    @pytest.mark.parametrize(
+        ("box", "pixels", "matched", "percent"),
+        [
+            pytest.param((1, 1, 3, 3), 4, 4, 100.0, id="whole numbers"),
+            pytest.param((1.9, 1.9, 3.9, 3.9), 4, 4, 100.0, id="fractions are dropped"),
+            pytest.param((1.6, 1.0, 3.0, 3.0), 4, 4, 4 / 2.8 * 100, id="over 100 %"),
+            pytest.param((1.2, 1.2, 1.8, 1.8), 0, 0, 0.0, id="thin: no pixel"),
+        ],
+    )
+    def test_counts_a_truncated_crop_over_the_float_area(
+        self, box, pixels, matched, percent
+    ):
+        found = evidence(box, profile="carlasimu")
+
+        assert (found.box_pixels[0], found.matched_pixels[0]) == (pixels, matched)
+        assert found.match_percent[0] == pytest.approx(percent, rel=1e-15)
+
+    def test_a_box_as_large_as_the_image_is_told(self):
+        found = evidence((-1, -1, 7, 5), profile="carlasimu")
+
+        assert found.state[0] == BoxState.COVERS_IMAGE
+
+    def test_counts_one_colour_even_if_the_family_does_not_have_it(self):
+        rgb = painted(np.full((8, 20), 1, np.uint8))
+        rgb[0, 0] = (100, 40, 40)  # Fence of carlasimu's table and of carla-0.9.10
+        rgb[2:6, 2:6] = (0, 60, 100)  # Bus, which carla-0.9.10 does not have
+        segmentation = read_segmentation(png(rgb))
+        boxes = frame_boxes([(2, 2, 6, 6)], (20, 8), "bus", {"bus": 0})
+
+        found = measure(segmentation, boxes, MeasureOptions(profile="carlasimu"))
+
+        assert found.match_percent[0] == 100.0
+
+    @pytest.mark.parametrize("order", ["rgb", "bgr"])
+    def test_counts_by_colour_in_either_channel_order(self, order):
+        segmentation = read_segmentation(png(painted(PICTURE[:2]), order))
+        boxes = frame_boxes([(1, 1, 3, 2)], (6, 2), "truck")
+
+        found = measure(segmentation, boxes, MeasureOptions(profile="carlasimu"))
+
+        assert (segmentation.channel_order, found.match_percent[0]) == (order, 100.0)
+
+
+class TestAmbiguity:
+    """(0, 0, 142) is Car in one family and Vehicle in the other."""
+
+    AMBIGUOUS = png(painted(tag_image("ssss", ".cc.")))
+
+    @pytest.mark.parametrize("name", ["car", "walker"])
+    def test_a_class_that_means_the_same_in_both_is_measured(self, name):
+        masks = {"car": 1 << 14, "walker": 1 << 12}
+        boxes = frame_boxes([(1, 1, 3, 2)], (4, 2), name, masks)
+
+        found = measure(read_segmentation(self.AMBIGUOUS), boxes)
+
+        assert found.match_percent[0] == (100.0 if name == "car" else 0.0)
+
+    def test_a_class_that_does_not_is_refused_and_the_families_are_named(self):
+        boxes = frame_boxes([(1, 1, 3, 2)], (4, 2), "bus", {"bus": 1 << 16})
+
+        with pytest.raises(SegmentationError) as caught:
+            measure(read_segmentation(self.AMBIGUOUS), boxes)
+
+        assert caught.value.kind == "ambiguous_palette"
+        assert str(caught.value).startswith(
+            "the colours that occur fit carla-0.9.14 and carla-0.9.10, which differ in "
+            "what counts as bus; name the palette"
+        )
+
+    def test_an_accept_set_that_was_chosen_is_not_doubted(self):
+        boxes = frame_boxes([(1, 1, 3, 2)], (4, 2), "bus", {"bus": 1 << 14})
+
+        found = measure(read_segmentation(self.AMBIGUOUS), boxes)
+
+        assert found.match_percent[0] == 100.0
+
+
+class TestOtherAcceptSets:
+    BOXES = ((1, 1, 3, 3), (1, 1, 5, 3), (7, 0, 9, 4))
+
+    def measured(self, mask):
+        boxes = frame_boxes(self.BOXES, WH, accept={"car": mask})
+        return measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
+
+    def test_need_no_pixels(self):
+        changed = with_accept_masks(self.measured(1 << 14), np.full(3, 1 << 12))
+
+        expected = self.measured(1 << 12)
+        for name in ("matched_pixels", "match_percent", "crowding", "accept_mask"):
+            np.testing.assert_array_equal(
+                getattr(changed, name), getattr(expected, name)
+            )
+
+    def test_leave_the_given_evidence_alone(self):
+        given = self.measured(1 << 14)
+        before = given.matched_pixels.copy()
+
+        with_accept_masks(given, np.zeros(3, np.int64))
+
+        np.testing.assert_array_equal(given.matched_pixels, before)
+
+    def test_without_a_segmentation_there_is_still_nothing_matched(self):
+        unmeasured = measure(None, frame_boxes(self.BOXES, WH))
+
+        changed = with_accept_masks(unmeasured, np.full(3, 1 << 12))
+
+        assert np.isnan(changed.match_percent).all()
+
+    @pytest.mark.parametrize("missing", ["tag_counts", "xyxy"])
+    def test_need_the_histogram_and_the_boxes(self, missing):
+        given = replace(self.measured(1 << 14), **{missing: None})
+
+        with pytest.raises(FilterError, match="need the tag histogram") as caught:
+            with_accept_masks(given, np.full(3, 1 << 12))
+
+        assert caught.value.kind == "no_histogram"

@@ -1,0 +1,179 @@
+"""Rectangles: forms, Algorithm 1 in both profiles, and the pixels they touch."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from filter_core.errors import AnnotationError, FilterError
+from filter_core.geometry.boxes import correct_xyxy, from_xyxy, pixel_bounds, to_xyxy
+from filter_core.types import BoxState
+from tests.shared_data import shared
+
+WH = (200, 100)
+NOTHING = [float("nan")] * 4
+SMALL = Path(__file__).parents[3] / "data" / "published_corrections.json"
+
+
+def corrected(box, profile="paper"):
+    rows, states = correct_xyxy([box], WH, profile)
+    return rows[0].tolist(), BoxState(int(states[0]))
+
+
+@pytest.mark.parametrize(
+    ("form", "values"),
+    [
+        ("xyxy", [20, 10, 60, 40]),
+        ("xyxyn", [0.1, 0.1, 0.3, 0.4]),
+        ("xywh", [20, 10, 40, 30]),
+        ("cxcywh", [40, 25, 40, 30]),
+        ("cxcywhn", [0.2, 0.25, 0.2, 0.3]),
+    ],
+)
+def test_every_form_of_the_same_rectangle_gives_the_same_xyxy(form, values):
+    xyxy = to_xyxy(form, [values], WH)
+
+    np.testing.assert_allclose(xyxy, [[20, 10, 60, 40]], rtol=1e-12)
+    np.testing.assert_allclose(from_xyxy(form, xyxy, WH), [values], rtol=1e-12)
+
+
+def test_an_unknown_form_is_refused_with_the_known_ones():
+    with pytest.raises(FilterError, match="expected one of xyxy, xyxyn, xywh") as fault:
+        to_xyxy("ltrb", [[1, 2, 3, 4]], WH)
+
+    assert fault.value.kind == "bad_form"
+
+
+@pytest.mark.parametrize("values", [[1, 2, 3, 4], [[1, 2, 3]], [[[1, 2, 3, 4]]]])
+def test_anything_but_four_columns_is_refused(values):
+    with pytest.raises(FilterError, match=r"expected an array of shape \(N, 4\)"):
+        correct_xyxy(values, WH)
+
+
+def test_no_boxes_are_no_boxes():
+    rows, states = correct_xyxy([], WH)
+
+    assert (rows.shape, states.shape) == ((0, 4), (0,))
+    assert to_xyxy("xywh", [], WH).shape == (0, 4)
+    assert pixel_bounds(rows, WH).shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    ("box", "expected", "state"),
+    [
+        pytest.param(
+            [10, 20, 30, 40], [10, 20, 30, 40], BoxState.MEASURABLE, id="inside"
+        ),
+        pytest.param(
+            [-5, -5, 300, 50], [0, 0, 200, 50], BoxState.MEASURABLE, id="clamped"
+        ),
+        pytest.param(
+            [-1, -1, 201, 101], [0, 0, 200, 100], BoxState.MEASURABLE, id="covers it"
+        ),
+        pytest.param(
+            [200.5, 0, 300, 50], NOTHING, BoxState.OUTSIDE_IMAGE, id="right of it"
+        ),
+        pytest.param([-9, 0, -1, 50], NOTHING, BoxState.OUTSIDE_IMAGE, id="left of it"),
+        pytest.param([0, 101, 9, 150], NOTHING, BoxState.OUTSIDE_IMAGE, id="below it"),
+        pytest.param([0, -9, 9, -0.1], NOTHING, BoxState.OUTSIDE_IMAGE, id="above it"),
+        pytest.param(
+            [200, 0, 300, 50], NOTHING, BoxState.DEGENERATE, id="touches the right edge"
+        ),
+        pytest.param(
+            [-9, 0, 0, 50], NOTHING, BoxState.DEGENERATE, id="touches the left edge"
+        ),
+        pytest.param([10, 10, 10, 40], NOTHING, BoxState.DEGENERATE, id="no width"),
+        pytest.param([30, 10, 10, 40], NOTHING, BoxState.DEGENERATE, id="inverted"),
+        pytest.param(
+            [250, 10, 10, 40], NOTHING, BoxState.OUTSIDE_IMAGE, id="inverted, min out"
+        ),
+    ],
+)
+def test_algorithm_1_in_the_order_of_its_rules(box, expected, state):
+    assert corrected(box) == (pytest.approx(expected, abs=0, nan_ok=True), state)
+
+
+@pytest.mark.parametrize(
+    ("box", "state"),
+    [
+        pytest.param(
+            [200, 0, 300, 50], BoxState.OUTSIDE_IMAGE, id="x_min at the width"
+        ),
+        pytest.param([0, 100, 9, 150], BoxState.DEGENERATE, id="y_min at the height"),
+        pytest.param([-1, -1, 201, 101], BoxState.COVERS_IMAGE, id="covers the image"),
+        pytest.param([0, 0, 200, 99.9], BoxState.MEASURABLE, id="nearly covers it"),
+        pytest.param([1, 1, 1 + 1e-9, 2], BoxState.MEASURABLE, id="a sliver"),
+        pytest.param(
+            [0, 0, 1e-200, 1e-200], BoxState.DEGENERATE, id="area rounds to 0"
+        ),
+    ],
+)
+def test_profile_carlasimu_decides_as_the_published_code(box, state):
+    assert corrected(box, "carlasimu")[1] is state
+
+
+def disagreements(cases):
+    found = []
+    for case in cases:
+        wh = (case["width"], case["height"])
+        rows, states = correct_xyxy([case["box_xyxy"]], wh, "carlasimu")
+        kept = states[0] == BoxState.MEASURABLE
+        if (rows[0].tolist() if kept else None) != case["corrected"]:
+            found.append(case)
+    return found
+
+
+def test_published_corrections_agree_exactly():
+    assert disagreements(json.loads(SMALL.read_text())) == []
+
+
+def test_all_1090_published_corrections_agree_exactly():
+    path = shared("oracles/published_verdicts/cases.json")
+    cases = json.loads(path.read_text())["cases"]
+
+    assert (len(cases), disagreements(cases)) == (1090, [])
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), float("-inf")])
+@pytest.mark.parametrize("profile", ["paper", "carlasimu"])
+def test_a_number_that_is_not_finite_is_an_error_that_names_the_box(number, profile):
+    with pytest.raises(AnnotationError, match="box 1: expected four finite") as fault:
+        correct_xyxy([[1, 2, 3, 4], [1, 2, number, 4]], WH, profile)
+
+    assert (fault.value.kind, fault.value.pointer) == ("not_finite", "/boxes/1")
+
+
+def test_an_unknown_profile_is_refused():
+    with pytest.raises(FilterError, match="expected paper or carlasimu, found 'papre'"):
+        correct_xyxy([[1, 2, 3, 4]], WH, "papre")
+
+
+@pytest.mark.parametrize(
+    ("box", "expected"),
+    [
+        pytest.param([0, 0, 1, 1], [0, 0, 1, 1], id="exactly the first pixel"),
+        pytest.param([0.5, 0.5, 1.5, 1.5], [0, 0, 2, 2], id="touches four pixels"),
+        pytest.param([5.2, 7.1, 5.8, 7.2], [5, 7, 6, 8], id="thinner than a pixel"),
+        pytest.param([5, 7, 5, 7], [5, 7, 6, 8], id="a point still has one"),
+        pytest.param([199.5, 99.5, 200, 100], [199, 99, 200, 100], id="last pixel"),
+        pytest.param([200, 100, 200, 100], [199, 99, 200, 100], id="on the far edge"),
+        pytest.param(NOTHING, [0, 0, 0, 0], id="no box, no pixel"),
+    ],
+)
+def test_a_box_has_every_pixel_it_touches(box, expected):
+    assert pixel_bounds([box], WH).tolist() == [expected]
+
+
+def test_inputs_are_not_changed():
+    boxes = np.array([[-5.0, -5.0, 300.0, 50.0], [30.0, 10.0, 10.0, 40.0]])
+    before = boxes.copy()
+
+    correct_xyxy(boxes, WH)
+    pixel_bounds(boxes, WH)
+    to_xyxy("xyxy", boxes, WH)[0, 0] = 99
+    from_xyxy("cxcywhn", boxes, WH)
+
+    np.testing.assert_array_equal(boxes, before)

@@ -1,0 +1,119 @@
+"""Cameras and poses: CARLA's own matrices, every way to write them, and bad ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform, as_rotation, as_transform, as_vector
+
+CASES = json.loads(
+    (Path(__file__).parents[3] / "data" / "geometry_cases.json").read_text()
+)
+POSE = {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6}
+K = [[640, 0, 640], [0, 640, 360], [0, 0, 1]]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: str(case["id"]))
+def test_inverse_matrix_is_carlas(case):
+    inverse = as_transform(case["camera"]).inverse_matrix
+
+    carla = np.array(case["carla"]["camera_inverse_matrix"])
+    np.testing.assert_allclose(inverse, carla, atol=1e-4)
+
+
+def test_matrices_and_fov_with_transform_are_the_same_camera():
+    pose = Transform((1, 2, 3), (4, 5, 6))
+    by_fov = Camera.from_fov(1280, 720, 90, pose)
+
+    by_matrices = Camera.from_matrices(1280, 720, K, pose.inverse_matrix)
+
+    np.testing.assert_allclose(by_matrices.world_to_image, by_fov.world_to_image)
+    np.testing.assert_allclose(by_matrices.position, [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        POSE,
+        {"location": {"x": 1, "y": 2, "z": 3}, "rotation": [4, 5, 6]},
+        {"location": [1, 2, 3], "rotation": {"yaw": 5, "pitch": 4, "roll": 6}},
+        Transform((1, 2, 3), (4, 5, 6)),
+    ],
+)
+def test_a_transform_can_be_written_in_four_ways(value):
+    assert as_transform(value) == Transform((1, 2, 3), (4, 5, 6))
+    assert as_transform(value).as_dict() == POSE
+
+
+def test_an_angle_that_is_not_given_is_zero():
+    assert as_rotation({"yaw": 90}) == (0, 90, 0)
+    assert as_transform({"x": 1, "y": 2, "z": 3}).rotation == (0, 0, 0)
+    assert as_transform({"location": [1, 2, 3]}).rotation == (0, 0, 0)
+
+
+def test_a_vector_is_an_object_a_list_or_an_array():
+    expected = (1, 2, 3)
+
+    assert as_vector({"z": 3, "y": 2, "x": 1}) == expected
+    assert as_vector([1, 2, 3]) == expected
+    assert as_vector(np.array([1, 2, 3], dtype=np.float32)) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ({"x": 1, "y": 2}, "transform.z: expected a number, found nothing"),
+        (
+            {**POSE, "yall": 9},
+            "transform.yall: expected only x, y, z, pitch, yaw, roll",
+        ),
+        ({"rotation": [1, 2, 3]}, "transform.location: expected {x, y, z} or a list"),
+        ({"location": [1, 2]}, "transform.location: expected a list of 3 numbers"),
+        ([1, 2, 3], "transform: expected an object (a transform), found a list of 3"),
+    ],
+)
+def test_a_transform_that_cannot_be_read_says_what_is_missing(value, words):
+    with pytest.raises(AnnotationErrors) as fault:
+        as_transform(value)
+
+    assert words in fault.value.errors[0].detail
+
+
+@pytest.mark.parametrize("fov", [0, -10, 180, 270, float("nan")])
+def test_an_impossible_field_of_view_is_refused(fov):
+    with pytest.raises(FilterError, match=r"camera\.fov: expected degrees") as fault:
+        Camera.from_fov(1280, 720, fov, POSE)
+
+    assert (fault.value.kind, fault.value.pointer) == ("bad_camera", "/camera/fov")
+
+
+@pytest.mark.parametrize(("width", "height"), [(0, 720), (1280, -1)])
+def test_an_image_without_pixels_is_refused(width, height):
+    with pytest.raises(FilterError, match="expected at least 1 px"):
+        Camera.from_fov(width, height, 90, POSE)
+
+
+OPENCV = [[0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("intrinsic", "motion", "words"),
+    [
+        ([[1, 0], [0, 1]], np.eye(4), "intrinsic: expected 3 rows of 3 numbers"),
+        (K, np.eye(3), "world_to_camera: expected 4 rows of 4 numbers"),
+        (K, np.full((4, 4), np.nan), "world_to_camera: expected finite numbers"),
+        (np.diag([-1, 1, 1]), np.eye(4), "expected two focal lengths above 0"),
+        (np.ones((3, 3)), np.eye(4), r"expected \[fx s cx; 0 fy cy; 0 0 1\]"),
+        (K, 2 * np.eye(4), "expected a rotation and a shift"),
+        (K, OPENCV, "expected CARLA's axes"),
+    ],
+)
+def test_matrices_that_are_no_carla_camera_are_refused(intrinsic, motion, words):
+    with pytest.raises(FilterError, match=words):
+        Camera.from_matrices(1280, 720, intrinsic, motion)

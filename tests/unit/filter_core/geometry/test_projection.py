@@ -1,0 +1,216 @@
+"""3D boxes against CARLA's own client library and exact polygon clipping."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.geometry.box3d import EDGES, box3d_vertices, in_carla_order
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.projection import DepthStatus, project_box, project_boxes
+from tests.shared_data import shared
+from tests.unit.filter_core.geometry.geometry_oracle import (
+    SMALL,
+    camera_of,
+    miss,
+    vertices_of,
+)
+
+AHEAD = Camera.from_fov(1280, 720, 90, {"x": 0, "y": 0, "z": 0})
+
+
+def every_case():
+    path: Path = shared("oracles/geometry.json")
+    return json.loads(path.read_text())["cases"]
+
+
+def unit_box(x=10.0, y=0.0, z=0.0, extent=(1, 1, 1)):
+    return box3d_vertices({"x": x, "y": y, "z": z}, [0, 0, 0], extent, [0, 0, 0])
+
+
+def check_clipped(case, order):
+    truth = case["truth"]
+    seen = project_box(vertices_of(case)[order], camera_of(case))
+
+    assert miss(seen.visible_xyxy, truth["visible_box"]) <= 0.05
+    assert miss(seen.amodal_xyxy, truth["amodal_box"]) <= 0.05
+    assert seen.status.name.lower() == truth["status"]
+    expected = truth["distance_camera_to_box_center"]
+    assert seen.distance == pytest.approx(expected, abs=1e-3)
+
+
+def check_carla(case):
+    vertices = vertices_of(case)
+    world = np.array(case["carla"]["world_vertices"])
+    np.testing.assert_allclose(vertices, world, atol=2e-4)
+    if case["truth"]["status"] != "in_front":
+        return
+
+    seen = vertices @ camera_of(case).world_to_image[:, :3].T
+    seen += camera_of(case).world_to_image[:, 3]
+    pixels = seen[:, :2] / seen[:, 2:]
+    naive = project_box(vertices, camera_of(case), "naive").amodal_xyxy
+
+    assert miss(pixels, case["carla"]["tutorial_pixels"]) <= 0.75
+    assert miss(naive, case["carla"]["tutorial_minmax_box"]) <= 0.75
+
+
+@pytest.mark.parametrize("case", SMALL, ids=lambda case: f"{case['id']}")
+def test_clipped_rectangles_are_exact_in_any_order_of_the_corners(case):
+    check_clipped(case, np.arange(8))
+    check_clipped(case, np.random.default_rng(case["id"]).permutation(8))
+
+
+@pytest.mark.parametrize("case", SMALL, ids=lambda case: f"{case['id']}")
+def test_corners_and_pixels_are_carlas(case):
+    check_carla(case)
+
+
+def test_all_240_clipped_rectangles_are_exact_in_any_order_of_the_corners():
+    cases = every_case()
+    rng = np.random.default_rng(0)
+
+    for case in cases:
+        check_clipped(case, np.arange(8))
+        check_clipped(case, rng.permutation(8))
+
+    assert len(cases) == 240
+
+
+def test_all_240_corners_and_pixels_are_carlas():
+    for case in every_case():
+        check_carla(case)
+
+
+def test_naive_beams_of_all_240_cases_are_the_papers():
+    """Near depth 0 the tutorial's float32 decides the beam's far end."""
+    for case in every_case():
+        beam = case["carla"]["tutorial_minmax_box"]
+        found = project_boxes(vertices_of(case), camera_of(case), "naive").amodal_xyxy
+
+        np.testing.assert_allclose(found, [beam], rtol=0.005, atol=0.75)
+
+
+def test_a_frame_of_boxes_gives_what_each_box_gives_alone():
+    cases = SMALL
+    camera = camera_of(cases[0])
+    vertices = np.array([vertices_of(case) for case in cases])
+
+    many = project_boxes(vertices, camera)
+
+    for row, corners in enumerate(vertices):
+        one = project_box(corners, camera)
+        nothing = [np.nan] * 4
+        visible = nothing if one.visible_xyxy is None else one.visible_xyxy
+        np.testing.assert_array_equal(many.visible_xyxy[row], visible)
+        np.testing.assert_array_equal(many.edges[row], one.edges)
+
+
+def test_no_boxes_are_no_projections():
+    seen = project_boxes([], AHEAD)
+
+    assert (len(seen), seen.visible_xyxy.shape, seen.edges) == (0, (0, 4), [])
+
+
+def test_a_box_behind_the_camera_has_no_rectangle_and_no_edges():
+    seen = project_box(unit_box(x=-10), AHEAD)
+
+    assert seen.status is DepthStatus.BEHIND
+    assert (seen.visible_xyxy, seen.amodal_xyxy, len(seen.edges)) == (None, None, 0)
+    assert seen.distance == pytest.approx(10)
+
+
+def test_a_box_ahead_has_all_twelve_edges_inside_its_rectangle():
+    seen = project_boxes(unit_box(), AHEAD)
+
+    assert seen.edges[0].shape == (12, 4)
+    ends = seen.edges[0].reshape(-1, 2)
+    bounds = [*ends.min(axis=0), *ends.max(axis=0)]
+    np.testing.assert_allclose([bounds], seen.visible_xyxy)
+
+
+def test_edges_are_clipped_to_the_near_plane_and_the_image():
+    seen = project_box(unit_box(x=0.5, extent=(2, 1, 1)), AHEAD)
+
+    ends = seen.edges.reshape(-1, 2)
+    assert 0 < len(seen.edges) < 12
+    assert (ends >= 0).all()
+    assert (ends <= [1280, 720]).all()
+
+
+def test_edges_do_not_depend_on_the_order_of_the_corners():
+    box = box3d_vertices(
+        {"x": 12, "y": 1, "z": 0, "yaw": 30}, [0, 0, 0], [2, 1, 0.7], [3, 20, 5]
+    )
+    expected = unordered(project_box(box, AHEAD).edges)
+
+    shuffled = box[[5, 0, 7, 2, 6, 1, 3, 4]]
+
+    assert unordered(project_box(shuffled, AHEAD).edges) == expected
+
+
+def unordered(edges):
+    ends = np.round(edges, 6).reshape(-1, 2, 2).tolist()
+    return sorted(sorted(edge) for edge in ends)
+
+
+def test_eight_points_that_are_no_box_keep_their_order_and_have_a_rectangle():
+    points = np.random.default_rng(5).uniform(9, 11, (8, 3)) - np.array([0, 10, 10])
+
+    seen = project_box(points, AHEAD)
+
+    np.testing.assert_array_equal(in_carla_order(points)[0], points)
+    assert seen.visible_xyxy is not None
+
+
+@pytest.mark.parametrize("extent", [(1, 0, 1), (0, 1, 1), (0, 0, 1), (-1, 1, -1)])
+def test_flat_and_mirrored_boxes_are_projected(extent):
+    seen = project_boxes(unit_box(y=1, z=1, extent=extent), AHEAD)
+
+    mirrored = project_boxes(unit_box(y=1, z=1, extent=np.abs(extent)), AHEAD)
+    np.testing.assert_allclose(seen.visible_xyxy, mirrored.visible_xyxy)
+    assert seen.status.tolist() == [DepthStatus.IN_FRONT]
+
+
+def test_a_point_has_a_rectangle_without_extent():
+    seen = project_box(unit_box(extent=(0, 0, 0)), AHEAD)
+
+    np.testing.assert_array_equal(seen.visible_xyxy, [640, 360, 640, 360])
+
+
+def test_naive_survives_a_corner_in_the_plane_of_the_camera():
+    seen = project_boxes(unit_box(x=1, y=0.5), AHEAD, "naive")
+
+    assert np.isfinite(seen.amodal_xyxy).all()
+    assert seen.visible_xyxy[:, [0, 2]].tolist() == [[0, 1280]]
+
+
+def test_naive_is_clamped_to_the_image_or_nothing():
+    beside = project_boxes(unit_box(y=100), AHEAD, "naive")
+
+    assert np.isnan(beside.visible_xyxy).all()
+    assert (beside.amodal_xyxy[:, 0] > 1280).all()
+
+
+def test_edges_differ_in_one_axis():
+    assert sorted({int(a ^ b) for a, b in EDGES}) == [1, 2, 4]
+    assert len({(int(a), int(b)) for a, b in EDGES}) == 12
+
+
+def test_an_unknown_projection_is_refused():
+    with pytest.raises(FilterError, match="expected clipped or naive, found 'exact'"):
+        project_box(unit_box(), AHEAD, "exact")
+
+
+def test_points_that_are_not_eight_are_refused():
+    with pytest.raises(FilterError, match=r"shape \(N, 8, 3\), found \(7, 3\)"):
+        project_box(unit_box()[:7], AHEAD)
+
+
+def test_a_box_that_cannot_be_read_names_its_part():
+    with pytest.raises(AnnotationErrors, match=r"extent\.z: expected a number, found"):
+        box3d_vertices({"x": 0, "y": 0, "z": 0}, [0, 0, 0], {"x": 1, "y": 1}, [0, 0, 0])

@@ -1,0 +1,287 @@
+"""Colour images decoded in steps and by OpenCV: the same pixels and faults."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from contextlib import contextmanager
+from unittest.mock import patch
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.errors import ImageError
+from filter_core.images.color_decoding import decode_color, decode_image
+from filter_core.images.decoding import InflatedPng
+from filter_core.images.header import read_image_header
+from tests import pictures
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+WIDTH, HEIGHT = 37, 23
+RGB, RGBA, INDEXED, GREY = 2, 6, 3, 0
+RNG = np.random.default_rng(2026)
+PIXELS = RNG.integers(0, 256, (HEIGHT, WIDTH, 4), np.uint8)
+STREET = RNG.integers(0, 256, (300, 400, 3), np.uint8)
+PASSES = [(0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4)]
+PASSES += [(2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1)]
+"""First row, first column, and the steps to the next, of an interlaced PNG."""
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    checksum = zlib.crc32(kind + body)
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", checksum)
+
+
+def rows(pixels: np.ndarray, filters=b"\0") -> bytes:
+    """Rows as a PNG has them; filters, taken in turns, are 0, 1 or 2."""
+    zeros = np.zeros_like(pixels)
+    left, above = zeros.copy(), zeros.copy()
+    left[:, 1:], above[1:] = pixels[:, :-1], pixels[:-1]
+    stored = [pixels - predicted for predicted in (zeros, left, above)]
+    turns = [filters[row % len(filters)] for row in range(len(pixels))]
+    return b"".join(
+        bytes([turn]) + stored[turn][row].tobytes() for row, turn in enumerate(turns)
+    )
+
+
+def png(pixels, color_type, *extra: bytes, depth=8, interlaced=False) -> bytes:
+    raw = rows(pixels)
+    if interlaced:
+        raw = b"".join(rows(pixels[y::dy, x::dx]) for y, x, dy, dx in PASSES)
+    form = bytes([depth, color_type, 0, 0, interlaced])
+    return framed(pixels, form, zlib.compress(raw), extra=extra)
+
+
+def framed(pixels, form: bytes, *bodies: bytes, extra: tuple[bytes, ...] = ()) -> bytes:
+    height, width = pixels.shape[:2]
+    head = chunk(b"IHDR", struct.pack(">II", width, height) + form)
+    parts = [head, *extra, *(chunk(b"IDAT", body) for body in bodies)]
+    return SIGNATURE + b"".join(parts) + chunk(b"IEND", b"")
+
+
+def filtered(pixels, filters, pieces=1, kept=slice(None)) -> bytes:
+    """A PNG with these filters, its pixels in so many pieces; `kept` of the rows."""
+    body = zlib.compress(rows(pixels, filters)[kept])
+    size = -(-len(body) // pieces)
+    bodies = [body[start : start + size] for start in range(0, len(body), size)]
+    return framed(pixels, bytes([8, RGB, 0, 0, 0]), *bodies)
+
+
+FILES = {
+    "rgb": png(PIXELS[..., :3], RGB),
+    "rgba": png(PIXELS, RGBA),
+    "rgb with a transparent colour": png(
+        PIXELS[..., :3], RGB, chunk(b"tRNS", struct.pack(">3H", *PIXELS[0, 0, :3]))
+    ),
+    "rgb with a gamma": png(
+        PIXELS[..., :3], RGB, chunk(b"gAMA", struct.pack(">I", 100_000))
+    ),
+    "rgb with fewer significant bits": png(
+        PIXELS[..., :3], RGB, chunk(b"sBIT", b"\5\6\5")
+    ),
+    "interlaced": png(PIXELS[..., :3], RGB, interlaced=True),
+    "16 bits": png(PIXELS[..., :3].astype(">u2") * 257, RGB, depth=16),
+    "indexed": png(PIXELS[..., 0], INDEXED, chunk(b"PLTE", bytes(range(256)) * 3)),
+    "grey": png(PIXELS[..., 0], GREY),
+    "followed by notes": png(PIXELS[..., :3], RGB) + b"notes of an editor",
+    "jpeg": cv2.imencode(".jpg", PIXELS[..., :3])[1].tobytes(),
+    "by opencv": cv2.imencode(".png", np.sort(PIXELS, 1)[..., :3])[1].tobytes(),
+    "by opencv with alpha": cv2.imencode(".png", PIXELS)[1].tobytes(),
+    "differences, in pieces": filtered(PIXELS[..., :3], b"\1", pieces=5),
+    "some differences": filtered(PIXELS[..., :3], b"\0\1\1"),
+    "rows above": filtered(PIXELS[..., :3], b"\1\2"),
+    "rows above, in many blocks": filtered(STREET, b"\1\2"),
+    "rows above, in full blocks": filtered(STREET[:, :, :1].repeat(3, 2), b"\2"),
+    "every filter": cv2.imencode(
+        ".png",
+        np.sort(PIXELS, 1)[..., :3],
+        [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS],
+    )[1].tobytes(),
+}
+IN_STEPS = [
+    *("rgb", "rgba", "by opencv", "by opencv with alpha"),
+    *("differences, in pieces", "some differences"),
+]
+BY_OPENCV = [
+    *("rgb with a gamma", "rgb with fewer significant bits", "every filter"),
+    *("rows above", "rows above, in many blocks", "rows above, in full blocks"),
+]
+PLAIN = IN_STEPS + BY_OPENCV
+
+
+def decoded(content, order):
+    try:
+        return decode_color(content, read_image_header(content), order)
+    except ImageError as error:
+        return str(error)
+
+
+def by_opencv(content, order):
+    with patch.object(InflatedPng, "of", lambda *_: None):
+        return decoded(content, order)
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+@pytest.mark.parametrize("content", FILES.values(), ids=list(FILES))
+def test_a_file_has_the_same_pixels_whoever_decodes_it(content, order):
+    found = decoded(content, order)
+
+    assert found.shape[2] == 3
+    assert found.dtype == np.uint8
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, by_opencv(content, order))
+
+
+@contextmanager
+def watching_opencv():
+    """What OpenCV is given to decode."""
+    asked = list[bytes]()
+
+    def decode(content, flags):
+        asked.append(bytes(content))
+        return imdecode(content, flags)
+
+    imdecode = cv2.imdecode
+    with patch.object(cv2, "imdecode", decode):
+        yield asked
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_what_carla_and_opencv_write_is_decoded_the_fast_way(name):
+    with watching_opencv() as asked:
+        decoded(FILES[name], "rgb")
+
+    # What OpenCV gets is not compressed: one last block, or more, after zlib's header.
+    stored = [re.search(rb"IDAT\x78\x01[\0\1]", one) for one in asked]
+    assert [bool(one) for one in stored] == ([] if name in IN_STEPS else [True])
+
+
+def test_a_very_large_image_is_opencvs_alone_which_holds_it_once():
+    small, large = (
+        cv2.imencode(".png", np.zeros((side, side, 3), np.uint8))[1].tobytes()
+        for side in (100, 5000)
+    )
+
+    with watching_opencv() as asked:
+        shapes = [decoded(content, "rgb").shape for content in (small, large)]
+
+    assert shapes == [(100, 100, 3), (5000, 5000, 3)]
+    assert asked == [large]
+
+
+def test_pixels_are_those_that_were_written():
+    np.testing.assert_array_equal(decoded(FILES["rgba"], "rgb"), PIXELS[..., :3])
+    np.testing.assert_array_equal(decoded(FILES["rgb"], "bgr"), PIXELS[..., 2::-1])
+
+
+@pytest.mark.parametrize("seed", range(9 * 16))
+def test_a_damaged_file_is_judged_the_same_whoever_decodes_it(seed):
+    rng = np.random.default_rng(seed)
+    content = bytearray(FILES[PLAIN[seed % len(PLAIN)]])
+    for at in rng.integers(len(SIGNATURE), len(content), rng.integers(1, 4)):
+        content[at] ^= 1 << rng.integers(8)
+    if seed % 5 == 0:  # a hole
+        at = int(rng.integers(40, len(content) - 40))
+        del content[at : at + int(rng.integers(1, 30))]
+
+    found, expected = decoded(bytes(content), "rgb"), by_opencv(bytes(content), "rgb")
+
+    assert type(found) is type(expected)
+    np.testing.assert_array_equal(found, expected)
+
+
+BODY = zlib.compress(rows(PIXELS[..., :3], b"\1"))
+FORM = bytes([8, RGB, 0, 0, 0])
+LARGER = struct.pack(">IIIIIHHBB", 0, WIDTH + 1, HEIGHT, 0, 0, 1, 10, 0, 0)
+UNSOUND = {
+    "half a row too few": filtered(PIXELS[..., :3], b"\1", kept=slice(None, -50)),
+    "a row too many": framed(PIXELS[:-1, :, :3], FORM, BODY),
+    "a wrong sum behind": framed(PIXELS, FORM, BODY[:-1] + bytes([BODY[-1] ^ 1])),
+    "something behind the sum": framed(PIXELS, FORM, BODY + b"more"),
+    "no such filter": framed(
+        PIXELS, FORM, zlib.compress(rows(PIXELS[..., :3]).replace(b"\0", b"\5", 1))
+    ),
+    "no sum of the header": FILES["by opencv"][:29] + b"1234" + FILES["by opencv"][33:],
+    "no pixels": framed(PIXELS, FORM),
+    "a frame of an animation, which is larger": framed(
+        PIXELS, FORM, BODY, extra=(chunk(b"fcTL", LARGER),)
+    ),
+    "no compression known": framed(PIXELS, bytes([8, RGB, 1, 0, 0]), BODY),
+    "no filters known": framed(PIXELS, bytes([8, RGB, 0, 1, 0]), BODY),
+    "other chunks between": framed(PIXELS, FORM, BODY[:900], extra=()).replace(
+        chunk(b"IEND", b""),
+        chunk(b"tEXt", b"a\0b") + chunk(b"IDAT", BODY[900:]) + chunk(b"IEND", b""),
+    ),
+}
+
+
+@pytest.mark.parametrize("content", UNSOUND.values(), ids=list(UNSOUND))
+def test_what_is_unsound_is_judged_the_same_whoever_decodes_it(content):
+    found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
+
+    assert type(found) is type(expected)
+    np.testing.assert_array_equal(found, expected)
+
+
+END = chunk(b"IEND", b"")
+BEHIND_THE_PIXELS = {
+    "a chunk that has to be known": chunk(b"ABCD", b""),
+    "a second header": FILES["rgb"][8:33],
+    "pixels that do not fit their checksum": chunk(b"IDAT", b"abc")[:-1] + b"?",
+    "no chunk": b"\r\n\x1a\n",
+    "a chunk that is too long": b"\x80\0\0\1tEXt",
+    "half an end": END[:6],
+}
+
+
+@pytest.mark.parametrize("found", BEHIND_THE_PIXELS.values(), ids=[*BEHIND_THE_PIXELS])
+def test_what_is_wrong_behind_the_pixels_is_found_whoever_decodes(found):
+    content = FILES["rgb"].removesuffix(END) + found + END
+
+    assert not isinstance(by_opencv(content, "rgb"), np.ndarray)
+    assert not isinstance(decoded(content, "rgb"), np.ndarray)
+
+
+@pytest.mark.parametrize("reduced", [1, 2, 4, 8])
+@pytest.mark.parametrize("wh", [(64, 48), (65, 49), (71, 55)])
+@pytest.mark.parametrize("encode", [pictures.png, pictures.jpeg])
+def test_a_reduced_picture_is_as_large_as_its_header_allows(reduced, wh, encode):
+    content = encode(np.zeros((wh[1], wh[0], 3), np.uint8))
+    flags = 1 if reduced == 1 else 1 | reduced * 8
+
+    found = decode_image(content, read_image_header(content), flags)
+
+    assert found is not None
+    assert abs(found.shape[1] - wh[0] / reduced) < 1
+
+
+@pytest.mark.parametrize("flags", [-1, 0, 1, cv2.IMREAD_REDUCED_COLOR_2])
+def test_a_picture_of_another_size_than_its_header_is_damaged(flags):
+    content = pictures.png(np.zeros((48, 64, 3), np.uint8))
+    other = read_image_header(pictures.png(np.zeros((48, 68, 3), np.uint8)))
+
+    assert decode_image(content, read_image_header(content), flags) is not None
+    assert decode_image(content, other, flags) is None
+
+
+def test_a_rotation_in_exif_turns_no_decoded_picture():
+    tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
+    body = b"Exif\x00\x00" + tiff
+    content = pictures.jpeg(np.zeros((3, 5, 3), np.uint8))
+    turned = (
+        content[:2]
+        + b"\xff\xe1"
+        + struct.pack(">H", len(body) + 2)
+        + body
+        + content[2:]
+    )
+
+    by_exif = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR)
+    assert by_exif is not None
+    assert by_exif.shape[:2] == (5, 3)
+    found = decode_image(turned, read_image_header(turned), cv2.IMREAD_COLOR)
+
+    assert found is not None
+    assert found.shape[:2] == (3, 5)

@@ -1,0 +1,399 @@
+"""What is believed of a file before anything is decoded."""
+
+import struct
+import time
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
+from filter_core.images.color_decoding import decode_image
+from filter_core.images.header import ImageHeader, read_image_header, require_size
+from tests.pictures import chunk, indexed_png, jpeg, png, png_of_chunks, with_alpha
+
+GREY = np.zeros((3, 5), np.uint8)
+RGB = np.zeros((3, 5, 3), np.uint8)
+PIXELS = chunk(b"IDAT", b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        pytest.param(png(GREY), ("image/png", 5, 3, 8, 1, "grey"), id="grey PNG"),
+        pytest.param(png(RGB), ("image/png", 5, 3, 8, 3, "rgb"), id="RGB PNG"),
+        pytest.param(
+            png(with_alpha(RGB)), ("image/png", 5, 3, 8, 4, "rgba"), id="RGBA PNG"
+        ),
+        pytest.param(
+            png(GREY.astype(np.uint16)),
+            ("image/png", 5, 3, 16, 1, "grey"),
+            id="16-bit PNG",
+        ),
+        pytest.param(
+            indexed_png(GREY, np.zeros((1, 3))),
+            ("image/png", 5, 3, 8, 1, "indexed"),
+            id="indexed PNG",
+        ),
+        pytest.param(jpeg(RGB), ("image/jpeg", 5, 3, 8, 3, "rgb"), id="JPEG"),
+        pytest.param(
+            cv2.imencode(".jpg", GREY)[1].tobytes(),
+            ("image/jpeg", 5, 3, 8, 1, "grey"),
+            id="grey JPEG",
+        ),
+    ],
+)
+def test_the_header_is_read_from_the_content(content, expected):
+    assert read_image_header(content) == ImageHeader(*expected)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        pytest.param(b"", "found no bytes", id="nothing"),
+        pytest.param(b"GIF89a....", "neither|expected a PNG or JPEG", id="a GIF"),
+        pytest.param(b"<html><body>", "begin with b'<html><b'", id="a web page"),
+        pytest.param(png(RGB)[:-1], "ends too early", id="PNG without its last byte"),
+        pytest.param(png(RGB)[:40], "ends too early", id="PNG cut inside its pixels"),
+        pytest.param(png(RGB)[:8], "ends too early", id="PNG of a signature alone"),
+        pytest.param(jpeg(RGB)[:-2], "ends too early", id="JPEG without its end"),
+        pytest.param(jpeg(RGB)[:30] + b"\xff\xd9", "ends too early", id="JPEG cut"),
+        pytest.param(b"\xff\xd8\xff\xd9", "no header", id="JPEG without a frame"),
+        pytest.param(
+            png_of_chunks((5, 3, 8, 2), chunk(b"acTL", bytes(8)), PIXELS),
+            "animated",
+            id="animated PNG",
+        ),
+        pytest.param(png_of_chunks((5, 3, 8, 2)), "no pixels", id="PNG, no pixels"),
+        pytest.param(
+            png_of_chunks((5, 3, 8, 1), PIXELS), "colour type 1", id="PNG of no kind"
+        ),
+        pytest.param(
+            png_of_chunks((5, 3, 7, 2), PIXELS), "bit depth 7", id="PNG of 7 bits"
+        ),
+        pytest.param(
+            png_of_chunks((0, 3, 8, 2), PIXELS), "0 x 3 pixels", id="PNG without width"
+        ),
+        pytest.param(
+            b"\x89PNG\r\n\x1a\n" + chunk(b"tEXt", b"x" * 20) + chunk(b"IEND"),
+            "header of 13 bytes first",
+            id="PNG without a header",
+        ),
+    ],
+)
+def test_what_is_no_usable_image_is_refused(content, message):
+    with pytest.raises(ImageError, match=message):
+        read_image_header(content)
+
+
+@pytest.mark.parametrize("side", [70_000, 2**31 - 1])
+def test_a_header_that_asks_for_gigabytes_is_refused_before_decoding(side):
+    bomb = png_of_chunks((side, 4, 8, 6), PIXELS)
+
+    with pytest.raises(ImageTooLarge, match=f"{side} x 4 pixels, no side may exceed"):
+        read_image_header(bomb)
+
+
+def test_the_limit_is_the_callers():
+    with pytest.raises(ImageTooLarge, match="5 x 3 pixels, no side may exceed 4"):
+        read_image_header(png(RGB), max_side=4)
+
+
+def test_another_size_is_an_error_that_says_both():
+    header = read_image_header(png(RGB))
+
+    with pytest.raises(ImageSizeMismatch) as caught:
+        require_size(header, (1280, 720), what="the segmentation", than="the image")
+
+    assert str(caught.value) == (
+        "the segmentation is 5 x 3 pixels, the image is 1280 x 720"
+    )
+
+
+def test_padding_before_a_marker_is_passed_over():
+    content = jpeg(RGB)
+    padded = content[:2] + b"\xff\xff\xff" + content[2:]
+
+    assert read_image_header(padded) == read_image_header(content)
+
+
+def test_a_rotation_in_exif_does_not_turn_the_size():
+    # A TIFF header with one entry: orientation, a number, one of them, 6 (90 degrees).
+    tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
+    body = b"Exif\x00\x00" + tiff
+    segment = b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
+    content = jpeg(RGB)
+
+    assert read_image_header(content[:2] + segment + content[2:]).wh == (5, 3)
+
+
+def segment(marker, body=b""):
+    return bytes([0xFF, marker]) + struct.pack(">H", len(body) + 2) + body
+
+
+def frame(marker=0xC0, wh=(5, 3), channels=3, depth=8):
+    """The header of a frame."""
+    size = struct.pack(">BHHB", depth, wh[1], wh[0], channels)
+    return segment(marker, size + b"\x01\x11\x00" * channels)
+
+
+def scan(channels=3, data=b"\x12\x34"):
+    body = bytes([channels]) + b"\x01\x00" * channels + bytes(3)
+    return segment(0xDA, body) + data
+
+
+SOI, EOI = b"\xff\xd8", b"\xff\xd9"
+NOTE = segment(0xFE, b"a note")
+
+
+def test_a_decoder_is_never_led_past_what_the_header_reader_sees():
+    """0xFF 0x00 is no marker: libjpeg goes on at the next one, inside of the length."""
+    hidden = cv2.imencode(".jpg", np.zeros((1000, 1000, 3), np.uint8))[1].tobytes()
+    start, pixels = hidden.index(b"\xff\xdb"), hidden.index(b"\xff\xda")
+    inner = hidden[start : pixels + 20]
+    shown = jpeg(np.zeros((48, 64, 3), np.uint8))
+    trick = SOI + b"\xff\x00" + struct.pack(">H", len(inner) + 2) + inner + shown[2:]
+
+    decoded = cv2.imdecode(np.frombuffer(trick, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    assert decoded.shape == (1000, 1000, 3)
+    with pytest.raises(ImageError, match="found the bytes FF 00 at byte 2"):
+        read_image_header(trick)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        pytest.param(
+            SOI + frame() + b"\0" + scan() + EOI,
+            "expected a marker",
+            id="a byte between",
+        ),
+        pytest.param(
+            SOI + NOTE + SOI + frame() + scan() + EOI, "within", id="SOI again"
+        ),
+        pytest.param(SOI + frame() + frame() + scan() + EOI, "another", id="SOF again"),
+        pytest.param(
+            SOI + frame() + scan() + frame() + EOI, "another", id="SOF behind a scan"
+        ),
+        pytest.param(
+            SOI + scan() + frame() + EOI, "before the pixels", id="SOS before SOF"
+        ),
+        pytest.param(SOI + frame() + EOI, "no pixels", id="no scan"),
+        pytest.param(SOI + frame(0xC3) + scan() + EOI, "lossless", id="lossless"),
+        pytest.param(
+            SOI + frame(0xC5) + scan() + EOI, "hierarchical", id="hierarchical"
+        ),
+        pytest.param(SOI + frame(0xC9) + scan() + EOI, "arithmetic", id="arithmetic"),
+        pytest.param(
+            SOI + frame() + scan() + segment(0xDC, b"\0\x09") + EOI,
+            "a height that follows",
+            id="DNL",
+        ),
+        pytest.param(SOI + segment(0xDE, bytes(17)) + EOI, "hierarchical", id="DHP"),
+        pytest.param(SOI + b"\xff\xd0" + frame() + EOI, "FF D0", id="RST astray"),
+        pytest.param(SOI + b"\xff\x01" + frame() + EOI, "FF 01", id="TEM"),
+        pytest.param(SOI + segment(0xF7) + EOI, "FF F7", id="JPEG-LS"),
+        pytest.param(SOI + segment(0x02) + EOI, "FF 02", id="reserved"),
+        pytest.param(SOI + frame(depth=12) + scan() + EOI, "8 bits", id="12 bits"),
+        pytest.param(SOI + frame(channels=2) + EOI, "1, 3 or 4", id="two channels"),
+        pytest.param(
+            SOI + frame(channels=1) + scan(3) + EOI,
+            "a scan of 3",
+            id="a scan of others",
+        ),
+        pytest.param(
+            SOI + segment(0xC0, b"\x08\0\x03\0\x05\x03" + bytes(6)) + scan() + EOI,
+            "has 15 bytes",
+            id="a short SOF",
+        ),
+        pytest.param(
+            SOI + frame() + scan() * 4 + EOI, "at most 3 scans", id="scans again"
+        ),
+        pytest.param(
+            SOI + frame(0xC2) + scan() * 3000 + EOI, "at most 32 scans", id="many scans"
+        ),
+        pytest.param(
+            SOI + NOTE * 2000 + frame() + EOI, "1000 segments", id="many notes"
+        ),
+        pytest.param(SOI + b"\xff" * 99 + EOI, "padding", id="much padding"),
+        pytest.param(SOI + frame() + scan(), "ends too early", id="no end"),
+        pytest.param(
+            SOI + frame() + scan(data=b"\xff\x00\xff\xd0\xff"), "too early", id="cut"
+        ),
+    ],
+)
+def test_a_jpeg_has_nothing_that_no_camera_writes(content, message):
+    with pytest.raises(ImageError, match=f"^JPEG: .*{message}"):
+        read_image_header(content)
+
+
+def test_a_jpeg_whose_end_is_only_in_a_note_ends_too_early():
+    content = jpeg(RGB)
+    cut = content[:2] + segment(0xE1, b"Exif\0\0" + content) + content[2:-2]
+
+    with pytest.raises(ImageError, match="ends too early"):
+        read_image_header(cut)
+
+
+def test_a_note_may_hold_a_picture_and_more_may_follow_the_end():
+    content = jpeg(RGB)
+    within = content[:2] + segment(0xE1, b"Exif\0\0" + content) + content[2:]
+
+    assert read_image_header(within + content * 2).wh == (5, 3)
+
+
+@pytest.mark.parametrize("offset", [-2, -1, 0, 1])
+def test_the_end_is_found_where_two_portions_of_a_search_meet(offset):
+    head = SOI + frame() + scan(data=b"")
+    data = bytes((1 << 20) + offset)
+
+    assert read_image_header(head + data + EOI).wh == (5, 3)
+
+
+@pytest.mark.parametrize("progressive", [0, 1])
+@pytest.mark.parametrize("restarts", [0, 1, 5])
+@pytest.mark.parametrize("sampling", [0x411111, 0x221111, 0x111111, 0x121111])
+@pytest.mark.parametrize("wh", [(1, 1), (17, 33), (640, 48)])
+def test_what_encoders_write_is_read(progressive, restarts, sampling, wh):
+    noise = np.random.default_rng(7).integers(0, 256, (wh[1], wh[0], 3), np.uint8)
+    flags = {
+        cv2.IMWRITE_JPEG_PROGRESSIVE: progressive,
+        cv2.IMWRITE_JPEG_OPTIMIZE: progressive,
+        cv2.IMWRITE_JPEG_RST_INTERVAL: restarts,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR: sampling,
+    }
+    options = [number for pair in flags.items() for number in pair]
+
+    for picture in (noise, noise // 200, noise[:, :, 0]):
+        content = cv2.imencode(".jpg", picture, options)[1].tobytes()
+        assert read_image_header(content).wh == wh
+
+
+def text_chunk(size, kind=b"zTXt"):
+    packed = zlib.compress(bytes(size), 9)
+    heads = {b"zTXt": b"k\0\0", b"iCCP": b"k\0\0", b"iTXt": b"k\0\1\0en\0k\0"}
+    return chunk(kind, heads[kind] + packed)
+
+
+SOUND = chunk(b"IDAT", zlib.compress(b"\0" * (3 * 16)))
+HEADER = (5, 3, 8, 2)
+
+
+@pytest.mark.parametrize(
+    ("chunks", "message"),
+    [
+        pytest.param([chunk(b"IHDR", bytes(13)), SOUND], "one header", id="IHDR again"),
+        pytest.param([chunk(b"QRST"), SOUND], "b'QRST'", id="critical, unknown"),
+        pytest.param(
+            [chunk(b"a\xffst"), SOUND], "no decoder", id="a name of no letters"
+        ),
+        pytest.param(
+            [SOUND, chunk(b"PLTE", bytes(3))], "before the pixels", id="PLTE too late"
+        ),
+        pytest.param([chunk(b"PLTE", bytes(4)), SOUND], "1 to 256 col", id="odd PLTE"),
+        pytest.param(
+            [chunk(b"PLTE", bytes(3))[:-1] + b"x", SOUND], "checksum", id="CRC"
+        ),
+        pytest.param(
+            [SOUND, chunk(b"tEXt", b"k\0v"), SOUND], "between the pixels", id="apart"
+        ),
+        pytest.param(
+            [SOUND, chunk(b"fcTL", bytes(26))], "animated", id="animated later"
+        ),
+        pytest.param([chunk(b"tEXt", b"k\0v")] * 501 + [SOUND], "500 ch", id="notes"),
+        pytest.param(
+            [chunk(b"tEXt", bytes(1 << 20))] * 17 + [SOUND], "bytes beside", id="bytes"
+        ),
+        *(
+            pytest.param(
+                [text_chunk(9, kind)] * 17 + [SOUND],
+                "16 compr",
+                id=f"many {kind.decode()}",
+            )
+            for kind in (b"zTXt", b"iTXt", b"iCCP")
+        ),
+        *(
+            pytest.param(
+                [text_chunk(2_500_000, kind)] * 2 + [SOUND],
+                "inflate",
+                id=f"large {kind.decode()}",
+            )
+            for kind in (b"zTXt", b"iTXt", b"iCCP")
+        ),
+        pytest.param(
+            [SOUND, text_chunk(5_000_000)], "inflate", id="inflated behind the pixels"
+        ),
+        pytest.param([chunk(b"IDAT", b"")] * 2000, "parts", id="many parts"),
+        pytest.param([chunk(b"IEND", b"x")], "end has 1 bytes", id="IEND that is long"),
+    ],
+)
+def test_a_png_has_nothing_that_no_program_writes(chunks, message):
+    with pytest.raises(ImageError, match=message):
+        read_image_header(png_of_chunks(HEADER, *chunks))
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        pytest.param(
+            (5, 3, 16, 3), "colour type 3 with bit depth 16", id="indexed, 16"
+        ),
+        pytest.param(
+            (5, 3, 4, 2), "colour type 2 with bit depth 4", id="RGB of 4 bits"
+        ),
+        pytest.param((5, 3, 8, 3), "expected a palette", id="indexed without palette"),
+    ],
+)
+def test_a_header_of_a_png_that_no_decoder_takes_is_refused(header, message):
+    with pytest.raises(ImageError, match=message):
+        read_image_header(png_of_chunks(header, SOUND))
+
+
+def test_what_programs_write_beside_the_pixels_is_read():
+    notes = [chunk(b"tEXt", b"k\0v")] * 60 + [text_chunk(300_000)] * 10
+    profile = text_chunk(500_000, b"iCCP")
+    content = png_of_chunks(HEADER, profile, *notes, SOUND, SOUND, *notes[:2])
+
+    assert read_image_header(content + bytes(4088)).wh == (5, 3)
+    with pytest.raises(ImageError, match="4089 bytes follow its end"):
+        read_image_header(content + bytes(4089))
+
+
+def test_only_the_ends_of_a_file_are_read_if_that_is_enough():
+    damaged = png_of_chunks(HEADER, SOUND, chunk(b"tEXt"), SOUND)
+    scans = SOI + frame() + scan() * 9 + EOI
+
+    for content in (damaged, scans):
+        assert read_image_header(content, whole=False).wh == (5, 3)
+        with pytest.raises(ImageError):
+            read_image_header(content)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(
+            jpeg(np.random.default_rng(1).integers(0, 256, (900, 1200, 3), np.uint8)),
+            id="JPEG",
+        ),
+        pytest.param(
+            png(np.random.default_rng(1).integers(0, 256, (900, 1200, 3), np.uint8)),
+            id="PNG",
+        ),
+    ],
+)
+def test_reading_a_header_costs_far_less_than_decoding(content):
+    def seconds_of(work):
+        def once():
+            begun = time.process_time()
+            work()
+            return time.process_time() - begun
+
+        return min(once() for _ in range(7))
+
+    header = read_image_header(content)
+    walked = seconds_of(lambda: read_image_header(content))
+
+    assert walked < 0.4 * seconds_of(lambda: decode_image(content, header, 1))

@@ -1,0 +1,310 @@
+"""Segmentations of every form are read, and what cannot be trusted is refused."""
+
+import numpy as np
+import pytest
+
+from filter_core.errors import (
+    FilterError,
+    ImageError,
+    ImageSizeMismatch,
+    ImageTooLarge,
+    SegmentationError,
+)
+from filter_core.segmentation.palettes import FAMILIES, UnknownPalette
+from filter_core.segmentation.reading import (
+    SegmentationOptions,
+    read_segmentation,
+    segmentation_from_tags,
+)
+from tests.pictures import (
+    FAMILY,
+    indexed_png,
+    jpeg,
+    painted,
+    png,
+    tag_image,
+    with_alpha,
+)
+
+STREET = tag_image(
+    "sssvvvvs",
+    "ssvvvvvs",
+    "..ccc.w.",
+    "..ccctw.",
+    "....tt..",
+)
+TERRAIN_BEFORE_0_9_14 = (145, 170, 100)
+
+
+def rows(*rgb: tuple[int, int, int], width: int = 10) -> np.ndarray:
+    """A picture with one row of each colour."""
+    return np.repeat(np.array(rgb, np.uint8)[:, None, :], width, axis=1)
+
+
+def every_tag(family: str) -> np.ndarray:
+    return np.arange(len(FAMILIES[family].tags), dtype=np.uint8).reshape(1, -1)
+
+
+CONTENT = png(painted(np.tile(STREET, (9, 9))))
+DAMAGED = CONTENT[:60] + bytes(20) + CONTENT[80:]
+
+FORMS = {
+    "RGB": lambda tags, family: png(painted(tags, family)),
+    "RGB swapped": lambda tags, family: png(painted(tags, family), order="bgr"),
+    "RGBA": lambda tags, family: png(with_alpha(painted(tags, family))),
+    "RGBA, transparent": lambda tags, family: png(with_alpha(painted(tags, family), 0)),
+    "indexed": lambda tags, family: indexed_png(tags, FAMILIES[family].rgb_table),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_painted_family_is_recognised_and_decoded_exactly(family, form):
+    tags = np.repeat(every_tag(family), 3, axis=0)
+
+    segmentation = read_segmentation(FORMS[form](tags, family))
+
+    order = "bgr" if "swapped" in form else "rgb"
+    assert (segmentation.family, segmentation.encoding) == (family, "palette")
+    assert (segmentation.channel_order, segmentation.unknown_pixels) == (order, 0)
+    np.testing.assert_array_equal(segmentation.tags, tags)
+
+
+RAW = {
+    "grey": lambda tags: png(tags),
+    "red": lambda tags: png(np.dstack([tags, tags * 0, tags * 0])),
+    "red and alpha": lambda tags: png(
+        with_alpha(np.dstack([tags, tags * 0, tags * 0]))
+    ),
+    "blue": lambda tags: png(np.dstack([tags * 0, tags * 0, tags])),
+}
+
+
+@pytest.mark.parametrize("form", RAW)
+def test_raw_tags_are_read_where_the_version_names_the_family(form):
+    options = SegmentationOptions(carla_version="0.9.15")
+
+    segmentation = read_segmentation(RAW[form](STREET), options)
+
+    order = "bgr" if form == "blue" else "rgb"
+    assert (segmentation.family, segmentation.encoding) == (FAMILY, "raw")
+    assert segmentation.channel_order == order
+    np.testing.assert_array_equal(segmentation.tags, STREET)
+
+
+@pytest.mark.parametrize("form", RAW)
+def test_raw_tags_do_not_tell_their_family(form):
+    with pytest.raises(SegmentationError, match="Name the palette") as caught:
+        read_segmentation(RAW[form](STREET))
+
+    assert caught.value.kind == "family_not_named"
+
+
+@pytest.mark.parametrize("tag", [23, 28, 29])
+def test_raw_tags_from_23_on_prove_the_newest_family(tag):
+    tags = STREET.copy()
+    tags[0, 0] = tag
+
+    assert read_segmentation(png(tags)).family == "carla-0.9.14"
+
+
+def test_an_instance_image_is_read_by_its_red_channel_if_raw_is_named():
+    identity = np.arange(STREET.size, dtype=np.uint8).reshape(STREET.shape)
+    instances = np.dstack([STREET, identity, identity])
+    options = SegmentationOptions(encoding="raw", palette=FAMILY)
+
+    segmentation = read_segmentation(png(instances), options)
+
+    np.testing.assert_array_equal(segmentation.tags, STREET)
+
+
+def test_tags_of_no_family_are_unknown_up_to_one_percent():
+    tags = np.full((10, 10), 14, np.uint8)
+    tags[0, 0] = 99
+
+    segmentation = read_segmentation(png(tags), SegmentationOptions(palette=FAMILY))
+
+    assert (segmentation.unknown_pixels, segmentation.tags[0, 0]) == (1, 255)
+    assert segmentation.notes == (
+        "1.00 % of the pixels have tags that carla-0.9.14 does not have; "
+        "counted as Unknown",
+    )
+
+
+def test_colours_of_another_family_are_unknown_counted_and_noted():
+    rgb = painted(np.tile(every_tag(FAMILY), (10, 1)))
+    rgb[0, :6] = TERRAIN_BEFORE_0_9_14
+
+    segmentation = read_segmentation(png(rgb))
+
+    assert (segmentation.unknown_pixels, segmentation.foreign_percent) == (6, 2.0)
+    assert segmentation.unknown_percent == 2.0
+    assert (segmentation.tags[0, :6] == 255).all()
+    assert segmentation.notes == (
+        "2.00 % of the pixels are (145, 170, 100), Terrain of carla-0.9.10; "
+        "counted as Unknown",
+    )
+
+
+def test_colours_of_no_family_are_unknown_up_to_one_percent():
+    rgb = painted(np.full((10, 10), 15, np.uint8))
+    rgb[3, 3] = (1, 2, 3)
+
+    segmentation = read_segmentation(png(rgb))
+
+    assert (segmentation.unknown_pixels, segmentation.foreign_percent) == (1, 0.0)
+    assert "1.00 % of the pixels have colours of no family" in segmentation.notes[-1]
+
+
+def test_more_colours_of_no_family_refuse_the_image_and_are_named():
+    rgb = painted(np.full((10, 10), 15, np.uint8))
+    rgb[3, :2] = (1, 2, 3)
+
+    with pytest.raises(SegmentationError) as caught:
+        read_segmentation(png(rgb))
+
+    assert caught.value.kind == "foreign_colors"
+    assert str(caught.value).startswith(
+        "2.0 % of the pixels have colours of no known family, most often (1, 2, 3); "
+        "at most 1 % may."
+    )
+
+
+def test_a_colour_that_is_known_only_swapped_belongs_to_no_family():
+    rgb = rows(*[(0, 0, 142), (0, 0, 70), (255, 0, 0)] * 7, (142, 0, 0))
+
+    with pytest.raises(SegmentationError, match=r"most often \(142, 0, 0\)"):
+        read_segmentation(png(rgb))
+
+
+class TestLossy:
+    NEAREST = SegmentationOptions(lossy="nearest")
+
+    def test_a_jpeg_is_refused_by_default_and_the_way_out_is_named(self):
+        with pytest.raises(SegmentationError, match="lossy_segmentation: nearest") as e:
+            read_segmentation(jpeg(painted(STREET)))
+
+        assert e.value.kind == "lossy_segmentation"
+
+    def test_a_jpeg_is_read_by_the_nearest_colour_if_asked_for(self):
+        tags = np.kron(STREET, np.ones((16, 16), np.uint8))
+
+        segmentation = read_segmentation(jpeg(painted(tags)), self.NEAREST)
+
+        assert (segmentation.family, segmentation.lossy) == (FAMILY, True)
+        # Chroma is stored at half the resolution, so edges are lost.
+        assert (segmentation.tags == tags)[4:-4].mean() > 0.85
+        assert "lossy: tags by the nearest colour" in segmentation.notes[-1]
+
+    @pytest.mark.parametrize(
+        ("rgb", "tag"),
+        [
+            pytest.param((0, 0, 142), 14, id="exactly a colour"),
+            pytest.param((184, 219, 184), 10, id="32 levels off in every channel"),
+            pytest.param((33, 0, 142), 255, id="33 levels off in one"),
+            pytest.param((0, 71, 100), 17, id="between Bus and Train, nearer to Train"),
+            pytest.param((0, 70, 100), 16, id="as near to Bus as to Train"),
+            pytest.param(TERRAIN_BEFORE_0_9_14, 255, id="another family's exactly"),
+        ],
+    )
+    def test_a_pixel_gets_the_nearest_tag_within_32_levels(self, rgb, tag):
+        picture = rows(*[(0, 0, 142), (0, 0, 70), (152, 251, 152)] * 30, (9, 9, 9), rgb)
+
+        segmentation = read_segmentation(png(picture), self.NEAREST)
+
+        assert segmentation.lossy
+        assert (segmentation.tags[-1] == tag).all()
+        assert segmentation.unknown_pixels == (10 if tag == 255 else 0)
+
+    def test_an_exact_png_is_not_lossy_even_if_lossy_ones_are_allowed(self):
+        assert not read_segmentation(png(painted(STREET)), self.NEAREST).lossy
+
+    def test_a_photograph_without_any_palette_colour_is_refused(self):
+        photograph = rows((200, 200, 100), (90, 200, 200), (20, 90, 150))
+
+        with pytest.raises(SegmentationError, match="no colour of the image is near"):
+            read_segmentation(jpeg(photograph), self.NEAREST)
+
+    @pytest.mark.parametrize(
+        ("picture", "encoding"),
+        [(painted(STREET), "raw"), (np.dstack([STREET] * 3), "raw")],
+        ids=["coloured", "grey in three channels"],
+    )
+    def test_raw_tags_cannot_be_lossy(self, picture, encoding):
+        options = SegmentationOptions(lossy="nearest", encoding=encoding)
+
+        with pytest.raises(SegmentationError, match="one level off is another tag"):
+            read_segmentation(jpeg(picture), options)
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "message"),
+    [
+        pytest.param(b"no image", ImageError, "expected a PNG or JPEG", id="no image"),
+        pytest.param(
+            png(STREET.astype(np.uint16)), SegmentationError, "found 16", id="16 bits"
+        ),
+        pytest.param(
+            png(painted(STREET))[:-20], ImageError, "ends too early", id="truncated"
+        ),
+        pytest.param(
+            DAMAGED, ImageError, "cannot be decoded: it is damaged", id="bits"
+        ),
+    ],
+)
+def test_a_file_that_is_no_segmentation_is_refused(content, error, message):
+    with pytest.raises(error, match=message):
+        read_segmentation(content)
+
+
+def test_the_size_must_be_that_of_the_image():
+    with pytest.raises(ImageSizeMismatch, match="is 8 x 5 pixels, the image is 5 x 8"):
+        read_segmentation(png(painted(STREET)), expected_wh=(5, 8))
+
+
+def test_the_limit_of_a_side_holds_before_decoding():
+    with pytest.raises(ImageTooLarge, match="no side may exceed 7"):
+        read_segmentation(png(painted(STREET)), max_side=7)
+
+
+def test_an_unknown_palette_is_an_error_that_lists_the_known():
+    with pytest.raises(UnknownPalette, match=r"found 'carla-0\.9\.15'"):
+        read_segmentation(
+            png(painted(STREET)), SegmentationOptions(palette="carla-0.9.15")
+        )
+
+
+class TestTags:
+    def test_a_crop_has_the_tags_of_the_whole(self):
+        segmentation = read_segmentation(png(painted(STREET)))
+
+        crop = segmentation.tags_in(1, 2, 6, 4)
+
+        np.testing.assert_array_equal(crop, STREET[2:4, 1:6])
+
+    def test_tags_can_be_given_as_an_array(self):
+        segmentation = segmentation_from_tags(STREET, FAMILY)
+
+        assert (segmentation.wh, segmentation.encoding) == ((8, 5), "raw")
+        np.testing.assert_array_equal(segmentation.tags, STREET)
+
+    def test_given_tags_that_the_family_lacks_are_unknown(self):
+        segmentation = segmentation_from_tags(
+            np.full((2, 2), 23, np.uint8), "carla-0.9.10"
+        )
+
+        assert (segmentation.tags == 255).all()
+        assert segmentation.unknown_pixels == 4
+
+    @pytest.mark.parametrize(
+        "tags",
+        [
+            np.zeros((2, 2), np.int64),
+            np.zeros((2, 2, 3), np.uint8),
+            np.zeros((0, 2), np.uint8),
+        ],
+        ids=["another dtype", "colours", "nothing"],
+    )
+    def test_an_array_that_is_no_tag_image_is_refused(self, tags):
+        with pytest.raises(FilterError, match=r"expected an array \(H, W\) of uint8"):
+            segmentation_from_tags(tags, FAMILY)

@@ -1,0 +1,109 @@
+"""Segmentations that other people wrote with CARLA, with what went wrong in them."""
+
+import numpy as np
+import pytest
+
+from filter_core.errors import SegmentationError
+from filter_core.evidence.semantic import measure
+from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from tests.pictures import frame_boxes
+from tests.shared_data import shared
+
+SWAPPED = "data/ee267-litian-gong/report/Part5_output"
+GENERATOR = "data/Daniel-ChenJH_Carla-Dataset-Generator"
+JPEG = f"{GENERATOR}/record_data/runs1/Segment_Camera/Frame_1954.jpg"
+BONNET = [[330, 719], [420, 600], [860, 600], [950, 719]]
+
+
+def content(path: str) -> bytes:
+    return shared(path).read_bytes()
+
+
+def test_raw_tags_in_the_blue_channel_are_recognised_and_prove_their_family():
+    found = read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"))
+
+    recognised = (found.family, found.encoding, found.channel_order)
+    assert recognised == ("carla-0.9.14", "raw", "bgr")
+    assert (found.unknown_pixels, found.tags.shape) == (0, (720, 1280))
+    # As many as the blue channel has of each number.
+    assert np.bincount(found.tags.ravel())[[1, 3, 14]].tolist() == [
+        130584,
+        550598,
+        1797,
+    ]
+    assert found.notes == ("the raw tags are in the blue channel",)
+
+
+def test_raw_tags_that_prove_a_family_contradict_another_that_is_named():
+    options = SegmentationOptions(carla_version="0.9.13")
+
+    with pytest.raises(
+        SegmentationError, match=r"carla_version 0\.9\.13 says .*tag 25"
+    ):
+        read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"), options)
+
+
+def test_the_swapped_instance_image_has_the_tags_of_the_semantic_one():
+    options = SegmentationOptions(encoding="raw", channel_order="bgr")
+
+    instances = read_segmentation(
+        content(f"{SWAPPED}/instance_segmentation.png"), options
+    )
+
+    semantic = read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"))
+    # CARLA's semantic camera looks through glass and leaves, its instance one does not.
+    assert (instances.tags == semantic.tags).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("version", "family"),
+    [(None, "carla-0.9.14"), ("0.9.15", "carla-0.9.14"), ("0.9.12", "carla-0.9.10")],
+)
+def test_a_palette_image_saved_as_bgr_is_recognised(version, family):
+    options = SegmentationOptions(carla_version=version)
+
+    found = read_segmentation(
+        content(f"{GENERATOR}/images/segment_camera.png"), options
+    )
+
+    assert (found.family, found.channel_order) == (family, "bgr")
+    assert (found.unknown_pixels, found.lossy) == (0, False)
+    assert int((found.tags == (14 if "14" in family else 10)).sum()) == 928
+
+
+def test_what_its_colours_leave_open_is_said():
+    found = read_segmentation(content(f"{GENERATOR}/images/segment_camera.png"))
+
+    assert found.rivals == ("carla-0.9.10",)
+    assert "calls (0, 0, 142) Vehicle instead of Car" in found.notes[0]
+
+
+def test_palette_images_written_as_jpeg_are_refused_by_default():
+    with pytest.raises(SegmentationError, match="is a JPEG") as caught:
+        read_segmentation(content(JPEG))
+
+    assert caught.value.kind == "lossy_segmentation"
+
+
+def test_palette_images_written_as_jpeg_are_read_by_the_nearest_colour():
+    found = read_segmentation(content(JPEG), SegmentationOptions(lossy="nearest"))
+
+    assert (found.family, found.lossy) == ("carla-0.9.14", True)
+    assert 1.0 < found.unknown_percent < 1.5
+    assert int((found.tags == 255).sum()) == found.unknown_pixels
+
+
+def test_the_ego_vehicles_bonnet_does_not_count_if_it_is_ignored():
+    segmentation = read_segmentation(
+        content(JPEG), SegmentationOptions(lossy="nearest")
+    )
+    boxes = frame_boxes([(330, 600, 950, 720)], segmentation.wh)
+    bonnet = read_ignore_mask([BONNET], segmentation.wh)
+
+    without, with_mask = (
+        measure(segmentation, boxes, ignore=ignore) for ignore in (None, bonnet)
+    )
+
+    assert without.match_percent[0] > 50
+    assert with_mask.matched_pixels[0] < without.matched_pixels[0] / 4

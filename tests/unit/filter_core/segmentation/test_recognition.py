@@ -1,0 +1,167 @@
+"""Which family and channel order the colours that occur belong to."""
+
+import pytest
+
+from filter_core.errors import SegmentationError
+from filter_core.segmentation.codes import CODE_OF, packed
+from filter_core.segmentation.palettes import FAMILIES, palette_of
+from filter_core.segmentation.recognition import Named, recognize
+
+STREET = ("Road", "Building", "Vegetation")
+"""Names that every family has, in the same colours."""
+FENCE_BEFORE_0_9_14 = (100, 40, 40)
+TERRAIN_BEFORE_0_9_14 = (145, 170, 100)
+TERRAIN = (152, 251, 152)
+TRUCK, BUS, RIDER = (0, 0, 70), (0, 60, 100), (255, 0, 0)
+CAR_OR_VEHICLE = (0, 0, 142)
+ROCK = (180, 130, 70)
+SKY = ROCK[::-1]
+
+
+def street(*colors, order="rgb"):
+    """The codes of a street's colours and of some more."""
+    palette = palette_of("carla-0.9.14")
+    rgb = [palette.tags[palette.tag_of(name)].rgb for name in STREET]
+    return [CODE_OF[packed(color, order)] for color in (*rgb, *colors)]
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_an_image_with_every_colour_of_a_family_is_of_that_family(family, order):
+    codes = [CODE_OF[packed(tag.rgb, order)] for tag in FAMILIES[family].tags]
+
+    found = recognize(codes, Named())
+
+    assert (found.family, found.order, found.rivals) == (family, order, ())
+
+
+@pytest.mark.parametrize(
+    ("color", "family"),
+    [
+        (TERRAIN, "carla-0.9.14"),
+        (TRUCK, "carla-0.9.14"),
+        (RIDER, "carla-0.9.14"),
+        (FENCE_BEFORE_0_9_14, "carla-0.9.10"),
+        (TERRAIN_BEFORE_0_9_14, "carla-0.9.10"),
+        ((250, 170, 160), "carla-0.9.0"),
+    ],
+)
+def test_one_colour_that_only_one_family_has_decides(color, family):
+    assert recognize(street(color), Named()).family == family
+
+
+def test_families_that_name_the_colours_alike_are_no_rivals_and_are_noted():
+    found = recognize(street(), Named())
+
+    assert (found.family, found.rivals) == ("carla-0.9.14", ())
+    assert found.notes == (
+        "read as carla-0.9.14; carla-0.9.10 and carla-0.9.0 would mean the same by "
+        "the colours that occur",
+    )
+
+
+def test_families_that_name_a_colour_differently_are_rivals_and_are_noted():
+    found = recognize(street(SKY, CAR_OR_VEHICLE), Named())
+
+    assert (found.family, found.rivals) == ("carla-0.9.14", ("carla-0.9.10",))
+    assert found.notes == (
+        "read as carla-0.9.14; carla-0.9.10 has the same colours, but calls "
+        "(0, 0, 142) Vehicle instead of Car",
+    )
+
+
+def test_the_papers_table_is_only_recognised_by_a_mixture_that_no_carla_renders():
+    by_truck = recognize(street(TRUCK), Named())
+    by_both = recognize(street(TRUCK, FENCE_BEFORE_0_9_14), Named())
+
+    assert (by_truck.family, by_both.family) == ("carla-0.9.14", "paper-table1")
+
+
+def test_colours_of_two_families_at_once_are_ambiguous():
+    with pytest.raises(SegmentationError) as caught:
+        recognize(street(TERRAIN, TERRAIN_BEFORE_0_9_14), Named())
+
+    assert caught.value.kind == "ambiguous_palette"
+    assert str(caught.value) == (
+        "the colours that occur belong to carla-0.9.14 and carla-0.9.10 at once: only "
+        "carla-0.9.14 has (152, 251, 152), only carla-0.9.10 has (145, 170, 100); "
+        "name the palette"
+    )
+
+
+def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
+    found = recognize(street(TERRAIN, TRUCK, TERRAIN_BEFORE_0_9_14), Named())
+
+    assert found.family == "carla-0.9.14"
+    assert found.missing == {CODE_OF[packed(TERRAIN_BEFORE_0_9_14)]}
+
+
+def test_a_named_family_stands_where_the_colours_prove_neither():
+    codes = street(TERRAIN, TERRAIN_BEFORE_0_9_14)
+
+    found = recognize(codes, Named(family="carla-0.9.10"))
+
+    assert found.family == "carla-0.9.10"
+    assert found.missing == {CODE_OF[packed(TERRAIN)]}
+
+
+@pytest.mark.parametrize(
+    ("named", "codes", "message"),
+    [
+        pytest.param(
+            Named(family="carla-0.9.10", sources={"palette": "the dataset"}),
+            street(TERRAIN),
+            r"the dataset says palette carla-0\.9\.10, the colours that occur prove "
+            r"carla-0\.9\.14: \(152, 251, 152\) is Terrain there and no colour of",
+            id="another family",
+        ),
+        pytest.param(
+            Named(order="rgb", sources={"channel_order": "the config"}),
+            street(TRUCK, order="bgr"),
+            "the config says channel_order rgb, the colours that occur prove bgr: ",
+            id="another channel order",
+        ),
+        pytest.param(
+            Named(order="bgr"),
+            street(TRUCK),
+            "the caller says channel_order bgr, the colours that occur prove rgb: ",
+            id="another channel order, by nobody in particular",
+        ),
+    ],
+)
+def test_what_is_named_must_not_contradict_the_colours(named, codes, message):
+    with pytest.raises(SegmentationError, match=message) as caught:
+        recognize(codes, named)
+
+    assert caught.value.kind == "segmentation_contradiction"
+
+
+def test_the_papers_table_may_be_named_for_images_of_other_families():
+    found = recognize(street(TERRAIN, TRUCK), Named(family="paper-table1"))
+
+    assert found.family == "paper-table1"
+    assert found.missing == {CODE_OF[packed(TERRAIN)]}
+
+
+def test_swapped_sky_is_not_taken_for_rock():
+    found = recognize(street(SKY, CAR_OR_VEHICLE, order="bgr"), Named())
+
+    assert found.order == "bgr"
+    assert found.notes[-1] == "red and blue are swapped in the file; read as bgr"
+
+
+def test_rock_is_not_taken_for_swapped_sky():
+    found = recognize(street(SKY, ROCK, CAR_OR_VEHICLE), Named())
+
+    assert (found.family, found.order) == ("carla-0.9.14", "rgb")
+
+
+def test_colours_that_are_the_same_swapped_do_not_tell_the_order():
+    greys = [(0, 0, 0), (70, 70, 70), SKY]
+
+    found = recognize([CODE_OF[packed(color)] for color in greys], Named())
+
+    assert found.order == "rgb"
+    assert found.notes[-1] == (
+        "the colours that occur do not tell the channel order; read as rgb"
+    )

@@ -1,0 +1,102 @@
+"""Who decides how a segmentation is read, and what happens when two disagree."""
+
+import numpy as np
+import pytest
+
+from filter_core.errors import SegmentationError
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from tests.pictures import FAMILY, painted, png, tag_image
+
+STREET = tag_image("sss", ".cc", "tt.")
+
+
+def test_layers_that_agree_are_joined():
+    joined = SegmentationOptions.agreed(
+        {
+            "the dataset": SegmentationOptions(palette=FAMILY),
+            "the config": SegmentationOptions(palette=FAMILY, lossy="nearest"),
+            "the frame": SegmentationOptions(carla_version="0.9.15"),
+        }
+    )
+
+    assert (joined.palette, joined.lossy) == (FAMILY, "nearest")
+    assert (joined.channel_order, joined.carla_version) == ("auto", "0.9.15")
+
+
+def test_layers_that_contradict_each_other_are_both_named():
+    layers = {
+        "the dataset": SegmentationOptions(channel_order="rgb"),
+        "the config": SegmentationOptions(channel_order="bgr"),
+    }
+
+    with pytest.raises(SegmentationError) as caught:
+        SegmentationOptions.agreed(layers)
+
+    assert caught.value.kind == "segmentation_contradiction"
+    assert str(caught.value) == (
+        "the dataset says channel_order rgb, the config says bgr"
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "message"),
+    [
+        pytest.param(
+            png(painted(STREET)),
+            SegmentationOptions(palette="carla-0.9.14", carla_version="0.9.12"),
+            r"the caller says palette carla-0\.9\.14, "
+            r"carla_version 0\.9\.12 renders carla-0\.9\.10",
+            id="palette and version",
+        ),
+        pytest.param(
+            png(painted(STREET)),
+            SegmentationOptions(carla_version="0.9.12"),
+            r"carla_version 0\.9\.12 says palette carla-0\.9\.10, the colours that "
+            r"occur prove carla-0\.9\.14: \(0, 0, 70\) is Truck there",
+            id="version and colours",
+        ),
+        pytest.param(
+            png(np.full((4, 4), 25, np.uint8)),
+            SegmentationOptions(
+                palette="carla-0.9.10", sources={"palette": "the dataset"}
+            ),
+            r"the dataset says palette carla-0\.9\.10, the raw tag 25 that occurs "
+            r"proves carla-0\.9\.14",
+            id="palette and raw tags",
+        ),
+        pytest.param(
+            png(np.dstack([STREET * 0, STREET * 0, STREET])),
+            SegmentationOptions(encoding="raw", channel_order="rgb", palette=FAMILY),
+            "channel_order rgb, but the raw tags are in the blue channel alone",
+            id="order and raw channel",
+        ),
+        pytest.param(
+            png(STREET),
+            SegmentationOptions(encoding="palette"),
+            "the caller says encoding palette, the image is grey",
+            id="encoding and form",
+        ),
+    ],
+)
+def test_a_contradiction_names_both(content, options, message):
+    with pytest.raises(SegmentationError, match=message) as caught:
+        read_segmentation(content, options)
+
+    assert caught.value.kind == "segmentation_contradiction"
+
+
+def test_the_papers_table_may_be_named_for_any_version():
+    options = SegmentationOptions(palette="paper-table1", carla_version="0.9.15")
+
+    segmentation = read_segmentation(png(painted(STREET)), options)
+
+    assert segmentation.family == "paper-table1"
+
+
+def test_a_version_that_is_not_known_is_noted_and_not_used():
+    options = SegmentationOptions(carla_version="nightly")
+
+    segmentation = read_segmentation(png(painted(STREET)), options)
+
+    assert segmentation.family == FAMILY
+    assert "found 'nightly'; not used" in segmentation.notes[-1]

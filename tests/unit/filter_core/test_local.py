@@ -1,0 +1,154 @@
+"""Many frames: in order, on any number of threads, and only a few at a time."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.formats.layouts import read_source
+from filter_core.formats.reading import FrameSource
+from filter_core.local import filter_one, filter_source
+from filter_core.segmentation.reading import SegmentationOptions
+from tests.unit.filter_core.evidence.scene import depth_png, instance_png
+from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
+from tests.unit.filter_core.formats.folders import painted, png, street, write_files
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Twelve frames in YOLO form; of the fourth the segmentation is broken."""
+    files: dict[str, object] = {"classes.txt": "car\nwalker\n"}
+    for number in range(12):
+        files[f"images/{number:03}.png"] = None
+        files[f"labels/{number:03}.txt"] = (
+            "0 0.375 0.41666667 0.5 0.5\n1 0.8125 0.79166667 0.125 0.25\n"
+        )
+        tags = painted(street((10, 10, 50 - number, 40)))
+        files[f"seg/{number:03}.png"] = tags[:100] if number == 3 else tags
+    return write_files(tmp_path, files)
+
+
+def test_frames_come_in_order_and_a_bad_one_does_not_stop_the_others(folder):
+    outcomes = list(filter_source(read_source(folder), FilterConfig()))
+
+    assert [one.key for one in outcomes] == [f"{number:03}" for number in range(12)]
+    bad = [one for one in outcomes if one.error]
+    assert [one.key for one in bad] == ["003"]
+    assert bad[0].as_dict()["error"]["code"] == "bad_image"
+    verdicts = [[box["verdict"] for box in one.decisions or ()] for one in outcomes]
+    assert verdicts[0] == ["kept", "rejected"]
+    assert outcomes[0].palette == "carla-0.9.14"
+
+
+def test_any_number_of_workers_says_the_same(folder):
+    lines = [
+        [
+            json.dumps(one.as_dict(), allow_nan=False)
+            for one in filter_source(
+                read_source(folder), FilterConfig(), workers=workers
+            )
+        ]
+        for workers in (1, 2, 7)
+    ]
+
+    assert lines[0] == lines[1] == lines[2]
+
+
+def test_only_a_few_frames_are_read_ahead():
+    taken = 0
+
+    def endless():
+        nonlocal taken
+        while True:
+            taken += 1
+            yield FrameSource(f"{taken}", {"boxes": [], "camera": SIZE})
+
+    outcomes = filter_source(endless(), FilterConfig(), workers=2)
+
+    assert [next(outcomes).key for _ in range(5)] == ["1", "2", "3", "4", "5"]
+    assert taken <= 20
+    outcomes.close()
+
+
+SIZE = {"width": 80, "height": 60}
+
+
+def test_every_fault_of_a_frame_is_in_its_problem():
+    boxes = [{"class": "car"}, {"class": "car", "xyxy": [1, 2, 3]}]
+    source = FrameSource("k", {"boxes": boxes, "camera": SIZE})
+
+    (outcome,) = filter_source([source], FilterConfig())
+
+    assert outcome.error is not None
+    assert outcome.error["code"] == "bad_annotation"
+    pointers = [one["pointer"] for one in outcome.error["errors"]]
+    assert pointers == ["/boxes/0", "/boxes/1/xyxy"]
+
+
+def test_of_many_faults_a_problem_has_the_first_and_counts_the_others():
+    boxes = [{"class": "car"}] * 1000
+    source = FrameSource("k", {"boxes": boxes, "camera": SIZE})
+
+    (outcome,) = filter_source([source], FilterConfig())
+
+    assert outcome.error is not None
+    more = outcome.error["more_errors"]
+    assert (len(outcome.error["errors"]), more) == (100, 900)
+
+
+def test_a_file_that_is_not_there_is_named_without_its_folder(tmp_path):
+    source = FrameSource(
+        "k", {"boxes": [], "camera": SIZE}, segmentation=tmp_path / "gone.png"
+    )
+
+    (outcome,) = filter_source([source], FilterConfig())
+
+    assert outcome.error is not None
+    assert "gone.png" in outcome.error["detail"]
+    assert str(tmp_path) not in outcome.error["detail"]
+
+
+def test_an_ignore_mask_beside_a_frame_counts(folder):
+    mask = (street() == 14).astype("uint8") * 255
+    write_files(folder, {"mask.png": png(mask)})
+    frame = next(iter(read_source(folder)))
+    masked = FrameSource(
+        frame.key,
+        frame.annotation,
+        frame.image,
+        frame.segmentation,
+        others={"ignore_mask": folder / "mask.png"},
+    )
+
+    (outcome,) = filter_source([masked], FilterConfig())
+
+    assert [box["matched_pixels"] for box in outcome.decisions or ()] == [0, 0]
+
+
+def test_a_channel_reads_the_files_that_it_needs(tmp_path):
+    tags, metres, ids = scene()
+    files = {
+        "depth": depth_png(metres),
+        "instances": instance_png(tags, ids),
+        "lidar": b"not read",
+    }
+    for kind, content in files.items():
+        (tmp_path / kind).write_bytes(content)
+    (tmp_path / "seg").write_bytes(painted(tags))
+    source = FrameSource(
+        "a",
+        ANNOTATION,
+        segmentation=tmp_path / "seg",
+        others={kind: tmp_path / kind for kind in files},
+    )
+
+    def outcome(channel):
+        return filter_one(
+            source, FilterConfig(evidence=channel), SegmentationOptions()
+        ).as_dict()
+
+    assert outcome("depth")["decisions"][1]["reason"] == "hidden_by_depth"
+    assert outcome("auto")["decisions"][1]["reason"] == "hidden_by_instance"
+    assert "PLY or NPY" in outcome("lidar")["error"]["detail"]

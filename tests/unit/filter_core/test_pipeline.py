@@ -1,0 +1,243 @@
+"""One frame through the whole filter, as a library user calls it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import AnnotationErrors, ImageSizeMismatch, SegmentationError
+from filter_core.pipeline import FrameOptions, filter_frame
+from filter_core.segmentation.reading import SegmentationOptions
+from tests.unit.filter_core.formats.folders import painted, png, street
+
+KEYS = [
+    "id",
+    "frame",
+    "class",
+    "verdict",
+    "reason",
+    "explanation",
+    "evidence",
+    "match_percent",
+    "threshold",
+    "margin",
+    "toss_up",
+    "large",
+    "matched_pixels",
+    "box_pixels",
+    "area_percent",
+    "crowding",
+    "explained_by",
+    "hidden_by",
+    "lossy",
+    "distance",
+    "xyxy",
+    "amodal_xyxy",
+    "visible_xyxy",
+    "tight_xyxy",
+    "visible_pixels",
+    "occluded",
+    "truncated",
+    "edges",
+    "config",
+]
+
+
+def annotation(*boxes, **more):
+    return {"carla_version": "0.9.15", "boxes": list(boxes), **more}
+
+
+CAR = {"id": "217", "class": "car", "xyxy": [10, 10, 50, 40], "distance": 12.5}
+GHOST = {"id": "218", "class": "walker", "xyxy": [60, 40, 70, 55]}
+
+
+def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
+    result = filter_frame(
+        annotation(CAR), painted(street()), options=FrameOptions(key="a/7")
+    )
+
+    (decision,) = result.decisions
+    assert list(decision) == KEYS
+    assert decision == {
+        **dict.fromkeys(KEYS),
+        "id": "217",
+        "frame": "a/7",
+        "class": "car",
+        "verdict": "kept",
+        "reason": "visible",
+        "explanation": "kept: 100 % of its pixels are Car, 10 % are needed",
+        "evidence": "semantic",
+        "match_percent": 100.0,
+        "threshold": 10.0,
+        "margin": 90.0,
+        "toss_up": False,
+        "large": False,
+        "matched_pixels": 1200,
+        "box_pixels": 1200,
+        "area_percent": 25.0,
+        "crowding": 0.0,
+        "hidden_by": [],
+        "lossy": False,
+        "distance": 12.5,
+        "xyxy": [10.0, 10.0, 50.0, 40.0],
+        "occluded": 3,
+        "config": FilterConfig().digest,
+    }
+
+
+def test_decisions_are_plain_json():
+    outside = {"class": "car", "xyxy": [900, 0, 950, 20]}
+    result = filter_frame(annotation(CAR, GHOST, outside), painted(street()))
+
+    again = json.loads(json.dumps(result.decisions, allow_nan=False))
+
+    assert again == result.decisions
+    assert [one["reason"] for one in again] == [
+        "visible",
+        "no_visible_pixels",
+        "outside_image",
+    ]
+    assert (again[2]["xyxy"], again[2]["match_percent"]) == (None, None)
+
+
+def test_a_ghost_says_what_is_there_instead():
+    tags = street()
+    tags[40:55, 60:70] = 9
+
+    decision = filter_frame(annotation(GHOST), painted(tags)).decisions[0]
+
+    assert decision["explanation"] == (
+        "rejected: none of its pixels are Pedestrian; Vegetation covers 100 %"
+    )
+    assert decision["hidden_by"] == [{"tag": 9, "name": "Vegetation", "percent": 100.0}]
+
+
+def test_without_a_segmentation_nothing_is_measured():
+    camera = {"width": 80, "height": 60}
+
+    result = filter_frame(annotation(CAR, camera=camera), None)
+
+    (decision,) = result.decisions
+    assert (decision["verdict"], decision["reason"]) == (
+        "unmeasured",
+        "no_segmentation",
+    )
+    assert decision["match_percent"] is decision["threshold"] is None
+    assert decision["matched_pixels"] is decision["evidence"] is None
+    assert decision["xyxy"] == [10, 10, 50, 40]
+    assert result.measured.segmentation is None
+
+
+def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
+    tags = street()
+
+    results = [
+        filter_frame(annotation(CAR, GHOST), given)
+        for given in (painted(tags), png(tags), tags)
+    ]
+
+    assert results[0].decisions == results[1].decisions == results[2].decisions
+    reports = [result.measured.segmentation for result in results]
+    assert [one and one["palette"] for one in reports] == ["carla-0.9.14"] * 3
+    assert [one and one["encoding"] for one in reports] == ["palette", "raw", "raw"]
+
+
+def test_a_blueprint_decides_by_its_class_and_an_unknown_one_stays_itself():
+    boxes = [
+        {"type_id": "vehicle.ford.ambulance", "xyxy": [10, 10, 50, 40]},
+        {"type_id": "static.prop.bin", "xyxy": [10, 10, 50, 40]},
+    ]
+
+    van, prop = filter_frame(annotation(*boxes), painted(street())).decisions
+
+    assert (van["class"], van["reason"]) == ("van", "visible")
+    assert van["explanation"] == (
+        "kept: 100 % of its pixels are Car or Truck, 10 % are needed"
+    )
+    assert (prop["class"], prop["reason"]) == ("static.prop.bin", "unmapped_class")
+
+
+def test_a_class_s_own_accept_set_counts():
+    config = FilterConfig.from_mapping({"classes": {"walker": {"accept": ["Road"]}}})
+
+    decision = filter_frame(annotation(GHOST), painted(street()), config).decisions[0]
+
+    assert (decision["verdict"], decision["match_percent"]) == ("kept", 100.0)
+
+
+def test_pixels_that_are_ignored_never_count():
+    ignore = np.zeros((60, 80), np.bool_)
+    ignore[10:40, 10:30] = True
+
+    options = FrameOptions(ignore=ignore)
+    decision = filter_frame(annotation(CAR), street(), options=options).decisions[0]
+
+    assert (decision["matched_pixels"], decision["box_pixels"]) == (600, 600)
+
+
+@pytest.mark.parametrize(
+    ("more", "options", "words"),
+    [
+        ({}, FrameOptions(image_wh=(81, 60)), "81 x 60"),
+        ({"camera": {"width": 80, "height": 61}}, FrameOptions(), "80 x 61"),
+    ],
+)
+def test_images_of_different_sizes_are_refused(more, options, words):
+    with pytest.raises(ImageSizeMismatch, match=words):
+        filter_frame(annotation(CAR, **more), painted(street()), options=options)
+    with pytest.raises(ImageSizeMismatch, match=words):
+        filter_frame(annotation(CAR, **more), street(), options=options)
+
+
+def test_a_frame_whose_size_nothing_tells_is_refused():
+    with pytest.raises(ImageSizeMismatch, match="found none of them") as caught:
+        filter_frame(annotation(CAR), None)
+    assert caught.value.kind == "image_size_unknown"
+
+
+def test_tags_without_a_family_are_never_guessed_at():
+    with pytest.raises(SegmentationError, match="cannot name its family") as caught:
+        filter_frame({"boxes": [CAR]}, street())
+    assert caught.value.kind == "family_not_named"
+
+
+def test_a_contradiction_about_the_palette_names_both_sides():
+    dataset = FrameOptions(dataset=SegmentationOptions(palette="carla-0.9.10"))
+    config = FilterConfig(palette="carla-0.9.14")
+
+    with pytest.raises(SegmentationError, match=r"the dataset says .* the config says"):
+        filter_frame(annotation(CAR), painted(street()), config, dataset)
+
+
+def test_all_faults_of_an_annotation_come_at_once():
+    boxes = [{"class": "car", "xyxy": [1, 2, 3]}, {"class": "car"}]
+
+    with pytest.raises(AnnotationErrors) as caught:
+        filter_frame(annotation(*boxes), street(), options=FrameOptions(key="k"))
+    assert len(caught.value.errors) == 2
+
+
+def test_a_3d_box_comes_with_its_rectangles_and_edges():
+    camera = {"width": 80, "height": 60, "fov": 90, "transform": {}}
+    box3d = {
+        "transform": {"x": 10, "y": 0, "z": 0, "pitch": 0, "yaw": 0, "roll": 0},
+        "location": {"x": 0, "y": 0, "z": 0},
+        "extent": {"x": 2, "y": 1, "z": 1},
+        "rotation": {"pitch": 0, "yaw": 0, "roll": 0},
+    }
+    camera["transform"] = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
+
+    boxes = [{"class": "car", "box3d": box3d}]
+    result = filter_frame(annotation(*boxes, camera=camera), street())
+
+    (decision,) = result.decisions
+    assert decision["distance"] == pytest.approx(10)
+    assert decision["xyxy"] == decision["visible_xyxy"] == [35, 25, 45, 35]
+    assert len(decision["edges"]) == 12
+
+
+def test_a_frame_without_boxes_has_no_decisions():
+    assert filter_frame(annotation(), street()).decisions == []
