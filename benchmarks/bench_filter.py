@@ -31,10 +31,11 @@ from benchmarks.street import (
 )
 from benchmarks.yardstick import decoding_by_opencv
 from filter_core.evidence.counting import Regions, count_matches
-from filter_core.evidence.semantic import FrameBoxes, measure
+from filter_core.evidence.semantic import measure
 from filter_core.geometry.boxes import pixel_bounds
-from filter_core.segmentation.pixel_codes import PixelCodes
+from filter_core.segmentation.codes import PixelCodes
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from filter_core.types import FrameBoxes
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
-from filter_core.formats.export_options import ExportOptions
+from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
 from filter_core.formats.registry import FORMATS, write_export
 
 FEW, MANY = 1_000, 10_000

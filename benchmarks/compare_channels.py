@@ -33,13 +33,13 @@ from benchmarks.evaluation_page import write_page
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.formats.layouts import read_source
 from filter_core.formats.reading import FrameSource
-from filter_core.local import measure_source
-from filter_core.local_evaluation import (
+from filter_core.formats.registry import read_source
+from filter_core.local import (
     EvaluationTask,
     KnownBoxes,
     evaluate_source,
+    measure_source,
     read_truth,
 )
 from filter_core.segmentation.reading import SegmentationOptions

@@ -5,12 +5,14 @@ gives `Evidence`, numbers per box; `decide` takes evidence and a `FilterConfig` 
 gives `Decisions`. Thresholds can therefore be changed without reading a pixel again.
 """
 
-from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import (
+    AnnotationLimits,
+    FrameAnnotation,
+    frame_boxes_2d,
+)
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.config.config_diff import diff_configs
 from filter_core.config.file import LoadedConfig, load_config
-from filter_core.config.filter import ClassConfig, FilterConfig
+from filter_core.config.filter import ClassConfig, FilterConfig, diff_configs
 from filter_core.decisions.explain import explain, hidden_by
 from filter_core.decisions.rules import decide
 from filter_core.errors import (
@@ -25,9 +27,9 @@ from filter_core.errors import (
     NotAvailable,
     SegmentationError,
 )
-from filter_core.evidence.semantic import FrameBoxes, MeasureOptions, measure
-from filter_core.formats.layouts import detect_layout, read_source
+from filter_core.evidence.semantic import MeasureOptions, measure
 from filter_core.formats.reading import ReadOptions
+from filter_core.formats.registry import detect_layout, read_source
 from filter_core.geometry.boxes import correct_xyxy, to_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import project_box, project_boxes
@@ -40,14 +42,14 @@ from filter_core.pipeline import (
     filter_frame,
     measure_frame,
 )
+from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import FAMILIES, Palette, family_of_version
-from filter_core.segmentation.pixel_codes import Segmentation
 from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,
 )
-from filter_core.types import BoxState, Decisions, Evidence, Reason, Verdict
+from filter_core.types import BoxState, Decisions, Evidence, FrameBoxes, Reason, Verdict
 
 __all__ = [
     "FAMILIES",

@@ -6,8 +6,12 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from filter_core.errors import ConfigError
 from filter_core.segmentation.palettes import FAMILIES, PUBLISHED_COLORS, Palette
+from filter_core.types import UNKNOWN_COLUMN, BoolArray
 from filter_core.values import nearest, place_of, shown
 
 ALIASES: Final = {"street_light": "traffic_light"}
@@ -236,3 +240,10 @@ def _mask_in_any_family(
         if mask:
             return mask
     return 0
+
+
+def accepted_codes(tag_of_code: NDArray[np.uint8], accept_mask: int) -> BoolArray:
+    """(K,) bool: which codes mean an accepted tag; nobody accepts Unknown."""
+    tags = np.minimum(tag_of_code, UNKNOWN_COLUMN).astype(np.int64)
+    known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
+    return (known >> tags & 1).astype(np.bool_)

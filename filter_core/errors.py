@@ -135,3 +135,19 @@ class LayoutError(FilterError):
     """A folder or a label file that cannot be read."""
 
     code = "bad_layout"
+
+
+def problem_of(error: FilterError) -> dict[str, Any]:
+    """An error as the problem object that the API answers, without its HTTP part."""
+    several = error if isinstance(error, AnnotationErrors) else None
+    more = several.more_errors if several else 0
+    return {
+        "title": type(error).__name__,
+        "detail": error.detail,
+        "code": error.kind,
+        "errors": [
+            {"pointer": part.pointer, "code": part.kind, "detail": part.detail}
+            for part in (several.errors if several else (error,))
+        ],
+        **({"more_errors": more} if more else {}),
+    }

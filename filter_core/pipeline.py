@@ -1,4 +1,9 @@
-"""One frame through the whole filter: annotation and segmentation in, decisions out."""
+"""One frame through the whole filter.
+
+One frame through the whole filter: annotation and segmentation in, decisions out.
+
+How large a frame is, if all that say so agree.
+"""
 
 from __future__ import annotations
 
@@ -13,29 +18,65 @@ from filter_core.annotation.frame import (
     AnnotationLimits,
     BoxAnnotation,
     FrameAnnotation,
+    frame_boxes_2d,
 )
-from filter_core.annotation.frame_geometry import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import class_of
 from filter_core.config.filter import FilterConfig
-from filter_core.decisions.record import FrameFacts, FrameGeometry, decision_dicts
+from filter_core.decisions.record import FrameFacts, decision_dicts
 from filter_core.decisions.rules import decide
-from filter_core.errors import SegmentationError
+from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.evidence.channels import (
     FrameParts,
     SensorFiles,
     measure_frame_channels,
 )
-from filter_core.evidence.semantic import FrameBoxes, MeasureOptions, measure
-from filter_core.frame_size import agreed_size
+from filter_core.evidence.semantic import MeasureOptions, measure
+from filter_core.geometry.projection import FrameGeometry
+from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import family_of_version
-from filter_core.segmentation.pixel_codes import Segmentation
 from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,
 )
-from filter_core.types import Decisions, Evidence, Mask
+from filter_core.types import Decisions, Evidence, FrameBoxes, Mask
+
+
+def agreed_size(
+    annotation: FrameAnnotation,
+    segmentation: Segmentation | None,
+    image_wh: tuple[int, int] | None,
+) -> tuple[int, int]:
+    """Width and height, px, of the image, the segmentation and the camera alike.
+
+    Raises
+    ------
+    ImageSizeMismatch
+        Two of them differ; ``image_size_unknown``: none of them is there.
+    """
+    tags_wh = (segmentation.width, segmentation.height) if segmentation else None
+    sizes = {
+        "the image": image_wh,
+        "the segmentation": tags_wh,
+        "the camera": annotation.camera_wh,
+    }
+    known = [(name, wh) for name, wh in sizes.items() if wh is not None]
+    if not known:
+        raise ImageSizeMismatch(
+            "expected the size of the image from an image, a segmentation or the "
+            "camera, found none of them",
+            code="image_size_unknown",
+        )
+    first, size = known[0]
+    for name, wh in known[1:]:
+        if wh != size:
+            raise ImageSizeMismatch(
+                f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
+                f"found {wh[0]} x {wh[1]} px",
+                pointer=name.replace("the ", "/"),
+            )
+    return size
 
 
 @dataclass(frozen=True)

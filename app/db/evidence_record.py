@@ -15,8 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.channel_types import ChannelNumbers
-from filter_core.types import N_TAGS, Evidence
+from filter_core.types import N_TAGS, ChannelNumbers, Evidence
 
 NUMBERS: Final = np.dtype(
     [

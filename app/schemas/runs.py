@@ -15,7 +15,7 @@ from pydantic import (
 )
 
 from app.schemas.datasets import ClassCounts
-from filter_core.formats.export_options import (
+from filter_core.formats.export import (
     MAX_BAND,
     MAX_BANDS,
     Boxes,

@@ -27,12 +27,12 @@ from app.repositories.frames import FrameRepository
 from app.repositories.reviews import LatestReview, ReviewRepository
 from app.services.configs import active_version, config_of
 from app.services.reviews import effective_verdict
-from filter_core.channel_types import NOT_MEASURED, ChannelNumbers
 from filter_core.config.filter import FilterConfig
-from filter_core.decisions.record import FrameFacts, FrameGeometry, decision_dicts
+from filter_core.decisions.record import FrameFacts, decision_dicts
 from filter_core.decisions.rules import decide
+from filter_core.geometry.projection import FrameGeometry
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import Evidence, FloatArray
+from filter_core.types import NOT_MEASURED, ChannelNumbers, Evidence, FloatArray
 
 
 class DecisionReader:

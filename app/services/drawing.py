@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.errors import ImageError
-from filter_core.images.color_decoding import decode_image
+from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation

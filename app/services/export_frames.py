@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from app.db.tables import Dataset, Frame
 from app.repositories.frames import FileRow, FrameRepository
 from app.services.decisions import DecisionReader
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.formats.export import ExportFrame, export_boxes
 

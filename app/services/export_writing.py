@@ -33,8 +33,7 @@ from app.services.context import ServiceContext
 from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames
-from filter_core.formats.export import ExportFrame, ExportHead
-from filter_core.formats.export_options import ExportOptions
+from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions
 from filter_core.formats.registry import write_export
 
 OPEN: Final = ("queued", "running")

@@ -26,7 +26,7 @@ from app.services.job_quota import require_a_place
 from app.services.room import require_room
 from app.services.timestamps import rfc3339
 from app.storage import Blob
-from filter_core.formats.export_options import ExportOptions
+from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of
 
 MEDIA_TYPE: Final = "application/zip"

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.services.numbers import DatasetNumbers
-from filter_core.channel_types import NOT_MEASURED
-from filter_core.types import BoolArray, IntArray
+from filter_core.types import NOT_MEASURED, BoolArray, IntArray
 
 
 def instance_truth(numbers: DatasetNumbers) -> tuple[IntArray, BoolArray]:

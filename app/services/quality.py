@@ -20,13 +20,13 @@ from app.services.reviewers import Panel
 from app.services.run_requests import active_measurement
 from app.services.statistics import count
 from filter_core.config.filter import FilterConfig
-from filter_core.evaluation.class_thresholds import (
+from filter_core.evaluation.scores import BANDS, Confusion, band_index
+from filter_core.evaluation.thresholds import (
+    Goal,
     Judged,
     is_by_threshold,
     suggest_per_class,
 )
-from filter_core.evaluation.scores import BANDS, Confusion, band_index
-from filter_core.evaluation.thresholds import Goal
 from filter_core.types import Verdict
 
 Truth = Literal["people", "instances"]

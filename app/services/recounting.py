@@ -12,7 +12,7 @@ from app.db.evidence_record import (
 )
 from app.repositories.evidence import EvidenceRow
 from filter_core.config.filter import FilterConfig
-from filter_core.evidence.accept_sets import with_accept_sets
+from filter_core.evidence.semantic import with_accept_sets
 from filter_core.types import Evidence
 
 

@@ -12,13 +12,6 @@ from filter_core.annotation.frame import (
     AnnotationLimits,
     BoxAnnotation,
 )
-from filter_core.annotation_text import (
-    check_kept,
-    read_id,
-    read_instance_id,
-    read_kept_object,
-    read_text,
-)
 from filter_core.geometry.pose import (
     Transform,
     Triple,
@@ -30,10 +23,15 @@ from filter_core.values import (
     BoxPlace,
     Faults,
     Place,
+    check_kept,
     plain_numbers,
+    read_id,
+    read_instance_id,
+    read_kept_object,
     read_list,
     read_number,
     read_numbers,
+    read_text,
     shown,
 )
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from filter_core.annotation.boxes import box_place
 from filter_core.annotation.frame import FORMS_3D, Sensor
-from filter_core.annotation_text import check_kept, read_kept_object
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform, read_transform
@@ -17,6 +16,8 @@ from filter_core.types import FloatArray
 from filter_core.values import (
     Faults,
     Place,
+    check_kept,
+    read_kept_object,
     read_list,
     read_number,
     read_numbers,

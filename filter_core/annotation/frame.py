@@ -1,15 +1,26 @@
-"""What an annotation says once it has been read: immutable values, no reading here."""
+"""What an annotation says once it is read, and its boxes as rectangles of the image.
+
+What an annotation says once it has been read: immutable values, no reading here.
+
+From an annotation to the rectangles that the filter measures.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from filter_core.geometry.boxes import FORMS
+import numpy as np
+
+from filter_core.errors import AnnotationError, ImageSizeMismatch
+from filter_core.geometry.box3d import boxes3d_vertices
+from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
+from filter_core.geometry.projection import GeometryResult, Projections, project_boxes
 from filter_core.json_text import JsonLimits
+from filter_core.types import BoxesXYXY, FloatArray, IntArray
 
 VERTICES: Final = "vertices"
 
@@ -137,3 +148,117 @@ class FrameAnnotation:
     sensors: dict[str, Sensor] = field(default_factory=dict)
     extra: dict[str, object] = field(default_factory=dict)
     raw: Mapping[str, object] = field(default_factory=dict)
+
+
+_OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
+"""A rectangle that every profile finds outside of every image."""
+
+
+def frame_boxes_2d(
+    annotation: FrameAnnotation, wh: tuple[int, int], projection: str = "clipped"
+) -> GeometryResult:
+    """The rectangles of a frame's boxes in its image.
+
+    Parameters
+    ----------
+    annotation : FrameAnnotation
+    wh : (width, height) of the image, px
+    projection : {"clipped", "naive"}
+        How a 3D box becomes a rectangle; see `project_boxes`.
+
+    Returns
+    -------
+    GeometryResult
+
+    Raises
+    ------
+    ImageSizeMismatch
+        The annotation's camera has another size than the image.
+    AnnotationError
+        ``missing_camera``: there are 3D boxes, but no camera.
+    FilterError
+        ``bad_projection``.
+    """
+    if annotation.camera_wh not in (None, wh):
+        raise _size_mismatch(annotation.camera_wh, wh)
+    boxes = annotation.boxes
+    count = len(boxes)
+    result = GeometryResult(
+        xyxy=np.full((count, 4), np.nan),
+        amodal_xyxy=np.full((count, 4), np.nan),
+        visible_xyxy=np.full((count, 4), np.nan),
+        edges=[None] * count,
+        distance=np.full(count, np.nan),
+        vertices=np.full((count, 8, 3), np.nan),
+    )
+    _fill_rectangles(result, boxes, wh)
+    _fill_projections(result, annotation, projection)
+    for row, box in enumerate(boxes):
+        if box.distance is not None:
+            result.distance[row] = box.distance
+    return result
+
+
+def _size_mismatch(
+    camera_wh: tuple[int, int] | None, wh: tuple[int, int]
+) -> ImageSizeMismatch:
+    found = "no size" if camera_wh is None else f"{camera_wh[0]} x {camera_wh[1]} px"
+    return ImageSizeMismatch(
+        f"camera: expected {wh[0]} x {wh[1]} px, the image's size, found {found}",
+        pointer="/camera",
+    )
+
+
+def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:
+    rows = [row for row, box in enumerate(boxes) if box.form == form]
+    return np.array(rows, dtype=np.int64)
+
+
+def _values(boxes: Sequence[BoxAnnotation], rows: IntArray) -> FloatArray:
+    return np.array([boxes[row].values for row in rows], dtype=np.float64)
+
+
+def _fill_rectangles(
+    result: GeometryResult, boxes: Sequence[BoxAnnotation], wh: tuple[int, int]
+) -> None:
+    for form in {box.form for box in boxes}.intersection(FORMS):
+        rows = _rows_of(boxes, form)
+        result.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
+
+
+def _fill_projections(
+    result: GeometryResult, annotation: FrameAnnotation, projection: str
+) -> None:
+    boxes = annotation.boxes
+    given, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)
+    rows = np.concatenate([given, actors])
+    if len(rows) == 0:
+        return
+    if annotation.camera is None:
+        raise _no_camera(boxes[rows[0]])
+    result.vertices[given] = _values(boxes, given).reshape(-1, 8, 3)
+    result.vertices[actors] = boxes3d_vertices(_values(boxes, actors))
+    seen = project_boxes(result.vertices[rows], annotation.camera, projection)
+    result.amodal_xyxy[rows] = seen.amodal_xyxy
+    result.visible_xyxy[rows] = seen.visible_xyxy
+    result.distance[rows] = seen.distance
+    result.xyxy[rows] = _measured_rectangles(seen, projection)
+    for row, edges in zip(rows, seen.edges, strict=True):
+        result.edges[row] = edges
+
+
+def _measured_rectangles(seen: Projections, projection: str) -> BoxesXYXY:
+    # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
+    xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
+    nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
+    measured: BoxesXYXY = np.where(nothing, _OUTSIDE, xyxy)
+    return measured
+
+
+def _no_camera(box: BoxAnnotation) -> AnnotationError:
+    return AnnotationError(
+        f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to project it '
+        "with, found none",
+        pointer="/camera",
+        code="missing_camera",
+    )

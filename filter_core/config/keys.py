@@ -157,3 +157,9 @@ def _refused(
 def _quoted(key: object) -> str:
     text = repr(key)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def files_for(channels: Iterable[str]) -> tuple[str, ...]:
+    """The kinds of files that channels read, beside the segmentation."""
+    kinds = (FILE_OF.get(name) for name in channels)
+    return tuple(sorted({kind for kind in kinds if kind is not None}))

@@ -6,11 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple, TypedDict
 
-from filter_core.decisions.explain_channels import (
-    ChannelJudgement,
-    any_of,
-    explain_channel,
-)
+from filter_core.decisions.channels import ChannelJudgement, any_of, explain_channel
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, Reason
 

@@ -13,9 +13,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from filter_core.images.pixels import gather, values_of
-from filter_core.images.runs import run_ends, run_lengths
-from filter_core.segmentation.pixel_codes import PixelCodes
+from filter_core.images.pixels import gather, run_ends, run_lengths, values_of
+from filter_core.segmentation.codes import PixelCodes
 from filter_core.types import BoolArray, IntArray, Mask
 
 # Nanoseconds, measured with benchmarks/bench_filter.py; only their ratios matter.

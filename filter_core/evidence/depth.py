@@ -9,15 +9,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.channel_types import ChannelNumbers
 from filter_core.errors import ImageError
-from filter_core.evidence.accepted import AcceptedPixels
+from filter_core.evidence.silhouettes import AcceptedPixels
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import NEAR_PLANE, to_image_points
-from filter_core.images.color_decoding import decode_color
+from filter_core.images.decoding import decode_color
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
 from filter_core.images.pixels import values_of
-from filter_core.types import FloatArray, IntArray, Mask
+from filter_core.types import ChannelNumbers, FloatArray, IntArray, Mask
 
 DEPTH_RANGE: Final = 1000.0
 """Metres; the sky is there."""

@@ -1,17 +1,119 @@
-"""Order of distance: what a nearer box explains is no evidence for a farther one."""
+"""What a nearer box explains is no evidence for a farther one.
+
+Order of distance: what a nearer box explains is no evidence for a farther one.
+
+Patches of accepted pixels in a box: which of them are rather another box's.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.channel_types import NOT_MEASURED
-from filter_core.evidence.accepted import AcceptedPixels
-from filter_core.evidence.patches import bounds_of, islands
-from filter_core.types import FloatArray, IntArray
+from filter_core.evidence.silhouettes import AcceptedPixels
+from filter_core.types import NOT_MEASURED, BoolArray, FloatArray, IntArray, Mask
+
+_ISLAND: Final = 0.5
+"""At most this share of a box's largest patch is an island."""
+
+_NOTABLE: Final = 0.02
+"""At least this share of the farther box's outline: less is a splinter."""
+
+_X, _Y, _WIDTH, _HEIGHT, _AREA = (
+    cv2.CC_STAT_LEFT,
+    cv2.CC_STAT_TOP,
+    cv2.CC_STAT_WIDTH,
+    cv2.CC_STAT_HEIGHT,
+    cv2.CC_STAT_AREA,
+)
+
+
+def bounds_of(boxes: Sequence[AcceptedPixels]) -> IntArray:
+    """(N, 4) int64: first column and row, last column and row + 1."""
+    corners = [
+        (outline.x0, outline.y0, outline.x1, outline.y1)
+        for outline in (box.silhouette for box in boxes)
+    ]
+    return np.array(corners, np.int64).reshape(-1, 4)
+
+
+def islands(
+    box: AcceptedPixels, behind: Sequence[AcceptedPixels], bounds: IntArray
+) -> Mask | None:
+    """What in a box's outline rather belongs to boxes behind it.
+
+    Parameters
+    ----------
+    box : AcceptedPixels
+    behind : the boxes that are farther away
+    bounds : (len(behind), 4) int64, as `bounds_of` gives them
+
+    Returns
+    -------
+    (h, w) bool of the box's region, or None if there is no island
+
+    Notes
+    -----
+    An object mostly shows as one patch. A patch apart from it, with something else in
+    between, is an island if it is at most half as large and ends within the box's
+    rectangle, and a farther box holds all of it and is notably filled by it: then the
+    farther one explains it at least as well. What is seen over the bonnet of a car, or
+    under the arm of a traffic light, is such a patch. The halves of a car that a tree
+    cuts in two are not, nor are the splinters that a fence makes of it.
+    """
+    around = box.mask if box.around is None else box.around
+    if len(behind) == 0 or min(around.shape) <= 2 or not box.count:
+        return None
+    found = cv2.connectedComponentsWithStats(around.view(np.uint8), connectivity=8)
+    labels: IntArray = found[1].astype(np.int64)
+    stats: IntArray = found[2].astype(np.int64)
+    small = _candidates(box, labels, stats)
+    if not small.any():
+        return None
+    x0, y0 = box.silhouette.x0, box.silhouette.y0
+    left, top = stats[:, _X] + x0, stats[:, _Y] + y0
+    right, bottom = left + stats[:, _WIDTH], top + stats[:, _HEIGHT]
+    fits = small & (bounds[:, :1] <= left) & (bounds[:, 1:2] <= top)
+    fits &= (bounds[:, 2:3] >= right) & (bounds[:, 3:4] >= bottom)
+    given = np.zeros(len(stats), np.bool_)
+    for place in np.flatnonzero(fits.any(axis=1)).tolist():
+        wanted = fits[place] & ~given
+        if wanted.any():
+            given |= wanted & _held(box, labels, stats, behind[place])
+    return given[labels] if given.any() else None
+
+
+def _candidates(box: AcceptedPixels, labels: IntArray, stats: IntArray) -> BoolArray:
+    """Which patches are small beside the largest and end within the rectangle."""
+    area = stats[:, _AREA]
+    own = np.bincount(labels[box.own], minlength=len(stats))
+    largest = int(own.argmax())
+    height, width = labels.shape
+    small = (area <= _ISLAND * own[largest]) & (stats[:, _X] > 0) & (stats[:, _Y] > 0)
+    small &= stats[:, _X] + stats[:, _WIDTH] < width
+    small &= stats[:, _Y] + stats[:, _HEIGHT] < height
+    # Label 0 is everything that is not accepted.
+    small[[0, largest]] = False
+    return np.asarray(small)
+
+
+def _held(
+    box: AcceptedPixels, labels: IntArray, stats: IntArray, other: AcceptedPixels
+) -> BoolArray:
+    """Which patches the other box has every pixel of, and notably many."""
+    mine, theirs = box.silhouette, other.silhouette
+    x0, y0 = max(mine.x0, theirs.x0), max(mine.y0, theirs.y0)
+    x1, y1 = min(mine.x1, theirs.x1), min(mine.y1, theirs.y1)
+    part = labels[y0 - mine.y0 : y1 - mine.y0, x0 - mine.x0 : x1 - mine.x0]
+    mask = other.mask[y0 - theirs.y0 : y1 - theirs.y0, x0 - theirs.x0 : x1 - theirs.x0]
+    counted = np.bincount(part[mask], minlength=len(stats))
+    area = stats[:, _AREA]
+    return np.asarray((counted == area) & (area >= _NOTABLE * theirs.pixels))
+
 
 _FREE: Final = -1
 

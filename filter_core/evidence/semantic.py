@@ -1,16 +1,24 @@
-"""Measure what a segmentation shows inside each box. No thresholds and no verdicts."""
+"""Measure: what a segmentation shows in each box; the same under other accept sets.
+
+Measure what a segmentation shows inside each box. No thresholds and no verdicts.
+
+When two families explain an image's colours, and it matters which one it is.
+
+Evidence under other accept sets: from histograms, without a pixel.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.errors import FilterError, ImageSizeMismatch
-from filter_core.evidence.ambiguity import refuse_ambiguity
+from filter_core.classes import accept_mask_of
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
 from filter_core.evidence.counting import (
     Regions,
     count_codes_in,
@@ -19,9 +27,8 @@ from filter_core.evidence.counting import (
 )
 from filter_core.evidence.crowding import crowding_percent
 from filter_core.geometry.boxes import correct_xyxy, pixel_bounds
-from filter_core.segmentation.codes import CODE_OF, packed
+from filter_core.segmentation.codes import CODE_OF, Segmentation, packed, tags_of_codes
 from filter_core.segmentation.palettes import PUBLISHED_COLORS, RGB
-from filter_core.segmentation.pixel_codes import Segmentation
 from filter_core.types import (
     N_TAGS,
     UNKNOWN_COLUMN,
@@ -30,66 +37,59 @@ from filter_core.types import (
     BoxState,
     Evidence,
     FloatArray,
+    FrameBoxes,
     IntArray,
     Mask,
 )
 
-Profile: TypeAlias = Literal["paper", "carlasimu"]
 
+def refuse_ambiguity(
+    segmentation: Segmentation, masks: Iterable[tuple[str, int]]
+) -> None:
+    """Refuse to measure a class whose pixels depend on which family it is.
 
-@dataclass(frozen=True)
-class FrameBoxes:
-    """The boxes of one frame, as given.
+    (0, 0, 142) is Car in carla-0.9.14 and Vehicle in carla-0.9.10. That is the same
+    to a car, which accepts it either way, but not to a bus.
 
-    Attributes
+    Parameters
     ----------
-    xyxy : (N, 4) float64, px
-        Not yet corrected; may lie outside the image.
-    class_names : tuple of str
-        What `class_index` points into.
-    class_index : (N,) int32
-    accept_mask : (N,) int64
-        Bit t is set if the box's class accepts tag t; 0: the class is not mapped.
-    distance : (N,) float64, metres, NaN where unknown
-    image_wh : (width, height) of the image, px
+    segmentation : Segmentation
+        Its `rivals` are the families that the colours allow as well.
+    masks : (class name, accept mask) of each class
+        A mask that is not the class's own in the family was chosen by somebody who
+        knew the family, so it is not ambiguous.
+
+    Raises
+    ------
+    SegmentationError
+        ``ambiguous_palette``, naming the class and the families.
     """
+    for name, mask in masks if segmentation.rivals else ():
+        if mask != accept_mask_of(name, segmentation.family):
+            continue
+        colors = _accepted(segmentation, segmentation.family, mask)
+        for rival in segmentation.rivals:
+            if colors == _accepted(segmentation, rival, accept_mask_of(name, rival)):
+                continue
+            raise SegmentationError(
+                f"the colours that occur fit {segmentation.family} and {rival}, which "
+                f"differ in what counts as {name}; name the palette in the dataset or "
+                "the config, or give the frame's carla_version",
+                code="ambiguous_palette",
+            )
 
-    xyxy: BoxesXYXY
-    class_names: tuple[str, ...]
-    class_index: NDArray[np.int32]
-    accept_mask: IntArray
-    distance: FloatArray
-    image_wh: tuple[int, int]
 
-    def __len__(self) -> int:
-        return len(self.class_index)
+def _accepted(segmentation: Segmentation, family: str, mask: int) -> frozenset[int]:
+    """The codes that occur and that a mask of the family accepts."""
+    tags = tags_of_codes(family, segmentation.channel_order)
+    return frozenset(
+        code
+        for code in segmentation.codes.occurring
+        if tags[code] < UNKNOWN_COLUMN and mask >> int(tags[code]) & 1
+    )
 
-    @classmethod
-    def of(
-        cls,
-        xyxy: BoxesXYXY | Sequence[Sequence[float]],
-        classes: Sequence[str],
-        accept_masks: Mapping[str, int],
-        image_wh: tuple[int, int],
-        distance: Sequence[float] | FloatArray | None = None,
-    ) -> FrameBoxes:
-        """Boxes from a class name per box and one accept mask per class.
 
-        A class that `accept_masks` does not have is not mapped.
-        """
-        names = tuple(dict.fromkeys(classes))
-        index = {name: number for number, name in enumerate(names)}
-        unknown = np.full(len(classes), np.nan)
-        return cls(
-            xyxy=np.asarray(xyxy, dtype=np.float64).reshape(-1, 4),
-            class_names=names,
-            class_index=np.array([index[name] for name in classes], dtype=np.int32),
-            accept_mask=np.array(
-                [accept_masks.get(name, 0) for name in classes], dtype=np.int64
-            ),
-            distance=unknown if distance is None else np.asarray(distance, np.float64),
-            image_wh=image_wh,
-        )
+Profile: TypeAlias = Literal["paper", "carlasimu"]
 
 
 @dataclass(frozen=True)
@@ -350,3 +350,65 @@ def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> Floa
         return 100.0 * counts.matched_pixels / np.maximum(counts.box_pixels, 1)
     # In the published code's order of operations: a threshold may be met exactly.
     return (counts.matched_pixels / np.where(areas > 0, areas, 1.0)) * 100
+
+
+class NeedsPixels(FilterError):
+    """Other accept sets in profile ``carlasimu``, whose one colour is counted anew."""
+
+    code = "needs_pixels"
+
+
+def accept_sets_differ(
+    evidence: Evidence, config: FilterConfig, family: str | None
+) -> BoolArray:
+    """(N,) bool: boxes that were measured with another accept set than the config's.
+
+    Where none does, `filter_core.decide.decide` needs neither rectangles nor
+    histograms; where one does, the evidence must go through `with_accept_sets` first.
+
+    Parameters
+    ----------
+    evidence : Evidence of N boxes, of any number of frames
+    config : FilterConfig
+    family : tag family of their segmentations, None where there was none
+    """
+    differs: BoolArray = _masks(evidence, config, family) != evidence.accept_mask
+    return differs
+
+
+def with_accept_sets(
+    evidence: Evidence, config: FilterConfig, family: str | None
+) -> Evidence:
+    """The evidence of one frame as the config's accept sets would have measured it.
+
+    Parameters
+    ----------
+    evidence : Evidence of one frame
+        With `tag_counts` and `xyxy` where the accept sets differ.
+    config : FilterConfig
+    family : tag family of the frame's segmentation, None if there was none
+
+    Returns
+    -------
+    Evidence
+        The same object if nothing differs.
+
+    Raises
+    ------
+    NeedsPixels
+        Profile ``carlasimu``: only measuring again can tell.
+    FilterError
+        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
+    """
+    masks = _masks(evidence, config, family)
+    if (masks == evidence.accept_mask).all():
+        return evidence
+    if config.profile == "carlasimu":
+        raise NeedsPixels("other accept sets in profile carlasimu: measure again")
+    return with_accept_masks(evidence, masks)
+
+
+def _masks(evidence: Evidence, config: FilterConfig, family: str | None) -> IntArray:
+    per_class = config.accept_masks(evidence.class_names, family)
+    masks: IntArray = per_class[evidence.class_index]
+    return masks

@@ -8,11 +8,39 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from filter_core.errors import LayoutError
-from filter_core.formats.class_lists import carlasimu_classes
-from filter_core.formats.matching import frame_key, walk
-from filter_core.formats.reading import FrameSet, ReadOptions, Unmatched
-from filter_core.formats.yolo import LabelFolders, frame_set, segmentation_folder
+from filter_core.errors import JsonError, LayoutError
+from filter_core.formats.reading import (
+    FrameSet,
+    ReadOptions,
+    Unmatched,
+    frame_key,
+    read_label_text,
+    segmentation_folder,
+    walk,
+)
+from filter_core.formats.yolo import LabelFolders, _ordered, frame_set
+from filter_core.json_text import read_json
+
+CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")
+"""The order that carlasimu writes; it has no numbers for two-wheelers."""
+
+
+def carlasimu_classes(root: Path) -> tuple[str, ...]:
+    """Class names from carlasimu's ``Readme.txt``, else in the order of its code."""
+    name = "Readme.txt"
+    path = root / name
+    if not path.is_file():
+        return CARLASIMU_CLASSES
+    try:
+        document = read_json(read_label_text(path, name))
+    except JsonError:
+        # People put other readmes into folders; only carlasimu's own is JSON.
+        return CARLASIMU_CLASSES
+    numbers = document.get("classes") if isinstance(document, dict) else None
+    if not isinstance(numbers, dict):
+        return CARLASIMU_CLASSES
+    return _ordered({number: word for word, number in numbers.items()}, name)
+
 
 _BAND: Final = re.compile(r"label(\d+)", re.IGNORECASE)
 

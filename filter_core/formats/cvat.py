@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar, Final
 
-from filter_core.formats.export_boxes import OutBox, Traits
-from filter_core.formats.kitti_writer import number_text
-from filter_core.formats.writing import Desk, OutFrame
-from filter_core.formats.xml_text import attributes, element, escaped
+from filter_core.formats.files import attributes, element, escaped, number_text
+from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits
 
 _VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
 

@@ -1,11 +1,31 @@
-"""Names of files in an export: a key is data from users and never a path."""
+"""Files of an export: harmless names, spools, texts, a folder whole or not at all.
+
+Names of files in an export: a key is data from users and never a path.
+
+An export as a folder: whole or not at all.
+
+Pieces of a file that is written later: in memory while small, else on disk.
+
+Text for XML files that are written piece by piece.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import re
+import shutil
+import tempfile
 import unicodedata
-from typing import Final
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import IO, Final
 from urllib.parse import quote
+from xml.sax.saxutils import escape, quoteattr
+
+from filter_core.formats.export import ExportError, Sink
 
 _SAFE: Final = " ()[]{}+-=_.,;!@#$^&~'"
 
@@ -96,3 +116,145 @@ def _safe_part(part: str) -> str:
 
 def _escaped(letter: str) -> str:
     return quote(letter, safe="", errors="surrogatepass")
+
+
+@contextmanager
+def folder_sink(folder: Path) -> Iterator[Sink]:
+    """A sink that writes files into a new folder.
+
+    The folder appears under its name when everything is written, and not if anything
+    fails.
+
+    Raises
+    ------
+    ExportError
+        There is something already, or a file would not stay inside.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ExportError(f"{folder.name}: expected a new or an empty folder")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
+    try:
+        yield _Folder(partial).write
+        partial.chmod(0o755)
+        if folder.exists():
+            folder.rmdir()
+        partial.rename(folder)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+class _Folder:
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    def write(self, name: str, pieces: Iterable[bytes]) -> None:
+        parts = PurePosixPath(name).parts
+        if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
+            raise ExportError(f"{name[:80]!r} is no name of a file in an export")
+        path = self._root.joinpath(*parts)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Exclusive: what a system takes for the same name must not be lost.
+        with path.open("xb") as file:
+            file.writelines(pieces)
+
+
+def number_text(value: float) -> str:
+    """At least two decimals, as KITTI has, and up to four where they say more."""
+    # Adding zero takes the sign from a zero that was rounded.
+    text = f"{round(value, 4) + 0.0:.4f}"
+    return text[:-2] if text.endswith("00") else text.removesuffix("0")
+
+
+_IN_MEMORY: Final = 1024 * 1024
+
+_PIECE: Final = 64 * 1024
+
+
+class Spool:
+    """Takes bytes now and gives them back in pieces; a context manager."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        place = None if folder is None else str(folder)
+        self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY, dir=place)  # noqa: SIM115  # closed by __exit__
+        self._count = 0
+
+    def __enter__(self) -> Spool:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+    @property
+    def count(self) -> int:
+        """How many items were added."""
+        return self._count
+
+    @property
+    def file(self) -> IO[bytes]:
+        """The file behind it, for a library that wants one."""
+        return self._file
+
+    def write(self, piece: bytes) -> None:
+        """Keep bytes."""
+        self._file.write(piece)
+
+    def add(self, value: object, *, by_key: bool = False) -> None:
+        """Keep one more item of a JSON list, on a line of its own."""
+        comma = b",\n" if self._count else b"\n"
+        self._file.write(comma + json_bytes(value, by_key=by_key))
+        self._count += 1
+
+    def pieces(self) -> Iterator[bytes]:
+        """Everything that was kept, from the start."""
+        self._file.seek(0)
+        while piece := self._file.read(_PIECE):
+            yield piece
+
+
+def json_bytes(value: object, *, by_key: bool = False) -> bytes:
+    """Compact JSON; the same value always gives the same bytes.
+
+    `by_key` sorts the keys of objects, for values whose keys came in any order.
+    """
+    text = json.dumps(
+        value,
+        ensure_ascii=False,
+        separators=(",", ":"),
+        allow_nan=False,
+        sort_keys=by_key,
+    )
+    return text.encode("utf-8", "backslashreplace")
+
+
+_IMPOSSIBLE: Final = re.compile(
+    "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
+"""What XML 1.0 cannot hold, not even escaped."""
+
+
+def element(name: str, value: object) -> str:
+    """``<name>value</name>``."""
+    return f"<{name}>{escaped(value)}</{name}>"
+
+
+def escaped(value: object) -> str:
+    """Text between tags; letters that XML cannot hold become U+FFFD."""
+    return escape(_possible(value))
+
+
+def attributes(**values: object) -> str:
+    """`` a="1" b="x"``, quoted."""
+    return "".join(
+        f" {name}={quoteattr(_possible(value))}" for name, value in values.items()
+    )
+
+
+def _possible(value: object) -> str:
+    return _IMPOSSIBLE.sub("\ufffd", str(value))

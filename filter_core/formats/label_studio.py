@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, Final
 from urllib.parse import quote
 
-from filter_core.formats.export_boxes import OutBox, Traits
-from filter_core.formats.writing import Desk, OutFrame
-from filter_core.formats.xml_text import attributes
+from filter_core.formats.files import attributes
+from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits
 
 _LOCAL_FILES: Final = "/data/local-files/?d="
 """How Label Studio is told of a file below its LOCAL_FILES_DOCUMENT_ROOT."""

@@ -1,13 +1,28 @@
-"""What every reader yields: a frame's files and annotation, and what did not match."""
+"""What all readers share: which files belong together, keys, what a reader yields.
+
+What every reader yields: a frame's files and annotation, and what did not match.
+
+Which files of a folder belong together: the same name in parallel folders.
+
+Keys that file names cannot hold, from the list that an export brings.
+
+Columns of numbers in text labels.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+import math
+import os
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-from filter_core.errors import FilterError, LayoutError
+from filter_core.errors import FilterError, JsonError, LayoutError
+from filter_core.json_text import read_json
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """A larger label file is not one: ten thousand boxes take under a megabyte."""
@@ -121,3 +136,259 @@ def read_label_bytes(path: Path, name: str) -> bytes:
         return path.read_bytes()
     except OSError as exc:
         raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
+
+
+MAX_KEY: Final = 512
+
+IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+
+_FOLDER_WORDS: Final = frozenset(
+    {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
+)
+"""Names of folders that say what their files are, not which frame they belong to."""
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The files of one frame, each relative to the folder it was searched in.
+
+    `map` is the town, where a list of the frames' keys says so.
+    """
+
+    key: str
+    label: str
+    image: str | None = None
+    segmentation: str | None = None
+    map: str | None = None
+
+
+def walk(
+    root: Path, suffixes: Collection[str], skip: Collection[Path] = ()
+) -> Iterator[str]:
+    """Files with one of the suffixes, relative to the folder, in the order of names.
+
+    Hidden files and folders, ``__MACOSX`` and the folders of `skip` are left out;
+    links to folders are not followed, so that the walk ends.
+    """
+    skipped = {path.resolve() for path in skip}
+    for folder, folders, files in os.walk(root):
+        folders[:] = sorted(
+            name
+            for name in folders
+            if not _is_hidden(name) and (Path(folder) / name).resolve() not in skipped
+        )
+        for name in sorted(files):
+            if not _is_hidden(name) and Path(name).suffix.lower() in suffixes:
+                yield (Path(folder) / name).relative_to(root).as_posix()
+
+
+def frame_key(name: str) -> str:
+    """The key of the frame a file belongs to, from its path inside the folder.
+
+    The suffix goes (only the last: ``a.b.png`` is ``a.b``), and so do folders that say
+    what kind of files they hold: ``train/images/7.png`` and ``train/labels/7.txt`` are
+    both ``train/7``. Accents are composed, since some systems store them apart.
+    """
+    path = PurePosixPath(unicodedata.normalize("NFC", name)).with_suffix("")
+    folders = [part for part in path.parts[:-1] if part.lower() not in _FOLDER_WORDS]
+    return "/".join([*folders, path.name])
+
+
+class FileIndex:
+    """Files by frame key; a second file of the same key is noted, not taken."""
+
+    def __init__(self, files: Iterable[str]) -> None:
+        self._by_key: dict[str, str] = {}
+        self._unused: dict[str, str] = {}
+        self.unmatched: list[Unmatched] = []
+        for file in files:
+            key = frame_key(file)
+            first = self._by_key.setdefault(key, file)
+            if first != file:
+                self.unmatched.append(
+                    Unmatched(file, f"same frame as {first}, which is used")
+                )
+        self._unused.update(self._by_key)
+        bases = Counter(map(_base, self._by_key))
+        self._by_base = {
+            _base(key): key for key in self._by_key if bases[_base(key)] == 1
+        }
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        return iter(sorted(self._by_key.items()))
+
+    def __len__(self) -> int:
+        return len(self._by_key)
+
+    def is_only_base(self, key: str) -> bool:
+        """Whether no other key ends in the same name."""
+        return _base(key) in self._by_base
+
+    def take(self, key: str, *, by_base: bool = False) -> str | None:
+        """The file of a frame; `by_base`: else the only one with its last name."""
+        if key not in self._by_key and by_base:
+            key = self._by_base.get(_base(key), key)
+        self._unused.pop(key, None)
+        return self._by_key.get(key)
+
+    def left_over(self, why: str) -> list[Unmatched]:
+        """What nobody took, and what could not be told apart."""
+        unused = [Unmatched(file, why) for file in self._unused.values()]
+        return [*self.unmatched, *unused]
+
+
+def match(
+    labels: Iterable[str],
+    images: Iterable[str],
+    segmentations: Iterable[str] = (),
+) -> tuple[list[FrameFiles], tuple[Unmatched, ...]]:
+    """One entry per label file, in the order of the keys, and all that is left over."""
+    label_index = FileIndex(labels)
+    image_index, tag_index = FileIndex(images), FileIndex(segmentations)
+    frames = []
+    for key, label in label_index:
+        # Segmentations often lie in a flat folder beside labels in sub-folders, but
+        # only a name that occurs once on both sides can be told by its end.
+        alone = label_index.is_only_base(key)
+        image = image_index.take(key, by_base=alone)
+        tags = tag_index.take(key, by_base=alone)
+        frames.append(FrameFiles(key, label, image, tags))
+    unmatched = (
+        *label_index.unmatched,
+        *image_index.left_over("no label file for this image"),
+        *tag_index.left_over("no label file for this segmentation"),
+    )
+    return frames, unmatched
+
+
+def _is_hidden(name: str) -> bool:
+    return name.startswith(".") or name == "__MACOSX"
+
+
+def _base(key: str) -> str:
+    return key.rpartition("/")[2]
+
+
+KEYS_NAME: Final = "frames.jsonl"
+"""Says which frame each file belongs to, so that reading it back gives its key."""
+
+
+def with_keys(
+    root: Path, frames: Sequence[FrameFiles], images: str = ""
+) -> Sequence[FrameFiles]:
+    """Frames under the keys that ``frames.jsonl`` gives them, with their maps.
+
+    Parameters
+    ----------
+    root : Path
+        The folder that may have the list.
+    frames : sequence of FrameFiles
+    images : str
+        The folder of the images, where the keys of `frames` are relative to it.
+
+    Returns
+    -------
+    sequence of FrameFiles
+        In the order of the keys; as they were if there is no list.
+
+    Raises
+    ------
+    LayoutError
+        The list names a file or a key twice, or a line of it cannot be read.
+    """
+    path = root / KEYS_NAME
+    if not path.is_file():
+        return frames
+    named = _read(path)
+    renamed = (
+        replace(one, key=found[0], map=found[1]) if found else one
+        for one in frames
+        for found in [named.get(f"{images}{one.key}")]
+    )
+    return sorted(renamed, key=lambda one: one.key)
+
+
+def _read(path: Path) -> dict[str, tuple[str, str | None]]:
+    named: dict[str, tuple[str, str | None]] = {}
+    keys: set[str] = set()
+    for at, line in _lines(path):
+        file, key, town = line.get("file"), line.get("key"), line.get("map")
+        if not isinstance(file, str) or not isinstance(key, str):
+            raise LayoutError(f"{at}: expected file and key, found {str(line)[:60]}")
+        if not 0 < len(key) <= MAX_KEY or not isinstance(town, (str, type(None))):
+            raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
+        name = frame_key(file)
+        if name in named or key in keys:
+            raise LayoutError(f"{at}: expected each once, found {str(line)[:60]} again")
+        keys.add(key)
+        named[name] = key, town
+    return named
+
+
+def _lines(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    with path.open("rb") as file:
+        for number, line in enumerate(
+            iter(lambda: file.readline(MAX_LABEL_BYTES), b"")
+        ):
+            at = f"{path.name}, line {number + 1}"
+            try:
+                value = read_json(line)
+            except JsonError as exc:
+                raise LayoutError(f"{at}: {exc.detail}") from exc
+            if not isinstance(value, dict):
+                raise LayoutError(f"{at}: expected an object")
+            yield at, value
+
+
+def read_columns(words: Sequence[str], at: str) -> list[float]:
+    """Finite numbers; LayoutError names the place and the word."""
+    numbers = []
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise LayoutError(f"{at}: expected a finite number, found {word[:40]!r}")
+        numbers.append(number)
+    return numbers
+
+
+SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
+
+_BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
+
+
+def band_folders(root: Path) -> list[Path]:
+    """Labels of distance bands beside ``labels``, which hold the same boxes again."""
+    if not any((root / name).is_dir() for name in ("labels", "Annotations")):
+        return []
+    return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
+
+
+def segmentation_folder(root: Path) -> Path | None:
+    """The folder of the segmentations, if it has one of the usual names."""
+    candidates = (root / name for name in SEGMENTATION_FOLDERS)
+    return next((path for path in candidates if path.is_dir()), None)
+
+
+def frame_of(
+    files: FrameFiles,
+    images: Path,
+    segmentations: Path | None,
+    annotation: dict[str, object] | None,
+    problem: FilterError | None,
+) -> FrameSource:
+    """A frame from the names of its files."""
+    tags = None
+    if segmentations is not None and files.segmentation is not None:
+        tags = segmentations / files.segmentation
+    if annotation is not None and files.map is not None:
+        annotation = {"map": files.map, **annotation}
+    return FrameSource(
+        key=files.key,
+        annotation=annotation,
+        image=images / files.image if files.image else None,
+        segmentation=tags,
+        problem=problem,
+    )

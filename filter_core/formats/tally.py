@@ -8,9 +8,8 @@ from collections.abc import Iterator, Mapping
 from types import TracebackType
 from typing import Any, Final, TypeAlias
 
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
-from filter_core.formats.export_options import ExportError
-from filter_core.formats.spool import Spool
+from filter_core.formats.export import ExportBox, ExportError, ExportFrame, ExportHead
+from filter_core.formats.files import Spool
 
 Counts: TypeAlias = dict[str, Any]
 """Frames and boxes in and out, as ``manifest.json`` has them."""

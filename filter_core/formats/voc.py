@@ -1,22 +1,205 @@
-"""Pascal VOC folders: one XML per image, beside it or in a parallel folder."""
+"""Pascal VOC folders: one XML per image, beside it or in a parallel folder.
+
+One Pascal VOC file as an annotation; XML from strangers, so read with defusedxml.
+
+Pascal VOC: one XML file per image, whole pixels counted from 1.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar, Final, Protocol
 
-from filter_core.errors import FilterError
-from filter_core.formats.key_list import with_keys
-from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import DefusedXMLParser, ParseError
+
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.files import element
 from filter_core.formats.reading import (
+    IMAGE_SUFFIXES,
+    FrameFiles,
     FrameSet,
     FrameSource,
     ReadOptions,
+    band_folders,
+    frame_of,
+    match,
     read_label_bytes,
+    segmentation_folder,
+    walk,
+    with_keys,
 )
-from filter_core.formats.voc_xml import read_voc
-from filter_core.formats.yolo import band_folders, frame_of, segmentation_folder
+from filter_core.formats.writing import PARTS, Desk, OutBox, OutFrame, Traits
+
+_CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
+
+_KEPT: Final = ("pose", "truncated", "difficult", "occluded")
+
+_MAX_SIDE: Final = 1 << 16
+
+_MAX_DEPTH: Final = 32
+
+_MAX_ELEMENTS: Final = 500_000
+
+
+class Element(Protocol):
+    """What is used of an XML element."""
+
+    tag: str
+
+    def find(self, path: str, /) -> Element | None:
+        """The first child of this name."""
+
+    def findtext(self, path: str, /) -> str | None:
+        """The text of the first child of this name."""
+
+    def iter(self, tag: str, /) -> Iterator[Element]:
+        """All elements of this name below this one."""
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """A parsed file: its root, its name, and the line that each element starts on."""
+
+    name: str
+    root: Element
+    lines: dict[Element, int]
+
+    def error(self, at: Element, expected: str, found: str) -> LayoutError:
+        return LayoutError(
+            f"{self.name}, line {self.lines[at]}: expected {expected}, found {found}"
+        )
+
+
+def read_voc(content: bytes, name: str) -> dict[str, object]:
+    """The annotation in one VOC file; `name` is the file, as errors name it.
+
+    Corners that are whole numbers throughout the file are Pascal VOC's own, counted
+    from 1 and inclusive, and become half-open; a fraction anywhere means that a script
+    wrote pixel coordinates as it had them, and they are taken as they are. What VOC
+    says of pose, truncation, difficulty and occlusion is kept with the box.
+
+    Raises
+    ------
+    LayoutError
+        Not XML, with a DTD or entities, without end, or not VOC; names file, line, what
+        was expected and what was found.
+    """
+    tree = _parse(content, name)
+    if tree.root.tag != "annotation":
+        raise tree.error(tree.root, "<annotation>", f"<{tree.root.tag}>")
+    objects = list(tree.root.iter("object"))
+    corners = [_corners(tree, one) for one in objects]
+    shift = 1.0 if all(map(_is_whole, corners)) else 0.0
+    boxes = [
+        {
+            "class": _text(tree, one, "name"),
+            "xyxy": [x_min - shift, y_min - shift, x_max, y_max],
+            **dict(_kept(one)),
+        }
+        for one, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
+    ]
+    annotation: dict[str, object] = {"boxes": boxes}
+    size = tree.root.find("size")
+    if size is not None:
+        width, height = (_side(tree, size, key) for key in ("width", "height"))
+        # Some tools write zeros where they do not know; that is no size.
+        if width and height:
+            annotation["camera"] = {"width": width, "height": height}
+    return annotation
+
+
+class _TooMuchXml(ValueError):
+    """More of it than any file of boxes has."""
+
+
+class _LineParser(DefusedXMLParser):
+    """Notes the line of each element, which errors are to name."""
+
+    def __init__(self) -> None:
+        super().__init__(forbid_dtd=True)
+        self.lines: dict[Element, int] = {}
+        self._depth = 0
+
+    def _start(self, tag: str, attributes: list[str]) -> Element:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH or len(self.lines) == _MAX_ELEMENTS:
+            raise _TooMuchXml(
+                f"at most {_MAX_ELEMENTS} elements in {_MAX_DEPTH} levels are read"
+            )
+        started: Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
+        self.lines[started] = self.parser.CurrentLineNumber
+        return started
+
+    def _end(self, tag: str) -> Element:
+        self._depth -= 1
+        ended: Element = super()._end(tag)  # type: ignore[misc]  # stubs
+        return ended
+
+
+def _parse(content: bytes, name: str) -> _Tree:
+    parser = _LineParser()
+    try:
+        parser.feed(content)
+        root = parser.close()
+    except ParseError as exc:
+        line, column = exc.position
+        raise LayoutError(
+            f"{name}, line {line}, column {column + 1}: not XML: {exc.msg}"
+        ) from exc
+    except DefusedXmlException as exc:
+        raise LayoutError(f"{name}: XML with a DTD or entities is refused") from exc
+    except (ValueError, LookupError) as exc:
+        raise LayoutError(f"{name}: not XML that can be read: {exc}") from exc
+    return _Tree(name, root, parser.lines)
+
+
+def _corners(tree: _Tree, one: Element) -> list[float]:
+    rectangle = one.find("bndbox")
+    if rectangle is None:
+        raise tree.error(one, "<bndbox> in the object", "none")
+    return [_number(tree, rectangle, key) for key in _CORNERS]
+
+
+def _number(tree: _Tree, parent: Element, key: str) -> float:
+    text = _text(tree, parent, key)
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        child = parent.find(key)
+        at = parent if child is None else child
+        raise tree.error(at, f"a finite number in <{key}>", repr(text[:40]))
+    return number
+
+
+def _side(tree: _Tree, size: Element, key: str) -> int:
+    number = _number(tree, size, key)
+    if not 0 <= number <= _MAX_SIDE or number != int(number):
+        raise tree.error(size, f"a whole <{key}> up to {_MAX_SIDE}", f"{number:g}")
+    return int(number)
+
+
+def _text(tree: _Tree, parent: Element, key: str) -> str:
+    text = (parent.findtext(key) or "").strip()
+    if not text:
+        raise tree.error(parent, f"<{key}> in <{parent.tag}>", "nothing")
+    return text
+
+
+def _kept(one: Element) -> Iterator[tuple[str, object]]:
+    for key in _KEPT:
+        text = (one.findtext(key) or "").strip()
+        if text:
+            yield key, int(text) if text in ("0", "1") else text
+
+
+def _is_whole(corners: list[float]) -> bool:
+    return all(number.is_integer() for number in corners)
 
 
 @dataclass(frozen=True)
@@ -59,3 +242,104 @@ def _read_frames(
         yield frame_of(
             files, folders.images, folders.segmentations, annotation, problem
         )
+
+
+class VocWriter:
+    """Writes ``Annotations/STEM.xml``, ``JPEGImages/STEM.png`` and ``ImageSets/Main``.
+
+    Rectangles are rounded to whole pixels, the first of which is 1, both ends included;
+    a frame without boxes has its file too. What a VOC file said of pose, truncation,
+    difficulty and occlusion is given back; else a box that the image's border cuts is
+    truncated. Boxes to ignore are difficult, which VOC's scoring leaves out.
+
+    References
+    ----------
+    .. [1] Everingham and Winn, "The PASCAL VOC2012 development kit", section 7,
+       http://host.robots.ox.ac.uk/pascal/VOC/voc2012/htmldoc/
+    """
+
+    traits: ClassVar[Traits] = Traits("voc", keys=True, flat=True)
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._parts = {part: desk.spool() for part in PARTS}
+
+    def image(self, out: OutFrame) -> str:
+        """The name of a frame's image in the export."""
+        return f"JPEGImages/{out.stem}{out.suffix}"
+
+    def labels(self, band: str, out: OutFrame) -> None:
+        """One XML file."""
+        text = "\n".join(_lines(out)) + "\n"
+        content = text.encode("utf-8", "replace")
+        self._desk.sink(f"{band or 'Annotations'}/{out.stem}.xml", [content])
+        if not band:
+            self._parts[out.part].write(f"{out.stem}\n".encode())
+
+    def finish(self) -> None:
+        """Which frames are for training, and which classes there are."""
+        for part, spool in self._parts.items():
+            self._desk.sink(f"ImageSets/Main/{part}.txt", spool.pieces())
+        self._desk.sink("labelmap.txt", [_label_map(self._desk.head.classes)])
+
+
+def whole_pixels(
+    xyxy: tuple[float, float, float, float], wh: tuple[int, int]
+) -> list[int]:
+    """``xmin ymin xmax ymax``: the nearest whole pixels, from 1, both ends included.
+
+    There is at least one. The last pixel of the image is its width and height, so
+    nothing lies beyond.
+    """
+    low, high = [], []
+    for axis, side in enumerate(wh):
+        start, stop = (math.floor(xyxy[edge] + 0.5) for edge in (axis, axis + 2))
+        if stop == start:
+            # Too thin to have a pixel of its own: the one that its middle is in.
+            start = min(math.floor((xyxy[axis] + xyxy[axis + 2]) / 2), side - 1)
+            stop = start + 1
+        low.append(start + 1)
+        high.append(stop)
+    return [*low, *high]
+
+
+def _label_map(classes: Sequence[str]) -> bytes:
+    """The classes as CVAT and Datumaro want them, which else know VOC's twenty."""
+    lines = ["# label:color_rgb:parts:actions", *(f"{name}:::" for name in classes)]
+    return "".join(f"{line}\n" for line in lines).encode("utf-8", "replace")
+
+
+def _lines(out: OutFrame) -> Iterator[str]:
+    width, height = out.frame.wh
+    yield "<annotation>"
+    yield "  <folder>JPEGImages</folder>"
+    yield f"  {element('filename', f'{out.stem}{out.suffix}')}"
+    yield "  <source><database>Unghost</database></source>"
+    yield (
+        f"  <size><width>{width}</width><height>{height}</height>"
+        "<depth>3</depth></size>"
+    )
+    yield "  <segmented>0</segmented>"
+    for one in out.boxes:
+        yield from _object(one, out.frame.wh)
+    yield "</annotation>"
+
+
+def _object(one: OutBox, wh: tuple[int, int]) -> Iterator[str]:
+    given = one.box.given
+    flags = {
+        "pose": given.get("pose", "Unspecified"),
+        "truncated": given.get("truncated", int(one.is_cut)),
+        "difficult": 1 if one.ignored else given.get("difficult", 0),
+        "occluded": given.get("occluded", 0),
+    }
+    yield "  <object>"
+    yield f"    {element('name', one.box.class_name)}"
+    for key, value in flags.items():
+        yield f"    {element(key, value)}"
+    yield "    <bndbox>"
+    keys = ("xmin", "ymin", "xmax", "ymax")
+    for key, value in zip(keys, whole_pixels(one.xyxy, wh), strict=True):
+        yield f"      {element(key, value)}"
+    yield "    </bndbox>"
+    yield "  </object>"

@@ -1,28 +1,164 @@
-"""YOLO folders: images/ beside labels/, in any nesting, or both in one folder."""
+"""YOLO folders: images/ beside labels/, in any nesting, or both in one folder.
+
+The class names that a dataset's own files give to its class numbers.
+
+Lines of YOLO label files, and the raw centre pixels that carlasimu's sample has.
+
+YOLO as Ultralytics reads it: images, labels, data.yaml, and the books.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
-from filter_core.errors import FilterError
-from filter_core.formats.class_lists import yolo_classes
-from filter_core.formats.key_list import with_keys
-from filter_core.formats.matching import IMAGE_SUFFIXES, FrameFiles, match, walk
+import yaml
+
+from filter_core.config.file import parse_yaml
+from filter_core.errors import ConfigError, FilterError, LayoutError
 from filter_core.formats.reading import (
+    IMAGE_SUFFIXES,
+    FrameFiles,
     FrameSet,
     FrameSource,
     ReadOptions,
+    band_folders,
+    frame_of,
+    match,
+    read_columns,
     read_label_text,
+    segmentation_folder,
+    walk,
+    with_keys,
 )
-from filter_core.formats.yolo_text import read_label_lines
+from filter_core.formats.writing import PARTS, Desk, OutBox, OutFrame, Traits
 
-SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
+_YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
 
-_BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
+_TEXT_LISTS: Final = ("classes.txt", "labels.txt", "obj.names")
+
+
+def find_class_list(root: Path) -> str | None:
+    """The folder's file that lists classes, relative to it, if there is one.
+
+    Some tools put it among the labels.
+    """
+    names = (*_YAML_LISTS, *_TEXT_LISTS)
+    places = (*names, *(f"labels/{name}" for name in names))
+    return next((name for name in places if (root / name).is_file()), None)
+
+
+def yolo_classes(root: Path) -> tuple[str, ...]:
+    """Class names from ``data.yaml`` or from a text file with one name per line.
+
+    Raises
+    ------
+    LayoutError
+        There is no such file, or it holds something else.
+    """
+    name = find_class_list(root)
+    if name is None:
+        raise LayoutError(
+            f"expected the class names in one of {', '.join(_YAML_LISTS)} or "
+            f"{', '.join(_TEXT_LISTS)}, found none of them"
+        )
+    text = read_label_text(root / name, name)
+    if name.endswith(_TEXT_LISTS):
+        return tuple(line.strip() for line in text.splitlines() if line.strip())
+    try:
+        document = parse_yaml(text)
+    except ConfigError as exc:
+        raise LayoutError(f"{name}: {exc.detail}") from exc
+    names = document.get("names") if isinstance(document, Mapping) else None
+    return _ordered(names, f"{name}, names")
+
+
+def _ordered(names: object, at: str) -> tuple[str, ...]:
+    """Names in the order of their numbers, which must be 0, 1, 2 and so on."""
+    if isinstance(names, Mapping):
+        numbered = list(names.items())
+        keys = [key for key, _ in numbered]
+        if any(not isinstance(key, int) for key in keys) or sorted(keys) != list(
+            range(len(keys))
+        ):
+            raise LayoutError(f"{at}: expected numbers from 0 up, found {keys[:8]}")
+        names = [word for _, word in sorted(numbered)]
+    if not isinstance(names, Sequence) or isinstance(names, str) or not names:
+        raise LayoutError(f"{at}: expected a list of class names")
+    for word in names:
+        if not isinstance(word, str) or not word:
+            raise LayoutError(f"{at}: expected a class name, found {str(word)[:40]!r}")
+    return tuple(names)
+
+
+_WITH_CONFIDENCE: Final = 6
+
+_YOLO_COLUMNS: Final = (5, _WITH_CONFIDENCE)
+
+_RAW_COLUMNS: Final = 4
+
+
+def read_label_lines(
+    text: str, name: str, classes: Sequence[str], default_class: str
+) -> list[dict[str, object]]:
+    """The boxes of one label file, as annotations.
+
+    Parameters
+    ----------
+    text : str
+        Per line ``class cx cy w h`` (shares of the image; a sixth column is kept as
+        ``confidence``), or ``cx cy w h`` in pixels without a class.
+    name : str
+        The file, as errors name it.
+    classes : sequence of str
+        Names by index.
+    default_class : str
+        The class of lines that carry none.
+
+    Raises
+    ------
+    LayoutError
+        Names file, line, what was expected and what was found.
+    """
+    boxes = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        columns = line.split()
+        if columns:
+            at = f"{name}, line {number}"
+            boxes.append(_read_line(columns, at, classes, default_class))
+    return boxes
+
+
+def _read_line(
+    columns: list[str], at: str, classes: Sequence[str], default_class: str
+) -> dict[str, object]:
+    if len(columns) == _RAW_COLUMNS:
+        return {"class": default_class, "cxcywh": read_columns(columns, at)}
+    if len(columns) not in _YOLO_COLUMNS:
+        raise LayoutError(
+            f"{at}: expected 'class cx cy w h' (5 columns) or 'cx cy w h' in pixels "
+            f"(4 columns), found {len(columns)} columns"
+        )
+    box: dict[str, object] = {
+        "class": _class_name(columns[0], at, classes),
+        "cxcywhn": read_columns(columns[1:5], at),
+    }
+    if len(columns) == _WITH_CONFIDENCE:
+        box["confidence"] = read_columns(columns[5:], at)[0]
+    return box
+
+
+def _class_name(word: str, at: str, classes: Sequence[str]) -> str:
+    if word.isascii() and word.isdigit() and len(word) < 10:
+        index = int(word)
+        if index < len(classes):
+            return classes[index]
+    raise LayoutError(
+        f"{at}: expected a class from 0 to {len(classes) - 1}, found {word[:40]!r}"
+    )
+
 
 _CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
 
@@ -67,13 +203,6 @@ def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
     return frame_set("yolo", folders, labels)
 
 
-def band_folders(root: Path) -> list[Path]:
-    """Labels of distance bands beside ``labels``, which hold the same boxes again."""
-    if not any((root / name).is_dir() for name in ("labels", "Annotations")):
-        return []
-    return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
-
-
 def is_label(name: str) -> bool:
     """Whether a text file, relative to the dataset, holds boxes."""
     folder, _, base = name.lower().rpartition("/")
@@ -100,12 +229,6 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
     )
 
 
-def segmentation_folder(root: Path) -> Path | None:
-    """The folder of the segmentations, if it has one of the usual names."""
-    candidates = (root / name for name in SEGMENTATION_FOLDERS)
-    return next((path for path in candidates if path.is_dir()), None)
-
-
 def _read_frames(
     folders: LabelFolders, frames: Sequence[FrameFiles]
 ) -> Iterator[FrameSource]:
@@ -125,23 +248,76 @@ def _read_frames(
         )
 
 
-def frame_of(
-    files: FrameFiles,
-    images: Path,
-    segmentations: Path | None,
-    annotation: dict[str, object] | None,
-    problem: FilterError | None,
-) -> FrameSource:
-    """A frame from the names of its files."""
-    tags = None
-    if segmentations is not None and files.segmentation is not None:
-        tags = segmentations / files.segmentation
-    if annotation is not None and files.map is not None:
-        annotation = {"map": files.map, **annotation}
-    return FrameSource(
-        key=files.key,
-        annotation=annotation,
-        image=images / files.image if files.image else None,
-        segmentation=tags,
-        problem=problem,
-    )
+_DECIMALS: Final = 8
+"""Finer than a thousandth of a pixel in the largest image."""
+
+_HALF_UNITS: Final = 10**_DECIMALS // 2
+"""Edges lie on every second unit of the last digit: centres are whole units then."""
+
+
+class YoloWriter:
+    """Writes ``images/PART/STEM.png``, ``labels/PART/STEM.txt`` and ``data.yaml``.
+
+    A frame without boxes has an empty label file. Distance bands are folders like
+    ``labels``: ``label50/PART/STEM.txt``.
+
+    Notes
+    -----
+    Lines are ``class cx cy w h`` as shares of the frame's own size, of the rectangle
+    clipped to the image. ``data.yaml`` has no ``path``, which would be joined to a
+    folder of the user's settings.
+
+    References
+    ----------
+    .. [1] Ultralytics, "Object detection datasets overview",
+       https://docs.ultralytics.com/datasets/detect/
+    """
+
+    traits: ClassVar[Traits] = Traits("yolo", keys=True, flat=True)
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._parts: set[str] = set()
+
+    def image(self, out: OutFrame) -> str:
+        """The name of a frame's image in the export."""
+        return f"images/{out.part}/{out.stem}{out.suffix}"
+
+    def labels(self, band: str, out: OutFrame) -> None:
+        """One label file."""
+        self._parts.add(out.part)
+        lines = "".join(_line(one, out.frame.wh) for one in out.boxes)
+        folder = band or "labels"
+        self._desk.sink(f"{folder}/{out.part}/{out.stem}.txt", [lines.encode()])
+
+    def finish(self) -> None:
+        """The list of classes and where the images are."""
+        text = _data_yaml(self._desk.head.classes, self._parts)
+        self._desk.sink("data.yaml", [text])
+
+
+def _line(out: OutBox, wh: tuple[int, int]) -> str:
+    x_min, y_min, x_max, y_max = out.xyxy
+    columns = zip(_share(x_min, x_max, wh[0]), _share(y_min, y_max, wh[1]), strict=True)
+    shares = [share for column in columns for share in column]
+    return f"{out.number} {' '.join(f'{share:.{_DECIMALS}f}' for share in shares)}\n"
+
+
+def _share(low: float, high: float, side: int) -> tuple[float, float]:
+    """Centre and extent as shares of a side, so rounded that both edges are exact.
+
+    Rounded by themselves, a centre and an extent can reach beyond the image by their
+    last digit, and whoever reads, clips and writes them again would get other digits.
+    """
+    first, last = (round(edge / side * _HALF_UNITS) for edge in (low, high))
+    return (first + last) / 2 / _HALF_UNITS, (last - first) / _HALF_UNITS
+
+
+def _data_yaml(classes: Sequence[str], parts: set[str]) -> bytes:
+    # A part without a frame would be a folder that is not there, and no training.
+    only = next(iter(parts)) if len(parts) == 1 else None
+    document = {
+        **{part: f"images/{only or part}" for part in PARTS},
+        "names": dict(enumerate(classes)),
+    }
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode()

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from filter_core.errors import FilterError, ImageError
-from filter_core.images.color_decoding import decode_image
+from filter_core.images.decoding import decode_image
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
 from filter_core.types import BoolArray, FloatArray, Mask
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.errors import ImageError, SegmentationError
-from filter_core.images.color_decoding import decode_color, decode_image
+from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.header import (
     MAX_SIDE,
     ImageHeader,
@@ -19,22 +19,27 @@ from filter_core.images.header import (
     require_size,
 )
 from filter_core.images.pixels import count_codes, occurring_codes
-from filter_core.segmentation.codes import NO_FAMILY, ChannelOrder, exact_codes
+from filter_core.segmentation.codes import (
+    NO_FAMILY,
+    ChannelOrder,
+    Segmentation,
+    exact_codes,
+)
 from filter_core.segmentation.palettes import (
     PAPER_TABLE,
     UnknownVersion,
     family_of_version,
     palette_of,
 )
-from filter_core.segmentation.pixel_codes import Segmentation
-from filter_core.segmentation.raw_pixels import (
+from filter_core.segmentation.recognition import Named
+from filter_core.segmentation.tags import (
     looks_raw,
     raw_segmentation,
+    read_exact_colors,
+    read_nearest_colors,
     read_raw_channel,
     read_raw_tags,
 )
-from filter_core.segmentation.recognition import Named
-from filter_core.segmentation.tags import read_exact_colors, read_nearest_colors
 from filter_core.types import TagImage
 
 _FIELDS = ("palette", "encoding", "channel_order", "lossy")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.layouts import read_source
+from filter_core.formats.registry import read_source
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
 from unghost.cli import filter_work

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.formats.layouts import read_source
 from filter_core.formats.reading import ReadOptions
+from filter_core.formats.registry import read_source
 from tests.shared_data import shared
 
 AUTHORS = "data/Mofeed-Chaar_base-repo-sample"

@@ -6,7 +6,7 @@ import carla
 import numpy as np
 import pytest
 
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.pose import Transform

@@ -15,7 +15,7 @@ from filter_core import FilterConfig
 from filter_core.evidence.depth import read_depth
 from filter_core.evidence.instances import read_instances
 from filter_core.evidence.lidar import read_points
-from filter_core.formats.layouts import read_source
+from filter_core.formats.registry import read_source
 from filter_core.local import filter_source
 from tests.capture.conftest import scenario
 

@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from app.schemas.runs import ExportIn, ExportOptions
-from filter_core.formats.layouts import LAYOUTS
+from filter_core.formats.registry import LAYOUTS
 from tests.docs.documents import read
 
 COMING_IN, GOING_OUT = read("docs/formats.md").split("## What goes out")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.layouts import read_source
 from filter_core.formats.reading import ReadOptions
+from filter_core.formats.registry import read_source
 from filter_core.geometry.boxes import to_xyxy
 from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame

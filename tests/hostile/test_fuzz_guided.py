@@ -30,8 +30,8 @@ from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
 from filter_core.evidence.lidar import check_points, read_points
-from filter_core.formats.layouts import read_source
-from filter_core.images.color_decoding import decode_image
+from filter_core.formats.registry import read_source
+from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.local import filter_one
 from filter_core.segmentation.reading import SegmentationOptions

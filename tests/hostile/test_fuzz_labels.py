@@ -19,7 +19,7 @@ from filter_core.annotation.parsing import parse_annotation, without_key
 from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError
-from filter_core.formats.layouts import read_source
+from filter_core.formats.registry import read_source
 from filter_core.local import filter_one
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.hostile.mutations import (

@@ -14,8 +14,7 @@ from app.db.evidence_record import (
     pack_tag_counts,
 )
 from app.db.flip_record import pack_flips
-from filter_core.channel_types import ChannelNumbers
-from filter_core.types import N_TAGS, Evidence, Reason, Verdict
+from filter_core.types import N_TAGS, ChannelNumbers, Evidence, Reason, Verdict
 
 _BOXES = 3
 

@@ -15,7 +15,7 @@ from unghost.cli.options import ConfigFile, DatasetName, ServerOptions
 from unghost.cli.waiting import run_line, wait_for_run
 
 if TYPE_CHECKING:
-    from filter_core.config.config_diff import ConfigChange
+    from filter_core.config.filter import ConfigChange
     from unghost.work_results import Preview
 
 app = typer.Typer(
@@ -96,9 +96,8 @@ def diff(options: DiffOptions) -> None:
 
     Nothing is changed.
     """
-    from filter_core.config.config_diff import diff_configs
     from filter_core.config.file import load_config
-    from filter_core.config.filter import FilterConfig
+    from filter_core.config.filter import FilterConfig, diff_configs
 
     with naming(options.config):
         new = load_config(options.config.read_bytes()).config

@@ -18,10 +18,9 @@ from unghost.cli.source_options import SegmentationReading, SourceOptions
 from unghost.cli.sources import open_source, read_config
 
 if TYPE_CHECKING:
-    from filter_core.formats.export import ExportFrame
-    from filter_core.formats.export_options import ExportOptions
+    from filter_core.formats.export import ExportFrame, ExportOptions
     from filter_core.formats.reading import FrameSet
-    from filter_core.local_export import LeftOut
+    from filter_core.local import LeftOut
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +86,7 @@ def convert(options: ConvertOptions) -> None:
 
 
 def _wanted(options: ConvertOptions) -> ExportOptions:
-    from filter_core.formats.export_options import ExportOptions
+    from filter_core.formats.export import ExportOptions
 
     # Without the filter nothing is decided, and so nothing is left out.
     taken_over = not options.filter and not options.to.startswith("decisions")
@@ -99,9 +98,9 @@ def _write(
     options: ConvertOptions, found: FrameSet, coming: _Coming
 ) -> Mapping[str, Any]:
     from filter_core.formats.export import ExportHead
-    from filter_core.formats.folder_sink import folder_sink
+    from filter_core.formats.files import folder_sink
     from filter_core.formats.registry import write_export
-    from filter_core.local_export import class_order, export_sources
+    from filter_core.local import class_order, export_sources
 
     config = read_config(options.config, options, options.screen)
     classes = found.classes or class_order(found)

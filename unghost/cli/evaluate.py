@@ -20,7 +20,7 @@ from unghost.cli.sources import open_source, read_config
 from unghost.cli.suggested_thresholds import ThresholdsAsked
 
 if TYPE_CHECKING:
-    from filter_core.local_evaluation import EvaluationTask
+    from filter_core.local import EvaluationTask
 
 _COLUMNS = ("precision", "recall", "F1", "low", "high", "ghosts kept", "visible lost")
 
@@ -101,7 +101,7 @@ def evaluate(options: EvaluateOptions) -> None:
     with --suggest thresholds for each class with their curves. Exit code 3 if some
     frames could not be used; they are listed.
     """
-    from filter_core.local_evaluation import evaluate_source
+    from filter_core.local import evaluate_source
 
     found = open_source(options.source, options)
     screen, task = options.screen, _task(options)
@@ -129,7 +129,7 @@ def evaluate(options: EvaluateOptions) -> None:
 
 def _task(options: EvaluateOptions) -> EvaluationTask:
     from filter_core.evaluation.comparison import COMPARED
-    from filter_core.local_evaluation import EvaluationTask, read_truth
+    from filter_core.local import EvaluationTask, read_truth
 
     chosen = tuple(one.value for one in options.channel or ())
     return EvaluationTask(

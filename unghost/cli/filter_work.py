@@ -108,7 +108,8 @@ def _parts(found: Iterable[FrameSource]) -> Iterator[list[FrameSource | FrameOut
 
 def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
     """A frame as another process can take it: errors cannot be sent as they are."""
-    from filter_core.local import FrameOutcome, problem_of
+    from filter_core.errors import problem_of
+    from filter_core.local import FrameOutcome
 
     if source.problem is None:
         return source

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 def open_source(path: Path, options: SourceOptions) -> FrameSet:
     """The frames of a folder or a manifest; LayoutError if it is neither."""
-    from filter_core.formats.layouts import read_source
     from filter_core.formats.reading import ReadOptions
+    from filter_core.formats.registry import read_source
 
     read = ReadOptions(
         segmentation=options.segmentation,

@@ -11,9 +11,8 @@ import typer
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
-    from filter_core.evaluation.class_thresholds import ClassSuggestion, TruthCollector
-    from filter_core.evaluation.thresholds import Goal
-    from filter_core.local_evaluation import KnownBoxes
+    from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
+    from filter_core.local import KnownBoxes
     from unghost.cli.screen import Screen
 
 _COLUMNS: Final = ("class", "current", "suggested", "low", "high", "F1 now", "F1 then")
@@ -42,8 +41,7 @@ class ThresholdsAsked:
     @classmethod
     def of(cls, options: _Options, config: FilterConfig) -> ThresholdsAsked:
         """From the command line; options that need `--suggest` are refused without."""
-        from filter_core.evaluation.class_thresholds import TruthCollector
-        from filter_core.evaluation.thresholds import Goal
+        from filter_core.evaluation.thresholds import Goal, TruthCollector
 
         if not options.suggest:
             if options.recall is not None or options.config_out is not None:
@@ -98,7 +96,7 @@ def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
     """Everything that the evaluation used, with the new thresholds."""
     import yaml
 
-    from filter_core.evaluation.class_thresholds import with_thresholds
+    from filter_core.evaluation.thresholds import with_thresholds
 
     plain = with_thresholds(config, found).as_dict()
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)

@@ -11,13 +11,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from filter_core.evidence.accepted import AcceptedPixels
-from filter_core.evidence.assign import assign_instances
 from filter_core.evidence.depth import depth_interval
+from filter_core.evidence.instances import assign_instances
 from filter_core.evidence.lidar import LidarPoints, points_inside
-from filter_core.evidence.ordered import owned_pixels
-from filter_core.evidence.patches import bounds_of, islands
-from filter_core.evidence.silhouettes import Silhouette, centred_pixels, touched_pixels
+from filter_core.evidence.ordered import bounds_of, islands, owned_pixels
+from filter_core.evidence.silhouettes import (
+    AcceptedPixels,
+    Silhouette,
+    centred_pixels,
+    touched_pixels,
+)
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform, transform_matrices
 from tests.unit.filter_core.evidence.scene import box_ahead

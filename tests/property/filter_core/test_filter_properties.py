@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from filter_core.config.filter import FilterConfig
-from filter_core.evidence.accept_sets import accept_sets_differ, with_accept_sets
+from filter_core.evidence.semantic import accept_sets_differ, with_accept_sets
 from filter_core.pipeline import filter_frame
 
 WH = (24, 16)

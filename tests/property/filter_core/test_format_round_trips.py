@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.formats.layouts import read_source
+from filter_core.formats.registry import read_source
 from tests.unit.filter_core.formats.exporting import (
     CLASSES,
     WH,

@@ -13,18 +13,14 @@ from filter_core.evidence.counting import (
     count_by_tables,
     count_codes_in,
 )
-from filter_core.evidence.semantic import (
-    FrameBoxes,
-    MeasureOptions,
-    measure,
-    with_accept_masks,
-)
+from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,
 )
+from filter_core.types import FrameBoxes
 from tests.pictures import FAMILY, painted, png
 from tests.slow_definitions import slow_counts
 

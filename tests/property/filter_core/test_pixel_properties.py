@@ -12,8 +12,12 @@ from filter_core.evidence.counting import (
     count_matches,
     count_pixels,
 )
-from filter_core.images.pixels import count_codes, occurring_codes
-from filter_core.images.runs import run_ends, run_lengths
+from filter_core.images.pixels import (
+    count_codes,
+    occurring_codes,
+    run_ends,
+    run_lengths,
+)
 from filter_core.segmentation.codes import exact_codes
 from filter_core.segmentation.reading import segmentation_from_tags
 from tests.pictures import FAMILY, painted

@@ -11,7 +11,7 @@ import pytest
 
 from app.demo.planes import decode_depth, decode_instances
 from app.demo.street import StreetFrame, StreetScene
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import accept_mask_of
 

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.layouts import read_source
 from filter_core.formats.reading import FrameSource
+from filter_core.formats.registry import read_source
 from filter_core.local import filter_one, filter_source
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png

@@ -9,7 +9,7 @@ import pytest
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import FrameSource
-from filter_core.local_evaluation import EvaluationTask, evaluate_source, read_truth
+from filter_core.local import EvaluationTask, evaluate_source, read_truth
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png
 from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
 from tests.unit.filter_core.formats.folders import painted

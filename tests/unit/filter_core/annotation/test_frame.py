@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation, frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationError, FilterError, ImageSizeMismatch
 from filter_core.geometry.boxes import correct_xyxy

@@ -8,8 +8,13 @@ import pickle
 import numpy as np
 import pytest
 
-from filter_core.config.config_diff import ConfigChange, diff_configs
-from filter_core.config.filter import INHERIT, ClassConfig, FilterConfig
+from filter_core.config.filter import (
+    INHERIT,
+    ClassConfig,
+    ConfigChange,
+    FilterConfig,
+    diff_configs,
+)
 from filter_core.errors import ConfigError
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from filter_core.decisions.explain_channels import ChannelJudgement, explain_channel
+from filter_core.decisions.channels import ChannelJudgement, explain_channel
 
 
 def said(channel, *, kept=False, **more):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from filter_core.config.filter import ClassConfig, FilterConfig
-from filter_core.evaluation.class_thresholds import TruthCollector, with_thresholds
-from filter_core.evaluation.thresholds import Goal
+from filter_core.evaluation.thresholds import Goal, TruthCollector, with_thresholds
 from tests.unit.filter_core.evidence.evidence_of import evidence_of
 
 POLE = {"class_index": 0, "match_percent": 6.0}

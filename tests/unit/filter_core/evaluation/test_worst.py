@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from filter_core.evaluation.worst import MOST, Worst
+from filter_core.evaluation.comparison import MOST, Worst
 from tests.unit.filter_core.evidence.evidence_of import evidence_of
 
 LOST, GHOST = (False, True), (True, False)

@@ -6,9 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.channel_types import ChannelNumbers
 from filter_core.errors import ImageError, ImageSizeMismatch
-from filter_core.evidence.accepted import AcceptedPixels
 from filter_core.evidence.depth import (
     center_gaps,
     depth_interval,
@@ -16,8 +14,9 @@ from filter_core.evidence.depth import (
     read_depth,
     tight_rectangle,
 )
-from filter_core.evidence.silhouettes import Silhouette
+from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
 from filter_core.geometry.camera import Camera
+from filter_core.types import ChannelNumbers
 from tests.unit.filter_core.evidence.scene import box_ahead, depth_png
 
 ALL = np.s_[:, :]

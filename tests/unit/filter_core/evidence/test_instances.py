@@ -6,11 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from filter_core.channel_types import ChannelNumbers
 from filter_core.errors import ImageError
-from filter_core.evidence.assign import InstanceBoxes, measure_instances
-from filter_core.evidence.instances import read_instances
+from filter_core.evidence.instances import (
+    InstanceBoxes,
+    measure_instances,
+    read_instances,
+)
 from filter_core.evidence.silhouettes import silhouettes
+from filter_core.types import ChannelNumbers
 from tests.shared_data import shared
 from tests.unit.filter_core.evidence.scene import instance_png
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from filter_core.evidence.accepted import AcceptedPixels
 from filter_core.evidence.ordered import owned_pixels
-from filter_core.evidence.silhouettes import Silhouette
+from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
 
 
 def box(row, x0, x1, mask=None):

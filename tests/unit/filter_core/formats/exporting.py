@@ -7,11 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
-from filter_core.formats.export_options import ExportOptions
-from filter_core.formats.layouts import read_source
-from filter_core.formats.registry import FORMATS, write_export
-from filter_core.local_export import LeftOut, class_order, export_sources
+from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
+from filter_core.formats.registry import FORMATS, read_source, write_export
+from filter_core.local import LeftOut, class_order, export_sources
 from tests.unit.filter_core.formats.folders import png, write_files
 
 CLASSES = ("car", "traffic light", "walker")

@@ -8,8 +8,8 @@ import pytest
 
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import LayoutError
-from filter_core.formats import json_stream
-from filter_core.formats.layouts import read_source
+from filter_core.formats import coco_index
+from filter_core.formats.registry import read_source
 from tests.shared_data import shared
 from tests.unit.filter_core.formats.folders import annotation_of, write_files
 
@@ -161,12 +161,12 @@ def test_a_long_number_is_refused_before_it_is_read_wherever_a_piece_ends(
     file.write_text('{"é\\"": "' + "1" * 200 + '", "a": ' + "1" * 1_000_000)
 
     for size in (1, 7, 50, 200, 500):
-        monkeypatch.setattr(json_stream, "_PIECE", size)
+        monkeypatch.setattr(coco_index, "_PIECE", size)
         with (
             file.open("rb") as opened,
             pytest.raises(LayoutError, match="byte 218: expected JSON in UTF-8, found"),
         ):
-            list(json_stream.read_object(opened, "x.json"))
+            list(coco_index.read_object(opened, "x.json"))
 
 
 def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatch):
@@ -177,12 +177,11 @@ def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatc
     file.write_text(content, "utf-8")
 
     for size in range(1, 40):
-        monkeypatch.setattr(json_stream, "_PIECE", size)
+        monkeypatch.setattr(coco_index, "_PIECE", size)
         with file.open("rb") as opened:
-            items = list(json_stream.read_object(opened, "x"))
+            items = list(coco_index.read_object(opened, "x"))
         found = [
-            json_stream.load(content.encode()[one.start : one.end], "x")
-            for one in items
+            coco_index.load(content.encode()[one.start : one.end], "x") for one in items
         ]
         assert found == [123456, *images]
 

@@ -11,13 +11,16 @@ from typing import get_args
 import pytest
 
 from filter_core.errors import NotAvailable
-from filter_core.formats import decisions as decisions_table
-from filter_core.formats import parquet, spool
-from filter_core.formats.export_options import ExportError, ExportOptions
-from filter_core.formats.files import FileNames, file_stem
-from filter_core.formats.folder_sink import folder_sink
-from filter_core.formats.layouts import read_source
-from filter_core.formats.registry import FORMATS, FormatName, format_of, write_export
+from filter_core.formats import decisions, files
+from filter_core.formats.export import ExportError, ExportOptions
+from filter_core.formats.files import FileNames, file_stem, folder_sink
+from filter_core.formats.registry import (
+    FORMATS,
+    FormatName,
+    format_of,
+    read_source,
+    write_export,
+)
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 from tests.unit.filter_core.formats.folders import write_files
 from unghost.cli.format_options import FORMATS as NAMES_ON_THE_COMMAND_LINE
@@ -74,10 +77,10 @@ def test_a_frame_without_boxes_is_in_every_format(name):
 def test_memory_does_not_grow_with_the_dataset(name, tmp_path, monkeypatch):
     """A frame leaves a mark of its name behind, and nothing of its boxes."""
     # Small buffers, so that few boxes fill them; what is left is what would grow.
-    monkeypatch.setattr(spool, "_IN_MEMORY", 4096)
-    monkeypatch.setattr(spool, "_PIECE", 4096)
-    monkeypatch.setattr(parquet, "_ROWS_PER_GROUP", 100)
-    monkeypatch.setattr(decisions_table, "_ROWS_AT_ONCE", 100)
+    monkeypatch.setattr(files, "_IN_MEMORY", 4096)
+    monkeypatch.setattr(files, "_PIECE", 4096)
+    monkeypatch.setattr(decisions, "_ROWS_PER_GROUP", 100)
+    monkeypatch.setattr(decisions, "_ROWS_AT_ONCE", 100)
     head = replace(HEAD, temporary=tmp_path)
     chosen = {"images": "none"} if "images" in FORMATS[name].options else {}
     options = ExportOptions.from_mapping(chosen)

@@ -8,8 +8,9 @@ import defusedxml.ElementTree as ElementTree
 import pytest
 import yaml
 
-from filter_core.formats.kitti_writer import kitti_types, number_text
-from filter_core.formats.voc_writer import whole_pixels
+from filter_core.formats.files import number_text
+from filter_core.formats.kitti import kitti_types
+from filter_core.formats.voc import whole_pixels
 from filter_core.geometry.camera import Camera
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 

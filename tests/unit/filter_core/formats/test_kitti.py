@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from filter_core.annotation.frame_geometry import frame_boxes_2d
+from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.formats.kitti_box3d import kitti_vertices, to_kitti_box
-from filter_core.formats.layouts import read_source
+from filter_core.formats.kitti import kitti_vertices, to_kitti_box
+from filter_core.formats.registry import read_source
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from tests.unit.filter_core.formats.exporting import box, convert, export, frame

@@ -7,9 +7,8 @@ import unicodedata
 import pytest
 
 from filter_core.errors import LayoutError
-from filter_core.formats.layouts import detect_layout, read_source
-from filter_core.formats.matching import frame_key
-from filter_core.formats.reading import ReadOptions
+from filter_core.formats.reading import ReadOptions, frame_key
+from filter_core.formats.registry import detect_layout, read_source
 from tests.unit.filter_core.formats.folders import write_files
 
 YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from filter_core.formats import manifest
-from filter_core.formats.layouts import read_source
 from filter_core.formats.reading import ReadOptions
+from filter_core.formats.registry import read_source
 
 FRAME = {"key": "a/0", "boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}]}
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
-from filter_core.formats.export_options import ExportOptions
-from filter_core.formats.layouts import read_source
-from filter_core.formats.registry import write_export
+from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
+from filter_core.formats.registry import read_source, write_export
 from filter_core.geometry.boxes import to_xyxy
 from filter_core.local import filter_source
 from tests.unit.filter_core.formats.folders import painted, street, write_files

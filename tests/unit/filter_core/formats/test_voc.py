@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from filter_core.errors import LayoutError
-from filter_core.formats.layouts import read_source
-from filter_core.formats.voc_xml import read_voc
+from filter_core.formats.registry import read_source
+from filter_core.formats.voc import read_voc
 from tests.unit.filter_core.formats.folders import write_files
 
 

@@ -8,9 +8,14 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from filter_core.formats.decisions_writer import write_decisions
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead
-from filter_core.formats.export_options import ExportError, ExportOptions
+from filter_core.formats.decisions import write_decisions
+from filter_core.formats.export import (
+    ExportBox,
+    ExportError,
+    ExportFrame,
+    ExportHead,
+    ExportOptions,
+)
 from filter_core.formats.files import file_stem
 from filter_core.formats.registry import write_export
 from filter_core.formats.writing import split_of

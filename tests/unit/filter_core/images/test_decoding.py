@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from filter_core.errors import ImageError
-from filter_core.images.color_decoding import decode_color, decode_image
-from filter_core.images.decoding import InflatedPng
+from filter_core.images.decoding import InflatedPng, decode_color, decode_image
 from filter_core.images.header import read_image_header
 from tests import pictures
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
-from filter_core.images.color_decoding import decode_image
+from filter_core.images.decoding import decode_image
 from filter_core.images.header import ImageHeader, read_image_header, require_size
 from tests.pictures import chunk, indexed_png, jpeg, png, png_of_chunks, with_alpha
 
