@@ -48,7 +48,8 @@ def make_postgres_engine(
         connect_args=_arguments(url),
         # Whatever the server's default is: whoever waited sees what was written.
         isolation_level="READ COMMITTED",
-        execution_options={"postgresql_readonly": only_read},
+        # To say that it is not read-only would overrule who made the database so.
+        execution_options={"postgresql_readonly": True} if only_read else {},
     )
     if turns is not None:  # here first, then among all processes
         turns.rule(engine)
