@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from filter_core.errors import ConfigError
 from filter_core.segmentation.palettes import FAMILIES, PUBLISHED_COLORS, Palette
-from filter_core.types import UNKNOWN_COLUMN, BoolArray
+from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray
 from filter_core.values import nearest, place_of, shown
 
 ALIASES: Final = {"street_light": "traffic_light"}
@@ -154,7 +154,8 @@ def accept_mask_of(
 def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
     """The names of the tags in an accept set, in the order of their numbers."""
     tags = FAMILIES[family].tags
-    return tuple(tag.name for tag in tags if accept_mask >> tag.tag & 1)
+    accepted = accepts(accept_mask, np.arange(len(tags)))
+    return tuple(tags[number].name for number in np.flatnonzero(accepted))
 
 
 def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
@@ -242,8 +243,22 @@ def _mask_in_any_family(
     return 0
 
 
-def accepted_codes(tag_of_code: NDArray[np.uint8], accept_mask: int) -> BoolArray:
-    """(K,) bool: which codes mean an accepted tag; nobody accepts Unknown."""
-    tags = np.minimum(tag_of_code, UNKNOWN_COLUMN).astype(np.int64)
+def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray:
+    """Whether accept masks accept tags: the one place that says what a mask means.
+
+    Parameters
+    ----------
+    accept_mask : int, or an array of int64
+        Bit t is set if tag t is accepted, as `accept_mask_of` gives it.
+    tags : array of integers from 0
+        In a shape to which `accept_mask` broadcasts.
+
+    Returns
+    -------
+    bool, of the shape that both broadcast to
+        False for Unknown and for every number beyond the last tag, whatever the mask.
+    """
+    # No known tag has the bit of Unknown's column, so that all others may share it.
+    bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
     known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
-    return (known >> tags & 1).astype(np.bool_)
+    return np.asarray(known >> bit & 1, np.bool_)

@@ -15,15 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.classes import accepted_codes
+from filter_core.classes import accepts
 from filter_core.errors import ImageError
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
 from filter_core.types import (
     NOT_MEASURED,
-    UNKNOWN_COLUMN,
-    BoolArray,
     BoxesXYXY,
     ChannelNumbers,
     FloatArray,
@@ -97,7 +95,7 @@ class InstancePixels:
     def accepted(self, instance: int, accept_mask: int) -> tuple[int, FloatArray]:
         """How many pixels of an instance have an accepted tag, and around them xyxy."""
         part = slice(self.start[instance], self.start[instance + 1])
-        wanted = (accept_mask >> self.tags[part].astype(np.int64) & 1).astype(np.bool_)
+        wanted = accepts(accept_mask, self.tags[part])
         if not wanted.any():
             return 0, np.full(4, np.nan)
         x, y = self.columns[part][wanted], self.rows[part][wanted]
@@ -167,7 +165,8 @@ def _fault(expected: str, found: str, code: str = "bad_instances") -> ImageError
 
 def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePixels:
     """The pixels whose tag some box accepts, grouped by instance."""
-    accepted = _accepted_by_any(accept_mask)[image.tags]
+    by_any = int(np.bitwise_or.reduce(np.asarray(accept_mask, np.int64)))
+    accepted = accepts(by_any, _TAGS)[image.tags]
     rows, columns = np.nonzero(accepted)
     ids = image.ids[rows, columns]
     order = np.argsort(ids, kind="stable")
@@ -180,15 +179,6 @@ def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePi
         rows=rows[order],
         tags=image.tags[rows, columns][order],
     )
-
-
-def _accepted_by_any(accept_mask: Sequence[int]) -> BoolArray:
-    together = 0
-    for mask in accept_mask:
-        together |= int(mask)
-    table = np.zeros(256, np.bool_)
-    table[:UNKNOWN_COLUMN] = [together >> tag & 1 for tag in range(UNKNOWN_COLUMN)]
-    return table
 
 
 _FREE: Final = NOT_MEASURED
@@ -292,9 +282,7 @@ def pair_weights(
     for outline in outlines:
         row = outline.row
         accepted = outline.of(
-            accepted_codes(_TAGS, int(boxes.accept_mask[row]))[
-                image.tags[outline.region]
-            ]
+            accepts(int(boxes.accept_mask[row]), _TAGS)[image.tags[outline.region]]
         )
         inside = dense[image.ids[outline.region][accepted]]
         counts = np.bincount(inside, minlength=len(pixels) + 1)[: len(pixels)]

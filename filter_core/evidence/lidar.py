@@ -24,12 +24,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.classes import accepts
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.pose import Transform
 from filter_core.types import (
     NOT_MEASURED,
-    UNKNOWN_COLUMN,
     BoolArray,
     FloatArray,
     IntArray,
@@ -510,14 +510,13 @@ def points_inside(
     counts = np.full(len(vertices), NOT_MEASURED, np.int64)
     matrix = sensor.matrix
     order, world = _sorted_by_x(points.xyz @ matrix[:3, :3].T + matrix[:3, 3])
-    tags = np.clip(points.tag, 0, UNKNOWN_COLUMN)[order]
+    tags = np.maximum(points.tag, 0)[order]
     solid = np.flatnonzero(~np.isnan(vertices).any(axis=(1, 2)))
     corners = in_carla_order(vertices[solid])
     for row, box in zip(solid.tolist(), corners, strict=True):
         begin, end = np.searchsorted(world[:, 0], [box[:, 0].min(), box[:, 0].max()])
         near = slice(int(begin), int(end) + 1)
-        wanted = int(accept_mask[row]) & (1 << UNKNOWN_COLUMN) - 1
-        accepted = (wanted >> tags[near] & 1).astype(np.bool_)
+        accepted = accepts(int(accept_mask[row]), tags[near])
         counts[row] = np.count_nonzero(_inside(world[near][accepted], box))
     return counts
 

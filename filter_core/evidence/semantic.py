@@ -16,7 +16,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.classes import accept_mask_of
+from filter_core.classes import accept_mask_of, accepts
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
 from filter_core.evidence.counting import (
@@ -82,11 +82,8 @@ def refuse_ambiguity(
 def _accepted(segmentation: Segmentation, family: str, mask: int) -> frozenset[int]:
     """The codes that occur and that a mask of the family accepts."""
     tags = tags_of_codes(family, segmentation.channel_order)
-    return frozenset(
-        code
-        for code in segmentation.codes.occurring
-        if tags[code] < UNKNOWN_COLUMN and mask >> int(tags[code]) & 1
-    )
+    occurring = np.array(segmentation.codes.occurring, np.int64)
+    return frozenset(occurring[accepts(mask, tags[occurring])].tolist())
 
 
 Profile: TypeAlias = Literal["paper", "carlasimu"]
@@ -220,8 +217,8 @@ def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
     changed = replace(evidence, accept_mask=accept_mask, crowding=crowding)
     if evidence.tag_counts is None:
         return changed
-    bits = accept_mask[:, None] >> np.arange(UNKNOWN_COLUMN) & 1
-    matched = (evidence.tag_counts[:, :UNKNOWN_COLUMN] * bits).sum(axis=1)
+    accepted = accepts(accept_mask[:, None], np.arange(N_TAGS))
+    matched = (evidence.tag_counts * accepted).sum(axis=1)
     counts = _Counts(evidence.box_pixels, matched.astype(np.int64), None)
     percent = _match_percent(counts, _areas(evidence.xyxy), "paper")
     return replace(
@@ -299,7 +296,8 @@ def _counts(
     if options.profile == "carlasimu" and _has_exact_colors(segmentation):
         accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
     else:
-        accepted = _accepted_by_tag(regions.codes.tag_of_code[codes], boxes.accept_mask)
+        tags = regions.codes.tag_of_code[codes]
+        accepted = accepts(boxes.accept_mask[:, None], tags)
     box_pixels = count_pixels(regions)
     if not options.histogram:
         return _Counts(box_pixels, count_matches(regions, codes, accepted), None)
@@ -327,13 +325,6 @@ def _accepted_by_color(
             table[row, [] if code is None else code] = True
     accepted: BoolArray = table[boxes.class_index]
     return accepted
-
-
-def _accepted_by_tag(tags: NDArray[np.uint8], accept_mask: IntArray) -> BoolArray:
-    """(N, K): whether each box accepts each of K tags; nobody accepts Unknown."""
-    shift = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
-    known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
-    return (known[:, None] >> shift & 1).astype(np.bool_)
 
 
 def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:

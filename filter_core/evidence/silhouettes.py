@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 import cv2
 import numpy as np
 
-from filter_core.classes import accepted_codes
+from filter_core.classes import accepts
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import hull_points
@@ -342,7 +342,7 @@ def accepted_pixels(
         True: the pixel never counts.
     """
     tables = {
-        mask: accepted_codes(codes.tag_of_code, mask)
+        mask: accepts(mask, codes.tag_of_code)
         for mask in np.unique(accept_mask).tolist()
     }
     found = []

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 from filter_core.classes import (
     BLUEPRINT_CLASS,
     accept_mask_of,
     accepted_names,
+    accepts,
     class_of,
 )
 from filter_core.config.filter import FilterConfig
@@ -104,3 +106,12 @@ def test_an_override_of_another_family_s_tag_is_refused_with_the_nearest():
 def test_accepted_tags_have_names():
     assert accepted_names(bits(13, 18), "carla-0.9.14") == ("Rider", "Motorcycle")
     assert accepted_names(0, "carla-0.9.14") == ()
+
+
+@pytest.mark.parametrize("mask", [0, 1, 1 << 29, 0b101 << 13, (1 << 63) - 1], ids=hex)
+def test_a_mask_accepts_the_known_tags_that_are_its_bits(mask):
+    tags = np.arange(256, dtype=np.uint8)
+    expected = [tag <= 29 and bool(mask >> tag & 1) for tag in range(256)]
+
+    assert accepts(mask, tags).tolist() == expected
+    assert accepts(np.array([[mask], [0]]), tags).tolist() == [expected, [False] * 256]

@@ -1,0 +1,107 @@
+"""Every kind of evidence accepts the same tags by the same mask."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.evidence.instances import InstanceImage, group_pixels
+from filter_core.evidence.lidar import LidarPoints, points_inside
+from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
+from filter_core.evidence.silhouettes import accepted_pixels, silhouettes
+from filter_core.geometry.pose import Transform
+from filter_core.segmentation.reading import segmentation_from_tags
+from filter_core.types import FrameBoxes
+from tests.unit.filter_core.evidence.scene import box_ahead
+
+TAGS = np.arange(256, dtype=np.uint8)
+FAMILY = "carla-0.9.14"
+LAST_TAG = 29
+
+MASKS = [
+    0,
+    1,
+    1 << 14,
+    1 << LAST_TAG,
+    0b101 << 13,
+    (1 << LAST_TAG + 1) - 1,
+    (1 << 63) - 1,  # with bits that no tag has
+]
+
+
+@pytest.fixture(params=MASKS, ids=hex)
+def mask(request):
+    return request.param
+
+
+@pytest.fixture
+def expected(mask):
+    return [tag for tag in range(256) if tag <= LAST_TAG and mask >> tag & 1]
+
+
+def one_box_per_tag(mask):
+    """In an image of one row, pixel t has tag t, and box t is that pixel."""
+    xyxy = np.array([[tag, 0, tag + 1, 1] for tag in range(256)], np.float64)
+    return FrameBoxes.of(xyxy, ["car"] * 256, {"car": mask}, (256, 1))
+
+
+def segmentation():
+    return segmentation_from_tags(TAGS[None], FAMILY)
+
+
+@pytest.mark.parametrize("histogram", [True, False])
+def test_pixels_of_a_segmentation(mask, expected, histogram):
+    options = MeasureOptions(histogram=histogram)
+
+    evidence = measure(segmentation(), one_box_per_tag(mask), options)
+
+    assert np.flatnonzero(evidence.matched_pixels).tolist() == expected
+
+
+def test_histograms_that_are_counted_again(mask, expected):
+    measured = measure(segmentation(), one_box_per_tag(0))
+
+    evidence = with_accept_masks(measured, np.full(256, mask))
+
+    assert np.flatnonzero(evidence.matched_pixels).tolist() == expected
+
+
+def test_pixels_of_silhouettes(mask, expected):
+    boxes = one_box_per_tag(mask)
+    outlines = silhouettes(boxes.xyxy, np.full((256, 8, 3), np.nan), None, (256, 1))
+
+    found = accepted_pixels(outlines, segmentation().codes, boxes.accept_mask)
+
+    assert [box.silhouette.row for box in found if box.mask.any()] == expected
+
+
+def test_pixels_of_instances(mask, expected):
+    image = InstanceImage(TAGS[None], np.arange(256, dtype=np.uint16)[None])
+    everything = (1 << LAST_TAG + 1) - 1
+
+    grouped = group_pixels(image, [mask])
+    pixels = group_pixels(image, [everything])
+    accepted = [row for row in range(len(pixels)) if pixels.accepted(row, mask)[0]]
+
+    assert grouped.ids.tolist() == expected
+    assert pixels.ids[accepted].tolist() == expected
+
+
+def test_points_of_a_lidar(mask, expected):
+    points = LidarPoints(
+        np.full((1, 3), [10.0, 0.0, 0.0]), np.zeros(1, np.int64), np.zeros(1, np.int64)
+    )
+    box = box_ahead(10.0, 1.0)[None]
+
+    counted = [
+        tag
+        for tag in range(256)
+        if points_inside(
+            LidarPoints(points.xyz, points.object_id, np.array([tag])),
+            Transform(),
+            box,
+            np.array([mask]),
+        )[0]
+    ]
+
+    assert counted == expected
