@@ -21,7 +21,6 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import files_for
@@ -461,11 +460,10 @@ def _decided(source: FrameSource, config: FilterConfig, measure: bool) -> Export
     measured = result.measured
     annotation = measured.annotation
     decisions = result.decisions if measure else map(_undecided, result.decisions)
-    geometry = frame_boxes_2d(annotation, measured.wh, config.projection)
     frame = ExportFrame(
         key=source.key,
         wh=measured.wh,
-        boxes=export_boxes(annotation, decisions, geometry),
+        boxes=export_boxes(annotation, decisions, measured.geometry),
         map=annotation.map,
         palette=(measured.segmentation or {}).get("palette"),
         annotation=annotation.raw,

@@ -32,7 +32,7 @@ from filter_core.evidence.channels import (
     measure_frame_channels,
 )
 from filter_core.evidence.semantic import MeasureOptions, measure
-from filter_core.geometry.projection import FrameGeometry
+from filter_core.geometry.projection import BoxGeometry
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import family_of_version
 from filter_core.segmentation.reading import (
@@ -121,7 +121,7 @@ class MeasuredFrame:
         Of the N boxes, in the order of the annotation.
     wh : (width, height), px
     evidence : Evidence of N boxes
-    geometry : FrameGeometry
+    geometry : BoxGeometry of N boxes
     segmentation : dict or None
         What was recognised: ``palette``, ``encoding``, ``channel_order``, ``lossy``,
         ``unknown_percent`` and ``notes``; None if there was no segmentation.
@@ -132,7 +132,7 @@ class MeasuredFrame:
     ids: tuple[str, ...]
     wh: tuple[int, int]
     evidence: Evidence
-    geometry: FrameGeometry
+    geometry: BoxGeometry
     segmentation: dict[str, Any] | None
 
     def facts(self, config: FilterConfig) -> FrameFacts:
@@ -276,9 +276,7 @@ def measure_frame(
         ids=tuple(box.id for box in annotation.boxes),
         wh=wh,
         evidence=evidence,
-        geometry=FrameGeometry(
-            geometry.amodal_xyxy, geometry.visible_xyxy, geometry.edges
-        ),
+        geometry=geometry,
         segmentation=None if segmentation is None else _report(segmentation),
     )
 

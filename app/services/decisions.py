@@ -30,7 +30,7 @@ from app.services.reviews import effective_verdict
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.record import FrameFacts, decision_dicts
 from filter_core.decisions.rules import decide
-from filter_core.geometry.projection import FrameGeometry
+from filter_core.geometry.projection import BoxGeometry
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import NOT_MEASURED, ChannelNumbers, Evidence, FloatArray
 
@@ -120,7 +120,7 @@ class DecisionReader:
             decision["accepted_tags"] = accepted_tags(of.family, mask)
         return decisions
 
-    def _joined(self, chosen: Sequence[ChosenBoxes]) -> tuple[Evidence, FrameGeometry]:
+    def _joined(self, chosen: Sequence[ChosenBoxes]) -> tuple[Evidence, BoxGeometry]:
         record = np.concatenate([each.numbers() for each in chosen])
         counts = np.concatenate([each.tag_counts() for each in chosen])
         names, ids = list(self.classes), list(self.classes.values())
@@ -218,9 +218,9 @@ def _channels(chosen: Sequence[ChosenBoxes]) -> ChannelNumbers | None:
     return numbers[np.concatenate(rows)]
 
 
-def _solid(boxes: Sequence[Geometry | None]) -> FrameGeometry:
+def _solid(boxes: Sequence[Geometry | None]) -> BoxGeometry:
     absent = (np.nan,) * 4
-    return FrameGeometry(
+    return BoxGeometry.loaded(
         amodal_xyxy=np.array(
             [(box and box.amodal_xyxy) or absent for box in boxes], np.float64
         ).reshape(-1, 4),

@@ -26,7 +26,7 @@ from app.services.pixel_work import SENSORS, FrameFiles, MeasureRequest
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS, FILE_OF
-from filter_core.geometry.projection import FrameGeometry
+from filter_core.geometry.projection import BoxGeometry
 from filter_core.pipeline import MeasuredFrame
 from filter_core.segmentation.reading import SegmentationOptions
 
@@ -235,7 +235,7 @@ def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def _geometry(found: FrameGeometry) -> list[Geometry | None]:
+def _geometry(found: BoxGeometry) -> list[Geometry | None]:
     return [
         None
         if edges is None

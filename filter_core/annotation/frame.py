@@ -1,8 +1,8 @@
-"""What an annotation says once it is read, and its boxes as rectangles of the image.
+"""The annotation of one frame once it is read, and its boxes as rectangles.
 
-What an annotation says once it has been read: immutable values, no reading here.
-
-From an annotation to the rectangles that the filter measures.
+`filter_core.annotation.parsing` makes these values from JSON; they are not changed
+afterwards. `frame_boxes_2d` puts the boxes, whatever form they were given in, into the
+frame's image.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
-from filter_core.geometry.projection import GeometryResult, Projections, project_boxes
+from filter_core.geometry.projection import BoxGeometry, Projections, project_boxes
 from filter_core.json_text import JsonLimits
 from filter_core.types import BoxesXYXY, FloatArray, IntArray
 
@@ -28,11 +28,14 @@ BOX3D: Final = "box3d"
 
 FORMS_3D: Final = (VERTICES, BOX3D)
 
-_MIN_KEYS: Final = 200_000
-"""Keys that an annotation may have, however few boxes: they cost more than values."""
-
 GEOMETRIES: Final = (*FORMS, *FORMS_3D)
 """The keys under which a box can give its geometry, exactly one of them."""
+
+_MIN_KEYS: Final = 200_000
+"""Keys of JSON that any annotation may have, also one of few boxes."""
+
+_OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
+"""A rectangle that every profile finds outside of every image."""
 
 
 @dataclass(frozen=True)
@@ -150,13 +153,9 @@ class FrameAnnotation:
     raw: Mapping[str, object] = field(default_factory=dict)
 
 
-_OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
-"""A rectangle that every profile finds outside of every image."""
-
-
 def frame_boxes_2d(
     annotation: FrameAnnotation, wh: tuple[int, int], projection: str = "clipped"
-) -> GeometryResult:
+) -> BoxGeometry:
     """The rectangles of a frame's boxes in its image.
 
     Parameters
@@ -168,7 +167,7 @@ def frame_boxes_2d(
 
     Returns
     -------
-    GeometryResult
+    BoxGeometry
 
     Raises
     ------
@@ -181,9 +180,8 @@ def frame_boxes_2d(
     """
     if annotation.camera_wh not in (None, wh):
         raise _size_mismatch(annotation.camera_wh, wh)
-    boxes = annotation.boxes
-    count = len(boxes)
-    result = GeometryResult(
+    count = len(annotation.boxes)
+    geometry = BoxGeometry(
         xyxy=np.full((count, 4), np.nan),
         amodal_xyxy=np.full((count, 4), np.nan),
         visible_xyxy=np.full((count, 4), np.nan),
@@ -191,12 +189,12 @@ def frame_boxes_2d(
         distance=np.full(count, np.nan),
         vertices=np.full((count, 8, 3), np.nan),
     )
-    _fill_rectangles(result, boxes, wh)
-    _fill_projections(result, annotation, projection)
-    for row, box in enumerate(boxes):
+    _fill_rectangles(geometry, annotation.boxes, wh)
+    _fill_projections(geometry, annotation, projection)
+    for row, box in enumerate(annotation.boxes):
         if box.distance is not None:
-            result.distance[row] = box.distance
-    return result
+            geometry.distance[row] = box.distance
+    return geometry
 
 
 def _size_mismatch(
@@ -209,25 +207,16 @@ def _size_mismatch(
     )
 
 
-def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:
-    rows = [row for row, box in enumerate(boxes) if box.form == form]
-    return np.array(rows, dtype=np.int64)
-
-
-def _values(boxes: Sequence[BoxAnnotation], rows: IntArray) -> FloatArray:
-    return np.array([boxes[row].values for row in rows], dtype=np.float64)
-
-
 def _fill_rectangles(
-    result: GeometryResult, boxes: Sequence[BoxAnnotation], wh: tuple[int, int]
+    geometry: BoxGeometry, boxes: Sequence[BoxAnnotation], wh: tuple[int, int]
 ) -> None:
     for form in {box.form for box in boxes}.intersection(FORMS):
         rows = _rows_of(boxes, form)
-        result.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
+        geometry.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
 
 
 def _fill_projections(
-    result: GeometryResult, annotation: FrameAnnotation, projection: str
+    geometry: BoxGeometry, annotation: FrameAnnotation, projection: str
 ) -> None:
     boxes = annotation.boxes
     given, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)
@@ -236,15 +225,24 @@ def _fill_projections(
         return
     if annotation.camera is None:
         raise _no_camera(boxes[rows[0]])
-    result.vertices[given] = _values(boxes, given).reshape(-1, 8, 3)
-    result.vertices[actors] = boxes3d_vertices(_values(boxes, actors))
-    seen = project_boxes(result.vertices[rows], annotation.camera, projection)
-    result.amodal_xyxy[rows] = seen.amodal_xyxy
-    result.visible_xyxy[rows] = seen.visible_xyxy
-    result.distance[rows] = seen.distance
-    result.xyxy[rows] = _measured_rectangles(seen, projection)
+    geometry.vertices[given] = _values(boxes, given).reshape(-1, 8, 3)
+    geometry.vertices[actors] = boxes3d_vertices(_values(boxes, actors))
+    seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
+    geometry.amodal_xyxy[rows] = seen.amodal_xyxy
+    geometry.visible_xyxy[rows] = seen.visible_xyxy
+    geometry.distance[rows] = seen.distance
+    geometry.xyxy[rows] = _measured_rectangles(seen, projection)
     for row, edges in zip(rows, seen.edges, strict=True):
-        result.edges[row] = edges
+        geometry.edges[row] = edges
+
+
+def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:
+    rows = [row for row, box in enumerate(boxes) if box.form == form]
+    return np.array(rows, dtype=np.int64)
+
+
+def _values(boxes: Sequence[BoxAnnotation], rows: IntArray) -> FloatArray:
+    return np.array([boxes[row].values for row in rows], dtype=np.float64)
 
 
 def _measured_rectangles(seen: Projections, projection: str) -> BoxesXYXY:

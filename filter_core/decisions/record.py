@@ -25,7 +25,7 @@ from filter_core.decisions.channels import (
     channels_used,
 )
 from filter_core.decisions.explain import HiddenBy, Judgement, explain, hidden_by
-from filter_core.geometry.projection import FrameGeometry
+from filter_core.geometry.projection import BoxGeometry
 from filter_core.types import NOT_MEASURED, Decisions, Evidence, Reason
 
 FULLY_VISIBLE: Final = 0
@@ -207,7 +207,7 @@ def decision_dicts(
     ids: Sequence[str],
     evidence: Evidence,
     decisions: Decisions,
-    geometry: FrameGeometry | None = None,
+    geometry: BoxGeometry | None = None,
 ) -> list[dict[str, object]]:
     """Decisions in the order of the boxes: of one frame, or each with its own frame.
 
@@ -280,7 +280,7 @@ def _plain(column: NDArray[Any]) -> list[Any]:
     return [None if value == NOT_MEASURED else value for value in column.tolist()]
 
 
-def _geometry_columns(geometry: FrameGeometry | None) -> dict[str, list[Any]]:
+def _geometry_columns(geometry: BoxGeometry | None) -> dict[str, list[Any]]:
     if geometry is None:
         return {}
     return {

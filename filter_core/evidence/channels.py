@@ -39,7 +39,7 @@ from filter_core.evidence.silhouettes import (
 )
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
-from filter_core.geometry.projection import GeometryResult
+from filter_core.geometry.projection import BoxGeometry
 from filter_core.images.header import MAX_SIDE
 from filter_core.segmentation.codes import Segmentation
 from filter_core.types import (
@@ -236,7 +236,7 @@ class FrameParts:
 
     annotation: FrameAnnotation
     segmentation: Segmentation | None
-    geometry: GeometryResult
+    geometry: BoxGeometry
     wh: tuple[int, int]
     ignore: Mask | None = None
 

@@ -17,7 +17,7 @@ from filter_core.annotation.frame import FrameAnnotation
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
-from filter_core.geometry.projection import GeometryResult
+from filter_core.geometry.projection import BoxGeometry
 from filter_core.types import FloatArray
 
 Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
@@ -172,7 +172,7 @@ def _extra(given: Mapping[str, Any], known: frozenset[str]) -> dict[str, Any]:
 def export_boxes(
     annotation: FrameAnnotation,
     decisions: Iterable[Mapping[str, object]],
-    geometry: GeometryResult,
+    geometry: BoxGeometry,
 ) -> list[ExportBox]:
     """The boxes of a frame from its annotation, decisions and rectangles, in order."""
     given = geometry.xyxy.tolist()

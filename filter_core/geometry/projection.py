@@ -1,14 +1,14 @@
-"""3D boxes as the camera sees them, with exact clipping.
+"""3D boxes as the camera sees them: rectangles, edges to draw, distances.
 
-3D boxes as the camera sees them: exact rectangles and the edges to draw.
-
-Exact clipping of segments and convex shapes. No cameras and no boxes here.
+Corners in metres and a camera come in, rectangles in pixels come out. A box that
+reaches behind the camera is clipped by the near plane before anything is divided by its
+depth, and all clipping is exact, so that a rectangle is as small as what it surrounds.
+`BoxGeometry` holds the results for all boxes of a frame, 2D ones included.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
 from typing import Final
@@ -17,151 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from filter_core.errors import FilterError
-from filter_core.geometry.box3d import (
-    EDGES,
-    as_vertices,
-    in_carla_order,
-)
+from filter_core.geometry.box3d import EDGES, as_vertices, in_carla_order
 from filter_core.geometry.camera import Camera
-from filter_core.types import (
-    BoolArray,
-    BoxesXYXY,
-    FloatArray,
-    IntArray,
-)
-
-MAX_CORNERS: Final = 20
-"""A plane cuts 8 points into k and 8 - k: at most ``k + k (8 - k)`` corners, k = 4."""
-
-
-def all_pairs(count: int) -> IntArray:
-    """(count (count - 1) / 2, 2): every segment between `count` points."""
-    return np.array(list(combinations(range(count), 2)), dtype=np.int64)
-
-
-_PAIRS: Final = {count: all_pairs(count) for count in (8, MAX_CORNERS)}
-
-
-def clip_segments(
-    start: FloatArray, end: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """The part of segments that lies inside half-spaces.
-
-    Parameters
-    ----------
-    start, end : (..., H)
-        Signed distances of both ends from H planes, 0 and more inside. They must be
-        linear along the segment; any positive scale per plane will do.
-
-    Returns
-    -------
-    enter, leave : (...), 0..1
-        The part inside runs from ``start + enter (end - start)`` to ``leave``.
-    inside : (...), bool
-        False where nothing is inside.
-
-    References
-    ----------
-    .. [1] Y.-D. Liang, B. Barsky, "A New Concept and Method for Line Clipping",
-       ACM Transactions on Graphics 3(1), 1984.
-    """
-    # Where both ends are on one side, a tiny step would overflow the division.
-    crosses = (start < 0) != (end < 0)
-    crossing = start / np.where(crosses, start - end, 1.0)
-    enter = np.where(start < 0, crossing, 0.0).max(axis=-1)
-    leave = np.where(end < 0, crossing, 1.0).min(axis=-1)
-    wholly_out = ((start < 0) & (end < 0)).any(axis=-1)
-    return enter, leave, ~wholly_out & (enter <= leave)
-
-
-def cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:
-    """Corners of the hull of 8 points after a cut by one plane.
-
-    Parameters
-    ----------
-    points : (N, 8, D)
-    distance : (N, 8)
-        From the plane, 0 and more is kept; at least one point of each row must be.
-
-    Returns
-    -------
-    (N, `MAX_CORNERS`, D)
-        Points whose hull is the kept part; padded by repeating a kept point.
-
-    Notes
-    -----
-    Every edge of the hull is among the 28 segments between its points, and every such
-    segment lies within the hull: the order of the points does not matter.
-    """
-    first, second = _PAIRS[8].T
-    d_first, d_second = distance[:, first], distance[:, second]
-    crosses = (d_first >= 0) != (d_second >= 0)
-    share = d_first / np.where(crosses, d_first - d_second, 1.0)
-    crossing = points[:, first] + share[..., None] * (
-        points[:, second] - points[:, first]
-    )
-    candidates = np.concatenate([points, crossing], axis=1)
-    kept = np.concatenate([distance >= 0, crosses], axis=1)
-    order = np.argsort(~kept, axis=1, kind="stable")[:, :MAX_CORNERS]
-    order = np.where(np.take_along_axis(kept, order, axis=1), order, order[:, :1])
-    return np.take_along_axis(candidates, order[..., None], axis=1)
-
-
-def bounds_of(points: FloatArray) -> FloatArray:
-    """(N, 4) ``xyxy``: the smallest rectangles around (N, P, 2) points."""
-    return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
-
-
-def hull_bounds_in_image(points: FloatArray, wh: tuple[int, int]) -> FloatArray:
-    """The smallest rectangles around what the image shows of convex shapes.
-
-    Parameters
-    ----------
-    points : (N, P, 2), px
-        Points whose hulls are the shapes; P is 8 or `MAX_CORNERS`.
-    wh : (width, height), px
-
-    Returns
-    -------
-    (N, 4) float64 ``xyxy``, px
-        NaN rows where the image shows nothing.
-
-    Notes
-    -----
-    What remains of a convex shape between the image's top and bottom has an interval
-    of x, and over each x of it some point within; so clamping that interval to the
-    image's width is exact. Likewise for y. No hull has to be built.
-    """
-    x_low, x_high = _range_in_strip(points, axis=0, limit=wh[1])
-    y_low, y_high = _range_in_strip(points, axis=1, limit=wh[0])
-    low = np.maximum(np.stack([x_low, y_low], axis=1), 0.0)
-    high = np.minimum(np.stack([x_high, y_high], axis=1), wh)
-    bounds = np.concatenate([low, high], axis=1)
-    bounds[(low > high).any(axis=1)] = np.nan
-    return bounds
-
-
-def _range_in_strip(
-    points: FloatArray, *, axis: int, limit: int
-) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest `axis` where the other axis is within 0..limit."""
-    first, second = _PAIRS[points.shape[1]].T
-    along, across = points[..., axis], points[..., 1 - axis]
-    distance = np.stack([across, limit - across], axis=-1)
-    enter, leave, inside = clip_segments(distance[:, first], distance[:, second])
-    start, step = along[:, first], along[:, second] - along[:, first]
-    ends = np.stack([start + enter * step, start + leave * step])
-    # Rounding must not move an end beyond the corners themselves.
-    np.clip(ends, along.min(axis=1)[:, None], along.max(axis=1)[:, None], out=ends)
-    low = np.where(inside, ends, np.inf).min(axis=(0, 2))
-    high = np.where(inside, ends, -np.inf).max(axis=(0, 2))
-    return low, high
-
+from filter_core.types import BoolArray, BoxesXYXY, FloatArray, IntArray
 
 NEAR_PLANE: Final = 0.1
 """Metres; Unreal's near plane is at 10 cm."""
 
-MODES: Final = ("clipped", "naive")
+_MODES: Final = ("clipped", "naive")
 
 _NAIVE_START: Final = 10_000.0
 """px; the paper's code starts its minimum here, and its maximum at the negative."""
@@ -216,35 +79,57 @@ class Projection:
     status: DepthStatus
 
 
-def project_box(
-    vertices: ArrayLike, camera: Camera, mode: str = "clipped"
-) -> Projection:
-    """One box as the camera sees it; `project_boxes` for one.
+@dataclass(frozen=True, eq=False)
+class BoxGeometry:
+    """N boxes, usually all of a frame, in their image; NaN is what is not known.
 
-    Parameters
+    Attributes
     ----------
-    vertices : (8, 3), metres
-    camera : Camera
-    mode : {"clipped", "naive"}
-
-    Returns
-    -------
-    Projection
-        Rectangles are (4,) float64 ``xyxy``, or None where there is nothing.
-
-    Raises
-    ------
-    FilterError
-        ``bad_shape``, ``bad_projection``.
+    xyxy : (N, 4) float64, px
+        What the filter corrects and measures: the rectangle as given; of a 3D box what
+        the projection makes of it, and a rectangle outside of the image where the
+        camera sees nothing. NaN rows if loaded, see `loaded`.
+    amodal_xyxy, visible_xyxy : (N, 4) float64, px
+        Of 3D boxes, before and after clipping to the image; NaN rows for 2D boxes and
+        where there is nothing.
+    edges : list of N (E, 4) float64 arrays, px, or None
+        Clipped edges to draw; None for 2D boxes.
+    distance : (N,) float64, metres
+        As given, else from the camera to the 3D box's centre, else NaN.
+    vertices : (N, 8, 3) float64, metres
+        World corners of 3D boxes; NaN rows for 2D boxes, and if loaded.
     """
-    many = project_boxes(vertices, camera, mode)
-    return Projection(
-        visible_xyxy=_row_or_none(many.visible_xyxy[0]),
-        amodal_xyxy=_row_or_none(many.amodal_xyxy[0]),
-        edges=many.edges[0],
-        distance=float(many.distance[0]),
-        status=DepthStatus(int(many.status[0])),
-    )
+
+    xyxy: BoxesXYXY
+    amodal_xyxy: BoxesXYXY
+    visible_xyxy: BoxesXYXY
+    edges: list[FloatArray | None]
+    distance: FloatArray
+    vertices: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.xyxy)
+
+    @classmethod
+    def loaded(
+        cls,
+        amodal_xyxy: BoxesXYXY,
+        visible_xyxy: BoxesXYXY,
+        edges: list[FloatArray | None],
+    ) -> BoxGeometry:
+        """What was stored of N boxes: what decisions show, and NaN for all else.
+
+        The NaN arrays are read-only and need no memory, however many boxes there are.
+        """
+        count = len(edges)
+        return cls(
+            xyxy=np.broadcast_to(np.nan, (count, 4)),
+            amodal_xyxy=amodal_xyxy,
+            visible_xyxy=visible_xyxy,
+            edges=edges,
+            distance=np.broadcast_to(np.nan, count),
+            vertices=np.broadcast_to(np.nan, (count, 8, 3)),
+        )
 
 
 def project_boxes(
@@ -279,8 +164,8 @@ def project_boxes(
     reference polygon clipping). Edges need CARLA's order; corners in another order are
     put into it first.
     """
-    if mode not in MODES:
-        expected = " or ".join(MODES)
+    if mode not in _MODES:
+        expected = " or ".join(_MODES)
         raise FilterError(
             f"projection: expected {expected}, found {mode!r}", code="bad_projection"
         )
@@ -300,6 +185,37 @@ def project_boxes(
         edges=_clipped_edges(drawn, wh),
         distance=np.linalg.norm(boxes.mean(axis=1) - camera.position, axis=1),
         status=status,
+    )
+
+
+def project_box(
+    vertices: ArrayLike, camera: Camera, mode: str = "clipped"
+) -> Projection:
+    """One box as the camera sees it; `project_boxes` for one.
+
+    Parameters
+    ----------
+    vertices : (8, 3), metres
+    camera : Camera
+    mode : {"clipped", "naive"}
+
+    Returns
+    -------
+    Projection
+        Rectangles are (4,) float64 ``xyxy``, or None where there is nothing.
+
+    Raises
+    ------
+    FilterError
+        ``bad_shape``, ``bad_projection``.
+    """
+    many = project_boxes(vertices, camera, mode)
+    return Projection(
+        visible_xyxy=_row_or_none(many.visible_xyxy[0]),
+        amodal_xyxy=_row_or_none(many.amodal_xyxy[0]),
+        edges=many.edges[0],
+        distance=float(many.distance[0]),
+        status=DepthStatus(int(many.status[0])),
     )
 
 
@@ -329,7 +245,7 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
             found.append(np.empty((0, 2)))
             continue
         if where == DepthStatus.STRADDLES_NEAR_PLANE:
-            corners = cut_hull(corners[None], corners[None, :, 2] - NEAR_PLANE)[0]
+            corners = _cut_hull(corners[None], corners[None, :, 2] - NEAR_PLANE)[0]
         found.append(corners[:, :2] / corners[:, 2:])
     return found
 
@@ -361,11 +277,16 @@ def _clipped_bounds(
             continue
         corners = image_points[rows]
         if group is DepthStatus.STRADDLES_NEAR_PLANE:
-            corners = cut_hull(corners, corners[..., 2] - NEAR_PLANE)
+            corners = _cut_hull(corners, corners[..., 2] - NEAR_PLANE)
         pixels = corners[..., :2] / corners[..., 2:]
-        amodal[rows] = bounds_of(pixels)
-        visible[rows] = hull_bounds_in_image(pixels, wh)
+        amodal[rows] = _bounds_of(pixels)
+        visible[rows] = _hull_bounds_in_image(pixels, wh)
     return amodal, visible
+
+
+def _bounds_of(points: FloatArray) -> FloatArray:
+    """(N, 4) ``xyxy``: the smallest rectangles around (N, P, 2) points."""
+    return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
 
 
 def _naive_bounds(image_points: FloatArray) -> BoxesXYXY:
@@ -391,7 +312,7 @@ def _clipped_edges(image_points: FloatArray, wh: tuple[int, int]) -> list[FloatA
     planes = [depth - NEAR_PLANE, u, wh[0] * depth - u, v, wh[1] * depth - v]
     distance = np.stack(planes, axis=-1)
     first, second = EDGES.T
-    enter, leave, inside = clip_segments(distance[:, first], distance[:, second])
+    enter, leave, inside = _clip_segments(distance[:, first], distance[:, second])
     start = image_points[:, first][inside]
     step = image_points[:, second][inside] - start
     ends = [start + share[inside, None] * step for share in (enter, leave)]
@@ -401,42 +322,124 @@ def _clipped_edges(image_points: FloatArray, wh: tuple[int, int]) -> list[FloatA
     return np.split(lines, np.cumsum(inside.sum(axis=1))[:-1]) if len(inside) else []
 
 
-@dataclass(frozen=True, eq=False)
-class GeometryResult:
-    """The N boxes of a frame in its image.
+_MAX_CORNERS: Final = 20
+"""A plane cuts 8 points into k and 8 - k: at most ``k + k (8 - k)`` corners, k = 4."""
 
-    Attributes
+
+def _all_pairs(count: int) -> IntArray:
+    """(count (count - 1) / 2, 2): every segment between `count` points."""
+    return np.array(list(combinations(range(count), 2)), dtype=np.int64)
+
+
+_PAIRS: Final = {count: _all_pairs(count) for count in (8, _MAX_CORNERS)}
+
+
+def _cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:
+    """Corners of the hull of 8 points after a cut by one plane.
+
+    Parameters
     ----------
-    xyxy : (N, 4) float64, px
-        What the filter corrects and measures: the rectangle as given; of a 3D box what
-        the projection makes of it, and a rectangle outside of the image where the
-        camera sees nothing.
-    amodal_xyxy, visible_xyxy : (N, 4) float64, px
-        Of 3D boxes, before and after clipping to the image; NaN rows for 2D boxes and
-        where there is nothing.
-    edges : list of N (E, 4) float64 arrays, px, or None
-        Clipped edges to draw; None for 2D boxes.
-    distance : (N,) float64, metres
-        As given, else from the camera to the 3D box's centre, else NaN.
-    vertices : (N, 8, 3) float64, metres
-        World corners of 3D boxes; NaN rows for 2D boxes.
+    points : (N, 8, D)
+    distance : (N, 8)
+        From the plane, 0 and more is kept; at least one point of each row must be.
+
+    Returns
+    -------
+    (N, `_MAX_CORNERS`, D)
+        Points whose hull is the kept part; padded by repeating a kept point.
+
+    Notes
+    -----
+    Every edge of the hull is among the 28 segments between its points, and every such
+    segment lies within the hull: the order of the points does not matter.
     """
+    first, second = _PAIRS[8].T
+    d_first, d_second = distance[:, first], distance[:, second]
+    crosses = (d_first >= 0) != (d_second >= 0)
+    share = d_first / np.where(crosses, d_first - d_second, 1.0)
+    crossing = points[:, first] + share[..., None] * (
+        points[:, second] - points[:, first]
+    )
+    candidates = np.concatenate([points, crossing], axis=1)
+    kept = np.concatenate([distance >= 0, crosses], axis=1)
+    order = np.argsort(~kept, axis=1, kind="stable")[:, :_MAX_CORNERS]
+    order = np.where(np.take_along_axis(kept, order, axis=1), order, order[:, :1])
+    return np.take_along_axis(candidates, order[..., None], axis=1)
 
-    xyxy: BoxesXYXY
-    amodal_xyxy: BoxesXYXY
-    visible_xyxy: BoxesXYXY
-    edges: list[FloatArray | None]
-    distance: FloatArray
-    vertices: FloatArray
 
-    def __len__(self) -> int:
-        return len(self.xyxy)
+def _hull_bounds_in_image(points: FloatArray, wh: tuple[int, int]) -> FloatArray:
+    """The smallest rectangles around what the image shows of convex shapes.
+
+    Parameters
+    ----------
+    points : (N, P, 2), px
+        Points whose hulls are the shapes; P is 8 or `_MAX_CORNERS`.
+    wh : (width, height), px
+
+    Returns
+    -------
+    (N, 4) float64 ``xyxy``, px
+        NaN rows where the image shows nothing.
+
+    Notes
+    -----
+    What remains of a convex shape between the image's top and bottom has an interval
+    of x, and over each x of it some point within; so clamping that interval to the
+    image's width is exact. Likewise for y. No hull has to be built.
+    """
+    x_low, x_high = _range_in_strip(points, axis=0, limit=wh[1])
+    y_low, y_high = _range_in_strip(points, axis=1, limit=wh[0])
+    low = np.maximum(np.stack([x_low, y_low], axis=1), 0.0)
+    high = np.minimum(np.stack([x_high, y_high], axis=1), wh)
+    bounds = np.concatenate([low, high], axis=1)
+    bounds[(low > high).any(axis=1)] = np.nan
+    return bounds
 
 
-@dataclass(frozen=True)
-class FrameGeometry:
-    """What only 3D boxes have, for each of N boxes; NaN rows and None elsewhere."""
+def _range_in_strip(
+    points: FloatArray, *, axis: int, limit: int
+) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest `axis` where the other axis is within 0..limit."""
+    first, second = _PAIRS[points.shape[1]].T
+    along, across = points[..., axis], points[..., 1 - axis]
+    distance = np.stack([across, limit - across], axis=-1)
+    enter, leave, inside = _clip_segments(distance[:, first], distance[:, second])
+    start, step = along[:, first], along[:, second] - along[:, first]
+    ends = np.stack([start + enter * step, start + leave * step])
+    # Rounding must not move an end beyond the corners themselves.
+    np.clip(ends, along.min(axis=1)[:, None], along.max(axis=1)[:, None], out=ends)
+    low = np.where(inside, ends, np.inf).min(axis=(0, 2))
+    high = np.where(inside, ends, -np.inf).max(axis=(0, 2))
+    return low, high
 
-    amodal_xyxy: BoxesXYXY
-    visible_xyxy: BoxesXYXY
-    edges: Sequence[FloatArray | None] = field(default_factory=tuple)
+
+def _clip_segments(
+    start: FloatArray, end: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """The part of segments that lies inside half-spaces.
+
+    Parameters
+    ----------
+    start, end : (..., H)
+        Signed distances of both ends from H planes, 0 and more inside. They must be
+        linear along the segment; any positive scale per plane will do.
+
+    Returns
+    -------
+    enter, leave : (...), 0..1
+        The part inside runs from ``start + enter (end - start)`` to ``leave``.
+    inside : (...), bool
+        False where nothing is inside.
+
+    References
+    ----------
+    .. [1] Y.-D. Liang, B. Barsky, "A New Concept and Method for Line Clipping",
+       ACM Transactions on Graphics 3(1), 1984.
+    """
+    # Where both ends are on one side, a tiny step would overflow the division.
+    crosses = (start < 0) != (end < 0)
+    crossing = start / np.where(crosses, start - end, 1.0)
+    enter = np.where(start < 0, crossing, 0.0).max(axis=-1)
+    leave = np.where(end < 0, crossing, 1.0).min(axis=-1)
+    wholly_out = ((start < 0) & (end < 0)).any(axis=-1)
+    return enter, leave, ~wholly_out & (enter <= leave)

@@ -237,6 +237,10 @@ def test_a_3d_box_comes_with_its_rectangles_and_edges():
     assert decision["distance"] == pytest.approx(10)
     assert decision["xyxy"] == decision["visible_xyxy"] == [35, 25, 45, 35]
     assert len(decision["edges"]) == 12
+    geometry = result.measured.geometry
+    assert geometry.xyxy.tolist() == [[35, 25, 45, 35]]
+    assert geometry.distance.tolist() == [pytest.approx(10)]
+    assert (geometry.vertices.min(), geometry.vertices.max()) == (-1, 12)
 
 
 def test_a_frame_without_boxes_has_no_decisions():
