@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterable, Iterator
 
 from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
-from filter_core.formats.registry import FORMATS, write_export
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 
 FEW, MANY = 1_000, 10_000
 BOXES = 30
@@ -36,7 +36,7 @@ def main() -> None:
         print(json.dumps(written(options.format, options.frames)))
         return
     figures = {}
-    for name in FORMATS:
+    for name in EXPORT_FORMATS:
         few, many = (in_a_process(name, frames) for frames in (FEW, MANY))
         figures[f"{name}, us per box"] = many["us_per_box"]
         figures[f"{name}, peak of 300,000 boxes, MiB"] = many["peak_mib"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import (
     BaseModel,
@@ -23,7 +23,13 @@ from filter_core.formats.export import (
     Include,
     Rejected,
 )
-from filter_core.formats.registry import FormatName
+from filter_core.formats.registry import EXPORT_FORMATS
+
+if TYPE_CHECKING:
+    _FormatName: TypeAlias = str
+else:
+    # Its values are known when the library has been loaded, not to a type checker.
+    _FormatName = Literal[EXPORT_FORMATS]
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -205,7 +211,7 @@ class ExportIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     format: Annotated[
-        FormatName,
+        _FormatName,
         Field(description="One of the formats of docs/formats.md."),
     ]
     options: ExportOptions = ExportOptions()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import JsonError, LayoutError
+from filter_core.formats.format import Format, Likeness, Source
 from filter_core.formats.reading import (
     FrameSet,
     ReadOptions,
@@ -110,3 +111,15 @@ def _only_narrower(bands: list[Path]) -> Iterator[Unmatched]:
                 yield Unmatched(
                     f"{band.name}/{name}", f"not in the widest band, {bands[-1].name}"
                 )
+
+
+def _likeness(source: Source) -> Likeness:
+    return "none" if camera_folder(source.path) is None else "certain"
+
+
+CARLASIMU: Final = Format(
+    name="carlasimu",
+    title="carlasimu",
+    likeness=_likeness,
+    read=read_carlasimu,
+)

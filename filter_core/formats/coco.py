@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -17,6 +18,7 @@ from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.coco_index import CocoIndex, index_coco, looks_like_coco
 from filter_core.formats.files import Spool, json_bytes
+from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
@@ -28,7 +30,15 @@ from filter_core.formats.reading import (
     segmentation_folder,
     walk,
 )
-from filter_core.formats.writing import PARTS, Desk, OutBox, OutFrame, Traits, band_name
+from filter_core.formats.writing import (
+    PARTS,
+    Desk,
+    OutBox,
+    OutFrame,
+    Traits,
+    band_name,
+    write_labels,
+)
 
 _PARTS: Final = ("train", "val", "test")
 
@@ -396,3 +406,19 @@ def _attributes(out: OutBox) -> dict[str, Any]:
 
 def _round(value: float) -> float:
     return round(value, _DECIMALS)
+
+
+def _likeness(source: Source) -> Likeness:
+    if source.path.is_file():
+        return "certain" if source.path.suffix.lower() == ".json" else "none"
+    return "possible" if coco_files(source.path) else "none"
+
+
+COCO: Final = Format(
+    name="coco",
+    title="COCO",
+    likeness=_likeness,
+    read=read_coco,
+    write=partial(write_labels, new_writer=CocoWriter),
+    options=LABEL_OPTIONS | {"bands", "rejected"},
+)

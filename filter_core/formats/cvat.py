@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import ClassVar, Final
 
 from filter_core.formats.files import attributes, element, escaped, number_text
-from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits
+from filter_core.formats.format import LABEL_OPTIONS, Format
+from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits, write_labels
 
 _VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
 
@@ -97,3 +99,11 @@ def _box(one: OutBox) -> str:
 
 def _attribute(name: str, value: object) -> str:
     return f"<attribute{attributes(name=name)}>{escaped(value)}</attribute>"
+
+
+CVAT: Final = Format(
+    name="cvat",
+    title="CVAT for images 1.1",
+    write=partial(write_labels, new_writer=CvatWriter),
+    options=LABEL_OPTIONS - {"split"},
+)

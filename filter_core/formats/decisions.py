@@ -14,8 +14,15 @@ from itertools import islice
 from typing import Any, Final, TypeAlias
 
 from filter_core.errors import NotAvailable
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, Sink
+from filter_core.formats.export import (
+    ExportBox,
+    ExportFrame,
+    ExportHead,
+    ExportOptions,
+    Sink,
+)
 from filter_core.formats.files import Spool, json_bytes
+from filter_core.formats.format import Format, Write
 from filter_core.formats.tally import Counts, ExportTally
 
 _CORNERS: Final = ("x_min", "y_min", "x_max", "y_max")
@@ -238,3 +245,31 @@ def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
         name: value.encode("utf-8", "replace").decode() if type(value) is str else value
         for name, value in row.items()
     }
+
+
+def _writer(form: str) -> Write:
+    def write(
+        frames: Iterable[ExportFrame],
+        sink: Sink,
+        head: ExportHead,
+        options: ExportOptions,  # there is none to heed
+    ) -> Counts:
+        return write_decisions(frames, sink, head, form)
+
+    return write
+
+
+DECISIONS_JSONL: Final = Format(
+    name="decisions-jsonl", title="Decisions, JSON lines", write=_writer("jsonl")
+)
+
+DECISIONS_CSV: Final = Format(
+    name="decisions-csv", title="Decisions, CSV", write=_writer("csv")
+)
+
+DECISIONS_PARQUET: Final = Format(
+    name="decisions-parquet",
+    title="Decisions, Parquet",
+    write=_writer("parquet"),
+    require=require_parquet,
+)

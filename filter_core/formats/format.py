@@ -1,10 +1,16 @@
-"""What a format says of itself: its title, its options, and how it is written."""
+"""What a format says of itself: how it is recognised, read and written.
+
+Each format's module declares one `Format`; `filter_core.formats.registry` lists them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Final, Literal, Protocol, TypeAlias
 
 from filter_core.formats.export import (
     ExportFrame,
@@ -12,12 +18,39 @@ from filter_core.formats.export import (
     ExportOptions,
     Sink,
 )
+from filter_core.formats.reading import FrameSet, ReadOptions, walk
 from filter_core.formats.tally import Counts
-from filter_core.formats.writing import NewWriter, write_labels
 
-_CHOICE: Final = frozenset({"include", "include_unmeasured", "images"})
+Likeness: TypeAlias = Literal["certain", "possible", "none"]
+"""``certain`` settles the format of a folder; ``possible`` only if no other is."""
 
-_LABELS: Final = _CHOICE | {"boxes", "split"}
+FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
+"""The `ExportOptions` that say which boxes and images are written."""
+
+LABEL_OPTIONS: Final = FRAME_OPTIONS | {"boxes", "split"}
+"""Those that nearly every format of labels has."""
+
+_FILES_LOOKED_AT: Final = 2000
+
+
+@dataclass(frozen=True)
+class Source:
+    """A folder or a file whose format is to be recognised.
+
+    Attributes
+    ----------
+    path : Path
+    """
+
+    path: Path
+
+    @cached_property
+    def label_files(self) -> list[str]:
+        """The first 2,000 ``.txt`` and ``.xml`` files of a folder, relative to it.
+
+        Listed once, however many formats ask.
+        """
+        return list(islice(walk(self.path, (".txt", ".xml")), _FILES_LOOKED_AT))
 
 
 class Write(Protocol):
@@ -33,36 +66,32 @@ class Write(Protocol):
         """Read frames once, one at a time; returns the counts."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Format:
-    """A format that labels can be written in.
+    """A format of annotated frames; what it cannot do is None.
 
     Attributes
     ----------
+    name : str
+        As commands, URLs and stored exports have it.
     title : str
         As people call it.
+    likeness : callable or None
+        Whether a source is in this format, told without reading its labels.
+    read : callable or None
+        Gives the frames of a folder or a file.
+    write : callable or None
     options : frozenset of str
-        The names of the `ExportOptions` that it heeds; any other must stay as it is.
-    write : callable
+        The names of the `ExportOptions` that `write` heeds; any other must stay as it
+        is.
+    require : callable or None
+        Raises `NotAvailable` if a library that `write` needs is not installed.
     """
 
+    name: str
     title: str
-    options: frozenset[str]
-    write: Write
-
-
-def _labels(
-    title: str,
-    writer: NewWriter,
-    *more: str,
-    without: Collection[str] = (),
-) -> Format:
-    def write(
-        frames: Iterable[ExportFrame],
-        sink: Sink,
-        head: ExportHead,
-        options: ExportOptions,
-    ) -> Counts:
-        return write_labels(frames, sink, head, options, writer)
-
-    return Format(title, _LABELS.union(more).difference(without), write)
+    likeness: Callable[[Source], Likeness] | None = None
+    read: Callable[[Path, ReadOptions], FrameSet] | None = None
+    write: Write | None = None
+    options: frozenset[str] = frozenset()
+    require: Callable[[], object] | None = None

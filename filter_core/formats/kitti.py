@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -19,6 +20,7 @@ import numpy as np
 
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.files import number_text
+from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
@@ -34,7 +36,15 @@ from filter_core.formats.reading import (
     walk,
     with_keys,
 )
-from filter_core.formats.writing import PARTS, Desk, OutBox, OutFrame, Traits, clipped
+from filter_core.formats.writing import (
+    PARTS,
+    Desk,
+    OutBox,
+    OutFrame,
+    Traits,
+    clipped,
+    write_labels,
+)
 from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.camera import CARLA_TO_IMAGE_AXES, Camera
 from filter_core.images.header import read_image_header
@@ -503,3 +513,17 @@ def _calibration(camera: Camera) -> str:
         f"{name}: {' '.join(f'{float(v):.12e}' for v in row)}\n"
         for name, row in rows.items()
     )
+
+
+def _likeness(source: Source) -> Likeness:
+    return "none" if kitti_folder(source.path) is None else "certain"
+
+
+KITTI: Final = Format(
+    name="kitti",
+    title="KITTI",
+    likeness=_likeness,
+    read=read_kitti,
+    write=partial(write_labels, new_writer=KittiWriter),
+    options=LABEL_OPTIONS | {"bands", "rejected"},
+)

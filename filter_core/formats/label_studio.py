@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, ClassVar, Final
 from urllib.parse import quote
 
 from filter_core.formats.files import attributes
-from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits
+from filter_core.formats.format import LABEL_OPTIONS, Format
+from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits, write_labels
 
 _LOCAL_FILES: Final = "/data/local-files/?d="
 """How Label Studio is told of a file below its LOCAL_FILES_DOCUMENT_ROOT."""
@@ -122,3 +124,11 @@ def _label_config(classes: Sequence[str]) -> str:
         '  <RectangleLabels name="label" toName="image">\n'
         f"{labels}  </RectangleLabels>\n</View>\n"
     )
+
+
+LABEL_STUDIO: Final = Format(
+    name="label-studio",
+    title="Label Studio",
+    write=partial(write_labels, new_writer=LabelStudioWriter),
+    options=LABEL_OPTIONS,
+)

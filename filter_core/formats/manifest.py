@@ -6,11 +6,13 @@ The product's own format: every annotation as it came, without what is rejected.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.formats.files import json_bytes
+from filter_core.formats.format import FRAME_OPTIONS, Format, Likeness, Source
 from filter_core.formats.reading import (
     MAX_KEY,
     MAX_LABEL_BYTES,
@@ -18,7 +20,7 @@ from filter_core.formats.reading import (
     FrameSource,
     ReadOptions,
 )
-from filter_core.formats.writing import Desk, OutFrame, Traits
+from filter_core.formats.writing import Desk, OutFrame, Traits, write_labels
 from filter_core.json_text import read_json
 from filter_core.values import shown
 
@@ -146,3 +148,20 @@ class ManifestWriter:
     def finish(self) -> None:
         """The manifest, now that it is complete."""
         self._desk.sink(MANIFEST_NAME, self._lines.pieces())
+
+
+def _likeness(source: Source) -> Likeness:
+    path = source.path
+    if path.is_file():
+        return "none" if path.suffix.lower() == ".json" else "certain"
+    return "certain" if (path / MANIFEST_NAME).is_file() else "none"
+
+
+MANIFEST: Final = Format(
+    name="manifest",
+    title="Unghost's own manifest",
+    likeness=_likeness,
+    read=read_manifest,
+    write=partial(write_labels, new_writer=ManifestWriter),
+    options=FRAME_OPTIONS,
+)

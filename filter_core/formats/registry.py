@@ -1,23 +1,23 @@
-"""The one door: formats in order, read_source, detect_layout, write_export.
+"""The formats that there are, and the one way to read and to write them.
 
-The formats that go out: one table for service, client, command line and page.
-
-Which layout a folder has, and the frames in it.
+A new format is a module that declares its `Format`, and a line of `FORMATS` here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
-from itertools import islice
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 from filter_core.errors import LayoutError
-from filter_core.formats.carlasimu import camera_folder, read_carlasimu
-from filter_core.formats.coco import CocoWriter, coco_files, read_coco
-from filter_core.formats.cvat import CvatWriter
-from filter_core.formats.decisions import require_parquet, write_decisions
+from filter_core.formats.carlasimu import CARLASIMU
+from filter_core.formats.coco import COCO
+from filter_core.formats.cvat import CVAT
+from filter_core.formats.decisions import (
+    DECISIONS_CSV,
+    DECISIONS_JSONL,
+    DECISIONS_PARQUET,
+)
 from filter_core.formats.export import (
     ExportError,
     ExportFrame,
@@ -25,127 +25,57 @@ from filter_core.formats.export import (
     ExportOptions,
     Sink,
 )
-from filter_core.formats.format import _CHOICE, Format, _labels
-from filter_core.formats.kitti import KittiWriter, kitti_folder, read_kitti
-from filter_core.formats.label_studio import LabelStudioWriter
-from filter_core.formats.manifest import MANIFEST_NAME, ManifestWriter, read_manifest
-from filter_core.formats.reading import FrameSet, ReadOptions, walk
+from filter_core.formats.format import Format, Source
+from filter_core.formats.kitti import KITTI
+from filter_core.formats.label_studio import LABEL_STUDIO
+from filter_core.formats.manifest import MANIFEST, MANIFEST_NAME
+from filter_core.formats.reading import FrameSet, ReadOptions
 from filter_core.formats.tally import Counts
-from filter_core.formats.voc import VocWriter, read_voc_folder
-from filter_core.formats.writing import write_labels
-from filter_core.formats.yolo import YoloWriter, find_class_list, is_label, read_yolo
+from filter_core.formats.voc import VOC
+from filter_core.formats.yolo import YOLO
 from filter_core.values import nearest
 
-FormatName = Literal[
-    "yolo",
-    "coco",
-    "kitti",
-    "voc",
-    "cvat",
-    "label-studio",
-    "manifest",
-    "decisions-jsonl",
-    "decisions-csv",
-    "decisions-parquet",
-]
-
-
-def write_export(
-    name: str,
-    frames: Iterable[ExportFrame],
-    sink: Sink,
-    head: ExportHead,
-    options: ExportOptions,
-) -> Counts:
-    """Write frames in a format of `FORMATS`; returns the counts of ``manifest.json``.
-
-    Errors as `format_of` and the format's writer.
-    """
-    return format_of(name, options).write(frames, sink, head, options)
-
-
-def format_of(name: str, options: ExportOptions) -> Format:
-    """The format of this name, if it can do what is asked.
-
-    Raises
-    ------
-    ExportError
-        There is no such format, or it has no such option.
-    NotAvailable
-        It needs a library that is not installed.
-    """
-    found = FORMATS.get(name)
-    if found is None:
-        raise ExportError(
-            f"unknown format {name[:40]!r}; the nearest is {nearest(name, FORMATS)!r}",
-            pointer="/format",
-        )
-    for option in sorted(options.changed() - found.options):
-        heeded = ", ".join(sorted(found.options)) or "none"
-        raise ExportError(
-            f"format {name!r} has no option {option!r}; it has {heeded}",
-            pointer=f"/options/{option}",
-        )
-    if name == "decisions-parquet":
-        require_parquet()
-    return found
-
-
-def _decisions(form: str, title: str) -> Format:
-    def write(
-        frames: Iterable[ExportFrame],
-        sink: Sink,
-        head: ExportHead,
-        options: ExportOptions,  # it heeds none
-    ) -> Counts:
-        return write_decisions(frames, sink, head, form)
-
-    return Format(title, frozenset(), write)
-
-
 FORMATS: Final[Mapping[str, Format]] = {
-    "yolo": _labels("YOLO (Ultralytics)", YoloWriter, "bands"),
-    "coco": _labels("COCO", CocoWriter, "bands", "rejected"),
-    "kitti": _labels("KITTI", KittiWriter, "bands", "rejected"),
-    "voc": _labels("Pascal VOC", VocWriter, "bands", "rejected"),
-    "cvat": _labels("CVAT for images 1.1", CvatWriter, without={"split"}),
-    "label-studio": _labels("Label Studio", LabelStudioWriter),
-    "manifest": Format(
-        "Unghost's own manifest",
-        _CHOICE,
-        partial(write_labels, new_writer=ManifestWriter),
-    ),
-    "decisions-jsonl": _decisions("jsonl", "Decisions, JSON lines"),
-    "decisions-csv": _decisions("csv", "Decisions, CSV"),
-    "decisions-parquet": _decisions("parquet", "Decisions, Parquet"),
+    one.name: one
+    for one in (
+        YOLO,
+        COCO,
+        KITTI,
+        VOC,
+        CVAT,
+        LABEL_STUDIO,
+        MANIFEST,
+        DECISIONS_JSONL,
+        DECISIONS_CSV,
+        DECISIONS_PARQUET,
+        CARLASIMU,
+    )
 }
-"""By name, in the order in which they are offered; the names are `FormatName`'s."""
+"""By name, in the order in which they are offered."""
 
-_READERS: Final[dict[str, Callable[[Path, ReadOptions], FrameSet]]] = {
-    "manifest": read_manifest,
-    "carlasimu": read_carlasimu,
-    "yolo": read_yolo,
-    "kitti": read_kitti,
-    "voc": read_voc_folder,
-    "coco": read_coco,
-}
+EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write)
+"""What `write_export` takes."""
 
-LAYOUTS: Final = ("auto", *_READERS)
+LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
 """What `read_source` takes."""
 
-_FILES_LOOKED_AT: Final = 2000
+_ASKED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
+"""A folder may have the files of several: the first that is certain is taken."""
+
+_RECOGNITION: Final = dict.fromkeys((*_ASKED_FIRST, *FORMATS.values()))
 
 
 def read_source(
     source: Path, layout: str = "auto", options: ReadOptions | None = None
 ) -> FrameSet:
-    """The frames of a folder or a manifest, in the order of their keys or lines.
+    """The frames of a folder or a file, in the order of their keys or lines.
 
     Parameters
     ----------
     source : Path
         A folder in a recognised layout, a ``.jsonl`` file, or COCO's ``.json`` file.
-    layout : {"auto", "manifest", "carlasimu", "yolo", "kitti", "voc", "coco"}
+    layout : str
+        One of `LAYOUTS`.
     options : ReadOptions, optional
 
     Raises
@@ -156,15 +86,16 @@ def read_source(
     if not source.exists():
         raise LayoutError(f"{source.name}: expected a folder or a manifest, found none")
     name = detect_layout(source) if layout == "auto" else layout
-    if name not in _READERS:
+    found = FORMATS.get(name)
+    if found is None or found.read is None:
         raise LayoutError(
             f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
         )
-    return _READERS[name](source, options or ReadOptions())
+    return found.read(source, options or ReadOptions())
 
 
 def detect_layout(source: Path) -> str:
-    """The one layout that the files of a folder speak for.
+    """The name of the one layout that a folder or a file has.
 
     Raises
     ------
@@ -185,24 +116,75 @@ def detect_layout(source: Path) -> str:
     )
 
 
-def _layouts_of(source: Path) -> Iterator[str]:
-    if source.is_file():
-        yield "coco" if source.suffix.lower() == ".json" else "manifest"
-        return
-    if (source / MANIFEST_NAME).is_file():
-        yield "manifest"
-        return
-    if kitti_folder(source) is not None:
-        yield "kitti"
-        return
-    if camera_folder(source) is not None:
-        yield "carlasimu"
-        return
-    names = list(islice(walk(source, (".txt", ".xml")), _FILES_LOOKED_AT))
-    if any(name.lower().endswith(".xml") for name in names):
-        yield "voc"
-    labelled = any(n.lower().endswith(".txt") and is_label(n) for n in names)
-    if labelled and find_class_list(source):
-        yield "yolo"
-    if coco_files(source):
-        yield "coco"
+def _layouts_of(path: Path) -> Iterator[str]:
+    source = Source(path)
+    for one in _RECOGNITION:
+        likeness = one.likeness(source) if one.likeness else "none"
+        if likeness != "none":
+            yield one.name
+        if likeness == "certain":
+            return
+
+
+def write_export(
+    name: str,
+    frames: Iterable[ExportFrame],
+    sink: Sink,
+    head: ExportHead,
+    options: ExportOptions,
+) -> Counts:
+    """Write frames in one of `EXPORT_FORMATS`.
+
+    Parameters
+    ----------
+    name : str
+    frames : iterable of ExportFrame
+        Read once, one at a time.
+    sink : callable
+        Gets each file whole before the next begins; ``manifest.json`` last.
+    head : ExportHead
+    options : ExportOptions
+
+    Returns
+    -------
+    dict
+        The counts, as ``manifest.json`` has them.
+
+    Raises
+    ------
+    ExportError
+        As `format_of`; or a class that is not in the list, counts that do not add up.
+    NotAvailable
+        As `format_of`.
+    """
+    write = format_of(name, options).write
+    assert write is not None, "format_of gives formats that can be written"
+    return write(frames, sink, head, options)
+
+
+def format_of(name: str, options: ExportOptions) -> Format:
+    """The format of this name, if it can be written as it is asked.
+
+    Raises
+    ------
+    ExportError
+        There is no such format, or it has no such option.
+    NotAvailable
+        It needs a library that is not installed.
+    """
+    if name not in EXPORT_FORMATS:
+        raise ExportError(
+            f"unknown format {name[:40]!r}; the nearest is "
+            f"{nearest(name, EXPORT_FORMATS)!r}",
+            pointer="/format",
+        )
+    found = FORMATS[name]
+    for option in sorted(options.changed() - found.options):
+        heeded = ", ".join(sorted(found.options)) or "none"
+        raise ExportError(
+            f"format {name!r} has no option {option!r}; it has {heeded}",
+            pointer=f"/options/{option}",
+        )
+    if found.require is not None:
+        found.require()
+    return found

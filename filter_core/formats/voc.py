@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final, Protocol
 
@@ -18,6 +19,7 @@ from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.files import element
+from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFiles,
@@ -32,7 +34,14 @@ from filter_core.formats.reading import (
     walk,
     with_keys,
 )
-from filter_core.formats.writing import PARTS, Desk, OutBox, OutFrame, Traits
+from filter_core.formats.writing import (
+    PARTS,
+    Desk,
+    OutBox,
+    OutFrame,
+    Traits,
+    write_labels,
+)
 
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
 
@@ -343,3 +352,18 @@ def _object(one: OutBox, wh: tuple[int, int]) -> Iterator[str]:
         yield f"      {element(key, value)}"
     yield "    </bndbox>"
     yield "  </object>"
+
+
+def _likeness(source: Source) -> Likeness:
+    found = any(name.lower().endswith(".xml") for name in source.label_files)
+    return "possible" if found else "none"
+
+
+VOC: Final = Format(
+    name="voc",
+    title="Pascal VOC",
+    likeness=_likeness,
+    read=read_voc_folder,
+    write=partial(write_labels, new_writer=VocWriter),
+    options=LABEL_OPTIONS | {"bands", "rejected"},
+)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -18,6 +19,7 @@ import yaml
 
 from filter_core.config.file import parse_yaml
 from filter_core.errors import ConfigError, FilterError, LayoutError
+from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFiles,
@@ -33,7 +35,14 @@ from filter_core.formats.reading import (
     walk,
     with_keys,
 )
-from filter_core.formats.writing import PARTS, Desk, OutBox, OutFrame, Traits
+from filter_core.formats.writing import (
+    PARTS,
+    Desk,
+    OutBox,
+    OutFrame,
+    Traits,
+    write_labels,
+)
 
 _YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
 
@@ -321,3 +330,19 @@ def _data_yaml(classes: Sequence[str], parts: set[str]) -> bytes:
         "names": dict(enumerate(classes)),
     }
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode()
+
+
+def _likeness(source: Source) -> Likeness:
+    labels = (name for name in source.label_files if name.lower().endswith(".txt"))
+    labelled = any(map(is_label, labels))
+    return "possible" if labelled and find_class_list(source.path) else "none"
+
+
+YOLO: Final = Format(
+    name="yolo",
+    title="YOLO (Ultralytics)",
+    likeness=_likeness,
+    read=read_yolo,
+    write=partial(write_labels, new_writer=YoloWriter),
+    options=LABEL_OPTIONS | {"bands"},
+)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from filter_core.formats.registry import FORMATS
+from filter_core.formats.registry import EXPORT_FORMATS
 from tests.api import frames as scene
 from tests.api.command_line import CommandLine
 from tests.api.test_channels import sensors
@@ -70,7 +70,7 @@ def labels(folder: Path) -> dict[str, bytes]:
     }
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
 def test_every_format_comes_from_the_server(client, filled, tmp_path, form):
     folder = unpacked(client, filled, form, tmp_path / "out")
 

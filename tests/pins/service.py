@@ -19,7 +19,7 @@ from typing import Any, Final
 import httpx
 import pyarrow.parquet
 
-from filter_core.formats.registry import FORMATS
+from filter_core.formats.registry import EXPORT_FORMATS
 from tests.databases import rows_of
 from tests.pins import street
 from tests.pins.walk import BASE, DATASET, FINISHED, plain, walked
@@ -70,7 +70,7 @@ def _client(server: RunningServer) -> httpx.Client:
 
 
 def _exports(http: httpx.Client) -> tuple[dict[str, Any], dict[str, dict[str, bytes]]]:
-    wanted = {**{name: {} for name in FORMATS}, **EXPORTS}
+    wanted = {**{name: {} for name in EXPORT_FORMATS}, **EXPORTS}
     archives = {
         name: _archive(http, name.partition(",")[0], options)
         for name, options in wanted.items()

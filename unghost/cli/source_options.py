@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
+
+LAYOUTS: Final = ("auto", "yolo", "coco", "kitti", "voc", "manifest", "carlasimu")
+"""The library's list has the same names: loading it here would make every command
+start late, so a test compares them."""
 
 
 class Palette(str, Enum):
@@ -51,8 +55,8 @@ class SourceOptions:
         str,
         typer.Option(
             metavar="LAYOUT",
-            help="How the folder is laid out: auto, manifest, carlasimu, yolo, kitti, "
-            "voc or coco.",
+            help=f"How the folder is laid out: {', '.join(LAYOUTS[:-1])} or "
+            f"{LAYOUTS[-1]}.",
         ),
     ] = "auto"
     segmentation: Annotated[

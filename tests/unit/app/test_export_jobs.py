@@ -11,7 +11,7 @@ from app.repositories.runs import ExportRepository
 from app.services.datasets import remove_dataset
 from app.services.export_jobs import job_of, make_export, start_exports
 from app.services.exports import ExportRequest, cancel_export, request_export
-from filter_core.formats.registry import FORMATS
+from filter_core.formats.registry import EXPORT_FORMATS
 from tests.api import frames as scene
 from tests.services import Street, running_services
 
@@ -58,7 +58,7 @@ def temporary(street):
     return list(street.context.storage.temporary_folder().iterdir())
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
 def test_the_same_state_gives_the_same_bytes_in_another_service(form, tmp_path):
     digests = []
     for name in ("one", "two"):

@@ -6,17 +6,21 @@ import json
 import sys
 import tracemalloc
 from dataclasses import replace
-from typing import get_args
+from importlib import import_module
+from pkgutil import iter_modules
 
 import pytest
 
+from filter_core import formats
 from filter_core.errors import NotAvailable
 from filter_core.formats import decisions, files
 from filter_core.formats.export import ExportError, ExportOptions
 from filter_core.formats.files import FileNames, file_stem, folder_sink
+from filter_core.formats.format import Format
 from filter_core.formats.registry import (
+    EXPORT_FORMATS,
     FORMATS,
-    FormatName,
+    LAYOUTS,
     format_of,
     read_source,
     write_export,
@@ -24,6 +28,7 @@ from filter_core.formats.registry import (
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 from tests.unit.filter_core.formats.folders import write_files
 from unghost.cli.format_options import FORMATS as NAMES_ON_THE_COMMAND_LINE
+from unghost.cli.source_options import LAYOUTS as LAYOUTS_ON_THE_COMMAND_LINE
 
 
 def street(count, boxes=10, **more):
@@ -41,11 +46,35 @@ def street(count, boxes=10, **more):
         yield frame(f"town/{number:06}", *made, map=f"Town{number % 3}", **more)
 
 
-def test_one_table_names_every_format():
-    assert tuple(FORMATS) == get_args(FormatName) == NAMES_ON_THE_COMMAND_LINE
+def test_the_command_line_names_every_format_and_layout():
+    assert EXPORT_FORMATS == NAMES_ON_THE_COMMAND_LINE
+    assert LAYOUTS == LAYOUTS_ON_THE_COMMAND_LINE
 
 
-@pytest.mark.parametrize("name", FORMATS)
+def test_every_module_of_a_format_is_in_the_list():
+    """A `Format` that a module declares and nobody lists could never be used."""
+    modules = [
+        import_module(found.name)
+        for found in iter_modules(formats.__path__, "filter_core.formats.")
+    ]
+    declared = {
+        value.name
+        for module in modules
+        for value in vars(module).values()
+        if isinstance(value, Format)
+    }
+
+    assert declared == set(FORMATS)
+
+
+@pytest.mark.parametrize("one", FORMATS.values(), ids=FORMATS)
+def test_a_format_can_be_recognised_if_it_can_be_read(one):
+    assert (one.read is None) == (one.likeness is None)
+    assert one.read or one.write
+    assert one.write or not one.options
+
+
+@pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_the_same_frames_give_the_same_bytes_and_books_that_add_up(name):
     files = export(name, street(7))
 
@@ -55,13 +84,13 @@ def test_the_same_frames_give_the_same_bytes_and_books_that_add_up(name):
     assert counts["in"] == counts["out"] + counts["dropped"] + counts["dontcare"]
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_a_count_that_does_not_add_up_fails_every_format(name):
     with pytest.raises(ExportError, match="expected 71 boxes, found 70"):
         export(name, street(7), replace(HEAD, expected_boxes=71))
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_a_frame_without_boxes_is_in_every_format(name):
     part = {"split": 1.0} if "split" in FORMATS[name].options else {}
     files = export(name, [frame("only/one")], **part)
@@ -73,7 +102,7 @@ def test_a_frame_without_boxes_is_in_every_format(name):
     assert b"one" in told or not name.startswith(("coco", "label", "manifest"))
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_memory_does_not_grow_with_the_dataset(name, tmp_path, monkeypatch):
     """A frame leaves a mark of its name behind, and nothing of its boxes."""
     # Small buffers, so that few boxes fill them; what is left is what would grow.

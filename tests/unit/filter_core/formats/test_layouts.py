@@ -270,6 +270,21 @@ def test_a_layout_is_recognised_by_its_files(tmp_path, files, layout):
     assert detect_layout(write_files(tmp_path, files)) == layout
 
 
+def test_files_of_several_layouts_are_asked_about_in_one_order(tmp_path):
+    """A manifest settles it, then KITTI's folders, then carlasimu's."""
+    undecided = {"a.xml": "", "a.txt": "", "data.yaml": NAMES, "a.json": EMPTY_COCO}
+    write_files(tmp_path, undecided)
+    with pytest.raises(LayoutError, match="could be voc or yolo or coco;"):
+        detect_layout(tmp_path)
+    for file, layout in (
+        ("label/a.txt", "carlasimu"),
+        ("label_2/a.txt", "kitti"),
+        ("manifest.jsonl", "manifest"),
+    ):
+        write_files(tmp_path, {file: ""})
+        assert detect_layout(tmp_path) == layout
+
+
 def test_two_layouts_in_one_folder_are_never_guessed_between(tmp_path):
     write_files(tmp_path, {"a.xml": "", "labels/1.txt": "", "data.yaml": NAMES})
 
