@@ -69,6 +69,9 @@ _ACCEPT_SINCE_0_9_14: Final = {
     "vehicle": ("Car", "Truck", "Bus", "Motorcycle", "Bicycle", "Rider"),
 }
 
+CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
+"""The filter's own classes, in the order in which they are listed."""
+
 _ACCEPT_BEFORE: Final = {
     **dict.fromkeys(("car", "truck", "van", "bus", "vehicle"), ("Vehicle",)),
     **dict.fromkeys(("motorcycle", "bicycle"), ("Vehicle", "Pedestrian")),

@@ -1,8 +1,7 @@
-"""One frame through the whole filter.
+"""One frame through the whole filter: annotation and segmentation in, decisions out.
 
-One frame through the whole filter: annotation and segmentation in, decisions out.
-
-How large a frame is, if all that say so agree.
+`filter_frame` reads, measures and decides. `measure_frame` is the half of it that reads
+pixels: it gives numbers, from which any thresholds can be decided later.
 """
 
 from __future__ import annotations
@@ -41,42 +40,6 @@ from filter_core.segmentation.reading import (
     segmentation_from_tags,
 )
 from filter_core.types import Decisions, Evidence, FrameBoxes, Mask
-
-
-def agreed_size(
-    annotation: FrameAnnotation,
-    segmentation: Segmentation | None,
-    image_wh: tuple[int, int] | None,
-) -> tuple[int, int]:
-    """Width and height, px, of the image, the segmentation and the camera alike.
-
-    Raises
-    ------
-    ImageSizeMismatch
-        Two of them differ; ``image_size_unknown``: none of them is there.
-    """
-    tags_wh = (segmentation.width, segmentation.height) if segmentation else None
-    sizes = {
-        "the image": image_wh,
-        "the segmentation": tags_wh,
-        "the camera": annotation.camera_wh,
-    }
-    known = [(name, wh) for name, wh in sizes.items() if wh is not None]
-    if not known:
-        raise ImageSizeMismatch(
-            "expected the size of the image from an image, a segmentation or the "
-            "camera, found none of them",
-            code="image_size_unknown",
-        )
-    first, size = known[0]
-    for name, wh in known[1:]:
-        if wh != size:
-            raise ImageSizeMismatch(
-                f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
-                f"found {wh[0]} x {wh[1]} px",
-                pointer=name.replace("the ", "/"),
-            )
-    return size
 
 
 @dataclass(frozen=True)
@@ -147,7 +110,7 @@ class MeasuredFrame:
         )
 
     def _names(self) -> dict[int, tuple[str, str]]:
-        """What boxes can be explained by: only channels explain boxes by others."""
+        """Id and class by row: only channels explain a box by other boxes."""
         if self.evidence.channels is None:
             return {}
         classes, index = self.evidence.class_names, self.evidence.class_index.tolist()
@@ -194,7 +157,7 @@ def filter_frame(
     Raises
     ------
     FilterError
-        What is wrong with the input; nothing is decided by halves.
+        What is wrong with the input; then no box is decided.
 
     Examples
     --------
@@ -246,7 +209,7 @@ def measure_frame(
     FilterError
         As `filter_frame`.
     """
-    wh = agreed_size(annotation, segmentation, options.image_wh)
+    wh = _agreed_size(annotation, segmentation, options.image_wh)
     geometry = frame_boxes_2d(annotation, wh, config.projection)
     names = [box_class(box) for box in annotation.boxes]
     distinct = tuple(dict.fromkeys(names))
@@ -281,23 +244,40 @@ def measure_frame(
     )
 
 
-def _family(
+def _agreed_size(
     annotation: FrameAnnotation,
     segmentation: Segmentation | None,
-    config: FilterConfig,
-    options: FrameOptions,
-) -> str | None:
-    """Of the tags: instances and LiDAR have some without a segmentation as well."""
-    if segmentation is not None:
-        return segmentation.family
-    if not options.sensors.wanted(config):
-        return None
-    reading = reading_options(annotation, config, options.dataset)
-    if reading.palette != "auto":
-        return reading.palette
-    if reading.carla_version is None:
-        return None
-    return family_of_version(reading.carla_version)
+    image_wh: tuple[int, int] | None,
+) -> tuple[int, int]:
+    """Width and height, px, of the image, the segmentation and the camera alike.
+
+    Raises
+    ------
+    ImageSizeMismatch
+        Two of them differ; ``image_size_unknown``: none of them is there.
+    """
+    tags_wh = (segmentation.width, segmentation.height) if segmentation else None
+    sizes = {
+        "the image": image_wh,
+        "the segmentation": tags_wh,
+        "the camera": annotation.camera_wh,
+    }
+    known = [(name, wh) for name, wh in sizes.items() if wh is not None]
+    if not known:
+        raise ImageSizeMismatch(
+            "expected the size of the image from an image, a segmentation or the "
+            "camera, found none of them",
+            code="image_size_unknown",
+        )
+    first, size = known[0]
+    for name, wh in known[1:]:
+        if wh != size:
+            raise ImageSizeMismatch(
+                f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
+                f"found {wh[0]} x {wh[1]} px",
+                pointer=name.replace("the ", "/"),
+            )
+    return size
 
 
 def box_class(box: BoxAnnotation) -> str:
@@ -310,29 +290,18 @@ def box_class(box: BoxAnnotation) -> str:
     return class_of(box.type_id, box.base_type) or box.type_id or ""
 
 
-def reading_options(
-    annotation: FrameAnnotation, config: FilterConfig, dataset: SegmentationOptions
-) -> SegmentationOptions:
-    """How to read a frame's segmentation: dataset, then config, then the frame.
-
-    Raises
-    ------
-    SegmentationError
-        Two of them contradict each other; names both.
-    """
-    chosen: dict[str, Any] = {
-        "palette": config.palette,
-        "encoding": config.encoding,
-        "channel_order": config.channel_order,
-        "lossy": config.lossy_segmentation,
-    }
-    return SegmentationOptions.agreed(
-        {
-            "the dataset": dataset,
-            "the config": SegmentationOptions(**chosen),
-            "the frame": SegmentationOptions(carla_version=annotation.carla_version),
-        }
-    )
+def _family(
+    annotation: FrameAnnotation,
+    segmentation: Segmentation | None,
+    config: FilterConfig,
+    options: FrameOptions,
+) -> str | None:
+    """The tag family; instances and LiDAR have tags without a segmentation as well."""
+    if segmentation is not None:
+        return segmentation.family
+    if not options.sensors.wanted(config):
+        return None
+    return _named_family(_reading_options(annotation, config, options.dataset))
 
 
 def _as_segmentation(
@@ -343,28 +312,54 @@ def _as_segmentation(
 ) -> Segmentation | None:
     if given is None or isinstance(given, Segmentation):
         return given
-    reading = reading_options(annotation, config, options.dataset)
+    reading = _reading_options(annotation, config, options.dataset)
     if isinstance(given, bytes):
         expected = options.image_wh or annotation.camera_wh
         return read_segmentation(given, reading, expected_wh=expected)
-    if reading.palette != "auto":
-        return segmentation_from_tags(given, reading.palette)
-    if reading.carla_version is not None:
-        return segmentation_from_tags(given, family_of_version(reading.carla_version))
-    raise SegmentationError(
-        "an array of tags cannot name its family: expected a palette in the config or "
-        "a carla_version in the annotation, found neither",
-        code="family_not_named",
+    family = _named_family(reading)
+    if family is None:
+        raise SegmentationError(
+            "an array of tags cannot name its family: expected a palette in the config "
+            "or a carla_version in the annotation, found neither",
+            code="family_not_named",
+        )
+    return segmentation_from_tags(given, family)
+
+
+def _reading_options(
+    annotation: FrameAnnotation, config: FilterConfig, dataset: SegmentationOptions
+) -> SegmentationOptions:
+    """How to read a frame's segmentation: dataset, then config, then the frame.
+
+    Raises
+    ------
+    SegmentationError
+        Two of them contradict each other; names both.
+    """
+    return SegmentationOptions.agreed(
+        {
+            "the dataset": dataset,
+            "the config": SegmentationOptions.named_by(config),
+            "the frame": SegmentationOptions(carla_version=annotation.carla_version),
+        }
     )
 
 
+def _named_family(reading: SegmentationOptions) -> str | None:
+    """The tag family that somebody named, by its own name or by CARLA's version."""
+    if reading.palette != "auto":
+        return reading.palette
+    if reading.carla_version is None:
+        return None
+    return family_of_version(reading.carla_version)
+
+
 def _report(segmentation: Segmentation) -> dict[str, Any]:
-    pixels = segmentation.width * segmentation.height
     return {
         "palette": segmentation.family,
         "encoding": segmentation.encoding,
         "channel_order": segmentation.channel_order,
         "lossy": segmentation.lossy,
-        "unknown_percent": 100.0 * segmentation.unknown_pixels / pixels,
+        "unknown_percent": segmentation.unknown_percent,
         "notes": list(segmentation.notes),
     }

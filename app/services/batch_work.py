@@ -24,7 +24,7 @@ from app.security import Principal
 from app.services.active import ActiveDataset
 from app.services.batch_frames import IncomingFrame
 from app.services.context import ServiceContext
-from app.services.frame_keys import MAX_KEY, checked_key
+from app.services.frame_keys import checked_key
 from app.services.frame_rows import write_frames
 from app.services.incoming import (
     FrameUpload,
@@ -40,6 +40,7 @@ from app.services.room import require_room
 from app.storage import Drafts
 from filter_core.annotation.parsing import without_key
 from filter_core.errors import FilterError
+from filter_core.formats.reading import MAX_KEY
 from filter_core.types import Reason, Verdict
 
 _OF_ONE_FRAME: Final = (

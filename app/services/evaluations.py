@@ -12,7 +12,6 @@ from app.db.tables import Dataset, Run
 from app.repositories.answers import AnswerRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
-from app.services.instance_truth import instance_truth
 from app.services.numbers import DatasetNumbers
 from app.services.run_requests import (
     RunRequest,
@@ -21,7 +20,7 @@ from app.services.run_requests import (
     request_run,
 )
 from filter_core.config.keys import CHANNELS, SEMANTIC
-from filter_core.evaluation.comparison import Evaluation
+from filter_core.evaluation.comparison import Evaluation, truth_from_instances
 from filter_core.types import BoolArray, IntArray
 
 Truth = Literal["instances", "people"]
@@ -52,7 +51,7 @@ def evaluation(
     compared = Evaluation(
         config_of(active_version(session, dataset)), (SEMANTIC, *channels)
     )
-    truth_of = _by_people(session, dataset) if truth == "people" else instance_truth
+    truth_of = _by_people(session, dataset) if truth == "people" else _by_instances
     for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
         _compare(compared, numbers, *truth_of(numbers))
     missing = [name for name in CHANNELS if name not in channels]
@@ -72,6 +71,10 @@ def _compare(
 
     evidence = numbers.evidence.take(rows)
     compared.add(evidence, visible, len(np.unique(frames)), name_of)
+
+
+def _by_instances(numbers: DatasetNumbers) -> tuple[IntArray, BoolArray]:
+    return truth_from_instances(numbers.evidence)
 
 
 def _by_people(

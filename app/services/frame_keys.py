@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import unicodedata
-from typing import Final
 
 from app.errors import Unprocessable
-
-MAX_KEY: Final = 512
+from filter_core.formats.reading import MAX_KEY
 
 
 def checked_key(key: str) -> str:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 
@@ -174,8 +174,8 @@ def _digest(plan: dict[str, Any]) -> str:
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasurePlan:
     """What the dataset and the configuration say together; they must agree."""
     layers = {
-        f"dataset {dataset.name!r}": _options(dataset),
-        "the configuration": _options(config),
+        f"dataset {dataset.name!r}": SegmentationOptions.named_by(dataset),
+        "the configuration": SegmentationOptions.named_by(config),
     }
     reading = SegmentationOptions.agreed(layers)
     return MeasurePlan(config, reading, dataset.ignore_mask, ChannelPlan.of(config))
@@ -187,15 +187,6 @@ def plan_of(measurement: Measurement, config: FilterConfig) -> MeasurePlan:
     reading = SegmentationOptions(**options["reading"], sources=options["sources"])
     channels = ChannelPlan.from_dict(options)
     return MeasurePlan(config, reading, options["ignored"], channels)
-
-
-def _options(source: DatasetReading | FilterConfig) -> SegmentationOptions:
-    return SegmentationOptions(
-        palette=source.palette,
-        encoding=cast("Any", source.encoding),
-        channel_order=cast("Any", source.channel_order),
-        lossy=cast("Any", source.lossy_segmentation),
-    )
 
 
 def measure_files(

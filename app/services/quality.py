@@ -15,11 +15,11 @@ from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE
-from app.services.instance_truth import instance_truth
 from app.services.reviewers import Panel
 from app.services.run_requests import active_measurement
 from app.services.statistics import count
 from filter_core.config.filter import FilterConfig
+from filter_core.evaluation.comparison import truth_from_instances
 from filter_core.evaluation.scores import BANDS, Confusion, band_index
 from filter_core.evaluation.thresholds import (
     Goal,
@@ -92,7 +92,7 @@ def _by_instances(
     measurement = active_measurement(session, dataset)
     total, judged = 0, []
     for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
-        rows, visible = instance_truth(numbers)
+        rows, visible = truth_from_instances(numbers.evidence)
         total += len(rows)
         judged.append(Judged.of(numbers.evidence.take(rows), config, visible))
     return total, Judged.joined(judged)

@@ -20,7 +20,7 @@ from filter_core.types import (
     Reason,
 )
 
-_Z95: Final = 1.959963984540054
+Z95: Final = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
 
 _BLOCK: Final = 1 << 15
@@ -204,7 +204,7 @@ class _Block:
 
     def _is_toss_up(self, threshold: FloatArray, margin: FloatArray) -> BoolArray:
         spread = threshold * (100.0 - threshold)
-        spread *= _Z95 * _Z95
+        spread *= Z95 * Z95
         deviation = margin * margin
         deviation *= self.evidence.box_pixels[self.part]
         toss_up: BoolArray = deviation <= spread  # NaN, no threshold: False

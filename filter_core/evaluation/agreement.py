@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filter_core.evaluation.scores import Z95
+from filter_core.decisions.rules import Z95
 from filter_core.types import BoolArray, FloatArray, IntArray
 
 

@@ -1,8 +1,9 @@
-"""Kinds of evidence against the truth; the worst boxes; truth from instances.
+"""Kinds of evidence compared with the truth: what each gets right, and the worst boxes.
 
-Channels compared with what is true: precision, recall, ghosts kept, visible lost.
-
-The boxes that a channel got wrong most visibly: what to look at first.
+Numbers of boxes and whether each object is visible come in, frame by frame. Each kind
+of evidence decides them under the same thresholds; counts by class and distance, and
+the largest disagreements, come out. Where nobody has said what is visible,
+`truth_from_instances` takes it from instance images.
 """
 
 from __future__ import annotations
@@ -18,12 +19,80 @@ from filter_core.config.keys import CHANNELS, SEMANTIC
 from filter_core.decisions.channels import has_number
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import BANDS, Confusion, band_index
-from filter_core.types import BoolArray, Evidence, IntArray, Reason
+from filter_core.types import (
+    NOT_MEASURED,
+    BoolArray,
+    Evidence,
+    IntArray,
+    Reason,
+)
+
+COMPARED: Final = (SEMANTIC, *CHANNELS)
+"""The kinds of evidence that can be compared."""
 
 MOST: Final = 20
+"""Disagreements that are listed of each kind of evidence."""
 
 NameOf: TypeAlias = Callable[[int], Mapping[str, Any]]
 """What a box is called, by its row; asked only of those that are listed."""
+
+
+def _by_row(row: int) -> dict[str, int]:
+    return {"row": row}
+
+
+class Evaluation:
+    """Counts frames, one after the other, under every channel that was measured.
+
+    Parameters
+    ----------
+    config : FilterConfig
+        Its thresholds and ranges; its own channel is not looked at.
+    channels : names out of `COMPARED`
+    """
+
+    def __init__(
+        self, config: FilterConfig, channels: tuple[str, ...] = COMPARED
+    ) -> None:
+        self.configs = {name: replace(config, evidence=name) for name in channels}
+        self.scores = {name: ChannelScore() for name in channels}
+        self.boxes = 0
+        self.frames = 0
+
+    def add(
+        self,
+        evidence: Evidence,
+        visible: BoolArray,
+        frames: int = 1,
+        name_of: NameOf = _by_row,
+    ) -> None:
+        """Count boxes of one or more frames; `visible` (N,) is the truth.
+
+        Boxes that nothing can judge are left out: they are unmeasured, not rejected.
+        """
+        self.frames += frames
+        self.boxes += len(evidence)
+        bands = band_index(evidence.distance)
+        for channel, config in self.configs.items():
+            reason = decide(evidence, config).reason
+            judged = reason != Reason.NO_SEGMENTATION
+            kept = reason == Reason.VISIBLE
+            outcomes = _Outcomes(kept[judged], visible[judged])
+            score = self.scores[channel]
+            classes = evidence.class_index[judged].astype(np.int64)
+            outcomes.count(classes, evidence.class_names, score.by_class)
+            outcomes.count(bands[judged], BANDS, score.by_band)
+            own = has_number(evidence, channel)
+            score.judged += int(np.count_nonzero(own & judged))
+            score.worst.add(evidence, kept, np.where(judged, visible, kept), name_of)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The whole comparison, ready for JSON."""
+        return {
+            "frames": self.frames,
+            "boxes": self.boxes,
+            "channels": {name: one.as_dict() for name, one in self.scores.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -85,13 +154,6 @@ def _wrong_pixels(evidence: Evidence, kept: BoolArray) -> IntArray:
     return pixels
 
 
-COMPARED: Final = (SEMANTIC, *CHANNELS)
-
-
-def _by_row(row: int) -> dict[str, int]:
-    return {"row": row}
-
-
 @dataclass
 class ChannelScore:
     """One channel's rights and wrongs so far.
@@ -131,62 +193,8 @@ class ChannelScore:
         }
 
 
-class Evaluation:
-    """Counts frames, one after the other, under every channel that was measured.
-
-    Parameters
-    ----------
-    config : FilterConfig
-        Its thresholds and ranges; its own channel is not looked at.
-    channels : names out of `COMPARED`
-    """
-
-    def __init__(
-        self, config: FilterConfig, channels: tuple[str, ...] = COMPARED
-    ) -> None:
-        self.configs = {name: replace(config, evidence=name) for name in channels}
-        self.scores = {name: ChannelScore() for name in channels}
-        self.boxes = 0
-        self.frames = 0
-
-    def add(
-        self,
-        evidence: Evidence,
-        visible: BoolArray,
-        frames: int = 1,
-        name_of: NameOf = _by_row,
-    ) -> None:
-        """Count boxes of one or more frames; `visible` (N,) is the truth.
-
-        Boxes that nothing can judge are left out: they are unmeasured, not rejected.
-        """
-        self.frames += frames
-        self.boxes += len(evidence)
-        bands = band_index(evidence.distance)
-        for channel, config in self.configs.items():
-            reason = decide(evidence, config).reason
-            judged = reason != Reason.NO_SEGMENTATION
-            kept = reason == Reason.VISIBLE
-            outcomes = Outcomes(kept[judged], visible[judged])
-            score = self.scores[channel]
-            classes = evidence.class_index[judged].astype(np.int64)
-            outcomes.count(classes, evidence.class_names, score.by_class)
-            outcomes.count(bands[judged], BANDS, score.by_band)
-            own = has_number(evidence, channel)
-            score.judged += int(np.count_nonzero(own & judged))
-            score.worst.add(evidence, kept, np.where(judged, visible, kept), name_of)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The whole comparison, ready for JSON."""
-        return {
-            "frames": self.frames,
-            "boxes": self.boxes,
-            "channels": {name: one.as_dict() for name, one in self.scores.items()},
-        }
-
-
 @dataclass(frozen=True, eq=False)
-class Outcomes:
+class _Outcomes:
     """Whether each of N boxes was kept, and whether it is visible."""
 
     kept: BoolArray
@@ -202,3 +210,20 @@ class Outcomes:
             if hidden + lost + ghosts + found:
                 counted = Confusion(found, ghosts, lost, hidden)
                 into[name] = into.get(name, Confusion()) + counted
+
+
+def truth_from_instances(evidence: Evidence) -> tuple[IntArray, BoolArray]:
+    """Which of N boxes had an instance image, and whether their objects are visible.
+
+    Returns
+    -------
+    rows : (M,) int64
+        Boxes whose instance was looked for.
+    visible : (M,) bool
+        Whether at least one pixel of it was there.
+    """
+    channels = evidence.channels
+    if channels is None:
+        return np.empty(0, np.int64), np.empty(0, np.bool_)
+    rows = np.flatnonzero(channels.instance_pixels != NOT_MEASURED)
+    return rows, channels.instance_pixels[rows] > 0

@@ -8,10 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from filter_core.decisions.rules import Z95
 from filter_core.types import BoolArray, FloatArray, IntArray
-
-Z95: Final = 1.959963984540054
-"""Two-sided 95 % quantile of the normal distribution."""
 
 BANDS: Final = ("0-50", "50-100", "100-150", "150-200", ">200", "unknown")
 """Distances in metres; a band begins with its lower end."""

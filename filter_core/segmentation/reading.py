@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import cv2
 import numpy as np
@@ -45,6 +45,19 @@ from filter_core.types import TagImage
 _FIELDS = ("palette", "encoding", "channel_order", "lossy")
 
 
+class NamesReading(Protocol):
+    """A configuration or a dataset, which says how its segmentations are to be read."""
+
+    @property
+    def palette(self) -> str: ...
+    @property
+    def encoding(self) -> str: ...
+    @property
+    def channel_order(self) -> str: ...
+    @property
+    def lossy_segmentation(self) -> str: ...
+
+
 @dataclass(frozen=True)
 class SegmentationOptions:
     """How a segmentation is to be read; ``auto`` leaves it to recognition.
@@ -67,6 +80,17 @@ class SegmentationOptions:
     lossy: Literal["refuse", "nearest"] = "refuse"
     carla_version: str | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def named_by(cls, source: NamesReading) -> SegmentationOptions:
+        """What a configuration or a dataset says, whose words have been checked."""
+        words: dict[str, Any] = {
+            "palette": source.palette,
+            "encoding": source.encoding,
+            "channel_order": source.channel_order,
+            "lossy": source.lossy_segmentation,
+        }
+        return cls(**words)
 
     @classmethod
     def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
