@@ -22,7 +22,7 @@ from app.errors import AppError, Fault
 from app.logs import current_request_id, error_log
 from app.validation_words import in_words
 from filter_core.errors import AnnotationErrors, FilterError
-from filter_core.values import MAX_FAULTS, pointer_token
+from filter_core.values import MAX_FAULTS, escape_text, pointer_token
 
 PROBLEM_TYPE: Final = "application/problem+json"
 BUSY_RETRY_S: Final = 2
@@ -89,12 +89,13 @@ class Problem:
             "type": "about:blank",
             "title": HTTPStatus(self.status).phrase,
             "status": self.status,
-            "detail": _sayable(self.detail),
+            # What is repeated of a request may have halves of surrogate pairs.
+            "detail": escape_text(self.detail),
             "instance": instance,
             "code": self.code,
             "request_id": request_id,
             "errors": [
-                {name: _sayable(said) for name, said in vars(fault).items()}
+                {name: escape_text(said) for name, said in vars(fault).items()}
                 for fault in self.faults
             ],
             **extra,
@@ -109,11 +110,6 @@ class Problem:
             headers=dict(self.headers),
             media_type=PROBLEM_TYPE,
         )
-
-
-def _sayable(text: str) -> str:
-    # Whatever is repeated of a request: half of a character would be an error of ours.
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def install(app: FastAPI) -> None:

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.errors import ConfigError
-from filter_core.segmentation.palettes import FAMILIES, PUBLISHED_COLORS, Palette
+from filter_core.segmentation.palettes import (
+    FAMILIES,
+    LAST_TAG,
+    PUBLISHED_COLORS,
+    Palette,
+)
 from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray
 from filter_core.values import nearest, place_of, shown
 
@@ -185,14 +190,12 @@ _TAG_NAMES: Final = {
     for tag in palette.tags
 }
 
-_LAST_TAG: Final = max(palette.tags[-1].tag for palette in FAMILIES.values())
-
 
 def _canonical_tag(tag: object, at: str) -> str | int:
     if isinstance(tag, int) and not isinstance(tag, bool):
-        if 0 <= tag <= _LAST_TAG:
+        if 0 <= tag <= LAST_TAG:
             return tag
-        fault = f"expected a tag from 0 to {_LAST_TAG}, found {str(tag)[:60]}"
+        fault = f"expected a tag from 0 to {LAST_TAG}, found {str(tag)[:60]}"
     elif isinstance(tag, str) and tag.casefold() in _TAG_NAMES:
         return _TAG_NAMES[tag.casefold()]
     else:

@@ -68,8 +68,7 @@ class Place:
         """The JSON pointer (RFC 6901); of a long key it has the beginning and "…"."""
         if self._parent is None:
             return ""
-        key = _sayable(str(self._key)).replace("~", "~0").replace("/", "~1")
-        return f"{self._parent.pointer}/{key}"
+        return f"{self._parent.pointer}/{pointer_token(self._key)}"
 
     @property
     def words(self) -> str:
@@ -83,7 +82,7 @@ class Place:
         label, field = self._parent._label_and_field()
         if isinstance(self._key, int):
             return label, f"{field}[{self._key}]"
-        key = _sayable(self._key)
+        key = _shown_key(self._key)
         return label, f"{field}.{key}" if field else key
 
 
@@ -152,10 +151,18 @@ class Faults:
             raise self.as_error()
 
 
-def _sayable(text: str) -> str:
-    """A key of the input as an error can carry it: short, halves of pairs escaped."""
-    cut = text if len(text) <= _SHOWN_KEY else text[:_SHOWN_KEY] + "…"
-    return cut.encode("utf-8", "backslashreplace").decode()
+def pointer_token(key: object) -> str:
+    """A key of the input as one token of a JSON pointer (RFC 6901), shortened."""
+    return _shown_key(str(key)).replace("~", "~0").replace("/", "~1")
+
+
+def _shown_key(key: str) -> str:
+    return escape_text(key if len(key) <= _SHOWN_KEY else key[:_SHOWN_KEY] + "…")
+
+
+def escape_text(text: str) -> str:
+    """The text in a form that UTF-8 has: halves of surrogate pairs as ``\\ud800``."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def shown(value: object) -> str:
@@ -267,11 +274,6 @@ def similar(word: object, known: Iterable[str]) -> str | None:
 def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
     # difflib is quadratic: a kilobyte of nonsense must not cost a second.
     return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
-
-
-def pointer_token(key: object) -> str:
-    """A key as one token of a JSON pointer (RFC 6901)."""
-    return str(key)[:80].replace("~", "~0").replace("/", "~1")
 
 
 def place_of(at: str) -> str:

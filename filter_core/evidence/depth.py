@@ -23,8 +23,6 @@ DEPTH_RANGE: Final = 1000.0
 
 DEPTH_STEPS: Final = (1 << 24) - 1
 
-_GREY: Final = ("grey", "grey_alpha")
-
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:

@@ -20,6 +20,7 @@ from filter_core.errors import ImageError
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
+from filter_core.segmentation.palettes import LAST_TAG
 from filter_core.types import (
     NOT_MEASURED,
     BoxesXYXY,
@@ -30,8 +31,6 @@ from filter_core.types import (
 
 ID_BITS: Final = 0xFFFF
 """Of an id: Unreal's up to CARLA 0.9.15, since then the actor's if there is one."""
-
-_HIGHEST_TAG: Final = 29
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +145,10 @@ def read_instances(
         raise ImageError("the instance image cannot be decoded: it is damaged")
     blue, green, red = cv2.split(pixels)
     swapped = False
-    if int(red.max(initial=0)) > _HIGHEST_TAG:
-        if int(blue.max(initial=0)) > _HIGHEST_TAG:
+    if int(red.max(initial=0)) > LAST_TAG:
+        if int(blue.max(initial=0)) > LAST_TAG:
             found = f"values up to {red.max()} in red and {blue.max()} in blue"
-            raise _fault(f"tags of 0 to {_HIGHEST_TAG} in red", found)
+            raise _fault(f"tags of 0 to {LAST_TAG} in red", found)
         red, blue, swapped = blue, red, True
     ids = cv2.merge([green, blue]).view("<u2")[..., 0]
     return InstanceImage(np.asarray(red, np.uint8), ids.astype(np.uint16), swapped)

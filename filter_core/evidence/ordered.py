@@ -32,7 +32,7 @@ _X, _Y, _WIDTH, _HEIGHT, _AREA = (
 )
 
 
-def bounds_of(boxes: Sequence[AcceptedPixels]) -> IntArray:
+def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
     """(N, 4) int64: first column and row, last column and row + 1."""
     corners = [
         (outline.x0, outline.y0, outline.x1, outline.y1)
@@ -50,7 +50,7 @@ def islands(
     ----------
     box : AcceptedPixels
     behind : the boxes that are farther away
-    bounds : (len(behind), 4) int64, as `bounds_of` gives them
+    bounds : (len(behind), 4) int64, as `silhouette_bounds` gives them
 
     Returns
     -------
@@ -155,7 +155,7 @@ def owned_pixels(
     explained_by = np.full(len(distance), NOT_MEASURED, np.int64)
     claims = np.full(image_wh[::-1], _FREE, np.int32)
     ranked = near_to_far(accepted, distance, ids)
-    bounds = bounds_of(ranked)
+    bounds = silhouette_bounds(ranked)
     for rank, pixels in enumerate(ranked):
         row = pixels.silhouette.row
         claimed = claims[pixels.silhouette.region]

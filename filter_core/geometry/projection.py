@@ -279,12 +279,12 @@ def _clipped_bounds(
         if group is DepthStatus.STRADDLES_NEAR_PLANE:
             corners = _cut_hull(corners, corners[..., 2] - NEAR_PLANE)
         pixels = corners[..., :2] / corners[..., 2:]
-        amodal[rows] = _bounds_of(pixels)
+        amodal[rows] = _rectangles_around(pixels)
         visible[rows] = _hull_bounds_in_image(pixels, wh)
     return amodal, visible
 
 
-def _bounds_of(points: FloatArray) -> FloatArray:
+def _rectangles_around(points: FloatArray) -> FloatArray:
     """(N, 4) ``xyxy``: the smallest rectangles around (N, P, 2) points."""
     return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
 

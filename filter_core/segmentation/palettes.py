@@ -251,6 +251,9 @@ FAMILIES: Final[Mapping[str, Palette]] = {
     palette.name: palette for palette in _PALETTES
 }
 
+LAST_TAG: Final = max(len(palette.tags) for palette in _PALETTES) - 1
+"""The highest tag that any family has; they count from 0 without a gap."""
+
 PUBLISHED_COLORS: Final[Mapping[str, RGB]] = MappingProxyType(
     {
         "car": (0, 0, 142),

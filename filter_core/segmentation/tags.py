@@ -29,7 +29,13 @@ from filter_core.segmentation.codes import (
     tags_of_codes,
     unpacked,
 )
-from filter_core.segmentation.palettes import FAMILIES, PAPER_TABLE, RGB, palette_of
+from filter_core.segmentation.palettes import (
+    FAMILIES,
+    LAST_TAG,
+    PAPER_TABLE,
+    RGB,
+    palette_of,
+)
 from filter_core.segmentation.recognition import (
     Named,
     Reading,
@@ -201,8 +207,6 @@ def _unknown_notes(
 _PROVING_FAMILY: Final = "carla-0.9.14"
 """The only family of CARLA's with tags from 23 on."""
 
-_LAST_TAG: Final = max(len(palette.tags) for palette in FAMILIES.values()) - 1
-
 _MAX_SENSELESS_PERCENT: Final = 1.0
 
 _RED, _GREEN, _BLUE = 0, 1, 2
@@ -211,7 +215,7 @@ _RED, _GREEN, _BLUE = 0, 1, 2
 def looks_raw(rgb: NDArray[np.uint8]) -> bool:
     """Whether all that an image has are small numbers in red alone, or blue alone."""
     red, green, blue = (_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE))
-    return green == 0 and (red == 0) != (blue == 0) and red + blue <= _LAST_TAG
+    return green == 0 and (red == 0) != (blue == 0) and red + blue <= LAST_TAG
 
 
 def read_raw_channel(rgb: NDArray[np.uint8], named: Named) -> Segmentation:
@@ -289,13 +293,13 @@ def _maximum(rgb: NDArray[np.uint8], channel: int) -> int:
 
 
 def _refuse_senseless(counts: IntArray) -> None:
-    senseless = counts[_LAST_TAG + 1 : UNKNOWN_TAG]
+    senseless = counts[LAST_TAG + 1 : UNKNOWN_TAG]
     share = 100.0 * float(senseless.sum()) / float(counts.sum())
     if share > _MAX_SENSELESS_PERCENT:
-        commonest = _LAST_TAG + 1 + int(senseless.argmax())
+        commonest = LAST_TAG + 1 + int(senseless.argmax())
         raise SegmentationError(
             f"{share:.1f} % of the pixels have raw tags of no family, most often "
-            f"{commonest}; expected 0 to {_LAST_TAG}. "
+            f"{commonest}; expected 0 to {LAST_TAG}. "
             "A coloured segmentation needs encoding: palette",
             code="foreign_tags",
         )
@@ -307,7 +311,7 @@ def _proved_family(counts: IntArray) -> str:
         for family, palette in FAMILIES.items()
         if family not in (_PROVING_FAMILY, PAPER_TABLE)
     ]
-    if counts[max(others) : _LAST_TAG + 1].any():
+    if counts[max(others) : LAST_TAG + 1].any():
         return _PROVING_FAMILY
     raise SegmentationError(
         "raw tags do not tell their family: 1 is Building in carla-0.9.10 and Road in "
@@ -321,7 +325,7 @@ def _refuse_contradiction(counts: IntArray, family: str, named: Named) -> None:
     if family == PAPER_TABLE:
         return
     known = len(palette_of(family).tags)
-    beyond = np.flatnonzero(counts[known : _LAST_TAG + 1])
+    beyond = np.flatnonzero(counts[known : LAST_TAG + 1])
     if not len(beyond):
         return
     tag = known + int(beyond[-1])

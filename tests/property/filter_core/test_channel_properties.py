@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from filter_core.evidence.depth import depth_interval
 from filter_core.evidence.instances import assign_instances
 from filter_core.evidence.lidar import LidarPoints, points_inside
-from filter_core.evidence.ordered import bounds_of, islands, owned_pixels
+from filter_core.evidence.ordered import islands, owned_pixels, silhouette_bounds
 from filter_core.evidence.silhouettes import (
     AcceptedPixels,
     Silhouette,
@@ -162,7 +162,7 @@ def test_islands_are_found_as_defined(scattered, width, height):
     outline = Silhouette(1, 12 - width, 0, 12, height)
     behind = [AcceptedPixels(outline, part, part)]
 
-    found = islands(whole, behind, bounds_of(behind))
+    found = islands(whole, behind, silhouette_bounds(behind))
 
     expected = set().union(*slow_islands(whole, behind)) if scattered.any() else set()
     assert (set() if found is None else in_image(whole, found)) == expected

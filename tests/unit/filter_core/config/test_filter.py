@@ -225,3 +225,10 @@ def test_a_difference_names_every_key_that_changed():
 )
 def test_a_configuration_says_which_channels_it_decides_by(evidence, channels):
     assert FilterConfig(evidence=evidence).channels == channels
+
+
+def test_the_pointer_to_a_long_key_says_that_it_goes_on():
+    with pytest.raises(ConfigError) as caught:
+        FilterConfig.from_mapping({"a/" + "x" * 100: 1})
+
+    assert caught.value.pointer == "/a~1" + "x" * 78 + "…"
