@@ -131,7 +131,7 @@ class EvaluationTask:
     config : FilterConfig
     truth : Truth, or None
         None: an object is visible if its instance has a pixel.
-    channels : names out of `filter_core.evaluation.COMPARED`
+    channels : names out of `filter_core.evaluation.comparison.COMPARED`
     dataset : SegmentationOptions
         How segmentations are to be read.
     """

@@ -143,7 +143,7 @@ def filter_frame(
     Parameters
     ----------
     annotation : mapping, JSON or FrameAnnotation
-        As `filter_core.annotation.parse_annotation` takes it.
+        As `filter_core.annotation.parsing.parse_annotation` takes it.
     segmentation : bytes of a PNG, (H, W) uint8 tags, Segmentation, or None
         Tags are of the family that dataset, config or ``carla_version`` names. None:
         boxes that need pixels are ``unmeasured``.

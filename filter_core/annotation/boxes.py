@@ -1,4 +1,8 @@
-"""Reads the boxes of an annotation and notes every fault in them."""
+"""The boxes of an annotation, read from JSON; every fault in them is noted.
+
+`read_boxes` is what parsing calls. Faults are collected in a `Faults`, so that one pass
+finds all of them; a box with a fault is left out of the result.
+"""
 
 from __future__ import annotations
 
@@ -39,6 +43,7 @@ KNOWN_BOX_KEYS: Final = frozenset(
     {"id", "class", "type_id", "base_type", "distance", "instance_id", "extra"}
     | set(GEOMETRIES)
 )
+"""The keys of a box that have a meaning; all others are kept in `extra`."""
 
 _BOX3D_KEYS: Final = ("transform", "location", "extent", "rotation")
 

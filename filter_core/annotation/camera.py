@@ -1,4 +1,8 @@
-"""Reads the camera and the other sensors of an annotation."""
+"""The camera and the other sensors of an annotation, read from JSON; faults are noted.
+
+`read_camera` gives a camera only where all of it is there and without a fault; the size
+of the image it promises is told apart from it, because 2D boxes need no more.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +28,9 @@ from filter_core.values import (
     shown,
 )
 
-Size: TypeAlias = tuple[int, int]
+_Size: TypeAlias = tuple[int, int]
 
-Rows: TypeAlias = list[tuple[float, ...]]
+_Rows: TypeAlias = list[tuple[float, ...]]
 
 _OPTICS: Final = ("fov", "intrinsic")
 
@@ -35,7 +39,7 @@ _POSES: Final = ("transform", "world_to_camera")
 _KNOWN_KEYS: Final = frozenset({"width", "height", *_OPTICS, *_POSES})
 
 
-def read_camera(value: object, faults: Faults) -> tuple[Camera | None, Size | None]:
+def read_camera(value: object, faults: Faults) -> tuple[Camera | None, _Size | None]:
     """The camera if all of it is given, and its size; null is no camera.
 
     `fov` and `transform` may be replaced by `intrinsic` and `world_to_camera`, each on
@@ -62,6 +66,76 @@ def read_camera(value: object, faults: Faults) -> tuple[Camera | None, Size | No
     if len(faults) > before or fov_or_rows is None or motion is None:
         return None, size
     return _build(size, fov_or_rows, motion, faults), size
+
+
+def _read_side(value: object, at: Place, faults: Faults) -> int | None:
+    if value is None:
+        faults.add(at, "missing", "a number of pixels", "nothing")
+        return None
+    side = read_number(value, at, faults)
+    if side is None:
+        return None
+    if side < 1 or side != int(side):
+        faults.add(at, "bad_size", "a whole number of pixels from 1", shown(value))
+        return None
+    return int(side)
+
+
+def _only_one(
+    value: Mapping[str, object], keys: tuple[str, str], at: Place, faults: Faults
+) -> str | None:
+    given = [key for key in keys if value.get(key) is not None]
+    if len(given) > 1:
+        # Two that disagree would project differently, and nothing says which is meant.
+        faults.add(at, "contradiction", f"{keys[0]} or {keys[1]}", "both")
+    return given[0] if given else None
+
+
+def _read_optics(
+    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
+) -> float | _Rows | None:
+    if key == "fov":
+        return read_number(value["fov"], at / "fov", faults)
+    return _read_rows(value[key], 3, at / key, faults) if key else None
+
+
+def _read_pose(
+    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
+) -> Transform | _Rows | None:
+    if key == "transform":
+        return read_transform(value["transform"], at / "transform", faults)
+    return _read_rows(value[key], 4, at / key, faults) if key else None
+
+
+def _read_rows(value: object, side: int, at: Place, faults: Faults) -> _Rows | None:
+    rows = read_list(value, side, at, faults, of=f"rows of {side} numbers")
+    if rows is None:
+        return None
+    read = [read_numbers(row, side, at / i, faults) for i, row in enumerate(rows)]
+    known = [row for row in read if row is not None]
+    return known if len(known) == side else None
+
+
+def _build(
+    size: _Size, optics: float | _Rows, pose: Transform | _Rows, faults: Faults
+) -> Camera | None:
+    try:
+        if isinstance(optics, float) and isinstance(pose, Transform):
+            return Camera.from_fov(*size, optics, pose)
+        return Camera.from_matrices(*size, _intrinsic(size, optics), _motion(pose))
+    except FilterError as error:
+        faults.take(error)
+        return None
+
+
+def _intrinsic(size: _Size, optics: float | _Rows) -> FloatArray:
+    if isinstance(optics, float):
+        return Camera.from_fov(*size, optics, Transform()).intrinsic
+    return np.array(optics)
+
+
+def _motion(pose: Transform | _Rows) -> FloatArray:
+    return pose.inverse_matrix if isinstance(pose, Transform) else np.array(pose)
 
 
 def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
@@ -103,73 +177,3 @@ def read_sensors(value: object, faults: Faults) -> dict[str, Sensor]:
         transform = None if pose is None else read_transform(pose, place, faults)
         sensors[name] = Sensor(transform, raw)
     return sensors
-
-
-def _read_side(value: object, at: Place, faults: Faults) -> int | None:
-    if value is None:
-        faults.add(at, "missing", "a number of pixels", "nothing")
-        return None
-    side = read_number(value, at, faults)
-    if side is None:
-        return None
-    if side < 1 or side != int(side):
-        faults.add(at, "bad_size", "a whole number of pixels from 1", shown(value))
-        return None
-    return int(side)
-
-
-def _only_one(
-    value: Mapping[str, object], keys: tuple[str, str], at: Place, faults: Faults
-) -> str | None:
-    given = [key for key in keys if value.get(key) is not None]
-    if len(given) > 1:
-        # Two that disagree would project differently, and nothing says which is meant.
-        faults.add(at, "contradiction", f"{keys[0]} or {keys[1]}", "both")
-    return given[0] if given else None
-
-
-def _read_optics(
-    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
-) -> float | Rows | None:
-    if key == "fov":
-        return read_number(value["fov"], at / "fov", faults)
-    return _read_rows(value[key], 3, at / key, faults) if key else None
-
-
-def _read_pose(
-    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
-) -> Transform | Rows | None:
-    if key == "transform":
-        return read_transform(value["transform"], at / "transform", faults)
-    return _read_rows(value[key], 4, at / key, faults) if key else None
-
-
-def _read_rows(value: object, side: int, at: Place, faults: Faults) -> Rows | None:
-    rows = read_list(value, side, at, faults, of=f"rows of {side} numbers")
-    if rows is None:
-        return None
-    read = [read_numbers(row, side, at / i, faults) for i, row in enumerate(rows)]
-    known = [row for row in read if row is not None]
-    return known if len(known) == side else None
-
-
-def _build(
-    size: Size, optics: float | Rows, pose: Transform | Rows, faults: Faults
-) -> Camera | None:
-    try:
-        if isinstance(optics, float) and isinstance(pose, Transform):
-            return Camera.from_fov(*size, optics, pose)
-        return Camera.from_matrices(*size, _intrinsic(size, optics), _motion(pose))
-    except FilterError as error:
-        faults.take(error)
-        return None
-
-
-def _intrinsic(size: Size, optics: float | Rows) -> FloatArray:
-    if isinstance(optics, float):
-        return Camera.from_fov(*size, optics, Transform()).intrinsic
-    return np.array(optics)
-
-
-def _motion(pose: Transform | Rows) -> FloatArray:
-    return pose.inverse_matrix if isinstance(pose, Transform) else np.array(pose)

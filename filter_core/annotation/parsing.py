@@ -1,8 +1,9 @@
-"""JSON to FrameAnnotation: every fault in one pass.
+"""The JSON of one frame's annotation, read and checked: every fault in one pass.
 
-Reads the annotation of one frame: everything that is wrong with it, in one pass.
-
-Decodes the JSON of an annotation: stricter than Python, so that nothing is lost.
+`parse_annotation` takes JSON, or the mapping it says, and gives a `FrameAnnotation`, or
+raises everything that is wrong with it, each fault with its place. JSON is read more
+strictly than Python does: a key that occurs twice is a fault, because one of its values
+would be lost.
 """
 
 from __future__ import annotations
@@ -27,6 +28,117 @@ from filter_core.values import (
     shown,
 )
 
+KNOWN_FRAME_KEYS: Final = frozenset(
+    {
+        "boxes",
+        "camera",
+        "captured_at",
+        "carla_version",
+        "extra",
+        "map",
+        "sensors",
+        "weather",
+    }
+)
+
+_DEFAULT_LIMITS: Final = AnnotationLimits()
+
+
+def parse_annotation(
+    raw: Mapping[str, object] | bytes | str,
+    *,
+    limits: AnnotationLimits = _DEFAULT_LIMITS,
+    frame: str = "",
+) -> FrameAnnotation:
+    """The annotation of one frame, read and checked.
+
+    Parameters
+    ----------
+    raw : mapping, or JSON as bytes (UTF-8) or text
+        Never changed. A key that JSON repeats is an error, as is NaN or Infinity.
+    limits : AnnotationLimits
+    frame : str
+        The frame's key; errors name it.
+
+    Returns
+    -------
+    FrameAnnotation
+        Null stands for an absent value, except in a geometry. Keys that nobody knows
+        are in `extra`, of the frame and of each box.
+
+    Raises
+    ------
+    AnnotationErrors
+        Every fault at once, each with its JSON pointer, a stable code, and a text that
+        names the box (index and id), the field, what was expected and what was found.
+    """
+    faults = Faults(frame)
+    document: object = raw
+    if isinstance(raw, (bytes, str)):
+        document = _decode_json(raw, faults, limits.json)
+    if not isinstance(document, Mapping):
+        faults.add(Place(), "not_an_object", "an object", shown(document))
+        raise faults.as_error()
+    annotation = _read_frame(document, faults, limits)
+    faults.raise_any()
+    return annotation
+
+
+def without_key(
+    raw: bytes, name: str, limits: AnnotationLimits = _DEFAULT_LIMITS
+) -> tuple[str, Mapping[str, object] | bytes]:
+    """The frame's key that stands in its annotation, and the annotation without it.
+
+    Without a ``key`` it is `name`; so it is where the annotation cannot be read, which
+    `parse_annotation` then says better.
+
+    Raises
+    ------
+    AnnotationErrors
+        ``bad_key``: the key is no text, or none that UTF-8 has a form for.
+        ``not_json``, ``json_too_large``: it is not JSON, or beyond the limits.
+    """
+    faults = Faults(name)
+    document = _decode_json(raw, faults, limits.json)
+    if len(faults) or not isinstance(document, Mapping) or "key" not in document:
+        return name, raw
+    rest = dict(document)
+    key = rest.pop("key")
+    if not isinstance(key, str) or not is_encodable(key):
+        expected = "a text without NUL and halves of surrogate pairs"
+        faults.add(Place() / "key", "bad_key", expected, shown(key))
+        raise faults.as_error()
+    return key, rest
+
+
+def _read_frame(
+    raw: Mapping[str, object], faults: Faults, limits: AnnotationLimits
+) -> FrameAnnotation:
+    at = Place()
+    before = len(faults)
+    camera, camera_wh = read_camera(raw.get("camera"), faults)
+    camera_faults = len(faults) - before
+    version, town = (
+        read_text(raw.get(key), at / key, faults, limits.max_text)
+        for key in ("carla_version", "map")
+    )
+    captured_at = read_time(raw.get("captured_at"), at / "captured_at", faults, 64)
+    boxes = read_boxes(raw.get("boxes"), faults, limits)
+    if camera is None and camera_faults == 0:
+        require_camera(raw, faults)
+    return FrameAnnotation(
+        boxes=boxes,
+        camera=camera,
+        camera_wh=camera_wh,
+        carla_version=version,
+        captured_at=captured_at,
+        map=town,
+        weather=read_kept_object(raw.get("weather"), at / "weather", faults),
+        sensors=read_sensors(raw.get("sensors"), faults),
+        extra=read_extra(raw, KNOWN_FRAME_KEYS, at, faults),
+        raw=raw,
+    )
+
 
 class _Repeating(dict[str, object]):
     """An object that named some of its keys twice; JSON keeps the last in silence."""
@@ -34,7 +146,7 @@ class _Repeating(dict[str, object]):
     repeated: tuple[str, ...] = ()
 
 
-def decode_json(raw: bytes | str, faults: Faults, limits: JsonLimits) -> object:
+def _decode_json(raw: bytes | str, faults: Faults, limits: JsonLimits) -> object:
     """The document; repeated keys are noted, NaN and Infinity are left to their field.
 
     Raises
@@ -81,115 +193,3 @@ def _note_repeated(value: object, at: Place, faults: Faults) -> None:
         for index, item in enumerate(value):
             place = box_place(index, item) if is_boxes else at / index
             _note_repeated(item, place, faults)
-
-
-_DEFAULT_LIMITS: Final = AnnotationLimits()
-
-KNOWN_FRAME_KEYS: Final = frozenset(
-    {
-        "boxes",
-        "camera",
-        "captured_at",
-        "carla_version",
-        "extra",
-        "map",
-        "sensors",
-        "weather",
-    }
-)
-
-
-def parse_annotation(
-    raw: Mapping[str, object] | bytes | str,
-    *,
-    limits: AnnotationLimits = _DEFAULT_LIMITS,
-    frame: str = "",
-) -> FrameAnnotation:
-    """The annotation of one frame, read and checked.
-
-    Parameters
-    ----------
-    raw : mapping, or JSON as bytes (UTF-8) or text
-        Never changed. A key that JSON repeats is an error, as is NaN or Infinity.
-    limits : AnnotationLimits
-    frame : str
-        The frame's key; errors name it.
-
-    Returns
-    -------
-    FrameAnnotation
-        Null stands for an absent value, except in a geometry. Keys that nobody knows
-        are in `extra`, of the frame and of each box.
-
-    Raises
-    ------
-    AnnotationErrors
-        Every fault at once, each with its JSON pointer, a stable code, and a text that
-        names the box (index and id), the field, what was expected and what was found.
-    """
-    faults = Faults(frame)
-    document: object = raw
-    if isinstance(raw, (bytes, str)):
-        document = decode_json(raw, faults, limits.json)
-    if not isinstance(document, Mapping):
-        faults.add(Place(), "not_an_object", "an object", shown(document))
-        raise faults.as_error()
-    annotation = _read_frame(document, faults, limits)
-    faults.raise_any()
-    return annotation
-
-
-def without_key(
-    raw: bytes, name: str, limits: AnnotationLimits = _DEFAULT_LIMITS
-) -> tuple[str, Mapping[str, object] | bytes]:
-    """The frame's key that stands in its annotation, and the annotation without it.
-
-    Without a ``key`` it is `name`; so it is where the annotation cannot be read, which
-    `parse_annotation` then says better.
-
-    Raises
-    ------
-    AnnotationErrors
-        ``bad_key``: the key is no text, or none that UTF-8 has a form for.
-        ``not_json``, ``json_too_large``: it is not JSON, or beyond the limits.
-    """
-    faults = Faults(name)
-    document = decode_json(raw, faults, limits.json)
-    if len(faults) or not isinstance(document, Mapping) or "key" not in document:
-        return name, raw
-    rest = dict(document)
-    key = rest.pop("key")
-    if not isinstance(key, str) or not is_encodable(key):
-        expected = "a text without NUL and halves of surrogate pairs"
-        faults.add(Place() / "key", "bad_key", expected, shown(key))
-        raise faults.as_error()
-    return key, rest
-
-
-def _read_frame(
-    raw: Mapping[str, object], faults: Faults, limits: AnnotationLimits
-) -> FrameAnnotation:
-    at = Place()
-    before = len(faults)
-    camera, camera_wh = read_camera(raw.get("camera"), faults)
-    camera_faults = len(faults) - before
-    version, town = (
-        read_text(raw.get(key), at / key, faults, limits.max_text)
-        for key in ("carla_version", "map")
-    )
-    captured_at = read_time(raw.get("captured_at"), at / "captured_at", faults, 64)
-    boxes = read_boxes(raw.get("boxes"), faults, limits)
-    if camera is None and camera_faults == 0:
-        require_camera(raw, faults)
-    return FrameAnnotation(
-        boxes=boxes,
-        camera=camera,
-        camera_wh=camera_wh,
-        carla_version=version,
-        captured_at=captured_at,
-        map=town,
-        weather=read_kept_object(raw.get("weather"), at / "weather", faults),
-        sensors=read_sensors(raw.get("sensors"), faults),
-        extra=read_extra(raw, KNOWN_FRAME_KEYS, at, faults),
-        raw=raw,
-    )

@@ -1,4 +1,4 @@
-"""Counts of right and wrong, and what can honestly be said from them. No pixels."""
+"""Counts of right and wrong verdicts, and scores with their intervals. No pixels."""
 
 from __future__ import annotations
 

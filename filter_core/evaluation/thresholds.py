@@ -1,8 +1,9 @@
-"""Which threshold answers speak for, per class, and how sure that is.
+"""The threshold that boxes of known truth speak for, per class, and how sure that is.
 
-Which threshold people's answers speak for, and how sure that is.
-
-A suggested threshold for every class, from boxes whose truth is known.
+`suggest` finds the threshold of one class from the matches of its boxes and whether
+each is to be kept. `suggest_per_class` does so for every class of boxes that were
+decided under a configuration (`Judged`), and `TruthCollector` gathers those frame by
+frame.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
 from filter_core.types import BoolArray, Evidence, FloatArray, IntArray, Reason
 
-RESAMPLES: Final = 200
+_RESAMPLES: Final = 200
+"""How often the answers are drawn anew to find the interval."""
 
 _MOST_VALUES: Final = 256
 """Different matches that resamples tell apart: finer than any interval is wide."""
@@ -28,9 +30,13 @@ _MOST_VALUES: Final = 256
 _MAX_PERCENT: Final = 100.0
 
 _MOST_DECIMALS: Final = 6
+"""Decimals of a suggested threshold, if fewer cannot tell two matches apart."""
 
-GRID: Final = np.concatenate([np.arange(0, 10, 0.5), np.arange(10, 101, 1.0)])
+_GRID: Final = np.concatenate([np.arange(0, 10, 0.5), np.arange(10, 101, 1.0)])
 """Thresholds of a curve, in percent; finer where thin objects have theirs."""
+
+_BY_THRESHOLD: Final = (Reason.VISIBLE, Reason.BELOW_THRESHOLD)
+"""Reasons that a threshold gives; of small boxes it is the one that is suggested."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +135,12 @@ def suggest(
     chosen = cuts.threshold(int(cuts.best(cuts.counts[None], goal)[0]))
     groups = _Cuts(_grouped(answers, cuts.values), current)
     drawn = np.random.default_rng(seed).multinomial(
-        len(answers), groups.counts / len(answers), size=RESAMPLES
+        len(answers), groups.counts / len(answers), size=_RESAMPLES
     )
     best = groups.best(drawn, goal).tolist()
     thresholds = np.array([groups.threshold(cut) for cut in best])
     low, high = np.quantile(thresholds, [0.025, 0.975]).tolist()
-    curve = np.unique(np.concatenate([GRID, [current, chosen]])).tolist()
+    curve = np.unique(np.concatenate([_GRID, [current, chosen]])).tolist()
     return Suggestion(
         chosen,
         (min(low, chosen), max(high, chosen)),
@@ -243,9 +249,6 @@ def _grouped(answers: Answers, values: FloatArray) -> Answers:
     first = values[np.arange(_MOST_VALUES) * len(values) // _MOST_VALUES]
     group = np.searchsorted(first, answers.match, side="right") - 1
     return replace(answers, match=first[group])
-
-
-_BY_THRESHOLD: Final = (Reason.VISIBLE, Reason.BELOW_THRESHOLD)
 
 
 @dataclass(frozen=True, eq=False)

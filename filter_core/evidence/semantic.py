@@ -349,24 +349,6 @@ class NeedsPixels(FilterError):
     code = "needs_pixels"
 
 
-def accept_sets_differ(
-    evidence: Evidence, config: FilterConfig, family: str | None
-) -> BoolArray:
-    """(N,) bool: boxes that were measured with another accept set than the config's.
-
-    Where none does, `filter_core.decide.decide` needs neither rectangles nor
-    histograms; where one does, the evidence must go through `with_accept_sets` first.
-
-    Parameters
-    ----------
-    evidence : Evidence of N boxes, of any number of frames
-    config : FilterConfig
-    family : tag family of their segmentations, None where there was none
-    """
-    differs: BoolArray = _masks(evidence, config, family) != evidence.accept_mask
-    return differs
-
-
 def with_accept_sets(
     evidence: Evidence, config: FilterConfig, family: str | None
 ) -> Evidence:

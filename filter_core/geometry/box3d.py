@@ -1,4 +1,9 @@
-"""Corners of 3D boxes in the world, in the order that CARLA gives them."""
+"""Corners of 3D boxes in the world, in the order that CARLA gives them.
+
+`boxes3d_vertices` computes them from poses and half sizes as
+``carla.BoundingBox.get_world_vertices`` does; `in_carla_order` puts corners that came
+in another order into CARLA's, so that the edges between them are known.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from filter_core.errors import FilterError
-from filter_core.geometry.pose import (
-    TransformLike,
-    VectorLike,
-    as_rotation,
-    as_transform,
-    as_vector,
-    rotation_matrices,
-)
+from filter_core.geometry.pose import rotation_matrices
 from filter_core.types import BoolArray, FloatArray
 
 CORNER_SIGNS: Final[FloatArray] = np.array(
@@ -33,52 +31,16 @@ _SHAPE_TOLERANCE: Final = 1e-3
 """Share of a box's size by which float32 corners may miss a parallelepiped."""
 
 
-def box3d_vertices(
-    transform: TransformLike,
-    location: VectorLike,
-    extent: VectorLike,
-    rotation: VectorLike,
-) -> FloatArray:
-    """World corners of one box, as ``carla.BoundingBox.get_world_vertices`` gives them.
-
-    Parameters
-    ----------
-    transform : Transform or an object
-        The actor's; the identity for a box that is given in the world.
-    location : {x, y, z} or [x, y, z], metres
-        The box's centre in the actor's frame.
-    extent : {x, y, z} or [x, y, z], metres
-        Half sizes; zeros (CARLA's bikes) and mirrored boxes are accepted.
-    rotation : {pitch, yaw, roll} or [pitch, yaw, roll], degrees
-        The box's, within the actor's frame.
-
-    Returns
-    -------
-    (8, 3) float64, metres
-        In CARLA's order.
-
-    Raises
-    ------
-    AnnotationErrors
-        A vector or the transform cannot be read.
-    """
-    actor = as_transform(transform)
-    center = as_vector(location, "location")
-    half = as_vector(extent, "extent")
-    turned = as_rotation(rotation)
-    row = [*actor.location, *actor.rotation, *center, *half, *turned]
-    vertices: FloatArray = boxes3d_vertices([row])[0]
-    return vertices
-
-
 def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
     """World corners of many boxes at once.
 
     Parameters
     ----------
     rows : (N, 15), metres and degrees
-        The actor's location and rotation (pitch, yaw, roll), then the box's location,
-        extent and rotation.
+        The actor's location and rotation (pitch, yaw, roll), zeros for a box that is
+        given in the world; then the box's location, extent (half sizes) and rotation
+        within the actor's frame. Extents of zero (CARLA's bikes) and mirrored boxes
+        are accepted.
 
     Returns
     -------

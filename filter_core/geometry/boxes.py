@@ -1,4 +1,9 @@
-"""Rectangles: their five forms, Algorithm 1, and the pixels they touch. No 3D here."""
+"""Rectangles in pixels: their five forms, Algorithm 1, and the pixels they touch.
+
+Boxes come in as they were written; `to_xyxy` makes corners of them, `correct_xyxy`
+clamps these to the image and says which boxes cannot be measured, and `pixel_bounds`
+gives the pixels that the others touch. No 3D here.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +16,33 @@ from numpy.typing import ArrayLike, NDArray
 from filter_core.errors import AnnotationError, FilterError
 from filter_core.types import BoolArray, BoxesXYXY, BoxState, FloatArray, IntArray
 
-PROFILES: Final = ("paper", "carlasimu")
+_PROFILES: Final = ("paper", "carlasimu")
 """``paper``: as the paper is written; ``carlasimu``: as its published code behaves."""
+
+
+def _unchanged(boxes: FloatArray) -> FloatArray:
+    return boxes
+
+
+def _corner_size_to_corners(boxes: FloatArray) -> FloatArray:
+    return np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])
+
+
+def _center_size_to_corners(boxes: FloatArray) -> FloatArray:
+    half = boxes[:, 2:] / 2
+    return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
+
+
+_TO_XYXY: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
+    "xyxy": _unchanged,
+    "xyxyn": _unchanged,
+    "xywh": _corner_size_to_corners,
+    "cxcywh": _center_size_to_corners,
+    "cxcywhn": _center_size_to_corners,
+}
+
+FORMS: Final = tuple(_TO_XYXY)
+"""The five ways in which a rectangle can be given."""
 
 
 def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
@@ -38,32 +68,12 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
         ``bad_form``: the form is not one of the five; ``bad_shape``: not four columns.
     """
     boxes = _as_boxes(values)
-    convert = _known_form(form, _TO_XYXY)
-    return convert(boxes * _scale(form, wh))
-
-
-def from_xyxy(form: str, xyxy: ArrayLike, wh: tuple[int, int]) -> FloatArray:
-    """Half-open ``xyxy`` in pixels as another form; the inverse of `to_xyxy`.
-
-    Parameters
-    ----------
-    form : {"xyxy", "xyxyn", "xywh", "cxcywh", "cxcywhn"}
-    xyxy : (N, 4), px
-    wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) float64
-        Always a new array.
-
-    Raises
-    ------
-    FilterError
-        As `to_xyxy`.
-    """
-    boxes = _as_boxes(xyxy)
-    convert = _known_form(form, _FROM_XYXY)
-    return convert(boxes) / _scale(form, wh)
+    if form not in _TO_XYXY:
+        raise FilterError(
+            f"form: expected one of {', '.join(FORMS)}, found {form!r}", code="bad_form"
+        )
+    size = [*wh, *wh] if form.endswith("n") else [1, 1, 1, 1]
+    return _TO_XYXY[form](boxes * np.array(size, dtype=np.float64))
 
 
 def correct_xyxy(
@@ -104,8 +114,8 @@ def correct_xyxy(
     .. [1] M. Chaar, J. Raiyn, G. Weidl, "Improve Bounding Box in Carla Simulator",
        VEHITS 2024, Algorithm 1.
     """
-    if profile not in PROFILES:
-        expected = " or ".join(PROFILES)
+    if profile not in _PROFILES:
+        expected = " or ".join(_PROFILES)
         raise FilterError(
             f"profile: expected {expected}, found {profile!r}", code="bad_profile"
         )
@@ -132,6 +142,28 @@ def correct_xyxy(
     state[outside] = BoxState.OUTSIDE_IMAGE
     corrected[outside | degenerate] = np.nan
     return corrected, state
+
+
+def _refuse_non_finite(boxes: FloatArray) -> None:
+    finite = np.isfinite(boxes).all(axis=1)
+    if finite.all():
+        return
+    index = int(np.argmin(finite))
+    raise AnnotationError(
+        f"box {index}: expected four finite numbers, found {boxes[index].tolist()}",
+        pointer=f"/boxes/{index}",
+        code="not_finite",
+    )
+
+
+def _is_outside(
+    boxes: FloatArray, wh: tuple[int, int], *, published: bool
+) -> BoolArray:
+    x_min, y_min, x_max, y_max = boxes.T
+    width, height = wh
+    right_of_image = x_min >= width if published else x_min > width
+    outside: BoolArray = right_of_image | (y_min > height) | (x_max < 0) | (y_max < 0)
+    return outside
 
 
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
@@ -172,83 +204,3 @@ def _as_boxes(values: ArrayLike) -> FloatArray:
             code="bad_shape",
         )
     return boxes
-
-
-def _refuse_non_finite(boxes: FloatArray) -> None:
-    finite = np.isfinite(boxes).all(axis=1)
-    if finite.all():
-        return
-    index = int(np.argmin(finite))
-    raise AnnotationError(
-        f"box {index}: expected four finite numbers, found {boxes[index].tolist()}",
-        pointer=f"/boxes/{index}",
-        code="not_finite",
-    )
-
-
-def _is_outside(
-    boxes: FloatArray, wh: tuple[int, int], *, published: bool
-) -> BoolArray:
-    x_min, y_min, x_max, y_max = boxes.T
-    width, height = wh
-    right_of_image = x_min >= width if published else x_min > width
-    outside: BoolArray = right_of_image | (y_min > height) | (x_max < 0) | (y_max < 0)
-    return outside
-
-
-def _scale(form: str, wh: tuple[int, int]) -> FloatArray:
-    scale = [*wh, *wh] if form.endswith("n") else [1, 1, 1, 1]
-    return np.array(scale, dtype=np.float64)
-
-
-def _known_form(form: str, converters: dict[str, _Converter]) -> _Converter:
-    try:
-        return converters[form]
-    except KeyError:
-        raise FilterError(
-            f"form: expected one of {', '.join(FORMS)}, found {form!r}", code="bad_form"
-        ) from None
-
-
-def _unchanged(boxes: FloatArray) -> FloatArray:
-    return boxes
-
-
-def _corner_size_to_corners(boxes: FloatArray) -> FloatArray:
-    return np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])
-
-
-def _corners_to_corner_size(boxes: FloatArray) -> FloatArray:
-    return np.hstack([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]])
-
-
-def _center_size_to_corners(boxes: FloatArray) -> FloatArray:
-    half = boxes[:, 2:] / 2
-    return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
-
-
-def _corners_to_center_size(boxes: FloatArray) -> FloatArray:
-    size = boxes[:, 2:] - boxes[:, :2]
-    return np.hstack([(boxes[:, :2] + boxes[:, 2:]) / 2, size])
-
-
-_Converter = Callable[[FloatArray], FloatArray]
-
-_TO_XYXY: Final[dict[str, _Converter]] = {
-    "xyxy": _unchanged,
-    "xyxyn": _unchanged,
-    "xywh": _corner_size_to_corners,
-    "cxcywh": _center_size_to_corners,
-    "cxcywhn": _center_size_to_corners,
-}
-
-_FROM_XYXY: Final[dict[str, _Converter]] = {
-    "xyxy": _unchanged,
-    "xyxyn": _unchanged,
-    "xywh": _corners_to_corner_size,
-    "cxcywh": _corners_to_center_size,
-    "cxcywhn": _corners_to_center_size,
-}
-
-FORMS: Final = tuple(_TO_XYXY)
-"""The five ways in which a rectangle can be given."""

@@ -1,6 +1,8 @@
 """Positions and rotations in CARLA's left-handed world, and how people write them.
 
-Metres and degrees; x forward, y right, z up.
+Metres and degrees; x forward, y right, z up. A `Transform` and the functions that end
+in ``matrices`` are the mathematics; `as_transform` and ``read_...`` take the objects
+and lists that annotations write, and note every fault in them.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from filter_core.values import (
 
 Triple: TypeAlias = tuple[float, float, float]
 
-ZERO: Final[Triple] = (0.0, 0.0, 0.0)
+_ZERO: Final[Triple] = (0.0, 0.0, 0.0)
 
 _VECTOR_KEYS: Final = ("x", "y", "z")
 
@@ -43,8 +45,8 @@ class Transform:
     rotation : (pitch, yaw, roll), degrees
     """
 
-    location: Triple = ZERO
-    rotation: Triple = ZERO
+    location: Triple = _ZERO
+    rotation: Triple = _ZERO
 
     @property
     def matrix(self) -> FloatArray:
@@ -55,7 +57,7 @@ class Transform:
     @property
     def inverse_matrix(self) -> FloatArray:
         """(4, 4): world to local, exact for a rigid motion."""
-        return invert_rigid(self.matrix)
+        return _invert_rigid(self.matrix)
 
     def as_dict(self) -> dict[str, float]:
         """The transform as an object of six numbers, as answers give it."""
@@ -64,8 +66,6 @@ class Transform:
 
 
 TransformLike: TypeAlias = Transform | Mapping[str, object]
-
-VectorLike: TypeAlias = Mapping[str, object] | ArrayLike
 
 
 def rotation_matrices(rotations: ArrayLike) -> FloatArray:
@@ -107,7 +107,7 @@ def transform_matrices(locations: ArrayLike, rotations: ArrayLike) -> FloatArray
     return matrices
 
 
-def invert_rigid(matrix: FloatArray) -> FloatArray:
+def _invert_rigid(matrix: FloatArray) -> FloatArray:
     """(4, 4): the inverse of a rotation and a shift."""
     turned = matrix[:3, :3].T
     inverse = np.eye(4)
@@ -130,22 +130,6 @@ def as_transform(value: TransformLike) -> Transform:
     read = read_transform(value, Place() / "transform", faults)
     faults.raise_any()
     return read or Transform()
-
-
-def as_vector(value: VectorLike, name: str = "location") -> Triple:
-    """Three numbers from ``{x, y, z}`` or ``[x, y, z]``; raises `AnnotationErrors`."""
-    faults = Faults()
-    read = read_vector(value, Place() / name, faults)
-    faults.raise_any()
-    return read or ZERO
-
-
-def as_rotation(value: VectorLike) -> Triple:
-    """Pitch, yaw and roll as `read_rotation` takes them; raises `AnnotationErrors`."""
-    faults = Faults()
-    read = read_rotation(value, Place() / "rotation", faults)
-    faults.raise_any()
-    return read or ZERO
 
 
 def read_vector(value: object, at: Place, faults: Faults) -> Triple | None:

@@ -6,9 +6,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filter_core.geometry.box3d import box3d_vertices, in_carla_order
+from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import NEAR_PLANE, DepthStatus, project_boxes
+from tests.unit.filter_core.geometry.geometry_oracle import box3d_vertices
 
 WH = (320, 200)
 CAMERA = Camera.from_fov(*WH, 90, {"x": 0, "y": 0, "z": 1.5})

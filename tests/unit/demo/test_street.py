@@ -11,11 +11,11 @@ import pytest
 from app.demo.street import StreetScene
 from app.demo.styles import STYLES, build_town
 from app.demo.truth import GHOST_KINDS
-from filter_core.geometry.box3d import box3d_vertices
 from filter_core.geometry.camera import Camera
 from filter_core.pipeline import filter_frame
 from filter_core.segmentation.palettes import palette_of
 from tests.unit.demo.conftest import DecodedFrame
+from tests.unit.filter_core.geometry.geometry_oracle import box3d_vertices
 
 # A dozen rendered frames take a minute or two; tests/packaging tries the demo itself.
 pytestmark = pytest.mark.long

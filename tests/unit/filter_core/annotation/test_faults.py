@@ -148,6 +148,12 @@ def test_faults_of_a_rectangle(xyxy, pointer, code, words):
             ", box3d.extent: expected half sizes {x, y, z}, found nothing",
         ),
         (
+            {"box3d": {"extent": {"x": 1, "y": 1}}},
+            "/box3d/extent/z",
+            "missing",
+            ", box3d.extent.z: expected a number, found nothing",
+        ),
+        (
             {"box3d": {"extent": [1, 2, 3], "extend": 1}},
             "/box3d/extend",
             "unknown_key",

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from filter_core.geometry.box3d import box3d_vertices
+from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import as_transform, read_rotation, read_vector
 from filter_core.types import FloatArray
+from filter_core.values import Faults, Place
 
 Case = dict[str, Any]
 
@@ -24,6 +26,22 @@ def camera_of(case: Case) -> Camera:
     image = case["image"]
     size = (image["width"], image["height"])
     return Camera.from_fov(*size, image["fov"], case["camera"])
+
+
+def box3d_vertices(transform, location, extent, rotation) -> FloatArray:
+    """World corners of one box, of which each part is written in any known way."""
+    actor, faults = as_transform(transform), Faults()
+    parts = [
+        actor.location,
+        actor.rotation,
+        read_vector(location, Place(), faults),
+        read_vector(extent, Place(), faults),
+        read_rotation(rotation, Place(), faults),
+    ]
+    faults.raise_any()
+    row = [number for part in parts for number in part or ()]
+    corners: FloatArray = boxes3d_vertices([row])[0]
+    return corners
 
 
 def vertices_of(case: Case) -> FloatArray:

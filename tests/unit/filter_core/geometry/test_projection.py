@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from filter_core.errors import AnnotationErrors, FilterError
-from filter_core.geometry.box3d import EDGES, box3d_vertices, in_carla_order
+from filter_core.errors import FilterError
+from filter_core.geometry.box3d import EDGES, in_carla_order
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import DepthStatus, project_box, project_boxes
 from tests.shared_data import shared
 from tests.unit.filter_core.geometry.geometry_oracle import (
     SMALL,
+    box3d_vertices,
     camera_of,
     miss,
     vertices_of,
@@ -209,8 +210,3 @@ def test_an_unknown_projection_is_refused():
 def test_points_that_are_not_eight_are_refused():
     with pytest.raises(FilterError, match=r"shape \(N, 8, 3\), found \(7, 3\)"):
         project_box(unit_box()[:7], AHEAD)
-
-
-def test_a_box_that_cannot_be_read_names_its_part():
-    with pytest.raises(AnnotationErrors, match=r"extent\.z: expected a number, found"):
-        box3d_vertices({"x": 0, "y": 0, "z": 0}, [0, 0, 0], {"x": 1, "y": 1}, [0, 0, 0])
