@@ -1,17 +1,23 @@
-"""PNG and JPEG decoded: by zlib-ng where it is plain and sound, else by OpenCV.
+"""PNG and JPEG files decoded to pixels.
 
-PNGs of eight bits and three or four channels, inflated by zlib-ng.
+`decode_color` gives three colour channels, `decode_image` what OpenCV's flags ask for.
+Both take the bytes and the header that `filter_core.images.header` read of them, and
+give None for a damaged file.
 
-Most of what decoding a mask costs is inflating it, and zlib-ng, with vector
-instructions, takes a tenth of zlib's time for it. What is left then are rows that were
-filtered (ISO/IEC 15948, 9). OpenCV writes differences of neighbours in a row, which one
-pass adds up. Rows that depend on those above, as CARLA's ``save_to_disk`` writes them,
-are left to OpenCV, in a PNG that is not compressed.
+Most of what decoding a segmentation costs is inflating it, and zlib-ng, which uses
+vector instructions, takes a tenth of the time of the zlib inside OpenCV. So it inflates
+plain PNGs: eight bits, three or four channels, not interlaced, every checksum right.
+Rows of such a file that are stored as they are, or as differences of neighbours in the
+row, are added up here. Where rows depend on those above them, as CARLA's
+``save_to_disk`` writes them, OpenCV gets the same PNG with its pixels uncompressed.
 
-Colour images decoded: the pixels that OpenCV finds, mostly in a third of its time.
+Any other file goes to OpenCV as it is. Whoever decodes a file, its pixels are the same,
+and the same files are accepted and refused as by OpenCV alone.
 
-Whatever is not plain and sound is OpenCV's to judge, so that the same files are
-accepted and refused as by OpenCV alone.
+References
+----------
+.. [1] ISO/IEC 15948, "Portable Network Graphics (PNG)", clause 9, filtering.
+.. [2] RFC 1951, 3.2.4, non-compressed blocks.
 """
 
 from __future__ import annotations
@@ -27,154 +33,7 @@ from numpy.typing import NDArray
 from zlib_ng import zlib_ng
 
 from filter_core.images.header import ImageHeader
-
-Bytes: TypeAlias = NDArray[np.uint8]
-
-_MOST_BYTES: Final = 1 << 26
-"""Bytes of pixels that are held twice or thrice on the way; OpenCV alone holds them
-once."""
-
-_CHANNELS: Final = {"rgb": 3, "rgba": 4}
-
-_METHODS: Final = slice(26, 29)
-"""Where the header names compression, filters and interlacing; 0 is the common one."""
-
-_NO_FILTER, _SUB = 0, 1
-
-_FIRST_CHUNK: Final = 8
-
-_BARE: Final = 33
-"""Where the pixels begin if nothing but the header comes before them."""
-
-_AROUND_BODY: Final = 12
-"""A chunk's length, kind and checksum, four bytes each."""
-
-_END: Final = b"\0\0\0\0IEND\xaeB`\x82"
-
-_ZLIB: Final = b"\x78\x01"
-
-_BLOCK: Final = 0xFFFF
-"""Bytes of the longest block that is stored as it is (RFC 1951, 3.2.4)."""
-
-_BLOCK_HEAD: Final = struct.Struct("<BHH")
-
-_SUM: Final = struct.Struct(">I")
-
-_ERROR: Final = cast("type[Exception]", zlib_ng.error)
-
-
-@dataclass(frozen=True)
-class InflatedPng:
-    """What a PNG has before its pixels, and its rows: each a filter and its bytes."""
-
-    head: bytes
-    rows: Bytes
-    shape: tuple[int, int, int]
-
-    @classmethod
-    def of(cls, content: bytes, header: ImageHeader) -> InflatedPng | None:
-        """None if somebody else has to judge it: it is of another kind, or damaged."""
-        channels = _CHANNELS.get(header.color_model, 0)
-        shape = header.height, header.width, channels
-        size = header.height * (1 + header.width * channels)
-        is_plain = header.media_type == "image/png" and header.bit_depth == 8
-        if not (channels and is_plain) or any(content[_METHODS]) or size > _MOST_BYTES:
-            return None
-        parts = _Parts.of(content)
-        if parts is None:
-            return None
-        data = _inflated(parts.body, size)
-        if data is None:
-            return None
-        rows = np.frombuffer(data, np.uint8).reshape(header.height, -1)
-        return cls(parts.head, rows, shape)
-
-    def added_up(self) -> Bytes | None:
-        """(H, W, C) uint8, if all rows are as they are or differences in themselves."""
-        filters, stored = self.rows[:, 0], self.rows[:, 1:].reshape(self.shape)
-        if len(self.head) != _BARE or int(filters.max()) > _SUB:
-            return None
-        pixels = np.add.accumulate(stored, axis=1, dtype=np.uint8)
-        if not filters.all():
-            pixels[filters == _NO_FILTER] = stored[filters == _NO_FILTER]
-        return pixels
-
-    def uncompressed(self) -> Bytes:
-        """A PNG whose pixels are in blocks that are stored as they are."""
-        data = self.rows.reshape(-1)
-        blocks, last = divmod(data.size - 1, _BLOCK)
-        cut, last = blocks * _BLOCK, last + 1
-        before = self.head + bytes(4) + b"IDAT" + _ZLIB
-        at = len(before) + cut + _BLOCK_HEAD.size * blocks
-        behind = at + _BLOCK_HEAD.size + last
-        png = np.empty(behind + _SUM.size * 2 + len(_END), np.uint8)
-
-        png.data[: len(before)] = before
-        stored = png[len(before) : at].reshape(blocks, _BLOCK_HEAD.size + _BLOCK)
-        stored[:, : _BLOCK_HEAD.size] = np.frombuffer(_block_head(_BLOCK), np.uint8)
-        stored[:, _BLOCK_HEAD.size :] = data[:cut].reshape(blocks, _BLOCK)
-        png.data[at : at + _BLOCK_HEAD.size] = _block_head(last, is_last=True)
-        png[behind - last : behind] = data[cut:]
-        _SUM.pack_into(png.data, behind, zlib_ng.adler32(data.data))
-
-        chunk = png.data[len(self.head) : behind + 2 * _SUM.size]
-        _SUM.pack_into(chunk, 0, len(chunk) - _AROUND_BODY)
-        _SUM.pack_into(chunk, len(chunk) - _SUM.size, zlib_ng.crc32(chunk[4:-4]))
-        png.data[-len(_END) :] = _END
-        return png
-
-
-def _inflated(body: bytes, size: int) -> bytes | None:
-    """So many bytes, whose checksum is right; None if there are more or fewer."""
-    inflate = zlib_ng.decompressobj()
-    try:
-        # With room for one more, it reads on to the end and to the checksum.
-        data: bytes = inflate.decompress(body, size + 1)
-    except _ERROR:
-        return None
-    return data if inflate.eof and len(data) == size else None
-
-
-def _block_head(size: int, *, is_last: bool = False) -> bytes:
-    return _BLOCK_HEAD.pack(is_last, size, size ^ _BLOCK)
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """A PNG whose pixels are sound, and which ends with them.
-
-    OpenCV reads on behind the last pixel, and refuses what is wrong there: any doubt
-    leaves it the whole file.
-    """
-
-    head: bytes
-    body: bytes
-
-    @classmethod
-    def of(cls, content: bytes) -> _Parts | None:
-        """None if there is any doubt."""
-        position, begin, bodies = _FIRST_CHUNK, 0, list[memoryview]()
-        view = memoryview(content)
-        while position + _AROUND_BODY <= len(content):
-            length, kind = struct.unpack_from(">I4s", content, position)
-            following = position + _AROUND_BODY + length
-            chunk = view[position:following]
-            is_looked_at = kind == b"IDAT" or position == _FIRST_CHUNK
-            if is_looked_at and not _is_sound(chunk):
-                return None
-            if kind == b"IDAT":
-                begin = begin or position
-                bodies.append(chunk[8:-4])
-            elif bodies:
-                is_end = bytes(chunk) == _END
-                return cls(content[:begin], b"".join(bodies)) if is_end else None
-            position = following
-        return None
-
-
-def _is_sound(chunk: memoryview) -> bool:
-    return _SUM.pack(zlib_ng.crc32(chunk[4:-4])) == chunk[-4:]
-
+from filter_core.images.png import AROUND_BODY, END_CHUNK, SIGNATURE
 
 ColorOrder: TypeAlias = Literal["rgb", "bgr"]
 
@@ -183,9 +42,6 @@ _FLAGS: Final = {
     "rgb": cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION,
     "bgr": cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION,
 }
-
-_REDUCED_2: Final = 16
-"""`cv2.IMREAD_REDUCED_GRAYSCALE_2`; twice and four times it are a fourth, an eighth."""
 
 _CONVERSIONS: Final = {
     (3, "bgr"): cv2.COLOR_RGB2BGR,
@@ -207,6 +63,13 @@ def decode_color(
         return _in_order(pixels, order)
     plain = np.frombuffer(content, np.uint8) if png is None else png.uncompressed()
     return _by_opencv(plain, header, _FLAGS[order])
+
+
+def _in_order(pixels: NDArray[np.uint8], order: ColorOrder) -> NDArray[np.uint8]:
+    conversion = _CONVERSIONS.get((pixels.shape[-1], order))
+    if conversion is None:
+        return pixels
+    return cast("NDArray[np.uint8]", cv2.cvtColor(pixels, conversion))
 
 
 def decode_image(
@@ -251,6 +114,10 @@ def _by_opencv(
     return cast("NDArray[np.uint8]", found)
 
 
+_REDUCED_2: Final = 16
+"""`cv2.IMREAD_REDUCED_GRAYSCALE_2`; twice and four times it are a fourth, an eighth."""
+
+
 def _is_as_large(hw: Sequence[int], header: ImageHeader, flags: int) -> bool:
     """A reduced side may be rounded up or down."""
     # -1 has every bit set, and reduces nothing.
@@ -261,8 +128,145 @@ def _is_as_large(hw: Sequence[int], header: ImageHeader, flags: int) -> bool:
     )
 
 
-def _in_order(pixels: NDArray[np.uint8], order: ColorOrder) -> NDArray[np.uint8]:
-    conversion = _CONVERSIONS.get((pixels.shape[-1], order))
-    if conversion is None:
+_MOST_BYTES: Final = 1 << 26
+"""Bytes of pixels that are held twice or thrice on the way; OpenCV alone holds them
+once."""
+
+_CHANNELS: Final = {"rgb": 3, "rgba": 4}
+
+_METHODS: Final = slice(26, 29)
+"""Where the header names compression, filters and interlacing; 0 is the common one."""
+
+_NO_FILTER, _SUB = 0, 1
+
+_BARE: Final = 33
+"""Where the pixels begin if nothing but the header comes before them."""
+
+_ZLIB: Final = b"\x78\x01"
+
+_BLOCK: Final = 0xFFFF
+"""Bytes of the longest block that is stored as it is (RFC 1951, 3.2.4)."""
+
+_BLOCK_HEAD: Final = struct.Struct("<BHH")
+
+_SUM: Final = struct.Struct(">I")
+
+
+@dataclass(frozen=True)
+class InflatedPng:
+    """What a PNG has before its pixels, and its rows: each a filter and its bytes."""
+
+    head: bytes
+    rows: NDArray[np.uint8]
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, content: bytes, header: ImageHeader) -> InflatedPng | None:
+        """None if it is of another kind or damaged: OpenCV has to judge it."""
+        channels = _CHANNELS.get(header.color_model, 0)
+        shape = header.height, header.width, channels
+        size = header.height * (1 + header.width * channels)
+        is_plain = header.media_type == "image/png" and header.bit_depth == 8
+        if not (channels and is_plain) or any(content[_METHODS]) or size > _MOST_BYTES:
+            return None
+        parts = _Parts.of(content)
+        if parts is None:
+            return None
+        data = _inflated(parts.body, size)
+        if data is None:
+            return None
+        rows = np.frombuffer(data, np.uint8).reshape(header.height, -1)
+        return cls(parts.head, rows, shape)
+
+    def added_up(self) -> NDArray[np.uint8] | None:
+        """(H, W, C) uint8; None if a row depends on the one above it.
+
+        None as well if other chunks stand before its pixels: OpenCV judges what they
+        mean.
+        """
+        filters, stored = self.rows[:, 0], self.rows[:, 1:].reshape(self.shape)
+        if len(self.head) != _BARE or int(filters.max()) > _SUB:
+            return None
+        pixels = np.add.accumulate(stored, axis=1, dtype=np.uint8)
+        if not filters.all():
+            pixels[filters == _NO_FILTER] = stored[filters == _NO_FILTER]
         return pixels
-    return cast("NDArray[np.uint8]", cv2.cvtColor(pixels, conversion))
+
+    def uncompressed(self) -> NDArray[np.uint8]:
+        """The same PNG as bytes, with its rows in blocks that are not compressed."""
+        data = self.rows.reshape(-1)
+        blocks, last = divmod(data.size - 1, _BLOCK)
+        cut, last = blocks * _BLOCK, last + 1
+        before = self.head + bytes(4) + b"IDAT" + _ZLIB
+        at = len(before) + cut + _BLOCK_HEAD.size * blocks
+        behind = at + _BLOCK_HEAD.size + last
+        png = np.empty(behind + _SUM.size * 2 + len(END_CHUNK), np.uint8)
+
+        png.data[: len(before)] = before
+        stored = png[len(before) : at].reshape(blocks, _BLOCK_HEAD.size + _BLOCK)
+        stored[:, : _BLOCK_HEAD.size] = np.frombuffer(_block_head(_BLOCK), np.uint8)
+        stored[:, _BLOCK_HEAD.size :] = data[:cut].reshape(blocks, _BLOCK)
+        png.data[at : at + _BLOCK_HEAD.size] = _block_head(last, is_last=True)
+        png[behind - last : behind] = data[cut:]
+        _SUM.pack_into(png.data, behind, zlib_ng.adler32(data.data))
+
+        chunk = png.data[len(self.head) : behind + 2 * _SUM.size]
+        _SUM.pack_into(chunk, 0, len(chunk) - AROUND_BODY)
+        _SUM.pack_into(chunk, len(chunk) - _SUM.size, zlib_ng.crc32(chunk[4:-4]))
+        png.data[-len(END_CHUNK) :] = END_CHUNK
+        return png
+
+
+_ERROR: Final = cast("type[Exception]", zlib_ng.error)
+
+
+def _inflated(body: bytes, size: int) -> bytes | None:
+    """So many bytes, whose checksum is right; None if there are more or fewer."""
+    inflate = zlib_ng.decompressobj()
+    try:
+        # With room for one more, it reads on to the end and to the checksum.
+        data: bytes = inflate.decompress(body, size + 1)
+    except _ERROR:
+        return None
+    return data if inflate.eof and len(data) == size else None
+
+
+def _block_head(size: int, *, is_last: bool = False) -> bytes:
+    return _BLOCK_HEAD.pack(is_last, size, size ^ _BLOCK)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """A PNG whose pixels are sound, and which ends with them.
+
+    OpenCV reads on behind the last pixel, and refuses what is wrong there: any doubt
+    leaves it the whole file.
+    """
+
+    head: bytes
+    body: bytes
+
+    @classmethod
+    def of(cls, content: bytes) -> _Parts | None:
+        """None if there is any doubt."""
+        position, begin, bodies = len(SIGNATURE), 0, list[memoryview]()
+        view = memoryview(content)
+        while position + AROUND_BODY <= len(content):
+            length, kind = struct.unpack_from(">I4s", content, position)
+            following = position + AROUND_BODY + length
+            chunk = view[position:following]
+            is_looked_at = kind == b"IDAT" or position == len(SIGNATURE)
+            if is_looked_at and not _is_sound(chunk):
+                return None
+            if kind == b"IDAT":
+                begin = begin or position
+                bodies.append(chunk[8:-4])
+            elif bodies:
+                is_end = bytes(chunk) == END_CHUNK
+                return cls(content[:begin], b"".join(bodies)) if is_end else None
+            position = following
+        return None
+
+
+def _is_sound(chunk: memoryview) -> bool:
+    return _SUM.pack(zlib_ng.crc32(chunk[4:-4])) == chunk[-4:]

@@ -19,16 +19,16 @@ from typing import Final
 
 from filter_core.errors import ImageError
 
-MOST_SCANS: Final = 32
+_MAX_SCANS: Final = 32
 """Of a progressive picture; encoders write 10, and 18 for four channels. A decoder goes
 through all blocks in each."""
 
-MOST_SEGMENTS: Final = 1000
+_MAX_SEGMENTS: Final = 1000
 
 _WINDOW: Final = 1 << 20
 """Bytes that are searched at a time; Python lets others run in between."""
 
-_MOST_PADDING: Final = 64
+_MAX_PADDING: Final = 64
 
 _SOI, _EOI, _SOS = 0xD8, 0xD9, 0xDA
 
@@ -62,9 +62,9 @@ class JpegHeader:
     marker: int
 
     @property
-    def most_scans(self) -> int:
+    def max_scans(self) -> int:
         """A scan has all of a channel, or, in a progressive picture, a part of it."""
-        return MOST_SCANS if self.marker == _PROGRESSIVE else self.channels
+        return _MAX_SCANS if self.marker == _PROGRESSIVE else self.channels
 
 
 def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
@@ -86,7 +86,7 @@ def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
     """
     walk = _Walk(content)
     position = 2
-    for _ in range(MOST_SEGMENTS + MOST_SCANS):
+    for _ in range(_MAX_SEGMENTS + _MAX_SCANS):
         marker, position = _marker_at(content, position)
         if marker == _EOI:
             return walk.finished()
@@ -95,11 +95,13 @@ def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
             if not whole:
                 return walk.finished()
             position = _end_of_scan(content, position)
-    raise ImageError(f"JPEG: more than {MOST_SEGMENTS} segments")
+    raise ImageError(f"JPEG: more than {_MAX_SEGMENTS} segments")
 
 
 @dataclass
 class _Walk:
+    """What was met so far on the way through the segments."""
+
     content: bytes | mmap
     header: JpegHeader | None = None
     scans: int = 0
@@ -119,6 +121,7 @@ class _Walk:
         return end
 
     def finished(self) -> JpegHeader:
+        """The header, if there was one and pixels after it."""
         if self.header is None:
             raise ImageError("JPEG: found no header with a size")
         if not self.scans:
@@ -128,13 +131,13 @@ class _Walk:
 
 def _marker_at(content: bytes | mmap, position: int) -> tuple[int, int]:
     """The marker that has to be here, and where it ends."""
-    head = content[position : position + _MOST_PADDING]
+    head = content[position : position + _MAX_PADDING]
     bare = head.lstrip(b"\xff")
     padding = len(head) - len(bare)
     if not bare:
         if position + padding >= len(content):
             raise _ends_too_early(content)
-        raise ImageError(f"JPEG: more than {_MOST_PADDING} bytes of padding")
+        raise ImageError(f"JPEG: more than {_MAX_PADDING} bytes of padding")
     if not padding:
         raise ImageError(
             f"JPEG: expected a marker at byte {position}, found {bytes(head[:4])!r}"
@@ -180,10 +183,8 @@ def _check_scan(header: JpegHeader | None, body: bytes, scans: int) -> None:
             f"JPEG: a scan of {channels} channels with {len(body)} bytes in a picture "
             f"of {header.channels} channels"
         )
-    if scans > header.most_scans:
-        raise ImageError(
-            f"JPEG: expected at most {header.most_scans} scans, found more"
-        )
+    if scans > header.max_scans:
+        raise ImageError(f"JPEG: expected at most {header.max_scans} scans, found more")
 
 
 def _end_of_scan(content: bytes | mmap, position: int) -> int:

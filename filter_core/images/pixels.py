@@ -1,8 +1,13 @@
-"""Pixels as one number each, runs of equal ones, counted or gathered; no palette here.
+"""Pixels as one number each: converted, gathered from rectangles, counted by runs.
 
-Pixels as one comparable number each, and what numbers there are in an image.
+The pixels of an image are codes, one byte each, or colours: red, green, blue. Either
+way `values_of` gives one number per pixel, which can be compared, and a table with an
+entry for each of the 2^24 colours gives the code of a colour. Which colour has which
+code is not known here: `filter_core.segmentation.codes` says it.
 
-Runs of equal values: a segmentation has a fiftieth as many runs as pixels.
+Counting uses that a segmentation consists of runs, equal pixels side by side, of which
+it has a fiftieth as many as pixels. `run_ends` finds where they end and `run_lengths`
+how long they are; one pixel of each is looked up and counts for the whole run.
 """
 
 from __future__ import annotations
@@ -16,70 +21,11 @@ from numpy.typing import NDArray
 
 from filter_core.types import BoolArray, IntArray, Mask
 
-
-def run_ends(flat: NDArray[Any], stops: IntArray | None = None) -> IntArray:
-    """The index of the last element of each run of equal elements.
-
-    Parameters
-    ----------
-    flat : (N,) of integers
-    stops : ascending indexes, optional
-        A run also ends before each of these; 0 is none.
-
-    Returns
-    -------
-    (R,) int64, ascending; its last is N - 1
-    """
-    size = len(flat)
-    if not size:
-        return np.empty(0, dtype=np.int64)
-    # A multiple of eight, as `positions` likes it.
-    last = np.zeros(-(-size // 8) * 8, dtype=np.bool_)
-    np.not_equal(flat[1:], flat[:-1], out=last[: size - 1])
-    last[size - 1] = True
-    if stops is not None:
-        last[stops[stops > 0] - 1] = True
-    return positions(last)
-
-
-def run_lengths(ends: IntArray) -> IntArray:
-    """How many elements each run has."""
-    lengths = np.empty_like(ends)
-    lengths[:1] = ends[:1] + 1
-    np.subtract(ends[1:], ends[:-1], out=lengths[1:])
-    return lengths
-
-
-def positions(mask: BoolArray) -> IntArray:
-    """``flatnonzero`` of a sparse mask, in half the time: eight elements at once."""
-    flat = mask.reshape(-1)
-    if len(flat) % 8:
-        flat = np.append(flat, np.zeros(8 - len(flat) % 8, dtype=np.bool_))
-    words = flat.view(np.uint64)
-    hit = np.flatnonzero(words != 0)
-    inside = np.flatnonzero(words[hit].view(np.bool_))
-    found: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
-    return found
-
-
 Codes: TypeAlias = NDArray[np.uint8]
-"""A small number for each colour; `filter_core.color_codes` has those of palettes."""
+"""Small numbers for colours: of some pixels, or a table of those of all 2^24."""
 
 PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
 """Packed colours with 255 in the upper byte, so negative; or codes."""
-
-# OpenCV splits larger pictures between threads, which then wait for each other
-# whenever the cores are busy with other frames.
-_CONVERTED_AT_ONCE: Final = 1 << 16
-
-# A strip's temporaries stay in the processor's cache.
-_STRIP_PIXELS: Final = 1 << 17
-
-# Three words of eight bytes.
-_BLOCK_PIXELS: Final = 8
-
-# Finding a run costs about as much as looking up this many pixels.
-_SHORTEST_MEAN_RUN: Final = 4
 
 
 def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
@@ -102,6 +48,24 @@ def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
     bgra = np.empty((height, width, 4), dtype=np.uint8)
     _convert(pixels, bgra)
     return bgra.view(np.int32)[:, :, 0]
+
+
+# OpenCV splits larger pictures between threads, which then wait for each other
+# whenever the cores are busy with other frames.
+_CONVERTED_AT_ONCE: Final = 1 << 16
+
+
+def _convert(rgb: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
+    """Write B, G, R and 255: in memory, a packed colour."""
+    height, width, _ = bgra.shape
+    pixels = height * width
+    if 0 < pixels <= _CONVERTED_AT_ONCE:
+        cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA, dst=bgra)
+    elif pixels:
+        rows = max(1, _CONVERTED_AT_ONCE // width)
+        for top in range(0, height, rows):
+            part = slice(top, top + rows)
+            cv2.cvtColor(rgb[part], cv2.COLOR_RGB2BGRA, dst=bgra[part])
 
 
 def gather(
@@ -134,6 +98,21 @@ def gather(
     sizes = np.array([len(part) for part in parts], dtype=np.int64)
     values: PixelValues = np.concatenate([*parts, np.empty(0, np.uint8)])
     return values, sizes
+
+
+def _gather_converted(
+    rgb: NDArray[np.uint8], regions: list[tuple[slice, slice]]
+) -> tuple[PixelValues, IntArray]:
+    """Each rectangle is converted straight into its place, without a copy between."""
+    parts = [rgb[region] for region in regions]
+    sizes = [part.shape[0] * part.shape[1] for part in parts]
+    room = np.empty((sum(sizes), 4), dtype=np.uint8)
+    start = 0
+    for part, size in zip(parts, sizes, strict=True):
+        height, width, _ = part.shape
+        _convert(part, room[start : start + size].reshape(height, width, 4))
+        start += size
+    return room.view(np.int32).reshape(-1), np.array(sizes, dtype=np.int64)
 
 
 def codes_of(values: PixelValues, table: Codes) -> Codes:
@@ -182,6 +161,22 @@ def count_codes(pixels: NDArray[np.uint8], table: Codes) -> IntArray:
     return counts
 
 
+# A strip's temporaries stay in the processor's cache.
+_STRIP_PIXELS: Final = 1 << 17
+
+# Finding a run costs about as much as looking up this many pixels.
+_SHORTEST_MEAN_RUN: Final = 4
+
+
+def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
+    """Whole rows of values, flat; valid until the next strip is asked for."""
+    rows = max(1, _STRIP_PIXELS // pixels.shape[1])
+    for top in range(0, len(pixels), rows):
+        # Contiguous already, unless an array of tags was given as a view.
+        strip: PixelValues = values_of(pixels[top : top + rows]).reshape(-1)
+        yield strip
+
+
 def occurring_codes(rgb: NDArray[np.uint8], table: Codes) -> list[int]:
     """Which codes occur in an image, in ascending order.
 
@@ -202,49 +197,61 @@ def occurring_codes(rgb: NDArray[np.uint8], table: Codes) -> list[int]:
     changed = blocks[1:] != blocks[:-1]
     new = changed[:, :, 0] | changed[:, :, 1]
     new |= changed[:, :, 2]
-    below = blocks[1:].reshape(-1, 3).take(positions(new), axis=0)
+    below = blocks[1:].reshape(-1, 3).take(_positions(new), axis=0)
     looked_at = np.concatenate([blocks[0], below]).view(np.uint8)
     values = values_of(looked_at.reshape(1, -1, 3)).reshape(-1)
     last = np.append(np.flatnonzero(values[1:] != values[:-1]), len(values) - 1)
     return _codes_counted(np.bincount(codes_of(values[last], table)))
 
 
+# Three words of eight bytes.
+_BLOCK_PIXELS: Final = 8
+
+
 def _codes_counted(counts: IntArray) -> list[int]:
     return [int(code) for code in np.flatnonzero(counts)]
 
 
-def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
-    """Whole rows of values, flat; valid until the next strip is asked for."""
-    rows = max(1, _STRIP_PIXELS // pixels.shape[1])
-    for top in range(0, len(pixels), rows):
-        # Contiguous already, unless an array of tags was given as a view.
-        strip: PixelValues = values_of(pixels[top : top + rows]).reshape(-1)
-        yield strip
+def run_ends(flat: NDArray[Any], stops: IntArray | None = None) -> IntArray:
+    """The index of the last element of each run of equal elements.
+
+    Parameters
+    ----------
+    flat : (N,) of integers
+    stops : ascending indexes, optional
+        A run also ends before each of these; 0 is none.
+
+    Returns
+    -------
+    (R,) int64, ascending; its last is N - 1
+    """
+    size = len(flat)
+    if not size:
+        return np.empty(0, dtype=np.int64)
+    # A multiple of eight, as `_positions` likes it.
+    last = np.zeros(-(-size // 8) * 8, dtype=np.bool_)
+    np.not_equal(flat[1:], flat[:-1], out=last[: size - 1])
+    last[size - 1] = True
+    if stops is not None:
+        last[stops[stops > 0] - 1] = True
+    return _positions(last)
 
 
-def _gather_converted(
-    rgb: NDArray[np.uint8], regions: list[tuple[slice, slice]]
-) -> tuple[PixelValues, IntArray]:
-    """Each rectangle is converted straight into its place, without a copy between."""
-    parts = [rgb[region] for region in regions]
-    sizes = [part.shape[0] * part.shape[1] for part in parts]
-    room = np.empty((sum(sizes), 4), dtype=np.uint8)
-    start = 0
-    for part, size in zip(parts, sizes, strict=True):
-        height, width, _ = part.shape
-        _convert(part, room[start : start + size].reshape(height, width, 4))
-        start += size
-    return room.view(np.int32).reshape(-1), np.array(sizes, dtype=np.int64)
+def run_lengths(ends: IntArray) -> IntArray:
+    """How many elements each run has."""
+    lengths = np.empty_like(ends)
+    lengths[:1] = ends[:1] + 1
+    np.subtract(ends[1:], ends[:-1], out=lengths[1:])
+    return lengths
 
 
-def _convert(rgb: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
-    """Write B, G, R and 255: in memory, a packed colour."""
-    height, width, _ = bgra.shape
-    pixels = height * width
-    if 0 < pixels <= _CONVERTED_AT_ONCE:
-        cv2.cvtColor(rgb, cv2.COLOR_RGB2BGRA, dst=bgra)
-    elif pixels:
-        rows = max(1, _CONVERTED_AT_ONCE // width)
-        for top in range(0, height, rows):
-            part = slice(top, top + rows)
-            cv2.cvtColor(rgb[part], cv2.COLOR_RGB2BGRA, dst=bgra[part])
+def _positions(mask: BoolArray) -> IntArray:
+    """``flatnonzero`` of a sparse mask, in half the time: eight elements at once."""
+    flat = mask.reshape(-1)
+    if len(flat) % 8:
+        flat = np.append(flat, np.zeros(8 - len(flat) % 8, dtype=np.bool_))
+    words = flat.view(np.uint64)
+    hit = np.flatnonzero(words != 0)
+    inside = np.flatnonzero(words[hit].view(np.bool_))
+    found: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
+    return found

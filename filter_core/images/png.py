@@ -17,18 +17,19 @@ from filter_core.errors import ImageError
 
 SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 
-MOST_ANCILLARY: Final = 500
+_MAX_ANCILLARY: Final = 500
 """Chunks beside the picture itself; programs write one per note, some dozens."""
 
-MOST_ANCILLARY_BYTES: Final = 1 << 24
+_MAX_ANCILLARY_BYTES: Final = 1 << 24
 
-MOST_COMPRESSED: Final = 16
+_MAX_COMPRESSED: Final = 16
 """Chunks beside the picture whose content is compressed."""
 
-MOST_INFLATED_BYTES: Final = 1 << 22
+_MAX_INFLATED_BYTES: Final = 1 << 22
 """Of all these together; a profile of colours has some 500 KB."""
 
 _FEW_PARTS: Final = 1024
+"""So many are allowed, whatever their size."""
 
 _PART_BYTES: Final = 1024
 """Pixels come in parts of 8 KiB or more; many parts that are smaller are refused."""
@@ -36,13 +37,14 @@ _PART_BYTES: Final = 1024
 _TAIL: Final = 4096
 """How much may follow the end: some cameras and editors append notes of their own."""
 
-_AROUND_BODY: Final = 12
+AROUND_BODY: Final = 12
+"""A chunk's length, kind and checksum, four bytes each."""
 
 _HEAD: Final = struct.Struct(">I4s")
 
-_END: Final = b"\0\0\0\0IEND\xaeB`\x82"
+END_CHUNK: Final = b"\0\0\0\0IEND\xaeB`\x82"
 
-_END_MARK: Final = _END[4:]
+_END_MARK: Final = END_CHUNK[4:]
 
 _CRITICAL: Final = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
 
@@ -109,6 +111,8 @@ class _Chunk(NamedTuple):
 
 @dataclass
 class _Walk:
+    """What was met so far on the way through the chunks, and the limits on it."""
+
     content: bytes | mmap
     header: PngHeader | None = None
     kinds: set[bytes] = field(default_factory=set)
@@ -125,12 +129,12 @@ class _Walk:
         content = self.content
         position, size = len(SIGNATURE), len(content)
         start, length, parts, total = position, 0, 0, 0
-        while position + _AROUND_BODY <= size:
+        while position + AROUND_BODY <= size:
             length, kind = _HEAD.unpack_from(content, position)
-            if position + _AROUND_BODY + length > size:
+            if position + AROUND_BODY + length > size:
                 break
             # A photograph has hundreds of parts: one step for all of them.
-            if parts_as_one and kind == b"IDAT" and parts <= _most_parts(total):
+            if parts_as_one and kind == b"IDAT" and parts <= _max_parts(total):
                 start = start if parts else position
                 parts, total = parts + 1, total + length
             else:
@@ -138,12 +142,13 @@ class _Walk:
                     yield _Chunk(b"IDAT", start, total, parts)
                     parts = total = 0
                 yield _Chunk(kind, position, length)
-            position += _AROUND_BODY + length
+            position += AROUND_BODY + length
         if parts:
             yield _Chunk(b"IDAT", start, total, parts)
         raise _ends_too_early(content)
 
     def check(self, chunk: _Chunk) -> None:
+        """Raise `ImageError` if the chunk may not stand here; else count it."""
         kind = chunk.kind
         if self.header is None:
             self.header = self._read_header(chunk)
@@ -157,6 +162,7 @@ class _Walk:
         self.last = kind
 
     def finished(self) -> PngHeader:
+        """The header, if there were pixels, and a palette where they need one."""
         if b"IDAT" not in self.kinds or self.header is None:
             raise ImageError("PNG: found no pixels")
         if self.header.color_type == _INDEXED and b"PLTE" not in self.kinds:
@@ -187,7 +193,7 @@ class _Walk:
             raise ImageError(f"PNG: {_named(self.last)} stands between the pixels")
         self.parts += chunk.parts
         self.part_bytes += chunk.length
-        if self.parts > _most_parts(self.part_bytes):
+        if self.parts > _max_parts(self.part_bytes):
             raise ImageError(
                 f"PNG: {self.parts} parts with {self.part_bytes} bytes of pixels; "
                 f"expected parts of {_PART_BYTES} bytes or more"
@@ -210,7 +216,7 @@ class _Walk:
     def _take_end(self, chunk: _Chunk) -> None:
         if chunk.length:
             raise ImageError(f"PNG: the end has {chunk.length} bytes, expected none")
-        tail = len(self.content) - chunk.start - _AROUND_BODY
+        tail = len(self.content) - chunk.start - AROUND_BODY
         if tail > _TAIL - len(_END_MARK):
             raise ImageError(
                 f"PNG: {tail} bytes follow its end, expected at most "
@@ -228,30 +234,30 @@ class _Walk:
             )
         self.ancillary += 1
         self.ancillary_bytes += chunk.length
-        if self.ancillary > MOST_ANCILLARY:
+        if self.ancillary > _MAX_ANCILLARY:
             raise ImageError(
-                f"PNG: more than {MOST_ANCILLARY} chunks beside its pixels"
+                f"PNG: more than {_MAX_ANCILLARY} chunks beside its pixels"
             )
-        if self.ancillary_bytes > MOST_ANCILLARY_BYTES:
+        if self.ancillary_bytes > _MAX_ANCILLARY_BYTES:
             raise ImageError(
                 f"PNG: {self.ancillary_bytes} bytes beside its pixels, expected at "
-                f"most {MOST_ANCILLARY_BYTES}"
+                f"most {_MAX_ANCILLARY_BYTES}"
             )
         if kind in _COMPRESSED:
             self._take_compressed(chunk)
 
     def _take_compressed(self, chunk: _Chunk) -> None:
         self.compressed += 1
-        if self.compressed > MOST_COMPRESSED:
+        if self.compressed > _MAX_COMPRESSED:
             raise ImageError(
-                f"PNG: more than {MOST_COMPRESSED} compressed texts and profiles"
+                f"PNG: more than {_MAX_COMPRESSED} compressed texts and profiles"
             )
-        left = MOST_INFLATED_BYTES - self.inflated_bytes
+        left = _MAX_INFLATED_BYTES - self.inflated_bytes
         self.inflated_bytes += _inflated_size(chunk.kind, self._body(chunk), left)
-        if self.inflated_bytes > MOST_INFLATED_BYTES:
+        if self.inflated_bytes > _MAX_INFLATED_BYTES:
             raise ImageError(
                 "PNG: its texts and profiles inflate to more than "
-                f"{MOST_INFLATED_BYTES} bytes"
+                f"{_MAX_INFLATED_BYTES} bytes"
             )
 
     def _require_checksum(self, chunk: _Chunk) -> None:
@@ -264,7 +270,7 @@ class _Walk:
         return self.content[chunk.start + 8 : chunk.start + 8 + chunk.length]
 
 
-def _most_parts(size: int) -> int:
+def _max_parts(size: int) -> int:
     """How many parts pixels of so many bytes may come in."""
     return _FEW_PARTS + size // _PART_BYTES
 
