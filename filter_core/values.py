@@ -1,10 +1,15 @@
 """Values that strangers wrote: read, or noted as a fault in words.
 
-What is wrong with what strangers wrote: every fault with its place, in words.
+Whoever reads an annotation passes a `Place` and the `Faults` along. The functions
+`read_...` take one value of the parsed JSON and return it checked and converted; if
+it cannot be used, they add a fault and return None, or a value in its place, so that
+one pass finds all faults. A fault has a stable code, the JSON pointer of the value, and
+a sentence with what was expected and what was found. Nothing is raised before
+`Faults.raise_any`.
 
-`Faults` collects those of one annotation in one pass.
-
-Texts, identifiers and kept values of an annotation: what may be stored, what not.
+Below them is how the library quotes what strangers wrote (`shown`, `pointer_token`,
+`escape_text`) and finds the word that they may have meant (`nearest`, `similar`); these
+serve configurations and requests as well.
 """
 
 from __future__ import annotations
@@ -19,21 +24,6 @@ from typing import Final
 import numpy as np
 
 from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
-
-MAX_FAULTS: Final = 100
-"""Of one annotation; those beyond it are counted only."""
-
-MAX_MAGNITUDE: Final = 1e9
-"""A larger number is not a coordinate: in metres it lies beyond any map."""
-
-_SHOWN_TEXT: Final = 60
-
-_SHOWN_KEY: Final = 80
-
-_SIMILAR: Final = 0.6
-"""From here on a word is taken for a misspelt one."""
-
-_NUMBER: Final = (int, float, np.integer, np.floating)
 
 
 class Place:
@@ -103,6 +93,9 @@ class BoxPlace(Place):
 
 _BOXES: Final = Place("boxes", Place())
 
+MAX_FAULTS: Final = 100
+"""Of one annotation; those beyond it are counted only."""
+
 
 class Faults:
     """The faults found so far; nothing is raised until `raise_any`.
@@ -151,49 +144,14 @@ class Faults:
             raise self.as_error()
 
 
-def pointer_token(key: object) -> str:
-    """A key of the input as one token of a JSON pointer (RFC 6901), shortened."""
-    return _shown_key(str(key)).replace("~", "~0").replace("/", "~1")
+_MAX_MAGNITUDE: Final = 1e9
+"""A larger number is not a coordinate: in metres it lies beyond any map."""
 
-
-def _shown_key(key: str) -> str:
-    return escape_text(key if len(key) <= _SHOWN_KEY else key[:_SHOWN_KEY] + "…")
-
-
-def escape_text(text: str) -> str:
-    """The text in a form that UTF-8 has: halves of surrogate pairs as ``\\ud800``."""
-    return text.encode("utf-8", "backslashreplace").decode()
-
-
-def shown(value: object) -> str:
-    """A value as an error names it: short, on one line, its type where that matters."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        cut = value if len(value) <= _SHOWN_TEXT else value[:_SHOWN_TEXT] + "…"
-        # repr-like escapes keep control characters out of logs and terminals.
-        return "the text " + ascii(cut) if not cut.isprintable() else f'"{cut}"'
-    if isinstance(value, dict):
-        return "an object"
-    if isinstance(value, (list, tuple)):
-        return f"a list of {len(value)}"
-    return _shown_number(value) if isinstance(value, _NUMBER) else type(value).__name__
-
-
-def _shown_number(value: object) -> str:
-    if isinstance(value, int) and value.bit_length() > 256:
-        return f"an integer of {value.bit_length()} bits"
-    if isinstance(value, (float, np.floating)) and not math.isfinite(value):
-        return (
-            "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
-        )
-    return str(value)
+_NUMBER: Final = (int, float, np.integer, np.floating)
 
 
 def read_number(value: object, at: Place, faults: Faults) -> float | None:
-    """A finite number of at most `MAX_MAGNITUDE`, or None and a fault.
+    """A finite number between -1e9 and 1e9, or None and a fault.
 
     Text and booleans are not numbers, however they look.
     """
@@ -201,7 +159,7 @@ def read_number(value: object, at: Place, faults: Faults) -> float | None:
         faults.add(at, "not_a_number", "a number", shown(value))
     elif not isinstance(value, int) and not math.isfinite(value):
         faults.add(at, "not_finite", "a finite number", shown(value))
-    elif abs(value) > MAX_MAGNITUDE:
+    elif abs(value) > _MAX_MAGNITUDE:
         expected = "a number between -1e9 and 1e9"
         faults.add(at, "number_too_large", expected, shown(value))
     else:
@@ -229,7 +187,7 @@ def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
     for item in items:
         if type(item) is not float and type(item) is not int:
             return None
-        if not -MAX_MAGNITUDE <= item <= MAX_MAGNITUDE:
+        if not -_MAX_MAGNITUDE <= item <= _MAX_MAGNITUDE:
             return None
         numbers.append(float(item))
     return tuple(numbers)
@@ -261,33 +219,6 @@ def read_list(
     return None
 
 
-def nearest(word: object, known: Iterable[str]) -> str:
-    """The known word most like this one, however unlike it is."""
-    return _matches(word, known, 0.0)[0]
-
-
-def similar(word: object, known: Iterable[str]) -> str | None:
-    """The known word that this one is likely to stand for; None if it is like none."""
-    return next(iter(_matches(word, known, _SIMILAR)), None)
-
-
-def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
-    # difflib is quadratic: a kilobyte of nonsense must not cost a second.
-    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)
-
-
-def place_of(at: str) -> str:
-    """A JSON pointer as it stands before a message."""
-    return f"{at.strip('/').replace('/', '.')}: " if at else ""
-
-
-MAX_INTEGER: Final = 2**63 - 1
-"""Ids beyond it fit no database column."""
-
-_MAX_DEPTH: Final = 32
-"""Deeper JSON exhausts the stack of whatever reads it next."""
-
-
 def read_text(value: object, at: Place, faults: Faults, limit: int) -> str | None:
     """A text that can be shown and stored, or None; null is None without a fault."""
     if value is None:
@@ -299,7 +230,7 @@ def read_text(value: object, at: Place, faults: Faults, limit: int) -> str | Non
     elif len(value) > limit:
         expected = f"at most {limit} characters"
         faults.add(at, "text_too_long", expected, f"{len(value)} characters")
-    elif not is_storable(value):
+    elif not _is_storable(value):
         expected = "a text without control characters"
         faults.add(at, "control_character", expected, shown(value))
     else:
@@ -307,11 +238,15 @@ def read_text(value: object, at: Place, faults: Faults, limit: int) -> str | Non
     return None
 
 
-def is_storable(text: str) -> bool:
+def _is_storable(text: str) -> bool:
     """No control characters and no halves of surrogate pairs."""
     return text.isprintable() or not any(
         unicodedata.category(character) in ("Cc", "Cs") for character in text
     )
+
+
+_MAX_INTEGER: Final = 2**63 - 1
+"""Ids beyond it fit no database column."""
 
 
 def read_id(value: object, index: int, at: Place, faults: Faults, limit: int) -> str:
@@ -319,7 +254,7 @@ def read_id(value: object, index: int, at: Place, faults: Faults, limit: int) ->
     if value is None:
         return str(index)
     if isinstance(value, int) and not isinstance(value, bool):
-        if abs(value) <= MAX_INTEGER:
+        if abs(value) <= _MAX_INTEGER:
             return str(value)
         faults.add(at, "number_too_large", "an id of at most 64 bits", shown(value))
     elif isinstance(value, str):
@@ -334,7 +269,7 @@ def read_instance_id(value: object, at: Place, faults: Faults) -> int | None:
     if isinstance(value, bool) or not isinstance(value, int):
         faults.add(at, "not_an_integer", "an integer", shown(value))
         return None
-    if not 0 <= value <= MAX_INTEGER:
+    if not 0 <= value <= _MAX_INTEGER:
         faults.add(at, "out_of_range", "an integer from 0 to 2^63 - 1", shown(value))
         return None
     return value
@@ -362,6 +297,10 @@ def _python_iso(text: str) -> str:
     head, dot, tail = utc.partition(".")
     digits = len(tail) - len(tail.lstrip("0123456789"))
     return f"{head}.{tail[:digits][:6]:0<6}{tail[digits:]}" if dot and digits else utc
+
+
+_MAX_DEPTH: Final = 32
+"""Deeper JSON exhausts the stack of whatever reads it next."""
 
 
 def read_kept_object(value: object, at: Place, faults: Faults) -> dict[str, object]:
@@ -401,7 +340,7 @@ def _is_plain(value: object) -> bool:
 
 
 def _check_key(key: object, at: Place, faults: Faults) -> None:
-    if not isinstance(key, str) or not is_storable(key):
+    if not isinstance(key, str) or not _is_storable(key):
         expected = "keys that are texts without control characters"
         faults.add(at, "bad_key", expected, shown(key))
 
@@ -427,3 +366,74 @@ def is_encodable(text: str) -> bool:
         return b"\0" not in text.encode()
     except UnicodeEncodeError:
         return False
+
+
+_SHOWN_TEXT: Final = 60
+
+
+def shown(value: object) -> str:
+    """A value as an error names it: short, on one line, its type where that matters."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        cut = value if len(value) <= _SHOWN_TEXT else value[:_SHOWN_TEXT] + "…"
+        # repr-like escapes keep control characters out of logs and terminals.
+        return "the text " + ascii(cut) if not cut.isprintable() else f'"{cut}"'
+    if isinstance(value, dict):
+        return "an object"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    return _shown_number(value) if isinstance(value, _NUMBER) else type(value).__name__
+
+
+def _shown_number(value: object) -> str:
+    if isinstance(value, int) and value.bit_length() > 256:
+        return f"an integer of {value.bit_length()} bits"
+    if isinstance(value, (float, np.floating)) and not math.isfinite(value):
+        return (
+            "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
+        )
+    return str(value)
+
+
+def place_of(at: str) -> str:
+    """A JSON pointer as it stands before a message."""
+    return f"{at.strip('/').replace('/', '.')}: " if at else ""
+
+
+def pointer_token(key: object) -> str:
+    """A key of the input as one token of a JSON pointer (RFC 6901), shortened."""
+    return _shown_key(str(key)).replace("~", "~0").replace("/", "~1")
+
+
+_SHOWN_KEY: Final = 80
+
+
+def _shown_key(key: str) -> str:
+    return escape_text(key if len(key) <= _SHOWN_KEY else key[:_SHOWN_KEY] + "…")
+
+
+def escape_text(text: str) -> str:
+    """The text in a form that UTF-8 has: halves of surrogate pairs as ``\\ud800``."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+_SIMILAR: Final = 0.6
+"""From here on a word is taken for a misspelt one."""
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """The known word most like this one, however unlike it is."""
+    return _matches(word, known, 0.0)[0]
+
+
+def similar(word: object, known: Iterable[str]) -> str | None:
+    """The known word that this one is likely to stand for; None if it is like none."""
+    return next(iter(_matches(word, known, _SIMILAR)), None)
+
+
+def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:
+    # difflib is quadratic: a kilobyte of nonsense must not cost a second.
+    return difflib.get_close_matches(str(word)[:80], sorted(known), 1, cutoff)

@@ -1,11 +1,14 @@
-"""A small code per known colour; a segmentation is pixels with codes.
+"""A code for each known colour, and a segmentation as pixels with codes.
 
-A small number for each colour that any family knows, and how often each occurs.
+Every colour that any tag family has, in either channel order, has a number from 1: its
+code. Code 0 is all other colours. So an image's colours can be looked up in one table
+before its family is known; which tag a code means, `tags_of_codes` says per family.
 
 A colour is packed as ``R << 16 | G << 8 | B``: what four bytes B, G, R, A are as a
-little-endian integer without A. Code 0 is a colour of no family, in no channel order.
+little-endian integer without A.
 
-A segmentation that has been read: its pixels as codes, and what the codes mean.
+`Segmentation` is what reading a segmentation image gives: its `PixelCodes`, and what
+was recognised. Raw tags are their own codes there.
 """
 
 from __future__ import annotations
@@ -26,16 +29,12 @@ ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
 ORDERS: Final[tuple[ChannelOrder, ...]] = ("rgb", "bgr")
 
 NO_FAMILY: Final = 0
+"""The code of all colours that no family has, in no channel order."""
 
-N_COLORS: Final = 1 << 24
+_N_COLORS: Final = 1 << 24
 
-COLOR_BITS: Final = N_COLORS - 1
-
-NEAREST_LEVELS: Final = 32
-"""How far a lossy colour may be from a palette's, per channel."""
-
-RECOGNIZED_LEVELS: Final = 8
-"""How near a lossy colour must be to count towards recognising its family."""
+COLOR_BITS: Final = _N_COLORS - 1
+"""What of a pixel's value is its packed colour; the upper byte is alpha."""
 
 
 def packed(rgb: RGB, order: ChannelOrder = "rgb") -> int:
@@ -45,7 +44,7 @@ def packed(rgb: RGB, order: ChannelOrder = "rgb") -> int:
 
 
 def unpacked(color: int) -> RGB:
-    """Inverse of `packed` for order ``rgb``."""
+    """Red, green and blue of a packed colour: the inverse of `packed` for ``rgb``."""
     return color >> 16 & 255, color >> 8 & 255, color & 255
 
 
@@ -62,8 +61,6 @@ def _all_packed_colors() -> tuple[int, ...]:
 KNOWN_COLORS: Final = _all_packed_colors()
 """Every colour of every family, in both channel orders; code = index + 1."""
 
-N_CODES: Final = len(KNOWN_COLORS) + 1
-
 CODE_OF: Final = {color: code for code, color in enumerate(KNOWN_COLORS, start=1)}
 
 
@@ -74,22 +71,30 @@ def exact_codes() -> Codes:
     Almost all of it is zeros that were never written, so it takes 16 MiB of addresses
     and a few pages of memory.
     """
-    table = np.zeros(N_COLORS, dtype=np.uint8)
-    table[list(KNOWN_COLORS)] = np.arange(1, N_CODES)
+    table = np.zeros(_N_COLORS, dtype=np.uint8)
+    table[list(KNOWN_COLORS)] = np.arange(1, len(KNOWN_COLORS) + 1)
     table.setflags(write=False)
     return table
 
 
+_RECOGNIZED_LEVELS: Final = 8
+"""How near a lossy colour must be to count towards recognising its family."""
+
+
 @lru_cache(maxsize=1)
 def recognizable_codes() -> Codes:
-    """(2^24,) uint8: the code whose colour is nearest, within `RECOGNIZED_LEVELS`."""
+    """(2^24,) uint8: the code whose colour is nearest, within 8 levels per channel."""
     colors = [(color, code) for color, code in CODE_OF.items()]
-    return _nearest(colors, RECOGNIZED_LEVELS, default=NO_FAMILY)
+    return _nearest(colors, _RECOGNIZED_LEVELS, default=NO_FAMILY)
+
+
+_NEAREST_LEVELS: Final = 32
+"""How far a lossy colour may be from a palette's, per channel."""
 
 
 @lru_cache(maxsize=4)
 def nearest_tags(family: str, order: ChannelOrder) -> Codes:
-    """(2^24,) uint8: the tag whose colour is nearest, within `NEAREST_LEVELS`.
+    """(2^24,) uint8: the tag whose colour is nearest, within 32 levels per channel.
 
     Nearest in the Euclidean sense, the lower tag wins a tie; 255 where no colour is
     near, and where it is exactly the colour of another family.
@@ -97,7 +102,7 @@ def nearest_tags(family: str, order: ChannelOrder) -> Codes:
     tags = palette_of(family).tags
     table = _nearest(
         [(packed(tag.rgb, order), tag.tag) for tag in tags],
-        NEAREST_LEVELS,
+        _NEAREST_LEVELS,
         default=UNKNOWN_TAG,
     )
     own = {packed(tag.rgb, order) for tag in tags}
@@ -111,16 +116,6 @@ def nearest_tags(family: str, order: ChannelOrder) -> Codes:
     table[foreign] = UNKNOWN_TAG
     table.setflags(write=False)
     return table
-
-
-@lru_cache(maxsize=16)
-def tags_of_codes(family: str, order: ChannelOrder) -> NDArray[np.uint8]:
-    """(256,) uint8: the tag that each code means in a family; 255 where none."""
-    tags = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
-    for tag in palette_of(family).tags:
-        tags[CODE_OF[packed(tag.rgb, order)]] = tag.tag
-    tags.setflags(write=False)
-    return tags
 
 
 def _nearest(colors: list[tuple[int, int]], levels: int, *, default: int) -> Codes:
@@ -142,6 +137,16 @@ def _nearest(colors: list[tuple[int, int]], levels: int, *, default: int) -> Cod
     flat = table.reshape(-1)
     flat.setflags(write=False)
     return flat
+
+
+@lru_cache(maxsize=16)
+def tags_of_codes(family: str, order: ChannelOrder) -> NDArray[np.uint8]:
+    """(256,) uint8: the tag that each code means in a family; 255 where none."""
+    tags = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
+    for tag in palette_of(family).tags:
+        tags[CODE_OF[packed(tag.rgb, order)]] = tag.tag
+    tags.setflags(write=False)
+    return tags
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +189,7 @@ class PixelCodes:
             return code
         if code == NO_FAMILY:
             raise ValueError("colours of no family have many values")
-        return KNOWN_COLORS[code - 1] - N_COLORS
+        return KNOWN_COLORS[code - 1] - _N_COLORS
 
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""
@@ -198,7 +203,7 @@ class Segmentation:
     Attributes
     ----------
     codes : PixelCodes
-    family : key of `filter_core.palettes.FAMILIES`
+    family : key of `filter_core.segmentation.palettes.FAMILIES`
     encoding : ``palette`` or ``raw``
     channel_order : ``rgb`` or ``bgr``
     lossy : bool

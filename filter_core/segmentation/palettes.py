@@ -1,4 +1,9 @@
-"""CARLA's tag families: which tag number has which name and colour, per version."""
+"""CARLA's tag families: which tag number has which name and colour, per version.
+
+A family is the table that a range of CARLA's versions share. `FAMILIES` has them by
+name, `family_of_version` says which one a version renders, and a `Palette` turns tags
+into names and colours and back. The tables' sources stand beside them.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +22,10 @@ from filter_core.types import UNKNOWN_TAG, TagImage
 
 RGB: TypeAlias = tuple[int, int, int]
 
-UNKNOWN_NAME: Final = "Unknown"
+_UNKNOWN_NAME: Final = "Unknown"
 
-UNKNOWN_RGB: Final[RGB] = (255, 255, 255)
-"""What a tag without a colour is painted with; no family uses white."""
+_UNKNOWN_RGB: Final[RGB] = (255, 255, 255)
+"""White: what a tag without a colour is painted with; no family uses it."""
 
 
 class UnknownVersion(FilterError):
@@ -60,11 +65,11 @@ class Palette:
     def name_of(self, tag: int) -> str:
         """The tag's name; a tag that the family does not have is named by its number.
 
-        ``255`` is `UNKNOWN_NAME`.
+        ``255`` is Unknown.
         """
         if 0 <= tag < len(self.tags):
             return self.tags[tag].name
-        return UNKNOWN_NAME if tag == UNKNOWN_TAG else f"Tag {tag}"
+        return _UNKNOWN_NAME if tag == UNKNOWN_TAG else f"Tag {tag}"
 
     def tag_of(self, name: str) -> int:
         """The number of a tag given by name, in any case.
@@ -82,8 +87,8 @@ class Palette:
 
     @cached_property
     def rgb_table(self) -> NDArray[np.uint8]:
-        """(256, 3) uint8: the colour of every tag number, `UNKNOWN_RGB` for others."""
-        table = np.full((256, 3), UNKNOWN_RGB, dtype=np.uint8)
+        """(256, 3) uint8: the colour of every tag number, white for others."""
+        table = np.full((256, 3), _UNKNOWN_RGB, dtype=np.uint8)
         table[: len(self.tags)] = [tag.rgb for tag in self.tags]
         table.setflags(write=False)
         return table
@@ -94,7 +99,7 @@ class Palette:
         Parameters
         ----------
         tags : (H, W) uint8
-            Tags that the family does not have become `UNKNOWN_RGB`.
+            Tags that the family does not have become white.
 
         Returns
         -------

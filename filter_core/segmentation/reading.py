@@ -1,4 +1,9 @@
-"""Read a segmentation image, or refuse it, and say what was recognised."""
+"""The door to segmentations: a file or an array of tags in, a `Segmentation` out.
+
+`read_segmentation` reads an image file of any form that CARLA or its users write, by
+what is known of it (`SegmentationOptions`) and what its colours show, or refuses it and
+says why. `segmentation_from_tags` takes an array of tags whose family is known.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +36,7 @@ from filter_core.segmentation.palettes import (
     family_of_version,
     palette_of,
 )
-from filter_core.segmentation.recognition import Named
+from filter_core.segmentation.recognition import Named, contradiction
 from filter_core.segmentation.tags import (
     looks_raw,
     raw_segmentation,
@@ -64,7 +69,7 @@ class SegmentationOptions:
 
     Attributes
     ----------
-    palette : ``auto`` or a key of `filter_core.palettes.FAMILIES`
+    palette : ``auto`` or a key of `filter_core.segmentation.palettes.FAMILIES`
     encoding : ``auto``, ``palette`` or ``raw``
     channel_order : ``auto``, ``rgb`` or ``bgr``
     lossy : ``refuse`` or ``nearest``
@@ -115,7 +120,7 @@ class SegmentationOptions:
                 if value == getattr(unset, name):
                     continue
                 if chosen.setdefault(name, value) != value:
-                    _contradict(
+                    raise contradiction(
                         f"{sources[name]} says {name} {chosen[name]}, "
                         f"{source} says {value}"
                     )
@@ -180,7 +185,7 @@ def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
     ----------
     tags : (H, W) uint8
         255 is Unknown, and so is a tag that the family does not have. Not copied.
-    family : key of `filter_core.palettes.FAMILIES`
+    family : key of `filter_core.segmentation.palettes.FAMILIES`
 
     Raises
     ------
@@ -224,7 +229,7 @@ def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
             "a tag or a colour is one byte"
         )
     if grey and options.encoding == "palette":
-        _contradict(
+        raise contradiction(
             f"{_source(options, 'encoding')} says encoding palette, "
             "the image is grey, so it can only hold raw tags"
         )
@@ -260,7 +265,7 @@ def _named(options: SegmentationOptions) -> tuple[Named, tuple[str, ...]]:
     version = f"carla_version {options.carla_version}"
     # The paper's table is no version's: naming it says how to read, not who rendered.
     if family not in (None, rendered, PAPER_TABLE):
-        _contradict(
+        raise contradiction(
             f"{sources['palette']} says palette {family}, {version} renders {rendered}"
         )
     if family is None:
@@ -270,10 +275,6 @@ def _named(options: SegmentationOptions) -> tuple[Named, tuple[str, ...]]:
 
 def _source(options: SegmentationOptions, name: str) -> str:
     return options.sources.get(name, "the caller")
-
-
-def _contradict(text: str) -> None:
-    raise SegmentationError(text, code="segmentation_contradiction")
 
 
 def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:

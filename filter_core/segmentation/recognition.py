@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NamedTuple
 
 from filter_core.errors import SegmentationError
 from filter_core.segmentation.codes import (
@@ -97,7 +97,7 @@ def recognize(occurring: Iterable[int], named: Named) -> Recognition:
 
     Parameters
     ----------
-    occurring : codes of the known colours that occur, see `filter_core.color_codes`
+    occurring : codes of the known colours that occur
     named : Named
 
     Raises
@@ -170,21 +170,22 @@ def _refuse_contradiction(
         code = min(missing[chosen] - unexplained)
         proof = f"{color_of(code, other.order)} is {other.name_of(code)} there"
         if other.order != chosen.order and named.order is not None:
-            _contradict(
+            raise contradiction(
                 f"{named.source('channel_order')} says channel_order {chosen.order}, "
                 f"the colours that occur prove {other.order}: {proof}"
             )
         # The paper's table is meant for images of other families.
         if named.family not in (None, PAPER_TABLE) and other.family != PAPER_TABLE:
-            _contradict(
+            raise contradiction(
                 f"{named.source('palette')} says palette {chosen.family}, "
                 f"the colours that occur prove {other.family}: {proof} "
                 f"and no colour of {chosen.family}"
             )
 
 
-def _contradict(text: str) -> NoReturn:
-    raise SegmentationError(text, code="segmentation_contradiction")
+def contradiction(text: str) -> SegmentationError:
+    """The error of a segmentation that contradicts what was said of it."""
+    return SegmentationError(text, code="segmentation_contradiction")
 
 
 def _refuse_mixture(

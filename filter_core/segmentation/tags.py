@@ -1,8 +1,12 @@
-"""Coloured or raw pixels become a segmentation, or are refused.
+"""Coloured or raw pixels become a `Segmentation`, or are refused.
 
-Read a palette-coloured image: count its colours, recognise the family, or refuse.
-
-Read raw tags: the number itself, in a grey image or in the red channel.
+There are three ways to read pixels: colours that are exactly those of a palette
+(`read_exact_colors`), colours that a lossy format has changed
+(`read_nearest_colors`), and raw tags, the numbers themselves, in a grey image
+(`read_raw_tags`) or in one channel of a coloured one (`read_raw_channel`). Each counts
+the colours or tags that occur, finds the family or takes the one that was named, notes
+what is Unknown, and raises `SegmentationError` for an image that is hardly a
+segmentation of that kind.
 """
 
 from __future__ import annotations
@@ -41,15 +45,21 @@ from filter_core.segmentation.recognition import (
     Reading,
     Recognition,
     color_of,
+    contradiction,
     recognize,
 )
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
-MAX_NO_FAMILY_PERCENT: Final = 1.0
-"""Above this share of colours of no family an image is not believed."""
+_MAX_SENSELESS_PERCENT: Final = 1.0
+"""An image with a larger share of colours or tags of no family is not believed."""
 
 _LOSSY_FLOOR_PERCENT: Final = 0.1
 """A lossy colour must cover this much to count: blends at edges imitate others."""
+
+_PROVING_FAMILY: Final = "carla-0.9.14"
+"""The only family of CARLA's with tags from 23 on."""
+
+_RED, _GREEN, _BLUE = 0, 1, 2
 
 
 def read_exact_colors(
@@ -84,6 +94,80 @@ def read_exact_colors(
     if NO_FAMILY in occurring or found.missing:
         return _with_unknown(segmentation, found)
     return segmentation
+
+
+def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentation:
+    """The same, with what is Unknown counted: only then does each pixel matter."""
+    counts = count_codes(segmentation.pixels, exact_codes())
+    foreign, senseless = _split_missing(found)
+    no_family = [NO_FAMILY, *senseless]
+    _refuse_no_family(segmentation.pixels, counts, no_family)
+    foreign_pixels = int(counts[foreign].sum())
+    return replace(
+        segmentation,
+        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
+        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
+        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
+    )
+
+
+def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:
+    """Other families' colours, and those that are some family's only when swapped."""
+    readings = [Reading(family, found.order) for family in FAMILIES]
+    foreign = [
+        code
+        for code in sorted(found.missing)
+        if any(not reading.missing(frozenset({code})) for reading in readings)
+    ]
+    return foreign, sorted(found.missing - set(foreign))
+
+
+def _refuse_no_family(
+    pixels: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
+) -> None:
+    share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
+    if share <= _MAX_SENSELESS_PERCENT:
+        return
+    red, green, blue = _commonest_color(pixels, codes, exact_codes())
+    raise SegmentationError(
+        f"{share:.1f} % of the pixels have colours of no known family, most often "
+        f"({red}, {green}, {blue}); at most {_MAX_SENSELESS_PERCENT:g} % may. "
+        "Raw tags need encoding: raw; a palette image that was a JPEG or was resized "
+        "needs lossy_segmentation: nearest",
+        code="foreign_colors",
+    )
+
+
+def _commonest_color(
+    pixels: NDArray[np.uint8], codes: Sequence[int], table: Codes
+) -> RGB:
+    colors = values_of(pixels).reshape(-1) & COLOR_BITS
+    odd, how_often = np.unique(
+        colors[np.isin(table[colors], codes)], return_counts=True
+    )
+    return unpacked(int(odd[how_often.argmax()]))
+
+
+def _unknown_notes(
+    counts: IntArray, found: Recognition, foreign: list[int], no_family: list[int]
+) -> Iterable[str]:
+    total = float(counts.sum())
+    for code in foreign:
+        reading = next(
+            reading
+            for reading in (Reading(family, found.order) for family in FAMILIES)
+            if not reading.missing(frozenset({code}))
+        )
+        yield (
+            f"{100.0 * counts[code] / total:.2f} % of the pixels are "
+            f"{color_of(code, found.order)}, {reading.name_of(code)} of "
+            f"{reading.family}; counted as Unknown"
+        )
+    if pixels := int(counts[no_family].sum()):
+        yield (
+            f"{100.0 * pixels / total:.2f} % of the pixels have colours of no family; "
+            "counted as Unknown"
+        )
 
 
 def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation:
@@ -130,88 +214,6 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
     )
 
 
-def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentation:
-    """The same, with what is Unknown counted: only then does each pixel matter."""
-    counts = count_codes(segmentation.pixels, exact_codes())
-    foreign, senseless = _split_missing(found)
-    no_family = [NO_FAMILY, *senseless]
-    _refuse_no_family(segmentation.pixels, counts, no_family)
-    foreign_pixels = int(counts[foreign].sum())
-    return replace(
-        segmentation,
-        unknown_pixels=foreign_pixels + int(counts[no_family].sum()),
-        foreign_percent=100.0 * foreign_pixels / float(counts.sum()),
-        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
-    )
-
-
-def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:
-    """Other families' colours, and those that are some family's only when swapped."""
-    readings = [Reading(family, found.order) for family in FAMILIES]
-    foreign = [
-        code
-        for code in sorted(found.missing)
-        if any(not reading.missing(frozenset({code})) for reading in readings)
-    ]
-    return foreign, sorted(found.missing - set(foreign))
-
-
-def _refuse_no_family(
-    pixels: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
-) -> None:
-    share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
-    if share <= MAX_NO_FAMILY_PERCENT:
-        return
-    red, green, blue = _commonest_color(pixels, codes, exact_codes())
-    raise SegmentationError(
-        f"{share:.1f} % of the pixels have colours of no known family, most often "
-        f"({red}, {green}, {blue}); at most {MAX_NO_FAMILY_PERCENT:g} % may. "
-        "Raw tags need encoding: raw; a palette image that was a JPEG or was resized "
-        "needs lossy_segmentation: nearest",
-        code="foreign_colors",
-    )
-
-
-def _commonest_color(
-    pixels: NDArray[np.uint8], codes: Sequence[int], table: Codes
-) -> RGB:
-    colors = values_of(pixels).reshape(-1) & COLOR_BITS
-    odd, how_often = np.unique(
-        colors[np.isin(table[colors], codes)], return_counts=True
-    )
-    return unpacked(int(odd[how_often.argmax()]))
-
-
-def _unknown_notes(
-    counts: IntArray, found: Recognition, foreign: list[int], no_family: list[int]
-) -> Iterable[str]:
-    total = float(counts.sum())
-    for code in foreign:
-        reading = next(
-            reading
-            for reading in (Reading(family, found.order) for family in FAMILIES)
-            if not reading.missing(frozenset({code}))
-        )
-        yield (
-            f"{100.0 * counts[code] / total:.2f} % of the pixels are "
-            f"{color_of(code, found.order)}, {reading.name_of(code)} of "
-            f"{reading.family}; counted as Unknown"
-        )
-    if pixels := int(counts[no_family].sum()):
-        yield (
-            f"{100.0 * pixels / total:.2f} % of the pixels have colours of no family; "
-            "counted as Unknown"
-        )
-
-
-_PROVING_FAMILY: Final = "carla-0.9.14"
-"""The only family of CARLA's with tags from 23 on."""
-
-_MAX_SENSELESS_PERCENT: Final = 1.0
-
-_RED, _GREEN, _BLUE = 0, 1, 2
-
-
 def looks_raw(rgb: NDArray[np.uint8]) -> bool:
     """Whether all that an image has are small numbers in red alone, or blue alone."""
     red, green, blue = (_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE))
@@ -231,13 +233,16 @@ def read_raw_channel(rgb: NDArray[np.uint8], named: Named) -> Segmentation:
     only_red = _maximum(rgb, _BLUE) == 0 and _maximum(rgb, _RED) > 0
     order: ChannelOrder = named.order or ("bgr" if only_blue else "rgb")
     if (order == "rgb" and only_blue) or (order == "bgr" and only_red):
-        raise SegmentationError(
+        raise contradiction(
             f"{named.source('channel_order')} says channel_order {order}, but the raw "
-            f"tags are in the {'blue' if only_blue else 'red'} channel alone",
-            code="segmentation_contradiction",
+            f"tags are in the {'blue' if only_blue else 'red'} channel alone"
         )
     channel = cv2.extractChannel(rgb, _RED if order == "rgb" else _BLUE)
     return read_raw_tags(channel.astype(np.uint8, copy=False), named, order)
+
+
+def _maximum(rgb: NDArray[np.uint8], channel: int) -> int:
+    return int(cv2.minMaxLoc(cv2.extractChannel(rgb, channel))[1])
 
 
 def read_raw_tags(
@@ -263,33 +268,6 @@ def read_raw_tags(
     family = named.family or _proved_family(counts)
     _refuse_contradiction(counts, family, named)
     return raw_segmentation(tags, counts, family, order)
-
-
-def raw_segmentation(
-    tags: TagImage, counts: IntArray, family: str, order: ChannelOrder
-) -> Segmentation:
-    """Tags of a known family; others are Unknown, counted and noted."""
-    known = len(palette_of(family).tags)
-    unknown = int(counts[known:].sum())
-    notes = [] if order == "rgb" else ["the raw tags are in the blue channel"]
-    if unknown:
-        share = 100.0 * unknown / float(counts.sum())
-        notes.append(
-            f"{share:.2f} % of the pixels have tags that {family} does not have; "
-            "counted as Unknown"
-        )
-    return Segmentation(
-        codes=PixelCodes.of_tags(tags, known, counts),
-        family=family,
-        encoding="raw",
-        channel_order=order,
-        unknown_pixels=unknown,
-        notes=tuple(notes),
-    )
-
-
-def _maximum(rgb: NDArray[np.uint8], channel: int) -> int:
-    return int(cv2.minMaxLoc(cv2.extractChannel(rgb, channel))[1])
 
 
 def _refuse_senseless(counts: IntArray) -> None:
@@ -334,8 +312,30 @@ def _refuse_contradiction(counts: IntArray, family: str, named: Named) -> None:
         for other, palette in FAMILIES.items()
         if tag < len(palette.tags) and other != PAPER_TABLE
     )
-    raise SegmentationError(
+    raise contradiction(
         f"{named.source('palette')} says palette {family}, the raw tag {tag} that "
-        f"occurs proves {others}",
-        code="segmentation_contradiction",
+        f"occurs proves {others}"
+    )
+
+
+def raw_segmentation(
+    tags: TagImage, counts: IntArray, family: str, order: ChannelOrder
+) -> Segmentation:
+    """Tags of a known family; others are Unknown, counted and noted."""
+    known = len(palette_of(family).tags)
+    unknown = int(counts[known:].sum())
+    notes = [] if order == "rgb" else ["the raw tags are in the blue channel"]
+    if unknown:
+        share = 100.0 * unknown / float(counts.sum())
+        notes.append(
+            f"{share:.2f} % of the pixels have tags that {family} does not have; "
+            "counted as Unknown"
+        )
+    return Segmentation(
+        codes=PixelCodes.of_tags(tags, known, counts),
+        family=family,
+        encoding="raw",
+        channel_order=order,
+        unknown_pixels=unknown,
+        notes=tuple(notes),
     )
