@@ -1,4 +1,9 @@
-"""What a box claims to be: class names, blueprints, and the tags each class accepts."""
+"""What a box claims to be: its class, and the tags whose pixels count for that class.
+
+`class_of` gives the class of a CARLA actor by its blueprint. `accept_mask_of` gives the
+tags that a class accepts in a tag family, as bits; `accepts` is the one test of such a
+mask. `canonical_accept` checks an accept set that a configuration gives instead.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +24,7 @@ from filter_core.segmentation.palettes import (
 from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray
 from filter_core.values import nearest, place_of, shown
 
-ALIASES: Final = {"street_light": "traffic_light"}
+_ALIASES: Final = {"street_light": "traffic_light"}
 """Other names under which a class is known."""
 
 _VEHICLES: Final = {
@@ -60,41 +65,10 @@ _BASE_TYPES: Final = frozenset(_VEHICLES)
 
 _PREFIXES: Final = (("walker.", "walker"), ("traffic.traffic_light", "traffic_light"))
 
-# A class accepts a set of tags, not one: a driven van is tagged Truck and a parked one
-# Car, a cybertruck either, and the box of a two-wheeler holds its rider too.
-_ACCEPT_SINCE_0_9_14: Final = {
-    "car": ("Car",),
-    "truck": ("Truck", "Car"),
-    "van": ("Truck", "Car"),
-    "bus": ("Bus",),
-    "motorcycle": ("Motorcycle", "Rider"),
-    "bicycle": ("Bicycle", "Rider"),
-    "walker": ("Pedestrian",),
-    "traffic_light": ("TrafficLight",),
-    "vehicle": ("Car", "Truck", "Bus", "Motorcycle", "Bicycle", "Rider"),
-}
-
-CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
-"""The filter's own classes, in the order in which they are listed."""
-
-_ACCEPT_BEFORE: Final = {
-    **dict.fromkeys(("car", "truck", "van", "bus", "vehicle"), ("Vehicle",)),
-    **dict.fromkeys(("motorcycle", "bicycle"), ("Vehicle", "Pedestrian")),
-    "walker": ("Pedestrian",),
-}
-
-_ACCEPT: Final[dict[str, dict[str, tuple[str, ...]]]] = {
-    "carla-0.9.14": _ACCEPT_SINCE_0_9_14,
-    "carla-0.9.10": {**_ACCEPT_BEFORE, "traffic_light": ("TrafficLight",)},
-    "carla-0.9.0": _ACCEPT_BEFORE,
-}
-
-_MAX_ACCEPT: Final = 32
-
 
 def canonical_class(name: str) -> str:
     """The class's own name, if this is an alias of it."""
-    return ALIASES.get(name, name)
+    return _ALIASES.get(name, name)
 
 
 def class_of(type_id: str | None, base_type: str | None) -> str | None:
@@ -120,6 +94,36 @@ def class_of(type_id: str | None, base_type: str | None) -> str | None:
     return None
 
 
+# A class accepts a set of tags, not one: a driven van is tagged Truck and a parked one
+# Car, a cybertruck either, and the box of a two-wheeler holds its rider too.
+_ACCEPT_SINCE_0_9_14: Final = {
+    "car": ("Car",),
+    "truck": ("Truck", "Car"),
+    "van": ("Truck", "Car"),
+    "bus": ("Bus",),
+    "motorcycle": ("Motorcycle", "Rider"),
+    "bicycle": ("Bicycle", "Rider"),
+    "walker": ("Pedestrian",),
+    "traffic_light": ("TrafficLight",),
+    "vehicle": ("Car", "Truck", "Bus", "Motorcycle", "Bicycle", "Rider"),
+}
+
+_ACCEPT_BEFORE: Final = {
+    **dict.fromkeys(("car", "truck", "van", "bus", "vehicle"), ("Vehicle",)),
+    **dict.fromkeys(("motorcycle", "bicycle"), ("Vehicle", "Pedestrian")),
+    "walker": ("Pedestrian",),
+}
+
+_ACCEPT: Final[dict[str, dict[str, tuple[str, ...]]]] = {
+    "carla-0.9.14": _ACCEPT_SINCE_0_9_14,
+    "carla-0.9.10": {**_ACCEPT_BEFORE, "traffic_light": ("TrafficLight",)},
+    "carla-0.9.0": _ACCEPT_BEFORE,
+}
+
+CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
+"""The filter's own classes, in the order in which they are listed."""
+
+
 def accept_mask_of(
     class_name: str,
     family: str | None,
@@ -133,8 +137,9 @@ def accept_mask_of(
     class_name : str
         Aliases are understood.
     family : str or None
-        A key of `filter_core.palettes.FAMILIES`. None: nothing was measured, so only
-        whether the class is mapped matters; the newest family that maps it answers.
+        A key of `filter_core.segmentation.palettes.FAMILIES`. None: nothing was
+        measured, so only whether the class is mapped matters; the newest family that
+        maps it answers.
     profile : {"paper", "carlasimu"}
         ``carlasimu`` (as family ``paper-table1``): one colour per class.
     override : tag names and numbers, or None
@@ -156,55 +161,6 @@ def accept_mask_of(
     if override is not None:
         return _mask_of_tags(tuple(override), palette, class_name)
     return _default_mask(canonical_class(class_name), family, profile)
-
-
-@lru_cache(maxsize=1024)
-def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
-    """The names of the tags in an accept set, in the order of their numbers."""
-    tags = FAMILIES[family].tags
-    accepted = accepts(accept_mask, np.arange(len(tags)))
-    return tuple(tags[number].name for number in np.flatnonzero(accepted))
-
-
-def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
-    """A config's accept set: tag names and numbers, sorted, each of them once.
-
-    Raises
-    ------
-    ConfigError
-        Not a list, or a tag that no palette has; names the nearest tag.
-    """
-    if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_ACCEPT:
-        raise ConfigError(
-            f"{place_of(at) or 'accept: '}expected a list of 1 to {_MAX_ACCEPT} tag "
-            f"names or numbers, found {shown(value)}",
-            pointer=at,
-        )
-    tags = {_canonical_tag(tag, at) for tag in value}
-    return tuple(sorted(tags, key=lambda tag: (isinstance(tag, int), tag)))
-
-
-_TAG_NAMES: Final = {
-    tag.name.casefold(): tag.name
-    for palette in FAMILIES.values()
-    for tag in palette.tags
-}
-
-
-def _canonical_tag(tag: object, at: str) -> str | int:
-    if isinstance(tag, int) and not isinstance(tag, bool):
-        if 0 <= tag <= LAST_TAG:
-            return tag
-        fault = f"expected a tag from 0 to {LAST_TAG}, found {str(tag)[:60]}"
-    elif isinstance(tag, str) and tag.casefold() in _TAG_NAMES:
-        return _TAG_NAMES[tag.casefold()]
-    else:
-        close = nearest(str(tag).casefold(), _TAG_NAMES)
-        fault = (
-            f"unknown tag {str(tag)[:60]!r}; the nearest valid name is "
-            f"{_TAG_NAMES[close]!r}"
-        )
-    raise ConfigError(f"{place_of(at) or 'accept: '}{fault}", pointer=at)
 
 
 @lru_cache(maxsize=1024)
@@ -268,3 +224,54 @@ def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray
     bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
     known = accept_mask & ((1 << UNKNOWN_COLUMN) - 1)
     return np.asarray(known >> bit & 1, np.bool_)
+
+
+@lru_cache(maxsize=1024)
+def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
+    """The names of the tags in an accept set, in the order of their numbers."""
+    tags = FAMILIES[family].tags
+    accepted = accepts(accept_mask, np.arange(len(tags)))
+    return tuple(tags[number].name for number in np.flatnonzero(accepted))
+
+
+_MAX_ACCEPT: Final = 32
+
+_TAG_NAMES: Final = {
+    tag.name.casefold(): tag.name
+    for palette in FAMILIES.values()
+    for tag in palette.tags
+}
+
+
+def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
+    """A config's accept set: tag names and numbers, sorted, each of them once.
+
+    Raises
+    ------
+    ConfigError
+        Not a list, or a tag that no palette has; names the nearest tag.
+    """
+    if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_ACCEPT:
+        raise ConfigError(
+            f"{place_of(at) or 'accept: '}expected a list of 1 to {_MAX_ACCEPT} tag "
+            f"names or numbers, found {shown(value)}",
+            pointer=at,
+        )
+    tags = {_canonical_tag(tag, at) for tag in value}
+    return tuple(sorted(tags, key=lambda tag: (isinstance(tag, int), tag)))
+
+
+def _canonical_tag(tag: object, at: str) -> str | int:
+    if isinstance(tag, int) and not isinstance(tag, bool):
+        if 0 <= tag <= LAST_TAG:
+            return tag
+        fault = f"expected a tag from 0 to {LAST_TAG}, found {str(tag)[:60]}"
+    elif isinstance(tag, str) and tag.casefold() in _TAG_NAMES:
+        return _TAG_NAMES[tag.casefold()]
+    else:
+        close = nearest(str(tag).casefold(), _TAG_NAMES)
+        fault = (
+            f"unknown tag {str(tag)[:60]!r}; the nearest valid name is "
+            f"{_TAG_NAMES[close]!r}"
+        )
+    raise ConfigError(f"{place_of(at) or 'accept: '}{fault}", pointer=at)

@@ -1,4 +1,9 @@
-"""Reads JSON written by a stranger: bounded before it is parsed, in linear time."""
+"""Reads JSON written by a stranger: bounded before it is parsed, in linear time.
+
+`read_json` takes bytes or text and gives one parsed value. Size, depth, the number of
+values and of keys, and the length of numbers are looked at in the bytes first
+(`check_limits`), so that a document beyond them costs neither memory nor time.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,14 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.errors import JsonError
 
-Pairs = list[tuple[str, Any]]
+_Pairs: TypeAlias = list[tuple[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ def read_json(
     raw: bytes | str,
     limits: JsonLimits = _DEFAULT_LIMITS,
     *,
-    object_pairs_hook: Callable[[Pairs], Any] | None = None,
+    object_pairs_hook: Callable[[_Pairs], Any] | None = None,
     halves: bool = False,
 ) -> object:
     """One value from a JSON document.

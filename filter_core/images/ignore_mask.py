@@ -1,4 +1,8 @@
-"""Pixels that never count, such as the ego vehicle's own bonnet."""
+"""Pixels that never count, such as the ego vehicle's own bonnet.
+
+`read_ignore_mask` makes a boolean mask of the image's size, from a picture or from
+polygons.
+"""
 
 from __future__ import annotations
 

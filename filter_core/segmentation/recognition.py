@@ -2,6 +2,9 @@
 
 Colours decide, never the share of pixels: an image of carla-0.9.14 can be explained to
 99.6 % by the palette of carla-0.9.10, and a swapped Sky equals Rock.
+
+`recognize` takes the codes of the colours that occur and what was `Named` beforehand,
+and gives the `Recognition`, or raises `SegmentationError` where it would have to guess.
 """
 
 from __future__ import annotations
