@@ -28,7 +28,7 @@ from app.repositories.reviews import LatestReview, ReviewRepository
 from app.services.configs import active_version, config_of
 from app.services.reviews import effective_verdict
 from filter_core.config.filter import FilterConfig
-from filter_core.decisions.record import FrameFacts, decision_dicts
+from filter_core.decisions.record import FrameFacts, decision_dicts, label_dicts
 from filter_core.decisions.rules import decide
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.segmentation.palettes import FAMILIES
@@ -65,14 +65,20 @@ class DecisionReader:
         """Decisions of all boxes of a current frame, in the order they came in."""
         return self.of_frames([frame])[frame.id]
 
-    def of_frames(self, frames: Sequence[Frame]) -> dict[int, list[dict[str, Any]]]:
-        """Decisions of all boxes of frames; none for a frame that was replaced."""
+    def of_frames(
+        self, frames: Sequence[Frame], *, whole: bool = True
+    ) -> dict[int, list[dict[str, Any]]]:
+        """Decisions of all boxes of frames; none for a frame that was replaced.
+
+        If they need not be `whole`, they have what formats of labels write: neither
+        sentences nor tags nor edges.
+        """
         by_id = {frame.id: frame for frame in frames}
         rows = DecisionRepository(self._session).of_frames(by_id)
         current = {row.frame_id for row in rows.values()}
         wanted = {key: range(by_id[key].box_count) for key in by_id if key in current}
         found: dict[int, list[dict[str, Any]]] = {key: [] for key in by_id}
-        for decision in self._describe(by_id, wanted, rows):
+        for decision in self._describe(by_id, wanted, rows, whole=whole):
             found[decision["frame_id"]].append(decision)
         return found
 
@@ -88,6 +94,8 @@ class DecisionReader:
         frames: Mapping[int, Frame],
         wanted: Mapping[int, Sequence[int]],
         rows: Mapping[int, CurrentRow],
+        *,
+        whole: bool = True,
     ) -> list[dict[str, Any]]:
         """All boxes together: one decision over a page costs as much as one per box."""
         if not rows:
@@ -99,10 +107,13 @@ class DecisionReader:
             for key in wanted
         ]
         ids = [box_id for each in chosen for box_id in each.box_ids]
-        numbers, geometry = self._joined(chosen)
-        facts = [self._facts(each) for each in chosen for _ in each.positions]
+        numbers, geometry = self._joined(chosen, whole=whole)
+        facts: list[FrameFacts] = []
+        for each in chosen:
+            facts += [self._facts(each, whole=whole)] * len(each.positions)
         sources = FrameRepository(self._session).source_ids(ids)
-        decisions = decision_dicts(
+        compose = decision_dicts if whole else label_dicts
+        decisions = compose(
             facts,
             [sources[box_id] for box_id in ids],
             numbers,
@@ -117,25 +128,32 @@ class DecisionReader:
             decisions, ids, masks, facts, strict=True
         ):
             decision |= self._known_here(rows[box_id], reviews.get(box_id))
-            decision["accepted_tags"] = accepted_tags(of.family, mask)
+            if whole:
+                decision["accepted_tags"] = accepted_tags(of.family, mask)
         return decisions
 
-    def _joined(self, chosen: Sequence[ChosenBoxes]) -> tuple[Evidence, BoxGeometry]:
+    def _joined(
+        self, chosen: Sequence[ChosenBoxes], *, whole: bool
+    ) -> tuple[Evidence, BoxGeometry]:
         record = np.concatenate([each.numbers() for each in chosen])
-        counts = np.concatenate([each.tag_counts() for each in chosen])
+        counts = None
+        if whole:
+            counts = np.concatenate([each.tag_counts() for each in chosen])
         names, ids = list(self.classes), list(self.classes.values())
         geometry = [box for each in chosen for box in each.geometry()]
         numbers = to_evidence(record, names, ids, counts)
-        return replace(numbers, channels=_channels(chosen)), _solid(geometry)
+        return replace(numbers, channels=_channels(chosen)), _solid(
+            geometry, edges=whole
+        )
 
-    def _facts(self, chosen: ChosenBoxes) -> FrameFacts:
+    def _facts(self, chosen: ChosenBoxes, *, whole: bool) -> FrameFacts:
         report = chosen.row.segmentation or {}
         return FrameFacts(
             key=chosen.frame.key,
             config=self.config,
             family=report.get("palette"),
             lossy=bool(report.get("lossy")),
-            names=self._names(chosen),
+            names=self._names(chosen) if whole else {},
         )
 
     def _names(self, chosen: ChosenBoxes) -> dict[int, tuple[str, str]]:
@@ -218,7 +236,7 @@ def _channels(chosen: Sequence[ChosenBoxes]) -> ChannelNumbers | None:
     return numbers[np.concatenate(rows)]
 
 
-def _solid(boxes: Sequence[Geometry | None]) -> BoxGeometry:
+def _solid(boxes: Sequence[Geometry | None], *, edges: bool) -> BoxGeometry:
     absent = (np.nan,) * 4
     return BoxGeometry.loaded(
         amodal_xyxy=np.array(
@@ -227,7 +245,10 @@ def _solid(boxes: Sequence[Geometry | None]) -> BoxGeometry:
         visible_xyxy=np.array(
             [(box and box.visible_xyxy) or absent for box in boxes], np.float64
         ).reshape(-1, 4),
-        edges=[None if box is None else rounded_edges(box.edges) for box in boxes],
+        edges=[
+            rounded_edges(box.edges) if box is not None and edges else None
+            for box in boxes
+        ],
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -20,14 +20,23 @@ _CHUNK: Final = 200
 
 
 class ExportFrames:
-    """Iterates over all current frames in the order of their keys."""
+    """Iterates over all current frames in the order of their keys.
+
+    Without `whole_decisions` a decision has only what formats of labels write.
+    """
 
     def __init__(
-        self, read: Callable[[str], bytes], session: Session, dataset: Dataset
+        self,
+        read: Callable[[str], bytes],
+        session: Session,
+        dataset: Dataset,
+        *,
+        whole_decisions: bool,
     ) -> None:
         self._read = read
         self._session = session
         self._dataset = dataset
+        self._whole = whole_decisions
         self._reader = DecisionReader(session, dataset)
 
     def __iter__(self) -> Iterator[ExportFrame]:
@@ -35,8 +44,8 @@ class ExportFrames:
         after = ""
         while chunk := frames.chunk(self._dataset.id, after=after, limit=_CHUNK):
             files = frames.files(frame.id for frame in chunk)
-            decisions = self._reader.of_frames(chunk)
-            palettes = self._reader.palettes(frame.id for frame in chunk)
+            decisions = self._reader.of_frames(chunk, whole=self._whole)
+            palettes = self._palettes(chunk)
             for frame in chunk:
                 content = self._frame(frame, files[frame.id], decisions[frame.id])
                 yield replace(content, palette=palettes.get(frame.id))
@@ -44,6 +53,11 @@ class ExportFrames:
             # Otherwise the session would keep every frame it has ever seen.
             for frame in chunk:
                 self._session.expunge(frame)
+
+    def _palettes(self, chunk: Sequence[Frame]) -> Mapping[int, str]:
+        if not self._whole:
+            return {}
+        return self._reader.palettes(frame.id for frame in chunk)
 
     def _frame(
         self,

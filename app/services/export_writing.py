@@ -34,7 +34,7 @@ from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames
 from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions
-from filter_core.formats.registry import write_export
+from filter_core.formats.registry import format_of, write_export
 
 OPEN: Final = ("queued", "running")
 TELL_EVERY_S: Final = 0.5
@@ -101,10 +101,12 @@ def _stream(
     context: ServiceContext, session: Session, export: Export, file: Path
 ) -> dict[str, Any]:
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    frames = ExportFrames(partial(_read, context, export.id), session, dataset)
+    options = ExportOptions.from_mapping(export.options)
+    whole = format_of(export.format, options).whole_decisions
+    read = partial(_read, context, export.id)
+    frames = ExportFrames(read, session, dataset, whole_decisions=whole)
     head = replace(_head(session, dataset), temporary=file.parent)
     with ReproducibleZip(file) as archive:
-        options = ExportOptions.from_mapping(export.options)
         coming = _told(context, export.id, frames)
         return write_export(export.format, coming, archive.add, head, options)
 

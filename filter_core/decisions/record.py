@@ -8,7 +8,7 @@ How much of an object is hidden and cut off, in the words of label formats.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -213,8 +213,52 @@ def decision_dicts(
 
     All frames have the same configuration.
     """
+    rows = _box_facts(frame, ids, evidence, decisions, geometry)
+    return [decision_dict(facts, box) for facts, box in rows]
+
+
+def label_dicts(
+    frame: FrameFacts | Sequence[FrameFacts],
+    ids: Sequence[str],
+    evidence: Evidence,
+    decisions: Decisions,
+    geometry: BoxGeometry | None = None,
+) -> list[dict[str, object]]:
+    """`decision_dicts` with the few keys that formats of labels write.
+
+    No sentence is composed and no tag is counted, so `evidence` needs no tag counts,
+    `geometry` no edges and `frame` no names.
+    """
+    rows = _box_facts(frame, ids, evidence, decisions, geometry)
+    return [
+        {
+            "id": box.id,
+            "class": box.class_name,
+            "verdict": box.reason.verdict.value,
+            "reason": box.reason.label,
+            "match_percent": _match_percent(box),
+            "lossy": facts.lossy,
+            "distance": _number(box.distance),
+            "xyxy": _rectangle(box.xyxy),
+            "amodal_xyxy": _rectangle(box.amodal_xyxy),
+            "visible_xyxy": _rectangle(box.visible_xyxy),
+            "tight_xyxy": _rectangle(box.channel.tight_xyxy),
+            "occluded": occlusion_level(box.channel.nearer_percent),
+        }
+        for facts, box in rows
+    ]
+
+
+def _box_facts(
+    frame: FrameFacts | Sequence[FrameFacts],
+    ids: Sequence[str],
+    evidence: Evidence,
+    decisions: Decisions,
+    geometry: BoxGeometry | None,
+) -> Iterator[tuple[FrameFacts, BoxFacts]]:
+    """Columns of many boxes as one row for each, beside what its frame has."""
     if not len(ids):
-        return []
+        return
     frames = [frame] * len(ids) if isinstance(frame, FrameFacts) else frame
     columns: dict[str, Sequence[Any]] = {
         "id": ids,
@@ -227,10 +271,7 @@ def decision_dicts(
         *(columns.get(name) or [missing[name]] * len(ids) for name in BoxFacts._fields),
         strict=True,
     )
-    return [
-        decision_dict(facts, BoxFacts._make(row))
-        for facts, row in zip(frames, rows, strict=True)
-    ]
+    yield from zip(frames, map(BoxFacts._make, rows), strict=True)
 
 
 def _columns(evidence: Evidence, decisions: Decisions) -> dict[str, list[Any]]:
@@ -318,13 +359,10 @@ def _judgement(
 ) -> Judgement:
     config, name = frame.config, box.class_name
     limits = _limits(config, name)
-    # A box without a rectangle in the image has no pixels to have a share of.
-    match = _number(box.match_percent) if box.box_pixels else None
     return Judgement(
         reason=box.reason,
         class_name=name,
-        # The published code's float area can give more than all of a box's pixels.
-        match_percent=None if match is None else min(match, 100.0),
+        match_percent=_match_percent(box),
         threshold=_number(box.threshold),
         area_percent=_number(box.area_percent),
         large=box.large,
@@ -377,6 +415,13 @@ def _channel_used(box: BoxFacts) -> str | None:
     if box.channel.used != SEMANTIC:
         return box.channel.used
     return SEMANTIC if box.measured else None
+
+
+def _match_percent(box: BoxFacts) -> float | None:
+    # A box without a rectangle in the image has no pixels to have a share of.
+    match = _number(box.match_percent) if box.box_pixels else None
+    # The published code's float area can give more than all of a box's pixels.
+    return None if match is None else min(match, 100.0)
 
 
 def _position(explained_by: int | None) -> int:

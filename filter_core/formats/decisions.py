@@ -260,16 +260,23 @@ def _writer(form: str) -> Write:
 
 
 DECISIONS_JSONL: Final = Format(
-    name="decisions-jsonl", title="Decisions, JSON lines", write=_writer("jsonl")
+    name="decisions-jsonl",
+    title="Decisions, JSON lines",
+    write=_writer("jsonl"),
+    whole_decisions=True,
 )
 
 DECISIONS_CSV: Final = Format(
-    name="decisions-csv", title="Decisions, CSV", write=_writer("csv")
+    name="decisions-csv",
+    title="Decisions, CSV",
+    write=_writer("csv"),
+    whole_decisions=True,
 )
 
 DECISIONS_PARQUET: Final = Format(
     name="decisions-parquet",
     title="Decisions, Parquet",
     write=_writer("parquet"),
+    whole_decisions=True,
     require=require_parquet,
 )

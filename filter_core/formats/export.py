@@ -35,8 +35,9 @@ class ExportBox:
     Attributes
     ----------
     decision : mapping
-        As `filter_core.decision_record.decision_dict` makes it; a server's
-        ``effective_verdict`` in it counts before ``verdict``.
+        As `filter_core.decisions.record.label_dicts` makes it, or `decision_dicts` for
+        a format that needs whole decisions; a server's ``effective_verdict`` in it
+        counts before ``verdict``, and its ``review`` says who decided.
     given_xyxy : (4,) px or None
         The rectangle as it came, to tell what was clipped.
     given : mapping

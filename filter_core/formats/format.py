@@ -84,6 +84,9 @@ class Format:
     options : frozenset of str
         The names of the `ExportOptions` that `write` heeds; any other must stay as it
         is.
+    whole_decisions : bool
+        Whether `write` needs all that is known of a decision. A format of labels needs
+        what `filter_core.decisions.record.label_dicts` gives.
     require : callable or None
         Raises `NotAvailable` if a library that `write` needs is not installed.
     """
@@ -94,4 +97,5 @@ class Format:
     read: Callable[[Path, ReadOptions], FrameSet] | None = None
     write: Write | None = None
     options: frozenset[str] = frozenset()
+    whole_decisions: bool = False
     require: Callable[[], object] | None = None

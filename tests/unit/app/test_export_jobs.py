@@ -9,9 +9,11 @@ import pytest
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.services.datasets import remove_dataset
+from app.services.export_frames import ExportFrames
 from app.services.export_jobs import job_of, make_export, start_exports
 from app.services.exports import ExportRequest, cancel_export, request_export
-from filter_core.formats.registry import EXPORT_FORMATS
+from filter_core.formats.export import ExportHead, ExportOptions
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from tests.api import frames as scene
 from tests.services import Street, running_services
 
@@ -74,6 +76,64 @@ def test_the_same_state_gives_the_same_bytes_in_another_service(form, tmp_path):
     assert digests[0] is not None
     assert digests[0] == digests[1]
     assert digests[2] == digests[3]
+
+
+LABELS = [name for name in EXPORT_FORMATS if not FORMATS[name].whole_decisions]
+
+
+@pytest.mark.parametrize("form", LABELS)
+def test_labels_are_written_from_decisions_without_their_sentences(street, form):
+    with street.context.database.read() as session:
+        dataset = street.row(session)
+        written = []
+        for whole in (True, False):
+            frames = ExportFrames(
+                street.context.storage.read, session, dataset, whole_decisions=whole
+            )
+            written.append(
+                files_of(
+                    form, frames, tuple(DatasetRepository(session).classes(dataset.id))
+                )
+            )
+
+    assert written[0] == written[1]
+
+
+def test_a_decision_for_labels_is_a_part_of_the_whole_one(street):
+    with street.context.database.read() as session:
+        whole, brief = (
+            [
+                dict(box.decision)
+                for frame in ExportFrames(
+                    street.context.storage.read,
+                    session,
+                    street.row(session),
+                    whole_decisions=each,
+                )
+                for box in frame.boxes
+            ]
+            for each in (True, False)
+        )
+
+    assert brief == [
+        {key: full[key] for key in part}
+        for full, part in zip(whole, brief, strict=True)
+    ]
+    assert all("explanation" in one for one in whole)
+    assert not any(
+        {"explanation", "hidden_by", "accepted_tags"} & set(one) for one in brief
+    )
+
+
+def files_of(form, frames, classes):
+    """The files of an export by name."""
+    files = {}
+
+    def sink(name, pieces):
+        files[name] = b"".join(pieces)
+
+    write_export(form, frames, sink, ExportHead(classes), ExportOptions())
+    return files
 
 
 def test_an_export_that_is_interrupted_leaves_nothing_and_can_go_on(street):
