@@ -376,10 +376,16 @@ def measure_source(
     """
     if source.problem is not None:
         raise source.problem
-    options = _frame_options(source, files_for(channels), dataset)
-    options = replace(options, sensors=replace(options.sensors, channels=channels))
+    layers = {
+        "the dataset": dataset,
+        "the config": SegmentationOptions.named_by(config),
+    }
+    measuring = config.measuring(SegmentationOptions.agreed(layers))
     return read_and_measure(
-        source.annotation or {}, _segmentation(source), config, options
+        source.annotation or {},
+        _segmentation(source),
+        replace(measuring, channels=()).with_channels(channels),
+        _frame_options(source, files_for(channels), dataset),
     )
 
 

@@ -22,6 +22,7 @@ from filter_core.annotation.frame import (
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import class_of
 from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import FrameFacts, decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
@@ -53,7 +54,8 @@ class FrameOptions:
     image_wh : (width, height) or None, px
         Of the RGB image; else the segmentation's or the camera's size counts.
     dataset : SegmentationOptions
-        How the dataset says that its segmentations are to be read.
+        How the dataset says that its segmentations are to be read. A `MeasureConfig`
+        has agreed with its dataset already, and does not look at it.
     ignore : (H, W) bool or None
         Pixels that never count.
     limits : AnnotationLimits
@@ -184,10 +186,11 @@ def filter_frame(
 def read_and_measure(
     annotation: Mapping[str, object] | bytes | str | FrameAnnotation,
     segmentation: bytes | NDArray[np.uint8] | Segmentation | None,
-    config: FilterConfig,
+    config: MeasureConfig | FilterConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
     """The evidence of one frame in the forms that `filter_frame` takes."""
+    config = _measuring(config, options.dataset)
     if not isinstance(annotation, FrameAnnotation):
         annotation = parse_annotation(
             annotation, limits=options.limits, frame=options.key
@@ -199,7 +202,7 @@ def read_and_measure(
 def measure_frame(
     annotation: FrameAnnotation,
     segmentation: Segmentation | None,
-    config: FilterConfig,
+    config: MeasureConfig | FilterConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
     """The evidence of one frame: pixels are read here, and nothing is decided.
@@ -209,6 +212,7 @@ def measure_frame(
     FilterError
         As `filter_frame`.
     """
+    config = _measuring(config, options.dataset)
     wh = _agreed_size(annotation, segmentation, options.image_wh)
     geometry = frame_boxes_2d(annotation, wh, config.projection)
     names = [box_class(box) for box in annotation.boxes]
@@ -293,7 +297,7 @@ def box_class(box: BoxAnnotation) -> str:
 def _family(
     annotation: FrameAnnotation,
     segmentation: Segmentation | None,
-    config: FilterConfig,
+    config: MeasureConfig,
     options: FrameOptions,
 ) -> str | None:
     """The tag family; instances and LiDAR have tags without a segmentation as well."""
@@ -301,18 +305,18 @@ def _family(
         return segmentation.family
     if not options.sensors.wanted(config):
         return None
-    return _named_family(_reading_options(annotation, config, options.dataset))
+    return _named_family(_reading(annotation, config))
 
 
 def _as_segmentation(
     given: bytes | NDArray[np.uint8] | Segmentation | None,
     annotation: FrameAnnotation,
-    config: FilterConfig,
+    config: MeasureConfig,
     options: FrameOptions,
 ) -> Segmentation | None:
     if given is None or isinstance(given, Segmentation):
         return given
-    reading = _reading_options(annotation, config, options.dataset)
+    reading = _reading(annotation, config)
     if isinstance(given, bytes):
         expected = options.image_wh or annotation.camera_wh
         return read_segmentation(given, reading, expected_wh=expected)
@@ -326,23 +330,29 @@ def _as_segmentation(
     return segmentation_from_tags(given, family)
 
 
-def _reading_options(
-    annotation: FrameAnnotation, config: FilterConfig, dataset: SegmentationOptions
-) -> SegmentationOptions:
-    """How to read a frame's segmentation: dataset, then config, then the frame.
+def _measuring(
+    config: MeasureConfig | FilterConfig, dataset: SegmentationOptions
+) -> MeasureConfig:
+    """The part of a configuration that measures, agreed with the dataset.
 
     Raises
     ------
     SegmentationError
-        Two of them contradict each other; names both.
+        The two contradict each other; names both.
     """
-    return SegmentationOptions.agreed(
-        {
-            "the dataset": dataset,
-            "the config": SegmentationOptions.named_by(config),
-            "the frame": SegmentationOptions(carla_version=annotation.carla_version),
-        }
-    )
+    if isinstance(config, MeasureConfig):
+        return config
+    layers = {
+        "the dataset": dataset,
+        "the config": SegmentationOptions.named_by(config),
+    }
+    return config.measuring(SegmentationOptions.agreed(layers))
+
+
+def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> SegmentationOptions:
+    """How to read a frame's segmentation: its own version of CARLA counts last."""
+    version = config.reading.carla_version or annotation.carla_version
+    return replace(config.reading, carla_version=version)
 
 
 def _named_family(reading: SegmentationOptions) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 from sqlalchemy.orm import Session
 
@@ -18,24 +18,23 @@ from app.repositories.active import (
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
-from app.services.measuring import MeasurePlan, plan_of
+from app.services.measuring import plan_of
 from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 
 MAX_PLANS: Final = 256
+
+_Plans: TypeAlias = tuple[MeasureConfig, FilterConfig]
 
 
 @dataclass(frozen=True)
 class ActiveDataset:
-    """A dataset as an upload meets it."""
+    """A dataset as an upload meets it: how its frames are measured, and decided."""
 
     name: str
     row: ActiveRow
-    plan: MeasurePlan
-
-    @property
-    def config(self) -> FilterConfig:
-        """The active configuration."""
-        return self.plan.config
+    plan: MeasureConfig
+    config: FilterConfig
 
 
 class PlanCache:
@@ -45,7 +44,7 @@ class PlanCache:
     """
 
     def __init__(self) -> None:
-        self._held: dict[tuple[str, str, str], MeasurePlan] = {}
+        self._held: dict[tuple[str, str, str], _Plans] = {}
 
     def active(self, session: Session, name: str) -> ActiveDataset:
         """The dataset as this session sees it; NotFound."""
@@ -63,28 +62,28 @@ class PlanCache:
     ) -> tuple[ActiveDataset, KeyRow]:
         """The same, with a session only where there is more to read."""
         row, known = glance(database.engine, name, key)
-        plan = self._held.get(_named(name, row))
-        if plan is not None:
-            return ActiveDataset(name, row, plan), known
+        plans = self._held.get(_named(name, row))
+        if plans is not None:
+            return ActiveDataset(name, row, *plans), known
         with database.read() as session:
             return self.active_and_key(session, name, key)
 
     def _dataset(self, session: Session, name: str, row: ActiveRow) -> ActiveDataset:
         key = _named(name, row)
-        plan = self._held.get(key)
-        if plan is None:
-            plan = _load(session, row)
+        plans = self._held.get(key)
+        if plans is None:
+            plans = _load(session, row)
             if len(self._held) >= MAX_PLANS:
                 self._held.clear()
-            self._held[key] = plan
-        return ActiveDataset(name, row, plan)
+            self._held[key] = plans
+        return ActiveDataset(name, row, *plans)
 
 
 def _named(name: str, row: ActiveRow) -> tuple[str, str, str]:
     return name, row.config_digest, row.measurement_digest
 
 
-def _load(session: Session, row: ActiveRow) -> MeasurePlan:
+def _load(session: Session, row: ActiveRow) -> _Plans:
     config = config_of(ConfigRepository(session).with_id(row.config_id))
     measurement = EvidenceRepository(session).measurement_with_id(row.measurement_id)
-    return plan_of(measurement, config)
+    return plan_of(measurement, config), config

@@ -17,13 +17,13 @@ import numpy as np
 
 from app.services.refusals import naming
 from filter_core.annotation.frame import FrameAnnotation
-from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.evidence.channels import SensorFiles
 from filter_core.images.header import MAX_SIDE
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE
 from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
-from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from filter_core.segmentation.reading import read_segmentation
 from filter_core.types import Mask
 
 MEASURED: Final = ("segmentation", "ignore_mask")
@@ -64,30 +64,8 @@ class FrameFiles:
         return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
 
 
-@dataclass(frozen=True)
-class MeasureRequest:
-    """How to measure: everything that numbers depend on, apart from the frame itself.
-
-    Attributes
-    ----------
-    config : FilterConfig
-    reading : SegmentationOptions
-        How segmentations are read, and who says so.
-    ignored : dict or None
-        The dataset's ignore mask: ``png`` in base 64, or ``polygons``.
-    channels : names out of `filter_core.config.filter.keys.CHANNELS`
-    depth_tolerance : float or None
-    """
-
-    config: FilterConfig
-    reading: SegmentationOptions
-    ignored: Any | None
-    channels: tuple[str, ...]
-    depth_tolerance: float | None
-
-
 def measure(
-    request: MeasureRequest, annotation: FrameAnnotation, files: FrameFiles
+    config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
 ) -> tuple[MeasuredFrame, float | None, float]:
     """Decode, project and measure one frame.
 
@@ -106,29 +84,23 @@ def measure(
     if files.segmentation is not None:
         segmentation = read_segmentation(
             files.segmentation,
-            replace(request.reading, carla_version=annotation.carla_version),
+            replace(config.reading, carla_version=annotation.carla_version),
             expected_wh=files.image_wh,
             max_side=files.max_side_px,
         )
         decoding = time.perf_counter() - begun
     options = FrameOptions(
         image_wh=files.image_wh,
-        dataset=request.reading,
-        ignore=_ignore(request, files),
-        sensors=SensorFiles(
-            files.sensors,
-            request.channels,
-            files.max_side_px,
-            request.depth_tolerance,
-        ),
+        ignore=_ignore(config, files),
+        sensors=SensorFiles(files.sensors, files.max_side_px),
     )
     begun = time.perf_counter()
-    measured = measure_frame(annotation, segmentation, request.config, options)
+    measured = measure_frame(annotation, segmentation, config, options)
     return measured, decoding, time.perf_counter() - begun
 
 
 def is_simple(
-    request: MeasureRequest, annotation: FrameAnnotation, files: FrameFiles
+    config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
 ) -> bool:
     """Whether measuring a frame costs little, whatever its bytes are.
 
@@ -138,7 +110,7 @@ def is_simple(
     pixels are inflated into memory of the size that the header says, and no further.
     """
     content = files.segmentation
-    is_alone = not (request.channels or request.ignored or files.ignore_mask)
+    is_alone = not (config.channels or config.ignored or files.ignore_mask)
     if content is None or not is_alone or len(annotation.boxes) > SIMPLE_BOXES:
         return False
     is_bare = content[:8] == SIGNATURE and content[_NEXT_KIND] == b"IDAT"
@@ -149,11 +121,11 @@ def is_simple(
     return is_bare and is_plain and width * height <= SIMPLE_PIXELS
 
 
-def _ignore(request: MeasureRequest, files: FrameFiles) -> Mask | None:
+def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
     sources: list[Any] = [] if files.ignore_mask is None else [files.ignore_mask]
-    if request.ignored is not None:
-        picture = request.ignored.get("png")
-        sources.append(b64decode(picture) if picture else request.ignored["polygons"])
+    if config.ignored is not None:
+        picture = config.ignored.get("png")
+        sources.append(b64decode(picture) if picture else config.ignored["polygons"])
     if not sources:
         return None
     with naming(pointer="/ignore_mask"):

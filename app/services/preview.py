@@ -27,6 +27,7 @@ from app.services.numbers import DatasetNumbers
 from app.services.recounting import recount
 from app.services.run_requests import active_measurement, needs_pixels
 from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import Decisions, Evidence, IntArray, Reason
 
@@ -59,7 +60,7 @@ def preview(
     for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
         evidence = numbers.evidence
         if is_recounted:
-            evidence = _recounted(session, dataset, numbers, config)
+            evidence = _recounted(session, dataset, numbers, plan)
         found.add(numbers, evidence)
     return found.as_dict()
 
@@ -186,14 +187,14 @@ def current_histogram(
 
 
 def _recounted(
-    session: Session, dataset: Dataset, numbers: DatasetNumbers, config: FilterConfig
+    session: Session, dataset: Dataset, numbers: DatasetNumbers, plan: MeasureConfig
 ) -> Evidence:
     classes = DatasetRepository(session).classes(dataset.id)
     repository = EvidenceRepository(session)
     frame_ids = list(dict.fromkeys(numbers.frame_ids.tolist()))
     measurement = dataset.active_measurement_id or 0
     rows = repository.of_frames(frame_ids, measurement)
-    parts = [recount(rows[key], classes, config) for key in frame_ids]
+    parts = [recount(rows[key], classes, plan) for key in frame_ids]
     return _joined(numbers.evidence, parts) if parts else numbers.evidence
 
 

@@ -11,13 +11,13 @@ from app.db.evidence_record import (
     unpack_tag_counts,
 )
 from app.repositories.evidence import EvidenceRow
-from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.evidence.semantic import with_accept_sets
 from filter_core.types import Evidence
 
 
 def recount(
-    row: EvidenceRow, classes: Mapping[str, int], config: FilterConfig
+    row: EvidenceRow, classes: Mapping[str, int], config: MeasureConfig
 ) -> Evidence:
     """A frame's evidence with the accept sets of another configuration."""
     evidence = to_evidence(

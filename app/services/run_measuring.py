@@ -22,13 +22,14 @@ from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
 from app.services.enduring import enduring
-from app.services.measuring import MeasurePlan, measure_files, packed, plan_of
+from app.services.measuring import measure_files, packed, plan_of
 from app.services.pixel_work import MEASURED, FrameFiles
 from app.services.recounting import recount, recounted_row
 from app.services.refusals import naming, note_problem
 from app.services.run_states import job_of, run_at_work
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.errors import FilterError
 
 _DAMAGED: Final = (
@@ -68,7 +69,7 @@ class RunScope:
 class _Source:
     """How the frames of one chunk are measured."""
 
-    plan: MeasurePlan
+    plan: MeasureConfig
     classes: Mapping[str, int]
     measurement_id: int
     former_measurement_id: int
@@ -207,7 +208,7 @@ def _numbers(
         contents = enduring(context, check, read)
         return _remeasured(context, source, frame, contents)
     row = part.former[frame_id]
-    evidence = recount(row, source.classes, source.plan.config)
+    evidence = recount(row, source.classes, source.plan)
     return _Measured(
         recounted_row(row, evidence, source.classes, source.measurement_id)
     )

@@ -14,9 +14,10 @@ from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import active_version, add_version, config_of
 from app.services.context import ServiceContext
 from app.services.job_quota import require_a_place
-from app.services.measuring import DatasetReading, MeasurePlan, plan_for
+from app.services.measuring import DatasetReading, plan_for
 from app.version import FILTER_CORE_VERSION
 from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def coming_settings(
     return replace(reading, **measurement.options["dataset"]), config
 
 
-def needs_pixels(session: Session, dataset: Dataset, plan: MeasurePlan) -> bool:
+def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> bool:
     """Whether the numbers of this plan have to be read from images."""
     active = active_measurement(session, dataset)
     if plan.is_covered_by(active.options):
@@ -91,7 +92,7 @@ def active_measurement(session: Session, dataset: Dataset) -> Measurement:
 
 
 def _measurement_for(
-    session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasurePlan
+    session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasureConfig
 ) -> Measurement:
     """The active measurement, if it has all that is needed and perhaps more."""
     active = active_measurement(session, dataset)
@@ -102,7 +103,7 @@ def _measurement_for(
 
 
 def measurement_of(
-    session: Session, dataset_id: int, reading: DatasetReading, plan: MeasurePlan
+    session: Session, dataset_id: int, reading: DatasetReading, plan: MeasureConfig
 ) -> Measurement:
     """The row that names a plan, made when it is first used."""
     evidence = EvidenceRepository(session)

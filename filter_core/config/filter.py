@@ -1,8 +1,8 @@
-"""FilterConfig, each of whose keys is declared here, and how two of them differ.
+"""A configuration of the filter, and in which keys two of them differ.
 
-The filter's configuration: a frozen value that names itself by its digest.
-
-In which keys two configurations differ.
+`FilterConfig` is a frozen value that names itself by its digest. The part of it that
+decides is a `DecideConfig`; the part that measures is made by `FilterConfig.measuring`.
+Each key is declared once, with its default, as a field of one of the two.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from dataclasses import dataclass, field, fields
 from enum import Enum
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from filter_core.classes import accept_mask_of, canonical_accept, canonical_class
+from filter_core.classes import canonical_accept, canonical_class
 from filter_core.config.keys import (
     AUTO,
+    CHANNELS,
     CHOICES,
     NUMBERS,
     SEMANTIC,
@@ -30,7 +31,9 @@ from filter_core.config.keys import (
     checked_number,
     refuse_unknown_keys,
 )
+from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ConfigError
+from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import FloatArray, IntArray
 from filter_core.values import place_of, pointer_token, shown
 
@@ -114,9 +117,31 @@ class Thresholds:
     max_distance: FloatArray
 
 
+CONFIG_KEYS: Final = (
+    "profile",
+    "threshold_small_box",
+    "size_big_box",
+    "threshold_big_box",
+    "min_visible_pixels",
+    "min_distance",
+    "max_distance",
+    "evidence",
+    "projection",
+    "depth_tolerance",
+    "ordered_min_pixels",
+    "lidar_min_points",
+    "palette",
+    "encoding",
+    "channel_order",
+    "lossy_segmentation",
+    "classes",
+)
+"""All keys of a configuration, in the order in which they are shown."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class FilterConfig:
-    """Everything a verdict depends on besides pixels. Change one: another config.
+class DecideConfig:
+    """What verdicts depend on once everything is measured: no key here needs a pixel.
 
     Percent are 0..100, distances metres. Wrong values raise `ConfigError` at once, so
     that a configuration that exists can be used.
@@ -130,19 +155,16 @@ class FilterConfig:
     min_distance: Number | None = None
     max_distance: Number | None = None
     evidence: str = "semantic"
-    projection: str = "clipped"
     depth_tolerance: Number = 0.15
     ordered_min_pixels: int = 3
     lidar_min_points: int = 5
-    palette: str = "auto"
-    encoding: str = "auto"
-    channel_order: str = "auto"
-    lossy_segmentation: str = "refuse"
     classes: Mapping[str, ClassConfig] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        own = self.keys()
         for key in CHOICES:
-            checked_choice(key, getattr(self, key))
+            if key in own:
+                checked_choice(key, getattr(self, key))
         for key in NUMBERS:
             # Frozen for everyone else; here 10.0 becomes 10 before anyone looks.
             object.__setattr__(self, key, checked_number(key, getattr(self, key)))
@@ -164,30 +186,33 @@ class FilterConfig:
             )
 
     @classmethod
-    def from_mapping(cls, raw: object) -> FilterConfig:
+    def keys(cls) -> tuple[str, ...]:
+        """The keys of this configuration, in the order of `CONFIG_KEYS`."""
+        own = {spec.name for spec in fields(cls)}
+        return tuple(key for key in CONFIG_KEYS if key in own)
+
+    @classmethod
+    def from_mapping(cls: type[_Config], raw: object) -> _Config:
         """A configuration from what a file or a request holds; absent keys default.
 
         Raises
         ------
         ConfigError
             Unknown key (names the nearest valid one) or wrong value.
-        NotAvailable
-            An evidence channel that is not there yet.
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
                 f"expected a mapping of keys, found {shown(raw)}", pointer=""
             )
-        refuse_unknown_keys(raw, CONFIG_KEYS)
+        refuse_unknown_keys(raw, cls.keys())
         given = dict(raw)
-        classes = given.get("classes")
-        if classes is None:
+        if given.get("classes") is None:
             given["classes"] = {}
         return cls(**given)
 
     def as_dict(self) -> dict[str, object]:
         """Every key, defaults filled in, ready for JSON; `from_mapping` inverts it."""
-        plain = {key: getattr(self, key) for key in CONFIG_KEYS if key != "classes"}
+        plain = {key: getattr(self, key) for key in self.keys() if key != "classes"}
         overrides = {name: one.as_dict() for name, one in self.classes.items()}
         return {**plain, "classes": overrides}
 
@@ -204,7 +229,7 @@ class FilterConfig:
 
     def __reduce__(self) -> tuple[object, tuple[dict[str, object]]]:
         # A read-only mapping cannot be pickled; worker processes get the plain form.
-        return FilterConfig.from_mapping, (self.as_dict(),)
+        return type(self).from_mapping, (self.as_dict(),)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -225,50 +250,64 @@ class FilterConfig:
         """The numbers that apply to each class, in the order given."""
         return _thresholds_for(self, tuple(class_names))
 
+
+_Config = TypeVar("_Config", bound=DecideConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterConfig(DecideConfig):
+    """Everything a verdict depends on besides pixels. Change one: another config.
+
+    To the keys that decide it adds those that say how pixels are read; `measuring` is
+    the part of it that measured numbers depend on.
+    """
+
+    projection: str = "clipped"
+    palette: str = "auto"
+    encoding: str = "auto"
+    channel_order: str = "auto"
+    lossy_segmentation: str = "refuse"
+
+    # A dataclass that compares its fields would hash them, and `classes` has no hash.
+    __hash__ = DecideConfig.__hash__
+
+    def measuring(
+        self,
+        reading: SegmentationOptions | None = None,
+        *,
+        ignored: object = None,
+    ) -> MeasureConfig:
+        """The part of it that measured numbers depend on.
+
+        Parameters
+        ----------
+        reading : SegmentationOptions, optional
+            What this configuration and a dataset say together
+            (`SegmentationOptions.agreed`); without a dataset, what this one says.
+        ignored : object, optional
+            Pixels of the dataset that never count, as JSON.
+        """
+        own = SegmentationOptions.named_by(self)
+        return MeasureConfig(
+            profile=self.profile,
+            projection=self.projection,
+            own_reading=own,
+            reading=own if reading is None else reading,
+            accept={
+                name: one.accept
+                for name, one in self.classes.items()
+                if one.accept is not INHERIT
+            },
+            ignored=ignored,
+            channels=tuple(name for name in CHANNELS if name in self.channels),
+            depth_tolerance=float(self.depth_tolerance),
+            depth_required=self.evidence in ("depth", "depth_center"),
+        )
+
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
-        """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.
+        """(K,) int64: the tags each class accepts; see `MeasureConfig.accept_masks`."""
+        return self.measuring().accept_masks(class_names, family)
 
-        `family` is the tag family of the segmentation, None if there is none.
-
-        Raises
-        ------
-        ConfigError
-            A class is to accept a tag that the family does not have.
-        """
-        own = [(name, self.of_class(name).accept) for name in class_names]
-        masks = [
-            accept_mask_of(
-                name, family, self.profile, None if accept is INHERIT else accept
-            )
-            for name, accept in own
-        ]
-        return np.array(masks, dtype=np.int64)
-
-    def measure_key(self) -> tuple[object, ...]:
-        """What measured evidence depends on; equal keys mean no pixel is needed.
-
-        Accept sets belong to it only in profile ``carlasimu``, which counts one colour
-        per class and keeps no numbers to count another from.
-        """
-        key: tuple[object, ...] = (
-            self.profile,
-            self.palette,
-            self.encoding,
-            self.channel_order,
-            self.lossy_segmentation,
-            self.projection,
-        )
-        if self.profile != "carlasimu":
-            return key
-        accepts = tuple(
-            (name, one.accept)
-            for name, one in self.classes.items()
-            if one.accept is not INHERIT
-        )
-        return (*key, accepts)
-
-
-CONFIG_KEYS: Final = tuple(spec.name for spec in fields(FilterConfig))
 
 _NO_OVERRIDES: Final = ClassConfig()
 
@@ -305,7 +344,7 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
 
 # Looked up several times for each of a million boxes; a handful of answers.
 @lru_cache(maxsize=4096)
-def _limit_of(config: FilterConfig, class_name: str, key: str) -> Number | None:
+def _limit_of(config: DecideConfig, class_name: str, key: str) -> Number | None:
     own: Number | Inherit | None = getattr(config.of_class(class_name), key)
     applies: Number | None = getattr(config, key) if own is INHERIT else own
     return applies
@@ -313,7 +352,7 @@ def _limit_of(config: FilterConfig, class_name: str, key: str) -> Number | None:
 
 # Asked for every frame, of the same classes as the frame before.
 @lru_cache(maxsize=256)
-def _thresholds_for(config: FilterConfig, names: tuple[str, ...]) -> Thresholds:
+def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
     def column(key: str, absent: float = np.nan) -> FloatArray:
         values = [config.limit_of(name, key) for name in names]
         limits = np.array([absent if v is None else v for v in values], np.float64)

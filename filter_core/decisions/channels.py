@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.config.filter import FilterConfig
+from filter_core.config.filter import DecideConfig
 from filter_core.config.keys import SEMANTIC
 from filter_core.types import BoolArray, ChannelNumbers, Decisions, Evidence, Reason
 
@@ -37,14 +37,14 @@ DECIDED_BY_CHANNELS: Final = frozenset(Reason) - {*_BEFORE_CHANNELS}
 
 
 def apply_channels(
-    evidence: Evidence, config: FilterConfig, decisions: Decisions
+    evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> None:
     """Judge, in place, the boxes that a channel of the configuration has a number for.
 
     Parameters
     ----------
     evidence : Evidence of N boxes
-    config : FilterConfig
+    config : DecideConfig
     decisions : Decisions of N boxes
         By the segmentation; what a channel decides has no threshold in percent.
     """
@@ -63,7 +63,7 @@ def apply_channels(
         decisions.large[rows] = False
 
 
-def channels_used(evidence: Evidence, config: FilterConfig) -> list[str]:
+def channels_used(evidence: Evidence, config: DecideConfig) -> list[str]:
     """The channel that each of N boxes is judged by."""
     used = np.full(len(evidence), SEMANTIC, dtype=object)
     if evidence.channels is not None:
@@ -93,13 +93,13 @@ def _has_number(numbers: ChannelNumbers, channel: str) -> BoolArray:
     return np.asarray(~np.isnan(numbers.center_gap))
 
 
-def _needed(evidence: Evidence, config: FilterConfig) -> NDArray[np.int64]:
+def _needed(evidence: Evidence, config: DecideConfig) -> NDArray[np.int64]:
     limits = config.thresholds_for(evidence.class_names).min_visible_pixels
     return limits[evidence.class_index]
 
 
 def _by_order(
-    numbers: ChannelNumbers, config: FilterConfig, needed: NDArray[np.int64]
+    numbers: ChannelNumbers, config: DecideConfig, needed: NDArray[np.int64]
 ) -> Codes:
     """Where nothing nearer explains any pixel, few are as good as many."""
     explained = numbers.explained_by >= 0
@@ -109,13 +109,13 @@ def _by_order(
 
 
 def _by_depth(
-    numbers: ChannelNumbers, _: FilterConfig, needed: NDArray[np.int64]
+    numbers: ChannelNumbers, _: DecideConfig, needed: NDArray[np.int64]
 ) -> Codes:
     return _kept_from(numbers.depth_pixels >= needed, Reason.HIDDEN_BY_DEPTH)
 
 
 def _by_center(
-    numbers: ChannelNumbers, config: FilterConfig, _: NDArray[np.int64]
+    numbers: ChannelNumbers, config: DecideConfig, _: NDArray[np.int64]
 ) -> Codes:
     return _kept_from(
         numbers.center_gap <= config.depth_tolerance, Reason.HIDDEN_BY_DEPTH
@@ -123,7 +123,7 @@ def _by_center(
 
 
 def _by_instance(
-    numbers: ChannelNumbers, _: FilterConfig, needed: NDArray[np.int64]
+    numbers: ChannelNumbers, _: DecideConfig, needed: NDArray[np.int64]
 ) -> Codes:
     # An instance of no pixels is none, however few are needed.
     seen = numbers.instance_pixels >= np.maximum(needed, 1)
@@ -131,7 +131,7 @@ def _by_instance(
 
 
 def _by_lidar(
-    numbers: ChannelNumbers, config: FilterConfig, _: NDArray[np.int64]
+    numbers: ChannelNumbers, config: DecideConfig, _: NDArray[np.int64]
 ) -> Codes:
     return _kept_from(
         numbers.lidar_points >= config.lidar_min_points, Reason.TOO_FEW_LIDAR_POINTS
@@ -142,7 +142,7 @@ def _kept_from(seen: BoolArray, otherwise: Reason | NDArray[np.int64]) -> Codes:
     return np.where(seen, Reason.VISIBLE, otherwise).astype(np.uint8)
 
 
-_Rule = Callable[[ChannelNumbers, FilterConfig, NDArray[np.int64]], Codes]
+_Rule = Callable[[ChannelNumbers, DecideConfig, NDArray[np.int64]], Codes]
 
 _RULES: Final[Mapping[str, _Rule]] = {
     "ordered": _by_order,

@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.config.filter import FilterConfig, Thresholds
+from filter_core.config.filter import DecideConfig, Thresholds
 from filter_core.decisions.channels import apply_channels
 from filter_core.types import (
     BoolArray,
@@ -80,15 +80,15 @@ _COLUMN_OF_REASON[[Reason.VISIBLE, 16 + Reason.VISIBLE]] = _SMALL, _KEPT_LARGE
 """By reason, plus 16 if the box is large."""
 
 
-def decide(evidence: Evidence, config: FilterConfig) -> Decisions:
+def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     """The first rule that matches each box, and the numbers that it rests on.
 
     Parameters
     ----------
     evidence : Evidence of N boxes
         As measured with the profile of `config` and with its accept sets (see
-        `FilterConfig.accept_masks`); `xyxy` and `tag_counts` are not looked at.
-    config : FilterConfig
+        `MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not looked at.
+    config : DecideConfig
 
     Returns
     -------

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from filter_core.annotation.frame import FrameAnnotation
-from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import AUTO, CHANNELS, FILE_OF, files_for
+from filter_core.config.keys import CHANNELS, FILE_OF
+from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ImageError
 from filter_core.evidence.depth import (
     DepthImage,
@@ -200,31 +200,19 @@ class SensorFiles:
     ----------
     contents : Mapping
         Bytes by kind: ``depth``, ``instances``, ``lidar``; read if they are needed.
-    channels : tuple of str, or None
-        What is to be measured; None: what the configuration decides by.
     max_side : int, px
-    depth_tolerance : float, metres, or None
-        None: as the configuration says.
     """
 
     contents: Mapping[str, bytes] = field(default_factory=dict)
-    channels: tuple[str, ...] | None = None
     max_side: int = MAX_SIDE
-    depth_tolerance: float | None = None
 
-    def wanted(self, config: FilterConfig) -> tuple[str, ...]:
+    def wanted(self, config: MeasureConfig) -> tuple[str, ...]:
         """The channels to measure, those whose file is missing left out."""
-        asked = config.channels if self.channels is None else self.channels
         return tuple(
             name
-            for name in CHANNELS
-            if name in asked and FILE_OF.get(name, "") in ("", *self.contents)
+            for name in config.channels
+            if FILE_OF.get(name, "") in ("", *self.contents)
         )
-
-    def tolerance(self, config: FilterConfig) -> float:
-        """How far from its box a depth may be, metres."""
-        own = self.depth_tolerance
-        return float(config.depth_tolerance if own is None else own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +230,7 @@ class FrameParts:
 
 
 def measure_frame_channels(
-    parts: FrameParts, evidence: Evidence, config: FilterConfig, files: SensorFiles
+    parts: FrameParts, evidence: Evidence, config: MeasureConfig, files: SensorFiles
 ) -> ChannelNumbers | None:
     """What the wanted channels say of a frame's boxes; None if none is wanted.
 
@@ -266,8 +254,7 @@ def measure_frame_channels(
         instance_id=_instance_ids(annotation),
         image_wh=parts.wh,
     )
-    strict = config.evidence != AUTO and "depth" in files_for(config.channels)
-    reader = _Reader(files, parts.wh, lenient=not strict)
+    reader = _Reader(files, parts.wh, lenient=not config.depth_required)
     kinds = {FILE_OF.get(name) for name in wanted}
     sensors = FrameSensors(
         segmentation=parts.segmentation,
@@ -277,7 +264,7 @@ def measure_frame_channels(
         points=reader.points() if "lidar" in kinds else None,
         lidar=_lidar_transform(annotation),
         ignore=parts.ignore,
-        depth_tolerance=files.tolerance(config),
+        depth_tolerance=config.depth_tolerance,
     )
     return measure_channels(boxes, sensors, wanted)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.classes import accept_mask_of, accepts
-from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
 from filter_core.evidence.counting import (
     Regions,
@@ -350,7 +350,7 @@ class NeedsPixels(FilterError):
 
 
 def with_accept_sets(
-    evidence: Evidence, config: FilterConfig, family: str | None
+    evidence: Evidence, config: MeasureConfig, family: str | None
 ) -> Evidence:
     """The evidence of one frame as the config's accept sets would have measured it.
 
@@ -358,7 +358,7 @@ def with_accept_sets(
     ----------
     evidence : Evidence of one frame
         With `tag_counts` and `xyxy` where the accept sets differ.
-    config : FilterConfig
+    config : MeasureConfig
     family : tag family of the frame's segmentation, None if there was none
 
     Returns
@@ -373,15 +373,10 @@ def with_accept_sets(
     FilterError
         ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
     """
-    masks = _masks(evidence, config, family)
+    per_class = config.accept_masks(evidence.class_names, family)
+    masks: IntArray = per_class[evidence.class_index]
     if (masks == evidence.accept_mask).all():
         return evidence
     if config.profile == "carlasimu":
         raise NeedsPixels("other accept sets in profile carlasimu: measure again")
     return with_accept_masks(evidence, masks)
-
-
-def _masks(evidence: Evidence, config: FilterConfig, family: str | None) -> IntArray:
-    per_class = config.accept_masks(evidence.class_names, family)
-    masks: IntArray = per_class[evidence.class_index]
-    return masks

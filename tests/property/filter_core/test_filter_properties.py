@@ -154,11 +154,11 @@ def test_other_accept_sets_need_no_pixel(tags, boxes):
     before = filter_frame(frame, tags).measured.evidence
     again = filter_frame(frame, tags, config).measured.evidence
 
-    from_numbers = with_accept_sets(before, config, family)
+    from_numbers = with_accept_sets(before, config.measuring(), family)
 
     differs = from_numbers.accept_mask != before.accept_mask
     assert differs.tolist() == [box["class"] == "car" for box in boxes]
     np.testing.assert_array_equal(from_numbers.matched_pixels, again.matched_pixels)
     np.testing.assert_array_equal(from_numbers.match_percent, again.match_percent)
     np.testing.assert_array_equal(from_numbers.crowding, again.crowding)
-    assert with_accept_sets(again, config, family) is again
+    assert with_accept_sets(again, config.measuring(), family) is again

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import (
+    CONFIG_KEYS,
     INHERIT,
     ClassConfig,
     ConfigChange,
+    DecideConfig,
     FilterConfig,
     diff_configs,
 )
@@ -182,23 +184,26 @@ def test_thresholds_are_a_class_s_own_or_the_common_ones():
     assert limits.threshold_big_box.tolist() == [50, 50]
 
 
-def test_only_what_needs_pixels_is_in_the_measure_key():
-    default = FilterConfig().measure_key()
-    accepting = {"classes": {"van": {"accept": ["Truck"]}}}
+def test_a_configuration_has_the_keys_of_both_parts_in_one_order():
+    assert FilterConfig.keys() == CONFIG_KEYS
+    assert set(CONFIG_KEYS) - set(DecideConfig.keys()) == {
+        "projection",
+        "palette",
+        "encoding",
+        "channel_order",
+        "lossy_segmentation",
+    }
 
-    for numbers in ({"threshold_small_box": 3}, {"max_distance": 9}, accepting):
-        assert FilterConfig.from_mapping(numbers).measure_key() == default
-    for pixels in ({"palette": "carla-0.9.0"}, {"projection": "naive"}):
-        assert FilterConfig.from_mapping(pixels).measure_key() != default
 
+def test_the_part_that_decides_stands_alone():
+    classes = {"van": {"threshold_small_box": 2}}
+    part = DecideConfig.from_mapping({"min_visible_pixels": 3, "classes": classes})
 
-def test_profile_carlasimu_cannot_change_accept_sets_without_pixels():
-    plain = FilterConfig.from_mapping({"profile": "carlasimu"})
-    other = FilterConfig.from_mapping(
-        {"profile": "carlasimu", "classes": {"van": {"accept": ["Truck"]}}}
-    )
-
-    assert plain.measure_key() != other.measure_key()
+    assert part.limit_of("van", "threshold_small_box") == 2
+    assert pickle.loads(pickle.dumps(part)) == part
+    assert hash(part) == hash(DecideConfig.from_mapping(part.as_dict()))
+    with pytest.raises(ConfigError, match="unknown key 'palette'"):
+        DecideConfig.from_mapping({"palette": "auto"})
 
 
 def test_a_difference_names_every_key_that_changed():

@@ -1,0 +1,168 @@
+"""What measured numbers depend on, apart from the frame itself; no threshold is here.
+
+A `MeasureConfig` is made by `FilterConfig.measuring` and names itself by its digest:
+equal digests measure equal numbers. Digests and `as_dict` are stored beside numbers, so
+their form never changes: if it did, every dataset would be measured again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from filter_core.classes import accept_mask_of, canonical_class
+from filter_core.config.keys import CHANNELS, files_for
+from filter_core.segmentation.reading import SegmentationOptions
+from filter_core.types import IntArray
+
+_READING: Final = ("palette", "encoding", "channel_order", "lossy")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureConfig:
+    """How a frame is measured.
+
+    Attributes
+    ----------
+    profile : ``paper`` or ``carlasimu``
+    projection : ``clipped`` or ``naive``
+    own_reading : SegmentationOptions
+        What the configuration itself says of segmentations.
+    reading : SegmentationOptions
+        What it and the dataset say together.
+    accept : Mapping
+        Tags that count for a class, by its name; only of classes that differ.
+    ignored : object or None
+        Pixels of the dataset that never count, as JSON.
+    channels : tuple of str
+        What is measured beside the segmentation: names out of `CHANNELS`, in order.
+    depth_tolerance : float, metres
+        How far from its box a depth may be.
+    depth_required : bool
+        Whether a frame is refused whose depth image is too coarse.
+    """
+
+    profile: str = "paper"
+    projection: str = "clipped"
+    own_reading: SegmentationOptions = field(default_factory=SegmentationOptions)
+    reading: SegmentationOptions = field(default_factory=SegmentationOptions)
+    accept: Mapping[str, tuple[str | int, ...]] = field(default_factory=dict)
+    ignored: Any | None = None
+    channels: tuple[str, ...] = ()
+    depth_tolerance: float = 0.15
+    depth_required: bool = False
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of `as_dict`; equal digests measure equal numbers."""
+        return _digest(self.as_dict())
+
+    @property
+    def pixel_digest(self) -> str:
+        """The same for those that differ in accept sets alone.
+
+        From the numbers of one of them follow those of the others, without pixels.
+        """
+        plain = self.as_dict()
+        # Channels keep no histogram: other accept sets are other pixels to them.
+        return _digest(plain if self.channels else plain | {"accept": None})
+
+    def as_dict(self) -> dict[str, Any]:
+        """The stored form, ready for JSON; without channels it has no word of them."""
+        own = [getattr(self.own_reading, name) for name in _READING]
+        by_name: list[object] = [self.profile, *own, self.projection]
+        accept = {name: list(tags) for name, tags in self.accept.items()}
+        if self.profile == "carlasimu":
+            # It counts one color per class, and keeps no numbers to count another from.
+            by_name.append([[name, tags] for name, tags in accept.items()])
+        plain = {
+            "measure": by_name,
+            "accept": accept,
+            "reading": {name: getattr(self.reading, name) for name in _READING},
+            "ignored": self.ignored,
+        }
+        if not self.channels:
+            return plain
+        tolerance = self.depth_tolerance if "depth" in self.channels else None
+        stored = {"names": list(self.channels), "depth_tolerance": tolerance}
+        return plain | {"channels": stored}
+
+    def with_channels(self, names: Collection[str]) -> MeasureConfig:
+        """One that measures these channels as well."""
+        wanted = {*self.channels, *names}
+        return replace(
+            self, channels=tuple(name for name in CHANNELS if name in wanted)
+        )
+
+    def as_measured(self, stored: Mapping[str, Any]) -> MeasureConfig:
+        """The same with the reading, ignored pixels and channels of a measurement.
+
+        Parameters
+        ----------
+        stored : Mapping
+            `as_dict` of the one that was measured by, and as ``sources`` those of its
+            reading.
+        """
+        channels, tolerance = _channels_of(stored)
+        return replace(
+            self,
+            reading=SegmentationOptions(**stored["reading"], sources=stored["sources"]),
+            ignored=stored["ignored"],
+            channels=channels,
+            depth_tolerance=self.depth_tolerance if tolerance is None else tolerance,
+        )
+
+    def is_covered_by(self, stored: Mapping[str, Any]) -> bool:
+        """Whether a measurement has all these numbers, and perhaps more channels'.
+
+        `stored` is `as_dict` of the one that was measured by.
+        """
+        channels, tolerance = _channels_of(stored)
+        return (
+            set(self.channels) <= set(channels)
+            and ("depth" not in self.channels or self.depth_tolerance == tolerance)
+            and all(
+                stored[key] == value
+                for key, value in self.as_dict().items()
+                if key != "channels"
+            )
+        )
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The kinds of files that its channels read, beside the segmentation."""
+        return files_for(self.channels)
+
+    def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
+        """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.
+
+        `family` is the tag family of the segmentation, None if there is none.
+
+        Raises
+        ------
+        ConfigError
+            A class is to accept a tag that the family does not have.
+        """
+        masks = [
+            accept_mask_of(
+                name, family, self.profile, self.accept.get(canonical_class(name))
+            )
+            for name in class_names
+        ]
+        return np.array(masks, dtype=np.int64)
+
+
+def _channels_of(stored: Mapping[str, Any]) -> tuple[tuple[str, ...], float | None]:
+    """The channels of a measurement, and how far a depth may be from its box."""
+    found = stored.get("channels") or {}
+    return tuple(found.get("names", ())), found.get("depth_tolerance")
+
+
+def _digest(plain: dict[str, Any]) -> str:
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,105 @@
+"""What measured numbers depend on; the digests themselves are in tests/pins."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.segmentation.reading import SegmentationOptions
+
+ACCEPTING = {"classes": {"van": {"accept": ["Truck"]}}}
+
+
+def measuring(**keys):
+    return FilterConfig.from_mapping(keys).measuring()
+
+
+def stored(config):
+    """As a measurement's row has it."""
+    plain = {**config.as_dict(), "sources": dict(config.reading.sources)}
+    return json.loads(json.dumps(plain))
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"threshold_small_box": 3},
+        {"max_distance": 9, "min_visible_pixels": 7},
+        {"depth_tolerance": 2},  # nothing measures depth
+        {"classes": {"van": {"threshold_big_box": 5}}},
+    ],
+)
+def test_thresholds_measure_the_same_numbers(keys):
+    assert measuring(**keys).digest == measuring().digest
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"palette": "carla-0.9.0"},
+        {"projection": "naive"},
+        {"evidence": "ordered"},
+        {"profile": "carlasimu"},
+    ],
+)
+def test_what_needs_pixels_measures_other_numbers(keys):
+    assert measuring(**keys).pixel_digest != measuring().pixel_digest
+
+
+def test_accept_sets_need_pixels_only_where_one_color_is_counted():
+    plain, other = measuring(), measuring(**ACCEPTING)
+    assert plain.digest != other.digest
+    assert plain.pixel_digest == other.pixel_digest
+
+    published = measuring(profile="carlasimu")
+    assert (
+        measuring(profile="carlasimu", **ACCEPTING).pixel_digest
+        != published.pixel_digest
+    )
+
+
+def test_channels_are_measured_in_their_order_and_once():
+    config = measuring(evidence="depth").with_channels(["lidar", "depth", "ordered"])
+
+    assert config.channels == ("ordered", "depth", "lidar")
+    assert config.files == ("depth", "lidar")
+
+
+def test_a_measurement_covers_what_has_fewer_channels_and_the_same_tolerance():
+    much = stored(measuring(evidence="auto").with_channels(["lidar"]))
+
+    assert measuring().is_covered_by(much)
+    assert measuring(evidence="depth").is_covered_by(much)
+    assert not measuring(evidence="depth", depth_tolerance=1).is_covered_by(much)
+    assert measuring(evidence="ordered", depth_tolerance=1).is_covered_by(much)
+    assert not measuring(evidence="depth_center").is_covered_by(much)
+    assert not measuring(palette="carla-0.9.0").is_covered_by(much)
+
+
+@pytest.mark.parametrize("keys", [{}, ACCEPTING])
+def test_a_measurement_of_profile_carlasimu_covers_the_same_without_channels(keys):
+    config = measuring(profile="carlasimu", **keys)
+
+    assert config.is_covered_by(stored(config.with_channels(["ordered"])))
+
+
+def test_what_was_measured_by_is_found_again_in_what_was_stored():
+    reading = SegmentationOptions.agreed(
+        {"the dataset": SegmentationOptions(palette="carla-0.9.10")}
+    )
+    config = FilterConfig(evidence="depth", depth_tolerance=0.5)
+    measured = config.measuring(reading, ignored=[{"polygon": []}])
+
+    again = FilterConfig().measuring().as_measured(stored(measured))
+
+    assert again.digest == measured.digest
+    assert again.reading == reading
+
+
+def test_it_travels_to_other_processes():
+    config = measuring(evidence="auto", **ACCEPTING)
+
+    assert pickle.loads(pickle.dumps(config)) == config
