@@ -301,7 +301,6 @@ class FilterConfig(DecideConfig):
             ignored=ignored,
             channels=tuple(name for name in CHANNELS if name in self.channels),
             depth_tolerance=float(self.depth_tolerance),
-            depth_required=self.evidence in ("depth", "depth_center"),
         )
 
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:

@@ -43,8 +43,6 @@ class MeasureConfig:
         What is measured beside the segmentation: names out of `CHANNELS`, in order.
     depth_tolerance : float, metres
         How far from its box a depth may be.
-    depth_required : bool
-        Whether a frame is refused whose depth image is too coarse.
     """
 
     profile: str = "paper"
@@ -55,7 +53,6 @@ class MeasureConfig:
     ignored: Any | None = None
     channels: tuple[str, ...] = ()
     depth_tolerance: float = 0.15
-    depth_required: bool = False
 
     @property
     def digest(self) -> str:
@@ -137,6 +134,15 @@ class MeasureConfig:
     def files(self) -> tuple[str, ...]:
         """The kinds of files that its channels read, beside the segmentation."""
         return files_for(self.channels)
+
+    @property
+    def depth_required(self) -> bool:
+        """Whether a frame is refused whose depth image is too coarse to be measured.
+
+        Only where nothing but depth is asked for: several kinds of evidence promise no
+        more than a frame allows. It follows from `channels`, which the digest is of.
+        """
+        return self.files == ("depth",) and "ordered" not in self.channels
 
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.

@@ -237,9 +237,9 @@ def measure_frame_channels(
     Raises
     ------
     FilterError
-        A file cannot be used. A depth image that is too coarse is only refused where
-        the configuration decides by depth: ``auto`` and comparisons promise no more
-        than a frame allows.
+        A file cannot be used. A depth image that is too coarse is refused only if the
+        configuration says so (`MeasureConfig.depth_required`); else depth stays
+        unmeasured.
     """
     wanted = files.wanted(config)
     if not wanted:

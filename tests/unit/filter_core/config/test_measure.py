@@ -103,3 +103,14 @@ def test_it_travels_to_other_processes():
     config = measuring(evidence="auto", **ACCEPTING)
 
     assert pickle.loads(pickle.dumps(config)) == config
+
+
+@pytest.mark.parametrize("extra", [(), ("lidar",), ("ordered", "instance")])
+@pytest.mark.parametrize("evidence", ["auto", "depth", "depth_center", "instance"])
+def test_what_is_refused_follows_from_what_the_digest_is_of(evidence, extra):
+    """Configurations that decide by different evidence can measure under one digest."""
+    config = measuring(evidence=evidence).with_channels(extra)
+    other = FilterConfig().measuring().as_measured(stored(config))
+
+    assert other.digest == config.digest
+    assert other.depth_required == config.depth_required

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import STRONGEST_FIRST
 from filter_core.errors import ImageError
 from filter_core.evidence.channels import SensorFiles
-from filter_core.pipeline import FrameOptions, filter_frame
+from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
+from filter_core.types import NOT_MEASURED
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png
 
 CAR, ROAD = 14, 1
@@ -188,3 +190,24 @@ def test_one_pixel_is_enough_where_nothing_nearer_explains_it(
     )
 
     assert found.decisions[-1]["explanation"] == explanation
+
+
+def test_equal_digests_refuse_or_pass_over_the_same_depth_image():
+    grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
+    options = FrameOptions(sensors=SensorFiles({"depth": grey}))
+    first, second = (
+        FilterConfig(evidence=name).measuring().with_channels(STRONGEST_FIRST)
+        for name in ("auto", "depth")
+    )
+    assert first.digest == second.digest
+
+    found = [
+        read_and_measure(ANNOTATION, scene()[0], config, options).evidence.channels
+        for config in (first, second)
+    ]
+
+    for numbers in found:
+        assert numbers is not None
+        assert found[0] is not None
+        assert numbers.owned_pixels.tolist() == found[0].owned_pixels.tolist()
+        assert (numbers.depth_pixels == NOT_MEASURED).all()
