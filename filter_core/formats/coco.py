@@ -1,6 +1,7 @@
-"""COCO: boxes of all images in one JSON file, read image by image.
+"""COCO: all images and boxes of a dataset, or of a part of it, in one JSON file.
 
-COCO: one file of boxes for each part of the split.
+Files are read image by image, by way of `filter_core.formats.coco_index`; one file is
+written for each part of the split.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    Desk,
+    ExportContext,
     OutBox,
     OutFrame,
     Traits,
@@ -300,11 +301,11 @@ class CocoWriter:
 
     traits: ClassVar[Traits] = Traits("coco", crowds=True)
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        bands = ("", *map(band_name, desk.options.bands))
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
+        bands = ("", *map(band_name, context.options.bands))
         self._files = {
-            (band, part): _CocoFile(desk.spool(), desk.spool())
+            (band, part): _CocoFile(context.spool(), context.spool())
             for band in bands
             for part in PARTS
         }
@@ -321,8 +322,8 @@ class CocoWriter:
         """The files, now that they are complete."""
         for (band, part), file in self._files.items():
             folder = f"annotations/{band}" if band else "annotations"
-            pieces = file.pieces(self._desk.head.classes)
-            self._desk.sink(f"{folder}/instances_{part}.json", pieces)
+            pieces = file.pieces(self._context.head.classes)
+            self._context.sink(f"{folder}/instances_{part}.json", pieces)
 
 
 class _CocoFile:

@@ -1,8 +1,7 @@
-"""Where images and boxes are in a COCO file of any length.
+"""Where the images and boxes of a COCO file are in it, found in one pass.
 
-Where the images and boxes of a COCO file are in it: a few numbers for each.
-
-Reads one large JSON object piece by piece: any length, flat memory.
+The file may have any length: it is read piece by piece, and what stays in memory is a
+few numbers for each image and box, with which each can be read again.
 """
 
 from __future__ import annotations

@@ -8,7 +8,13 @@ from typing import ClassVar, Final
 
 from filter_core.formats.files import attributes, element, escaped, number_text
 from filter_core.formats.format import LABEL_OPTIONS, Format
-from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits, write_labels
+from filter_core.formats.writing import (
+    ExportContext,
+    OutBox,
+    OutFrame,
+    Traits,
+    write_labels,
+)
 
 _VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
 
@@ -27,9 +33,9 @@ class CvatWriter:
 
     traits: ClassVar[Traits] = Traits("cvat")
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._images = desk.spool()
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
+        self._images = context.spool()
 
     def image(self, out: OutFrame) -> str:
         """The name of a frame's image in the export."""
@@ -50,12 +56,12 @@ class CvatWriter:
 
     def finish(self) -> None:
         """The file, now that all images are known."""
-        self._desk.sink("annotations.xml", self._pieces())
+        self._context.sink("annotations.xml", self._pieces())
 
     def _pieces(self) -> Iterator[bytes]:
         yield b'<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n'
         yield b"  <version>1.1</version>\n  <meta>\n    <task>\n      <labels>\n"
-        for name in self._desk.head.classes:
+        for name in self._context.head.classes:
             yield _label(name).encode("utf-8", "replace")
         yield b"      </labels>\n    </task>\n  </meta>\n"
         yield from self._images.pieces()

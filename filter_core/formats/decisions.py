@@ -1,8 +1,7 @@
-"""Decisions as rows of a table: one column for each plain value.
+"""Every decision of every frame, whatever its verdict: as JSONL, CSV or Parquet.
 
-Every decision of every frame: as JSONL, CSV, or Parquet.
-
-Rows as a Parquet file, a group at a time.
+JSONL has whole decisions, a line for each frame; the tables have a row for each box and
+a column for each plain value.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What goes out: a frame with decisions, the head, the options, the sink.
+"""What a writer of a format is given: frames with decisions, a head, options, a sink.
 
-What a writer is given: one frame at a time, with its decisions, and a sink.
-
-What of a dataset is exported, and how: one set of options for every format.
+Frames come one at a time, and the sink takes each file in pieces, so that an export
+never has a whole dataset in memory. The options are the same for every format; each
+says which it heeds.
 """
 
 from __future__ import annotations

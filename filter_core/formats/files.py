@@ -1,12 +1,8 @@
-"""Files of an export: harmless names, spools, texts, a folder whole or not at all.
+"""Files of an export: their names, their text, and where it waits until it is written.
 
-Names of files in an export: a key is data from users and never a path.
-
-An export as a folder: whole or not at all.
-
-Pieces of a file that is written later: in memory while small, else on disk.
-
-Text for XML files that are written piece by piece.
+Keys of frames come from users: a name made of one is never a path that leads elsewhere.
+A spool holds pieces that are written later, in memory while they are few, else on disk.
+`folder_sink` makes a folder that is whole or not there at all.
 """
 
 from __future__ import annotations

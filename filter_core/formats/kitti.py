@@ -1,10 +1,8 @@
-"""KITTI's object layout: label_2 beside image_2 and calib.
+"""KITTI's object layout: label_2 and its 15 columns, image_2, calib and ImageSets.
 
-KITTI's 3D boxes: bottom centre, sizes and heading in the camera's axes.
-
-Lines of KITTI label files and calibrations.
-
-KITTI's object layout: training/label_2 with 15 columns, calib and ImageSets.
+A label is one line: type, truncation, occlusion, alpha, rectangle, and a 3D box as its
+bottom centre, sizes and heading in the axes of the camera (x right, y down, z forward),
+which `kitti_vertices` and `to_kitti_box` turn into CARLA's and back.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    Desk,
+    ExportContext,
     OutBox,
     OutFrame,
     Traits,
@@ -392,13 +390,13 @@ class KittiWriter:
 
     traits: ClassVar[Traits] = Traits("kitti", keys=True)
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._types = kitti_types(desk.head.classes)
-        self._parts = {part: desk.spool() for part in PARTS}
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
+        self._types = kitti_types(context.head.classes)
+        self._parts = {part: context.spool() for part in PARTS}
         changed = {name: word for name, word in self._types.items() if name != word}
         if changed:
-            desk.facts["kitti_types"] = changed
+            context.facts["kitti_types"] = changed
 
     def image(self, out: OutFrame) -> str:
         """The name of a frame's image in the export."""
@@ -410,18 +408,18 @@ class KittiWriter:
         lines = [self._line(one, out.frame.camera) for one in out.boxes]
         lines += [_ignored(xyxy) for xyxy in _regions(out)]
         text = "".join(f"{line}\n" for line in lines)
-        self._desk.sink(f"training/{band or 'label_2'}/{name}", [text.encode()])
+        self._context.sink(f"training/{band or 'label_2'}/{name}", [text.encode()])
         if band:
             return
         self._parts[out.part].write(f"{out.number:06}\n".encode())
         if out.frame.camera is not None:
             calibration = _calibration(out.frame.camera)
-            self._desk.sink(f"training/calib/{name}", [calibration.encode()])
+            self._context.sink(f"training/calib/{name}", [calibration.encode()])
 
     def finish(self) -> None:
         """Which frames are for training."""
         for part, spool in self._parts.items():
-            self._desk.sink(f"ImageSets/{part}.txt", spool.pieces())
+            self._context.sink(f"ImageSets/{part}.txt", spool.pieces())
 
     def _line(self, out: OutBox, camera: Camera | None) -> str:
         if out.ignored:

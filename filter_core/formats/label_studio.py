@@ -9,7 +9,13 @@ from urllib.parse import quote
 
 from filter_core.formats.files import attributes
 from filter_core.formats.format import LABEL_OPTIONS, Format
-from filter_core.formats.writing import Desk, OutBox, OutFrame, Traits, write_labels
+from filter_core.formats.writing import (
+    ExportContext,
+    OutBox,
+    OutFrame,
+    Traits,
+    write_labels,
+)
 
 _LOCAL_FILES: Final = "/data/local-files/?d="
 """How Label Studio is told of a file below its LOCAL_FILES_DOCUMENT_ROOT."""
@@ -32,9 +38,9 @@ class LabelStudioWriter:
 
     traits: ClassVar[Traits] = Traits("label-studio")
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._tasks = desk.spool()
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
+        self._tasks = context.spool()
 
     def image(self, out: OutFrame) -> str:
         """The name of a frame's image in the export."""
@@ -62,12 +68,12 @@ class LabelStudioWriter:
 
     def finish(self) -> None:
         """The tasks, and the labelling interface that shows them."""
-        self._desk.sink("tasks.json", self._pieces())
-        config = _label_config(self._desk.head.classes)
-        self._desk.sink("label_config.xml", [config.encode("utf-8", "replace")])
+        self._context.sink("tasks.json", self._pieces())
+        config = _label_config(self._context.head.classes)
+        self._context.sink("label_config.xml", [config.encode("utf-8", "replace")])
 
     def _version(self) -> str:
-        digest = self._desk.head.facts.get("config")
+        digest = self._context.head.facts.get("config")
         return f"unghost-{str(digest)[:12]}" if digest else "unghost"
 
     def _pieces(self) -> Iterator[bytes]:

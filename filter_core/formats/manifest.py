@@ -1,6 +1,7 @@
-"""The JSONL manifest: one frame per line, its annotation and the paths of its files.
+"""The product's own format: a JSONL file with a line for each frame.
 
-The product's own format: every annotation as it came, without what is rejected.
+A line is the frame's annotation as it came, its key, and the paths of its files; an
+export leaves out the boxes that are rejected, and changes nothing else.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from filter_core.formats.reading import (
     FrameSource,
     ReadOptions,
 )
-from filter_core.formats.writing import Desk, OutFrame, Traits, write_labels
+from filter_core.formats.writing import ExportContext, OutFrame, Traits, write_labels
 from filter_core.json_text import read_json
 from filter_core.values import shown
 
@@ -122,9 +123,9 @@ class ManifestWriter:
 
     traits: ClassVar[Traits] = Traits("manifest", crowds=True, unplaced=True)
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._lines = desk.spool()
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
+        self._lines = context.spool()
 
     def image(self, out: OutFrame) -> str:
         """The name of a frame's image in the export."""
@@ -133,7 +134,7 @@ class ManifestWriter:
     def labels(self, band: str, out: OutFrame) -> None:
         """One line."""
         frame = out.frame
-        copied = self._desk.options.images == "copy" and frame.read_image is not None
+        copied = self._context.options.images == "copy" and frame.read_image is not None
         known = {key: v for key, v in frame.annotation.items() if key not in _OURS}
         # Without an id its place was its id, and places move when a box goes.
         boxes = [{"id": one.box.id, **one.box.given} for one in out.boxes]
@@ -147,7 +148,7 @@ class ManifestWriter:
 
     def finish(self) -> None:
         """The manifest, now that it is complete."""
-        self._desk.sink(MANIFEST_NAME, self._lines.pieces())
+        self._context.sink(MANIFEST_NAME, self._lines.pieces())
 
 
 def _likeness(source: Source) -> Likeness:

@@ -1,12 +1,8 @@
-"""What all readers share: which files belong together, keys, what a reader yields.
+"""What all readers of folders share: what they give, and which files go together.
 
-What every reader yields: a frame's files and annotation, and what did not match.
-
-Which files of a folder belong together: the same name in parallel folders.
-
-Keys that file names cannot hold, from the list that an export brings.
-
-Columns of numbers in text labels.
+A reader gives a `FrameSet`. Files of one frame have the same name in parallel folders;
+keys that file names cannot hold come from the list that an export brings
+(``frames.jsonl``).
 """
 
 from __future__ import annotations

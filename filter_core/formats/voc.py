@@ -1,8 +1,7 @@
-"""Pascal VOC folders: one XML per image, beside it or in a parallel folder.
+"""Pascal VOC: one XML file per image, with rectangles in whole pixels from 1.
 
-One Pascal VOC file as an annotation; XML from strangers, so read with defusedxml.
-
-Pascal VOC: one XML file per image, whole pixels counted from 1.
+Files come from strangers, so they are read with defusedxml, and their depth and number
+of elements have limits.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    Desk,
+    ExportContext,
     OutBox,
     OutFrame,
     Traits,
@@ -269,9 +268,9 @@ class VocWriter:
 
     traits: ClassVar[Traits] = Traits("voc", keys=True, flat=True)
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._parts = {part: desk.spool() for part in PARTS}
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
+        self._parts = {part: context.spool() for part in PARTS}
 
     def image(self, out: OutFrame) -> str:
         """The name of a frame's image in the export."""
@@ -281,15 +280,15 @@ class VocWriter:
         """One XML file."""
         text = "\n".join(_lines(out)) + "\n"
         content = text.encode("utf-8", "replace")
-        self._desk.sink(f"{band or 'Annotations'}/{out.stem}.xml", [content])
+        self._context.sink(f"{band or 'Annotations'}/{out.stem}.xml", [content])
         if not band:
             self._parts[out.part].write(f"{out.stem}\n".encode())
 
     def finish(self) -> None:
         """Which frames are for training, and which classes there are."""
         for part, spool in self._parts.items():
-            self._desk.sink(f"ImageSets/Main/{part}.txt", spool.pieces())
-        self._desk.sink("labelmap.txt", [_label_map(self._desk.head.classes)])
+            self._context.sink(f"ImageSets/Main/{part}.txt", spool.pieces())
+        self._context.sink("labelmap.txt", [_label_map(self._context.head.classes)])
 
 
 def whole_pixels(

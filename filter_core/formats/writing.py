@@ -1,8 +1,8 @@
-"""What all label formats share: choosing, clipping, splitting, bands.
+"""What all formats of labels share: which boxes go out, where, and under which names.
 
-What all label formats have in common: choosing, clipping, splitting, naming.
-
-Which boxes of a frame go out, with which rectangle, clipped to the image.
+`write_labels` takes frames one at a time, chooses and clips their boxes, splits them
+into parts and distance bands and keeps the books; a format's `LabelWriter` is given
+what is left to write.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ class OutFrame:
 
 
 @dataclass(frozen=True)
-class Desk:
+class ExportContext:
     """What a writer writes with.
 
     Attributes
@@ -272,7 +272,7 @@ class LabelWriter(Protocol):
         """Everything that comes after the last frame."""
 
 
-NewWriter: TypeAlias = Callable[[Desk], LabelWriter]
+NewWriter: TypeAlias = Callable[[ExportContext], LabelWriter]
 
 
 def write_labels(
@@ -307,9 +307,9 @@ def write_labels(
     """
     with ExitStack() as stack:
         tally = stack.enter_context(ExportTally(head))
-        desk = Desk(sink, head, options, stack)
-        writer = new_writer(desk)
-        run = _Run(desk, writer, tally)
+        context = ExportContext(sink, head, options, stack)
+        writer = new_writer(context)
+        run = _Run(context, writer, tally)
         for frame in frames:
             run.write(frame)
         writer.finish()
@@ -330,37 +330,39 @@ def split_of(key: str, map_name: str | None, share: float) -> str:
 class _Run:
     """One export on its way from frame to frame."""
 
-    def __init__(self, desk: Desk, writer: LabelWriter, tally: ExportTally) -> None:
-        self.desk, self.writer, self.tally = desk, writer, tally
-        classes, options = desk.head.classes, desk.options
+    def __init__(
+        self, context: ExportContext, writer: LabelWriter, tally: ExportTally
+    ) -> None:
+        self.context, self.writer, self.tally = context, writer, tally
+        classes, options = context.head.classes, context.options
         self.chooser = BoxChooser(classes, options, tally, writer.traits)
         self.names = FileNames(flat=writer.traits.flat)
-        self.keys = desk.spool()
+        self.keys = context.spool()
         self.count = 0
 
     def write(self, frame: ExportFrame) -> None:
-        part = split_of(frame.key, frame.map, self.desk.options.split)
+        part = split_of(frame.key, frame.map, self.context.options.split)
         self.tally.frame(frame, part)
         stem = self.names.stem(frame.key)
         out = OutFrame(frame, self.count, part, stem, self.chooser.choose(frame))
         self.count += 1
         self._note_name(out)
         self.writer.labels("", out)
-        for band in self.desk.options.bands:
+        for band in self.context.options.bands:
             self._write_band(band, out)
         self._copy_image(out)
 
     def finish(self) -> Counts:
         if self.writer.traits.keys:
-            self.desk.sink(KEYS_NAME, self.keys.pieces())
+            self.context.sink(KEYS_NAME, self.keys.pieces())
         manifest = self.tally.manifest(self.writer.traits.name, self._facts())
-        self.desk.sink("manifest.json", manifest)
+        self.context.sink("manifest.json", manifest)
         return self.tally.counts()
 
     def _facts(self) -> Mapping[str, object]:
-        options = self.desk.options
+        options = self.context.options
         chosen = {name: getattr(options, name) for name in sorted(options.changed())}
-        return {"options": chosen, **self.desk.facts}
+        return {"options": chosen, **self.context.facts}
 
     def _note_name(self, out: OutFrame) -> None:
         frame, file = out.frame, self.writer.image(out)
@@ -377,13 +379,13 @@ class _Run:
         self.writer.labels(name, replace(out, boxes=near))
 
     def _copy_image(self, out: OutFrame) -> None:
-        if self.desk.options.images == "none":
+        if self.context.options.images == "none":
             return
         read = out.frame.read_image
         if read is None:
             self.tally.image_missing()
         else:
-            self.desk.sink(self.writer.image(out), [read()])
+            self.context.sink(self.writer.image(out), [read()])
 
 
 def band_name(band: int) -> str:

@@ -1,10 +1,7 @@
-"""YOLO folders: images/ beside labels/, in any nesting, or both in one folder.
+"""YOLO as Ultralytics has it: images, a text file of boxes for each, a class list.
 
-The class names that a dataset's own files give to its class numbers.
-
-Lines of YOLO label files, and the raw centre pixels that carlasimu's sample has.
-
-YOLO as Ultralytics reads it: images, labels, data.yaml, and the books.
+Images and labels may lie in parallel folders, in any nesting, or in one folder. Lines
+with four columns, raw centres in pixels as in carlasimu's sample, are read as well.
 """
 
 from __future__ import annotations
@@ -37,7 +34,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    Desk,
+    ExportContext,
     OutBox,
     OutFrame,
     Traits,
@@ -284,8 +281,8 @@ class YoloWriter:
 
     traits: ClassVar[Traits] = Traits("yolo", keys=True, flat=True)
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, context: ExportContext) -> None:
+        self._context = context
         self._parts: set[str] = set()
 
     def image(self, out: OutFrame) -> str:
@@ -297,12 +294,12 @@ class YoloWriter:
         self._parts.add(out.part)
         lines = "".join(_line(one, out.frame.wh) for one in out.boxes)
         folder = band or "labels"
-        self._desk.sink(f"{folder}/{out.part}/{out.stem}.txt", [lines.encode()])
+        self._context.sink(f"{folder}/{out.part}/{out.stem}.txt", [lines.encode()])
 
     def finish(self) -> None:
         """The list of classes and where the images are."""
-        text = _data_yaml(self._desk.head.classes, self._parts)
-        self._desk.sink("data.yaml", [text])
+        text = _data_yaml(self._context.head.classes, self._parts)
+        self._context.sink("data.yaml", [text])
 
 
 def _line(out: OutBox, wh: tuple[int, int]) -> str:
