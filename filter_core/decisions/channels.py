@@ -1,11 +1,8 @@
-"""One row per kind of evidence: its number, its rule, its need, its words.
-
-The rules of the channels beyond the segmentation. They replace its thresholds.
+"""The rules of the channels beside the segmentation, and the sentences about them.
 
 A box is judged by the channel that the configuration names, if that channel has a
-number for it; otherwise by the segmentation, as if nothing else were there.
-
-Sentences about boxes that were judged by a channel beside the segmentation.
+number for it; otherwise by the segmentation, as if nothing else were there. Where a
+channel judges, its rule replaces the thresholds of the segmentation.
 """
 
 from __future__ import annotations
@@ -159,7 +156,7 @@ class ChannelJudgement:
 
     Attributes
     ----------
-    channel : a name out of `filter_core.channel_types.CHANNELS`
+    channel : a name out of `filter_core.config.keys.CHANNELS`
     kept : bool
     count : int or None
         Pixels or points that speak for the box.

@@ -1,8 +1,8 @@
-"""A decision as it is written: the one producer of its keys.
+"""A decision as it is written: a plain dict under the keys of the API.
 
-A decision as the product writes it: a plain dict, from plain numbers. No pixels.
-
-How much of an object is hidden and cut off, in the words of label formats.
+Plain numbers come in, as measured or as stored, and no pixels. Beside verdict and
+explanation a decision says how much of its object is hidden and cut off, in the words
+of label formats.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""All evidence of one frame, measured together; knows no annotation and no threshold.
+"""What the channels beside the segmentation say of one frame, measured together.
 
-The channels of one frame: which are wanted, which files they need, what they say.
-
-All channels of one frame, measured together.
+Boxes, files of sensors and a `MeasureConfig` come in; `ChannelNumbers` come out, with
+"not measured" where a channel is not asked for or its file is not there. No threshold
+is known here.
 """
 
 from __future__ import annotations
