@@ -107,7 +107,8 @@ def is_simple(
     True for a PNG of eight bits per channel that is not interlaced, has nothing between
     its header and its pixels, and at most `SIMPLE_PIXELS`, with at most `SIMPLE_BOXES`
     boxes and no other picture to be read: as CARLA and OpenCV write segmentations. Its
-    pixels are inflated into memory of the size that the header says, and no further.
+    pixels are inflated to the size that the header says, and a file with more of them
+    is refused (`filter_core.images.decoding`).
     """
     content = files.segmentation
     is_alone = not (config.channels or config.ignored or files.ignore_mask)

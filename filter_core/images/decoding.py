@@ -11,7 +11,8 @@ Rows of such a file that are stored as they are, or as differences of neighbours
 row, are added up here. Where rows depend on those above them, as CARLA's
 ``save_to_disk`` writes them, OpenCV gets the same PNG with its pixels uncompressed.
 
-Any other file goes to OpenCV as it is. Whoever decodes a file, its pixels are the same,
+Any other file goes to OpenCV as it is, once it is known that a PNG inflates to no more
+than its header says. Whoever decodes a file, its pixels are the same,
 and the same files are accepted and refused as by OpenCV alone.
 
 References
@@ -32,8 +33,15 @@ import numpy as np
 from numpy.typing import NDArray
 from zlib_ng import zlib_ng
 
+from filter_core.errors import ImageError
 from filter_core.images.header import ImageHeader
-from filter_core.images.png import AROUND_BODY, END_CHUNK, SIGNATURE
+from filter_core.images.png import (
+    AROUND_BODY,
+    END_CHUNK,
+    SIGNATURE,
+    pixel_parts,
+    read_png,
+)
 
 ColorOrder: TypeAlias = Literal["rgb", "bgr"]
 
@@ -56,13 +64,19 @@ def decode_color(
     """(H, W, 3) uint8 in the given order of channels; None if it is damaged.
 
     Alpha is dropped; grey and indexed images become coloured ones.
+
+    Raises
+    ------
+    ImageError
+        A PNG whose pixels inflate to more than its header says.
     """
     png = InflatedPng.of(content, header)
-    pixels = None if png is None else png.added_up()
+    if png is None:
+        return decode_image(content, header, _FLAGS[order])
+    pixels = png.added_up()
     if pixels is not None:
         return _in_order(pixels, order)
-    plain = np.frombuffer(content, np.uint8) if png is None else png.uncompressed()
-    return _by_opencv(plain, header, _FLAGS[order])
+    return _by_opencv(png.uncompressed(), header, _FLAGS[order])
 
 
 def _in_order(pixels: NDArray[np.uint8], order: ColorOrder) -> NDArray[np.uint8]:
@@ -93,11 +107,41 @@ def decode_image(
 
     Raises
     ------
+    ImageError
+        A PNG whose pixels inflate to more than its header says.
     MemoryError
         There is not enough memory for its pixels: that is no fault of the file.
     """
+    if header.media_type == "image/png":
+        _refuse_surplus(content)
     upright = flags if flags < 0 else flags | cv2.IMREAD_IGNORE_ORIENTATION
     return _by_opencv(np.frombuffer(content, np.uint8), header, upright)
+
+
+_AT_ONCE: Final = 1 << 20
+"""Bytes that are inflated in one step, to be counted and thrown away."""
+
+
+def _refuse_surplus(content: bytes) -> None:
+    """Inflate the pixels that the header of a PNG names, and refuse what follows them.
+
+    OpenCV would inflate it to its end, a thousand bytes for each of the file.
+    """
+    size = left = read_png(content, whole=False).inflated_bytes
+    inflate = zlib_ng.decompressobj()
+    for part in pixel_parts(content):
+        rest: bytes | memoryview = part
+        while len(rest) and not inflate.eof:
+            try:
+                left -= len(inflate.decompress(rest, min(left + 1, _AT_ONCE)))
+            except _ERROR:
+                return  # OpenCV stops there, too
+            if left < 0:
+                raise ImageError(
+                    f"PNG: expected {size} bytes of pixels, as its header says, found "
+                    "more when they were inflated"
+                )
+            rest = inflate.unconsumed_tail
 
 
 def _by_opencv(

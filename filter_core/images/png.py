@@ -53,6 +53,16 @@ _ANIMATED: Final = (b"acTL", b"fcTL", b"fdAT")
 _COMPRESSED: Final = (b"zTXt", b"iTXt", b"iCCP")
 
 _INDEXED: Final = 3
+_SAMPLES: Final = {0: 1, 2: 3, _INDEXED: 1, 4: 2, 6: 4}
+"""Numbers of a pixel, by colour type."""
+_ONE_PASS: Final = ((0, 0, 1, 1),)
+_ADAM7: Final = (
+    *((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4)),
+    *((0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)),
+)
+"""First column and row of each pass, and the steps to the next (W3C, PNG, 8.2)."""
+_ROOM_BYTES: Final = 1 << 16
+"""What compressed pixels may have beside twice their size: blocks that are empty."""
 
 _BIT_DEPTHS: Final = {
     0: (1, 2, 4, 8, 16),
@@ -71,6 +81,19 @@ class PngHeader:
     height: int
     bit_depth: int
     color_type: int
+    is_interlaced: bool = False
+
+    @property
+    def inflated_bytes(self) -> int:
+        """Of all rows, each with a byte for its filter (W3C, PNG, 7.2 and 8.1)."""
+        bits = self.bit_depth * _SAMPLES[self.color_type]
+        passes = _ADAM7 if self.is_interlaced else _ONE_PASS
+        return sum(
+            rows * (1 + (columns * bits + 7) // 8)
+            for left, top, across, down in passes
+            if (columns := -(-(self.width - left) // across)) > 0
+            and (rows := -(-(self.height - top) // down)) > 0
+        )
 
 
 def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
@@ -98,6 +121,16 @@ def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
     if not whole and _END_MARK not in content[-_TAIL:]:
         raise _ends_too_early(content)
     return header
+
+
+def pixel_parts(content: bytes) -> Iterator[memoryview]:
+    """The compressed pixels of a PNG that `read_png` has found in order, as stored."""
+    view, position = memoryview(content), len(SIGNATURE)
+    while position + AROUND_BODY <= len(content):
+        length, kind = _HEAD.unpack_from(content, position)
+        if kind == b"IDAT":
+            yield view[position + 8 : position + 8 + length]
+        position += AROUND_BODY + length
 
 
 class _Chunk(NamedTuple):
@@ -167,6 +200,12 @@ class _Walk:
             raise ImageError("PNG: found no pixels")
         if self.header.color_type == _INDEXED and b"PLTE" not in self.kinds:
             raise ImageError("PNG: expected a palette before the indexes, found none")
+        size = self.header.inflated_bytes
+        if self.part_bytes > 2 * size + _ROOM_BYTES:
+            raise ImageError(
+                f"PNG: {self.part_bytes} bytes for pixels that take {size} bytes when "
+                "they are not compressed"
+            )
         return self.header
 
     def _read_header(self, chunk: _Chunk) -> PngHeader:
@@ -186,7 +225,7 @@ class _Walk:
                 "PNG: expected methods 0, 0 and 0 or 1 for compression, filters and "
                 f"interlacing, found {compression}, {filters} and {interlacing}"
             )
-        return PngHeader(width, height, bit_depth, color_type)
+        return PngHeader(width, height, bit_depth, color_type, bool(interlacing))
 
     def _take_part(self, chunk: _Chunk) -> None:
         if b"IDAT" in self.kinds and self.last != b"IDAT":

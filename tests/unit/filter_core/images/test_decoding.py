@@ -15,6 +15,7 @@ import pytest
 from filter_core.errors import ImageError
 from filter_core.images.decoding import InflatedPng, decode_color, decode_image
 from filter_core.images.header import read_image_header
+from filter_core.images.png import PngHeader
 from tests import pictures
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -284,3 +285,44 @@ def test_a_rotation_in_exif_turns_no_decoded_picture():
 
     assert found is not None
     assert found.shape[:2] == (3, 5)
+
+
+def with_more_pixels(color_type, depth, interlaced, more, wh=(WIDTH, HEIGHT)):
+    """A PNG of zeros that inflates to so many bytes more than its header says."""
+    head = struct.pack(">IIBBBBB", *wh, depth, color_type, 0, 0, interlaced)
+    size = PngHeader(*wh, depth, color_type, bool(interlaced)).inflated_bytes
+    body = zlib.compress(bytes(size + more), 9)
+    palette = chunk(b"PLTE", bytes(6)) if color_type == INDEXED else b""
+    parts = chunk(b"IHDR", head) + palette + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+    return SIGNATURE + parts
+
+
+KINDS = [(GREY, 1), (GREY, 8), (GREY, 16), (RGB, 8), (RGB, 16), (INDEXED, 1)]
+KINDS += [(INDEXED, 4), (INDEXED, 8), (4, 8), (4, 16), (RGBA, 8), (RGBA, 16)]
+
+
+@pytest.mark.parametrize("interlaced", [0, 1])
+@pytest.mark.parametrize(("color_type", "depth"), KINDS)
+def test_no_more_is_inflated_than_the_header_says(color_type, depth, interlaced):
+    """What follows would be inflated as well, gigabytes from some megabytes."""
+    for wh in ((WIDTH, HEIGHT), (1, 1), (3, 9)):
+        whole = with_more_pixels(color_type, depth, interlaced, 0, wh)
+        short = with_more_pixels(color_type, depth, interlaced, -1, wh)
+        header = read_image_header(whole)
+        assert decode_image(whole, header, cv2.IMREAD_UNCHANGED) is not None
+        assert decode_image(short, header, cv2.IMREAD_UNCHANGED) is None
+
+        for more in (1, 40_000_000):
+            bomb = with_more_pixels(color_type, depth, interlaced, more, wh)
+            with pytest.raises(ImageError, match="found more when they were inflated"):
+                decode_image(bomb, header, cv2.IMREAD_UNCHANGED)
+            with pytest.raises(ImageError, match="found more when they were inflated"):
+                decode_color(bomb, header, "rgb")
+
+
+def test_pixels_that_are_longer_than_uncompressed_ones_are_refused():
+    """Empty blocks, or a bomb: no encoder writes more than it was given."""
+    bomb = with_more_pixels(RGB, 8, 0, 200_000_000)
+
+    with pytest.raises(ImageError, match="when they are not compressed"):
+        read_image_header(bomb)
