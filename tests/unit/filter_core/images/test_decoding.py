@@ -290,7 +290,9 @@ def test_a_rotation_in_exif_turns_no_decoded_picture():
 def with_more_pixels(color_type, depth, interlaced, more, wh=(WIDTH, HEIGHT)):
     """A PNG of zeros that inflates to so many bytes more than its header says."""
     head = struct.pack(">IIBBBBB", *wh, depth, color_type, 0, 0, interlaced)
-    size = PngHeader(*wh, depth, color_type, bool(interlaced)).inflated_bytes
+    width, height = wh
+    header = PngHeader(width, height, depth, color_type, bool(interlaced))
+    size = header.inflated_bytes
     body = zlib.compress(bytes(size + more), 9)
     palette = chunk(b"PLTE", bytes(6)) if color_type == INDEXED else b""
     parts = chunk(b"IHDR", head) + palette + chunk(b"IDAT", body) + chunk(b"IEND", b"")
