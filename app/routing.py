@@ -174,6 +174,12 @@ async def _read(endpoint: Handler, request: Request) -> Response:
         return await endpoint(request)
 
 
+async def has_left(request: Request) -> None:
+    """Return once the client of a request whose body was read is gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
 class TokenPlaces:
     """How many requests of each token do something at the same time."""
 

@@ -15,7 +15,7 @@ from app.draining import stopping
 from app.engine.pixels import GivenUp, PixelsRefused
 from app.errors import RangeNotSatisfiable
 from app.head_requests import asks_for_head, without_length
-from app.routing import CLIENT_LEFT, TokenPlaces
+from app.routing import CLIENT_LEFT, TokenPlaces, has_left
 from app.services.context import ServiceContext
 from app.services.pictures import Drawing
 from app.storage import Blob
@@ -110,7 +110,7 @@ async def _drawn(
     """
     given_up = threading.Event()
     drawn = asyncio.ensure_future(_draw(request, services, drawing, given_up))
-    left = asyncio.ensure_future(_has_left(request))
+    left = asyncio.ensure_future(has_left(request))
     stop = services.engine.stopping
     try:
         with stop.telling(given_up.set):
@@ -142,11 +142,6 @@ async def _draw(
         return await to_thread.run_sync(
             drawing.draw, services.drawers, given_up, limiter=places
         )
-
-
-async def _has_left(request: Request) -> None:
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
 
 
 def blob_headers(tag: str) -> dict[str, str]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from typing import Annotated
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Path, Query, Request, Response
+from starlette.requests import ClientDisconnect
 
 from app.db.engine import begin_as_work
 from app.deps import (
@@ -17,12 +20,14 @@ from app.deps import (
     UploadSession,
     make_room,
 )
+from app.draining import stopping
+from app.engine.pixels import GivenUp
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameFilter
 from app.routes.datasets import DatasetName
 from app.routes.frame_upload import ANNOTATION, FrameParts, described_body
 from app.routes.selections import selection_of
-from app.routing import ApiRouter
+from app.routing import ApiRouter, has_left
 from app.schemas.boxes import FrameListQuery
 from app.schemas.frames import FrameOut, FrameSummary, StoredFrameOut
 from app.schemas.pages import Page, page_response, written
@@ -60,11 +65,28 @@ async def ready_frame(
 
     Before the request takes a place among those that write: a frame may take long. The
     threads are its own, because all shared ones might wait for such frames.
+
+    Raises
+    ------
+    ClientDisconnect
+        The client left before the frame was measured, which ends with it.
     """
     places: CapacityLimiter = request.app.state.preparing
-    return await to_thread.run_sync(
-        prepare_frame, services, dataset, upload, limiter=places
-    )
+    given_up = threading.Event()
+    watching = asyncio.ensure_future(_tell_when_left(request, given_up))
+    try:
+        return await to_thread.run_sync(
+            prepare_frame, services, dataset, upload, given_up, limiter=places
+        )
+    except GivenUp:
+        raise (ClientDisconnect if given_up.is_set() else stopping)() from None
+    finally:
+        watching.cancel()
+
+
+async def _tell_when_left(request: Request, given_up: threading.Event) -> None:
+    await has_left(request)
+    given_up.set()
 
 
 @router.put(

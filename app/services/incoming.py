@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -93,7 +94,10 @@ class ReadyFrame:
 
 
 def received(
-    context: ServiceContext, dataset: str, upload: FrameUpload
+    context: ServiceContext,
+    dataset: str,
+    upload: FrameUpload,
+    given_up: threading.Event | None = None,
 ) -> ReadyFrame | int:
     """A frame that is ready to be stored, or the id that it is stored under already.
 
@@ -103,6 +107,8 @@ def received(
         What is wrong with the frame.
     FrameConflict
         Another frame has its key.
+    app.engine.pixels.GivenUp
+        `given_up` was set while a child process measured it.
     """
     active, known = context.plans.before_measuring(
         context.database, dataset, upload.key
@@ -110,7 +116,7 @@ def received(
     prepared = _prepare(context, upload)
     same = stored_already(known, prepared, dataset)
     if same is None:
-        return _make_ready(context, active, prepared)
+        return _make_ready(context, active, prepared, given_up)
     context.storage.mend(prepared.files.blobs())
     return same
 
@@ -153,22 +159,28 @@ def stored_already(known: KeyRow, prepared: PreparedFrame, dataset: str) -> int 
 
 
 def _make_ready(
-    context: ServiceContext, active: ActiveDataset, prepared: PreparedFrame
+    context: ServiceContext,
+    active: ActiveDataset,
+    prepared: PreparedFrame,
+    given_up: threading.Event | None,
 ) -> ReadyFrame:
     """Measure a frame, and refuse a class that the dataset cannot take any more."""
-    measured = _measure(context, active, prepared)
+    measured = _measure(context, active, prepared, given_up)
     if active.row.classes_are_frozen:
         _check_classes(context, active, prepared, measured)
     return ReadyFrame(prepared, measured, active)
 
 
 def _measure(
-    context: ServiceContext, active: ActiveDataset, prepared: PreparedFrame
+    context: ServiceContext,
+    active: ActiveDataset,
+    prepared: PreparedFrame,
+    given_up: threading.Event | None = None,
 ) -> MeasuredFrame:
     plan = active.plan
     files = prepared.files.measured(plan.files)
     with naming(prepared.upload.key, "/segmentation"):
-        return measure_files(context.pixels, plan, prepared.annotation, files)
+        return measure_files(context.pixels, plan, prepared.annotation, files, given_up)
 
 
 def _check_classes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -38,7 +39,10 @@ class StoredFrame:
 
 
 def prepare_frame(
-    context: ServiceContext, name: str, upload: FrameUpload
+    context: ServiceContext,
+    name: str,
+    upload: FrameUpload,
+    given_up: threading.Event | None = None,
 ) -> ReadyFrame | int:
     """Check and measure a frame and store its files: all but its rows.
 
@@ -55,9 +59,11 @@ def prepare_frame(
         What is wrong with the frame; it is noted among the dataset's problems.
     FrameConflict
         Another frame has this key, and `replace` was not asked for.
+    app.engine.pixels.GivenUp
+        `given_up` was set while a child process measured it: nothing is stored.
     """
     try:
-        ready = received(context, name, upload)
+        ready = received(context, name, upload, given_up)
     except FilterError as error:
         with context.database.write() as noting:
             active = context.plans.active(noting, name)

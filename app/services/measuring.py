@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
@@ -67,7 +68,11 @@ def plan_of(measurement: Measurement, config: FilterConfig) -> MeasureConfig:
 
 
 def measure_files(
-    pool: PixelPool, plan: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
+    pool: PixelPool,
+    plan: MeasureConfig,
+    annotation: FrameAnnotation,
+    files: FrameFiles,
+    given_up: threading.Event | None = None,
 ) -> MeasuredFrame:
     """Decode, project and measure one frame.
 
@@ -78,13 +83,16 @@ def measure_files(
     FilterError
         Whatever is wrong with the frame; `app.engine.pixels.PixelsRefused` if it needs
         more time or memory than a frame may.
+    app.engine.pixels.GivenUp
+        `given_up` was set before the child was done.
     """
     # Only what is read there travels: not what came along, to be given back by exports.
     needed = replace(annotation, raw={}, extra={}, weather={})
-    is_simple = pixel_work.is_simple(plan, needed, files)
-    measured, decode_s, measure_s = (pool.run_here if is_simple else pool.run)(
-        pixel_work.measure, plan, needed, files
-    )
+    work = pixel_work.measure, plan, needed, files
+    if pixel_work.is_simple(plan, needed, files):
+        measured, decode_s, measure_s = pool.run_here(*work)
+    else:
+        measured, decode_s, measure_s = pool.run(*work, given_up=given_up)
     if decode_s is not None:
         DECODE_SECONDS.observe(decode_s)
     MEASURE_SECONDS.observe(measure_s)

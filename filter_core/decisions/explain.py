@@ -61,7 +61,7 @@ def hidden_by(
     ----------
     tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
     accept_mask : bit t is set if the class accepts tag t
-    family : a key of `filter_core.palettes.FAMILIES`
+    family : a key of `filter_core.segmentation.palettes.FAMILIES`
 
     Returns
     -------

@@ -1,5 +1,5 @@
 """Evidence beyond the segmentation: depth, instances, order of distance, LiDAR.
 
-Each channel gives numbers per box (`filter_core.channel_types.ChannelNumbers`) and,
+Each channel gives numbers per box (`filter_core.types.ChannelNumbers`) and,
 like the rest of measuring, knows no threshold of a decision.
 """

@@ -149,7 +149,7 @@ def owned_pixels(
     A box that claims nothing takes nothing from those behind it, so a ghost in front
     does not hide what is seen through it. Nor does a box take from others what it
     cannot show, pixels whose centres are outside of its outline, or islands that a
-    box behind it holds completely (`filter_core.channels.patches.islands`).
+    box behind it holds completely (`islands`).
     """
     owned = np.full(len(distance), NOT_MEASURED, np.int64)
     explained_by = np.full(len(distance), NOT_MEASURED, np.int64)

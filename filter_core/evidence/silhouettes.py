@@ -334,7 +334,7 @@ def accepted_pixels(
 
     Parameters
     ----------
-    outlines : as `filter_core.channels.silhouettes.silhouettes` gives them
+    outlines : as `silhouettes` gives them
     codes : PixelCodes of the segmentation
     accept_mask : (N,) int64
         Bit t is set if the box's class accepts tag t.

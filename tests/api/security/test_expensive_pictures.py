@@ -196,6 +196,22 @@ def test_a_client_that_leaves_ends_the_drawing_of_its_picture(serve):
         until(lambda: left in api.http.get("/metrics").text)
 
 
+def test_a_client_that_leaves_ends_the_measuring_of_its_frame(serve):
+    with serving(serve, workers=1) as (service, api):
+        side = 7900  # nearly the largest that is taken
+        dataset = api.dataset()
+        said = scene.as_json(annotation(side, side, [5, 5, 90, 90]))
+        parts = {"annotation": said, "segmentation": painted(side, side)}
+        path = f"{BASE}/datasets/{dataset}/frames/large"
+
+        with service.admin() as impatient, pytest.raises(httpx.ReadTimeout):
+            impatient.put(path, files=parts, timeout=0.3)
+
+        ended = 'unghost_pixel_processes_ended_total{reason="given_up"} 1'
+        until(lambda: ended in api.http.get("/metrics").text)
+        assert api.get(f"/datasets/{dataset}").json()["counts"]["frames"] == 0
+
+
 def test_what_cannot_be_drawn_costs_only_once(serve):
     with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
         large = scene.png(np.zeros((6000, 6000, 3), np.uint8))
