@@ -49,10 +49,14 @@ def with_a_note(png):
 
 def measured(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
     """The share of matching pixels, and how many processes it took beside this one."""
-    before = len(multiprocessing.active_children())
+    before = processes()
     found = measure_files(pool, plan, annotation(boxes), FrameFiles(png, wh, **files))
-    count = len(multiprocessing.active_children()) - before
-    return float(found.evidence.match_percent[0]), count
+    return float(found.evidence.match_percent[0]), len(processes() - before)
+
+
+def processes():
+    """Ids of all that this process has started, for whichever test."""
+    return {process.pid for process in multiprocessing.active_children()}
 
 
 def test_an_ordinary_segmentation_is_measured_in_the_thread_that_asks(pool):
@@ -87,9 +91,10 @@ def test_whatever_may_cost_more_is_left_to_a_process(pool, asked):
 
 def test_an_interlaced_or_deep_picture_is_left_to_a_process(pool):
     """Told by its header alone: that the rest contradicts it is found out there."""
+    before = processes()
     for place, value in ((28, 1), (24, 16)):
         png = bytearray(picture())
         png[place] = value
         with pytest.raises(Exception, match=r"PNG|checksum|decode"):
             measured(pool, bytes(png))
-        assert len(multiprocessing.active_children()) == 1
+        assert len(processes() - before) == 1
