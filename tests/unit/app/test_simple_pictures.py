@@ -15,7 +15,7 @@ import pytest
 from app.engine.pixels import PixelPool
 from app.services.measuring import DatasetReading, measure_files, plan_for
 from app.services.pixel_work import SIMPLE_BOXES, FrameFiles
-from filter_core import FilterConfig, parse_annotation
+from filter_core import FilterConfig, FilterError, parse_annotation
 from tests.unit.app import pixel_acts
 
 WH = (64, 48)
@@ -89,12 +89,19 @@ def test_whatever_may_cost_more_is_left_to_a_process(pool, asked):
     assert processes == 1
 
 
-def test_an_interlaced_or_deep_picture_is_left_to_a_process(pool):
-    """Told by its header alone: that the rest contradicts it is found out there."""
+@pytest.mark.parametrize(
+    ("place", "value", "found"),
+    [(28, 1, "it is damaged"), (24, 16, "expected 8 bits per channel, found 16")],
+    ids=["interlaced", "deep"],
+)
+def test_what_the_header_says_decides_who_reads_it(pool, place, value, found):
+    """That the pixels contradict the header is found out by a process."""
+    png = bytearray(picture())
+    png[place] = value
+    png[29:33] = crc32(png[12:29]).to_bytes(4, "big")
     before = processes()
-    for place, value in ((28, 1), (24, 16)):
-        png = bytearray(picture())
-        png[place] = value
-        with pytest.raises(Exception, match=r"PNG|checksum|decode"):
-            measured(pool, bytes(png))
-        assert len(processes() - before) == 1
+
+    with pytest.raises(FilterError, match=found):
+        measured(pool, bytes(png))
+
+    assert len(processes() - before) == 1
