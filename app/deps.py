@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import contextmanager
 from typing import Annotated, Final, TypeVar
 
 from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
@@ -33,6 +33,7 @@ Result = TypeVar("Result")
 MAX_ID: Final = 2**63 - 1
 MAX_WRITERS: Final = 12
 MAX_UPLOADS: Final = 8
+MAX_BATCHES: Final = 4
 """Together well below the 40 threads that anyio gives to the routes of a process, and
 below the connections that it may have. Frames have places of their own: no answer of a
 person is to wait for them."""
@@ -152,18 +153,7 @@ async def writers_turn(request: Request) -> AsyncIterator[None]:
     Only one transaction writes at a time. If all threads waited for it, it would not
     get one itself to make its answer and to commit.
     """
-    async with _place(request, request.app.state.writers):
-        yield
-
-
-async def uploads_turn(request: Request) -> AsyncIterator[None]:
-    """A place among the requests that store frames; the others wait for one."""
-    async with _place(request, request.app.state.uploads):
-        yield
-
-
-@asynccontextmanager
-async def _place(request: Request, places: CapacityLimiter) -> AsyncIterator[None]:
+    places: CapacityLimiter = request.app.state.writers
     try:
         places.acquire_on_behalf_of_nowait(request)
     except WouldBlock:
@@ -183,7 +173,6 @@ async def _wait_for(places: CapacityLimiter, request: Request) -> None:
 
 
 WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
-UploadsTurn = Annotated[None, Depends(uploads_turn, scope="function")]
 
 
 async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[Session]:
@@ -192,19 +181,21 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     It begins with the route's first statement. A route that has its answer ready may
     commit in its own thread; what is left to do here then needs none.
     """
-    async with _transaction(request, person=True) as session:
-        repeatable = getattr(request.state, "repeatable", None)
-        if repeatable is not None:
-            claim_on_begin(session, repeatable)
+    transaction = database_of(request).write(person=True)
+    session = transaction.__enter__()
+    request.state.write_session = session
+    repeatable = getattr(request.state, "repeatable", None)
+    if repeatable is not None:
+        claim_on_begin(session, repeatable)
+    try:
         yield session
-
-
-async def upload_session(
-    request: Request, _turn: UploadsTurn
-) -> AsyncIterator[Session]:
-    """As `write_session`, for frames: answers of people are stored before them."""
-    async with _transaction(request, person=False) as session:
-        yield session
+    except BaseException as exc:
+        await _in_own_thread(transaction.__exit__, type(exc), exc, exc.__traceback__)
+        raise
+    if session.in_transaction():
+        await _in_own_thread(transaction.__exit__, None, None, None)
+    else:
+        transaction.__exit__(None, None, None)
 
 
 def make_room(services: ServiceContext, session: Session) -> None:
@@ -215,22 +206,6 @@ def make_room(services: ServiceContext, session: Session) -> None:
     """
     if services.reserve.give_up(DELETING_BYTES):
         once_committed(session, services.something_to_remove.set)
-
-
-@asynccontextmanager
-async def _transaction(request: Request, *, person: bool) -> AsyncIterator[Session]:
-    transaction = database_of(request).write(person=person)
-    session = transaction.__enter__()
-    request.state.write_session = session
-    try:
-        yield session
-    except BaseException as exc:
-        await _in_own_thread(transaction.__exit__, type(exc), exc, exc.__traceback__)
-        raise
-    if session.in_transaction():
-        await _in_own_thread(transaction.__exit__, None, None, None)
-    else:
-        transaction.__exit__(None, None, None)
 
 
 async def _in_own_thread(call: Callable[..., object], *args: object) -> None:
@@ -266,7 +241,6 @@ CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 # scope="function": it ends, and commits, before the answer is sent. 201 means stored.
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]
-UploadSession = Annotated[Session, Depends(upload_session, scope="function")]
 
 
 async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:

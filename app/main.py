@@ -16,7 +16,7 @@ from starlette.middleware import Middleware
 from app import http_errors, openapi, routes
 from app.bodies import MAX_READERS
 from app.connections import Connections
-from app.deps import MAX_UPLOADS, MAX_WRITERS
+from app.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
 from app.draining import NoNewWork
 from app.lifetime import running
 from app.metrics import RequestMetrics
@@ -77,10 +77,10 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     lifetime = running(app.state.settings)
     workers = app.state.settings.workers
     app.state.writers = CapacityLimiter(MAX_WRITERS)
-    app.state.uploads = CapacityLimiter(MAX_UPLOADS)
+    app.state.uploads = CapacityLimiter(MAX_UPLOADS + workers)
+    app.state.batches = CapacityLimiter(MAX_BATCHES)
     app.state.readers = CapacityLimiter(MAX_READERS)
     app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
-    app.state.preparing = CapacityLimiter(MAX_UPLOADS + workers)
     app.state.drawings = CapacityLimiter(workers + 1)
     app.state.drawing = TokenPlaces(workers)  # one place is left for somebody else
     watch = LoopWatch()

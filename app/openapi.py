@@ -9,7 +9,9 @@ from typing import Any, Final
 from fastapi import FastAPI
 
 from app.http_errors import PROBLEM_TYPE
+from filter_core.config.filter import FilterConfig, schema_of
 from filter_core.values import MAX_FAULTS
+from unghost.wire.runs import FilterConfigIn
 
 _TEXT: Final = {"type": "string"}
 FAULT_SCHEMA: Final = {
@@ -95,6 +97,8 @@ def _add_components(schema: dict[str, Any]) -> None:
         schemas.pop(name, None)
     schemas["Problem"] = PROBLEM_SCHEMA
     schemas["Fault"] = FAULT_SCHEMA
+    # The wire knows that it is an object, the library knows its keys.
+    schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
     components["responses"] = {

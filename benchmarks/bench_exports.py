@@ -1,6 +1,10 @@
 """Writing the labels of 300,000 boxes: how long, and does memory grow meanwhile.
 
     python -m benchmarks.bench_exports [--json]
+    python -m benchmarks.bench_exports --frames 1000 --format coco
+
+The second makes one export of so many frames in this process and prints its figures; it
+is there to compare two commits, in turns.
 
 The export is made in a process of its own, whose memory is looked at every fiftieth of
 a second: after a tenth of the time, which is about a tenth of the frames, and at its
@@ -27,6 +31,7 @@ from app.services.context import ServiceContext
 from app.services.exports import ExportRequest, request_export
 from benchmarks.bench_runs import opened
 from benchmarks.million import Wanted, make
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 
 FRAMES, BOXES = 10_000, 30
 LOOK_EVERY_S = 0.02
@@ -37,10 +42,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
-    parser.add_argument("--frames", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--frames", type=int)
+    parser.add_argument("--format", default="yolo", choices=EXPORT_FORMATS)
     options = parser.parse_args()
     if options.frames:
-        print(json.dumps(exported(options.data, options.frames)))
+        print(json.dumps(exported(options.data, options.frames, options.format)))
         return 0
     figures = summary(in_a_process(options.data, FRAMES))
     if options.json:
@@ -93,7 +99,7 @@ class Memory:
         self._looking.join()
 
 
-def exported(data: Path, frames: int) -> dict[str, float]:
+def exported(data: Path, frames: int, form: str) -> dict[str, float]:
     """Seconds of one export, and this process's memory in MiB, early and at most."""
     context = opened(data / f"exports-{frames}")
     try:
@@ -102,7 +108,9 @@ def exported(data: Path, frames: int) -> dict[str, float]:
         begun, worked = time.perf_counter(), time.process_time()
         with context.database.write() as session:
             dataset = DatasetRepository(session).with_id(dataset_id)
-            wanted = ExportRequest("yolo", {"images": "none"}, "benchmark")
+            labels = "images" in FORMATS[form].options
+            options = {"images": "none"} if labels else {}
+            wanted = ExportRequest(form, options, "benchmark")
             export_id = request_export(context, session, dataset, wanted).id
         # Jobs are done one after the other: this one when the export is over.
         context.engine.submit(over.set)

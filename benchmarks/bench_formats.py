@@ -15,12 +15,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from functools import partial
 
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
+import numpy as np
+
+from filter_core.formats.export import (
+    ExportFrame,
+    ExportHead,
+    ExportOptions,
+    GivenAnnotation,
+)
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
+from filter_core.types import DecidedBoxes, Reason
 
 FEW, MANY = 1_000, 10_000
 BOXES = 30
+WH = (1280, 720)
 CLASSES = ("car", "van", "walker")
 MIB = 1024
 MOST_MEMORY = 1.1
@@ -69,7 +79,8 @@ def written(name: str, frames: int) -> dict[str, float]:
     head = ExportHead(CLASSES, expected_boxes=frames * BOXES)
     options = ExportOptions.from_mapping(images)
     started = time.process_time()
-    write_export(name, street(frames), swallow, head, options)
+    whole = "decisions" in FORMATS[name].needs
+    write_export(name, street(frames, whole=whole), swallow, head, options)
     spent = time.process_time() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"us_per_box": spent * 1e6 / (frames * BOXES), "peak_mib": peak / MIB}
@@ -80,27 +91,56 @@ def swallow(_file: str, pieces: Iterable[bytes]) -> None:
         pass
 
 
-def street(frames: int) -> Iterator[ExportFrame]:
+def street(frames: int, *, whole: bool) -> Iterator[ExportFrame]:
     """A third of the boxes is rejected, so that the books grow as well."""
     for number in range(frames):
-        boxes = [box(number, each) for each in range(BOXES)]
-        yield ExportFrame(f"town/{number:06}", (1280, 720), boxes, map="Town10HD")
+        boxes = boxes_of(number)
+        given = {"boxes": [{"xyxy": each} for each in boxes.xyxy.tolist()]}
+        yield ExportFrame(
+            key=f"town/{number:06}",
+            wh=WH,
+            boxes=boxes,
+            given=GivenAnnotation(partial(dict, given), WH),
+            map="Town10HD",
+            decisions=decisions_of(boxes) if whole else (),
+        )
 
 
-def box(frame: int, number: int) -> ExportBox:
-    low = float((frame * 7 + number * 31) % 1200), float((number * 53) % 600)
-    xyxy = [*low, low[0] + 64.5, low[1] + 120.25]
+def boxes_of(frame: int) -> DecidedBoxes:
+    number = np.arange(BOXES)
+    low = np.stack([(frame * 7 + number * 31) % 1200, (number * 53) % 600], axis=1)
     rejected = number % 3 == 0
-    decision = {
-        "id": str(number),
-        "class": CLASSES[number % len(CLASSES)],
-        "verdict": "rejected" if rejected else "kept",
-        "reason": "below_threshold" if rejected else "visible",
-        "match_percent": 50.0,
-        "distance": number * 4.0,
-        "xyxy": xyxy,
-    }
-    return ExportBox(decision, given_xyxy=xyxy, given={"xyxy": xyxy})
+    absent = np.full((BOXES, 4), np.nan)
+    return DecidedBoxes(
+        ids=[str(each) for each in number.tolist()],
+        class_names=CLASSES,
+        class_index=(number % len(CLASSES)).astype(np.int32),
+        reason=np.where(rejected, Reason.BELOW_THRESHOLD, Reason.VISIBLE).astype("u1"),
+        answer=np.zeros(BOXES, np.uint8),
+        lossy=np.zeros(BOXES, np.bool_),
+        xyxy=np.hstack([low, low + np.array((64.5, 120.25))]),
+        amodal_xyxy=absent,
+        visible_xyxy=absent,
+        tight_xyxy=absent,
+        distance=4.0 * np.arange(BOXES, dtype=np.float64),
+        match_percent=np.full(BOXES, 50.0),
+        occlusion=np.full(BOXES, 3),
+    )
+
+
+def decisions_of(boxes: DecidedBoxes) -> list[dict[str, object]]:
+    return [
+        {
+            "id": box_id,
+            "class": boxes.class_name(row),
+            "verdict": boxes.effective_verdict(row),
+            "reason": boxes.reason_label(row),
+            "match_percent": 50.0,
+            "distance": row * 4.0,
+            "xyxy": boxes.xyxy[row].tolist(),
+        }
+        for row, box_id in enumerate(boxes.ids)
+    ]
 
 
 if __name__ == "__main__":

@@ -28,11 +28,11 @@ from typing import Any
 
 from rich.progress import track
 
-from app.demo.writing import MANIFEST, TRUTH, write_street
 from benchmarks.evaluation_page import write_page
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
+from filter_core.formats.manifest import MANIFEST_NAME
 from filter_core.formats.reading import FrameSource
 from filter_core.formats.registry import read_source
 from filter_core.local import (
@@ -44,6 +44,7 @@ from filter_core.local import (
 )
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import Reason
+from unghost.street.street import TRUTH, write_street
 
 COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")
 COST_FRAMES = 24
@@ -67,7 +68,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         for name, actors in STREETS.items():
             folder = (options.folder or Path(temporary)) / name
-            if not (folder / MANIFEST).exists():
+            if not (folder / MANIFEST_NAME).exists():
                 write_street(
                     folder, options.frames, options.seed, report, actors=actors
                 )

@@ -6,7 +6,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from unghost.cli.score_plot import f1_plot
+from unghost.cli.evaluate import f1_plot
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PICTURE = "pictures/evaluation.svg"

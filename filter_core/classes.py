@@ -79,9 +79,9 @@ def class_of(type_id: str | None, base_type: str | None) -> str | None:
     type_id : str or None
         Blueprint, such as ``vehicle.audi.tt``: looked up in CARLA's catalogue.
     base_type : str or None
-        The actor's own attribute: decides for blueprints that the catalogue of another
-        version has. Only then ``walker.*`` and ``traffic.traffic_light*`` map by
-        prefix; any other blueprint is not guessed at.
+        The actor's own attribute, for blueprints that the catalogue does not have. If
+        it names no class either, ``walker.*`` and ``traffic.traffic_light*`` map by
+        their beginning; any other blueprint is not guessed at.
     """
     blueprint = type_id or ""
     if blueprint in BLUEPRINT_CLASS:
@@ -234,7 +234,8 @@ def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
     return tuple(tags[number].name for number in np.flatnonzero(accepted))
 
 
-_MAX_ACCEPT: Final = 32
+MAX_ACCEPT: Final = 32
+"""Tags in an accept set."""
 
 _TAG_NAMES: Final = {
     tag.name.casefold(): tag.name
@@ -251,9 +252,9 @@ def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     ConfigError
         Not a list, or a tag that no palette has; names the nearest tag.
     """
-    if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_ACCEPT:
+    if not isinstance(value, list | tuple) or not 0 < len(value) <= MAX_ACCEPT:
         raise ConfigError(
-            f"{place_of(at) or 'accept: '}expected a list of 1 to {_MAX_ACCEPT} tag "
+            f"{place_of(at) or 'accept: '}expected a list of 1 to {MAX_ACCEPT} tag "
             f"names or numbers, found {shown(value)}",
             pointer=at,
         )

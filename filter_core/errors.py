@@ -18,7 +18,7 @@ Messages name the thing, what was expected and what was found; never a server's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict
 
 
 class FilterError(ValueError):
@@ -137,11 +137,32 @@ class LayoutError(FilterError):
     code = "bad_layout"
 
 
-def problem_of(error: FilterError) -> dict[str, Any]:
+class Fault(TypedDict):
+    """One thing that is wrong, as a problem object lists it."""
+
+    pointer: str
+    code: str
+    detail: str
+
+
+class _OneProblem(TypedDict):
+    title: str
+    detail: str
+    code: str
+    errors: list[Fault]
+
+
+class ProblemObject(_OneProblem, total=False):
+    """What `problem_of` gives; ``more_errors`` only where some are not listed."""
+
+    more_errors: int
+
+
+def problem_of(error: FilterError) -> ProblemObject:
     """An error as the problem object that the API answers, without its HTTP part."""
     several = error if isinstance(error, AnnotationErrors) else None
     more = several.more_errors if several else 0
-    return {
+    problem: ProblemObject = {
         "title": type(error).__name__,
         "detail": error.detail,
         "code": error.kind,
@@ -149,5 +170,7 @@ def problem_of(error: FilterError) -> dict[str, Any]:
             {"pointer": part.pointer, "code": part.kind, "detail": part.detail}
             for part in (several.errors if several else (error,))
         ],
-        **({"more_errors": more} if more else {}),
     }
+    if more:
+        problem["more_errors"] = more
+    return problem

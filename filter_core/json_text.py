@@ -11,14 +11,14 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.errors import JsonError
 
-_Pairs: TypeAlias = list[tuple[str, Any]]
+_Pairs: TypeAlias = list[tuple[str, object]]
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def read_json(
     raw: bytes | str,
     limits: JsonLimits = _DEFAULT_LIMITS,
     *,
-    object_pairs_hook: Callable[[_Pairs], Any] | None = None,
+    object_pairs_hook: Callable[[_Pairs], object] | None = None,
     halves: bool = False,
 ) -> object:
     """One value from a JSON document.

@@ -12,13 +12,20 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import (
+    Callable,
+    Collection,
+    Generator,
+    Iterable,
+    Iterator,
+    Mapping,
+)
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypedDict, TypeVar
 
 import numpy as np
 
@@ -26,14 +33,16 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import files_for
-from filter_core.errors import FilterError, LayoutError, problem_of
+from filter_core.decisions.record import Decision, decided_boxes
+from filter_core.decisions.rules import decide
+from filter_core.errors import FilterError, LayoutError, ProblemObject, problem_of
 from filter_core.evaluation.comparison import (
     COMPARED,
     Evaluation,
     truth_from_instances,
 )
-from filter_core.evidence.channels import SensorFiles
-from filter_core.formats.export import ExportFrame, export_boxes
+from filter_core.formats.export import ExportFrame, GivenAnnotation
+from filter_core.formats.format import Need
 from filter_core.formats.reading import FrameSource
 from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
@@ -43,11 +52,10 @@ from filter_core.pipeline import (
     FrameResult,
     MeasuredFrame,
     box_class,
-    filter_frame,
     read_and_measure,
 )
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import BoolArray, Evidence, IntArray
+from filter_core.types import BoolArray, Decisions, Evidence, IntArray, Reason
 
 _Given = TypeVar("_Given")
 
@@ -66,8 +74,8 @@ class FrameOutcome:
 
     key: str
     palette: str | None = None
-    decisions: list[dict[str, Any]] | None = None
-    error: dict[str, Any] | None = None
+    decisions: list[Decision] | None = None
+    error: ProblemObject | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """The line that stands for this frame in a decisions file."""
@@ -111,11 +119,12 @@ def filter_one(
 ) -> FrameOutcome:
     """Decide the boxes of one frame of a folder; never raises for bad input."""
     try:
-        result = _decide(source, config, dataset)
+        measured = _measure(source, config, dataset)
+        verdicts = decide(measured.evidence, config)
+        decisions = FrameResult(measured, verdicts, config).decisions
     except FilterError as error:
         return FrameOutcome(source.key, error=problem_of(error))
-    palette = (result.measured.segmentation or {}).get("palette")
-    return FrameOutcome(source.key, palette, result.decisions)
+    return FrameOutcome(source.key, measured.palette, decisions)
 
 
 Truth = Mapping[str, Mapping[str, bool]]
@@ -156,6 +165,13 @@ class KnownBoxes:
         return {"key": self.key, "id": self.ids[row]}
 
 
+class FrameProblem(TypedDict):
+    """A frame that could not be used, and why."""
+
+    key: str
+    error: ProblemObject
+
+
 def evaluate_source(
     frames: Iterable[FrameSource],
     task: EvaluationTask,
@@ -163,7 +179,7 @@ def evaluate_source(
     progress: Callable[[], None] = lambda: None,
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
-) -> tuple[Evaluation, list[dict[str, Any]]]:
+) -> tuple[Evaluation, list[FrameProblem]]:
     """Measure every channel of many frames and count them.
 
     Parameters
@@ -186,7 +202,7 @@ def evaluate_source(
     measured_too = () if task.truth is not None else ("instance",)
     wanted = tuple(dict.fromkeys((*task.channels, *measured_too)))
     evaluation = Evaluation(task.config, task.channels)
-    problems: list[dict[str, Any]] = []
+    problems: list[FrameProblem] = []
 
     def measured(source: FrameSource) -> tuple[str, MeasuredFrame | FilterError]:
         try:
@@ -233,7 +249,9 @@ def read_truth(path: Path) -> dict[str, dict[str, bool]]:
     truth: dict[str, dict[str, bool]] = {}
     for number, line in _lines(path):
         try:
-            told: Any = read_json(line)
+            told = read_json(line)
+            if not isinstance(told, dict):
+                raise TypeError(f"{type(told).__name__} is no object")
             key, box_id, visible = told["key"], told["id"], told["visible"]
         except (ValueError, TypeError, KeyError) as error:
             raise LayoutError(
@@ -272,6 +290,7 @@ def export_sources(
     config: FilterConfig,
     *,
     measure: bool = False,
+    needs: Collection[Need] = (),
     workers: int | None = None,
 ) -> Generator[ExportFrame | LeftOut, None, None]:
     """Frames of a folder as the writers of formats take them.
@@ -284,6 +303,8 @@ def export_sources(
     measure : bool
         Read the segmentations, so that the filter decides; else all boxes that are in
         the image are ``unmeasured``.
+    needs : collection of `Need`
+        Of the format; whole decisions are only composed where it needs them.
     workers : int, optional
 
     Yields
@@ -291,47 +312,62 @@ def export_sources(
     ExportFrame or LeftOut
         In the order of the frames; one that cannot be read does not stop the others.
     """
-    return in_order(lambda one: _export_frame(one, config, measure), frames, workers)
+
+    def export(source: FrameSource) -> ExportFrame | LeftOut:
+        try:
+            return _export_frame(source, config, measure=measure, needs=needs)
+        except FilterError as problem:
+            return LeftOut(source.key, problem)
+
+    return in_order(export, frames, workers)
 
 
 def _export_frame(
-    source: FrameSource, config: FilterConfig, measure: bool
-) -> ExportFrame | LeftOut:
-    try:
-        return _decided(source, config, measure)
-    except FilterError as problem:
-        return LeftOut(source.key, problem)
-
-
-def _decided(source: FrameSource, config: FilterConfig, measure: bool) -> ExportFrame:
-    image = source.image
+    source: FrameSource,
+    config: FilterConfig,
+    *,
+    measure: bool,
+    needs: Collection[Need],
+) -> ExportFrame:
+    # A mask would be read for nothing, and depth or LiDAR as well.
+    read = source if measure else replace(source, segmentation=None, others={})
+    measured = _measure(read, config, SegmentationOptions())
+    verdicts = decide(measured.evidence, config)
     if not measure:
-        # A mask would be read for nothing, and depth or LiDAR as well.
-        source = replace(source, segmentation=None, others={})
-    result = _decide(source, config, SegmentationOptions())
-    measured = result.measured
+        verdicts = _without_verdicts(measured.evidence, verdicts)
+    decisions: list[Decision] = []
+    if "decisions" in needs:
+        decisions = FrameResult(measured, verdicts, config).decisions
     annotation = measured.annotation
-    decisions = result.decisions if measure else map(_undecided, result.decisions)
+    boxes = decided_boxes(
+        measured.ids,
+        measured.evidence,
+        verdicts,
+        measured.geometry,
+        lossy=measured.lossy,
+    )
     frame = ExportFrame(
         key=source.key,
         wh=measured.wh,
-        boxes=export_boxes(annotation, decisions, measured.geometry),
+        boxes=boxes,
+        given=GivenAnnotation(lambda: annotation.raw, measured.wh),
         map=annotation.map,
-        palette=(measured.segmentation or {}).get("palette"),
-        annotation=annotation.raw,
-        camera=annotation.camera,
+        palette=measured.palette,
+        decisions=decisions,
     )
-    if image is None:
+    if source.image is None:
         return frame
-    media_type = read_image_header(_read(image, "image")).media_type
-    return replace(frame, read_image=image.read_bytes, media_type=media_type)
+    media_type = read_image_header(_read(source.image, "image")).media_type
+    return replace(frame, read_image=source.image.read_bytes, media_type=media_type)
 
 
-def _undecided(decision: dict[str, Any]) -> dict[str, Any]:
-    """A box in the image that nothing was measured of, whatever its class."""
-    if decision["xyxy"] is None:
-        return decision
-    return {**decision, "verdict": "unmeasured", "reason": "no_segmentation"}
+def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
+    """Boxes in the image as what nothing was measured of, whatever their class."""
+    if evidence.xyxy is None:
+        return verdicts
+    reason = verdicts.reason.copy()
+    reason[~np.isnan(evidence.xyxy[:, 0])] = Reason.NO_SEGMENTATION
+    return replace(verdicts, reason=reason)
 
 
 def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
@@ -352,13 +388,15 @@ def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
     return (*known, *sorted(found - set(known)))
 
 
-def _decide(
+def _measure(
     source: FrameSource, config: FilterConfig, dataset: SegmentationOptions
-) -> FrameResult:
+) -> MeasuredFrame:
     if source.problem is not None:
         raise source.problem
     options = _frame_options(source, files_for(config.channels), dataset)
-    return filter_frame(source.annotation or {}, _segmentation(source), config, options)
+    return read_and_measure(
+        source.annotation or {}, _segmentation(source), config, options
+    )
 
 
 def measure_source(
@@ -397,13 +435,11 @@ def _frame_options(
     if "ignore_mask" in source.others and wh is not None:
         content = _read(source.others["ignore_mask"], "ignore_mask")
         ignore = read_ignore_mask(content, wh)
-    sensors = SensorFiles(
-        {
-            kind: _read(source.others[kind], kind)
-            for kind in kinds
-            if kind in source.others
-        }
-    )
+    sensors = {
+        kind: _read(source.others[kind], kind)
+        for kind in kinds
+        if kind in source.others
+    }
     return FrameOptions(
         key=source.key, image_wh=wh, dataset=dataset, ignore=ignore, sensors=sensors
     )

@@ -6,9 +6,10 @@ pixels: it gives numbers, from which any thresholds can be decided later.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +24,12 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import class_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
-from filter_core.decisions.record import FrameFacts, decision_dicts
+from filter_core.decisions.record import Decision, FrameFacts, decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
-from filter_core.evidence.channels import (
-    FrameParts,
-    SensorFiles,
-    measure_frame_channels,
-)
-from filter_core.evidence.semantic import MeasureOptions, measure
+from filter_core.evidence.channels import Sensors, measure_evidence
 from filter_core.geometry.projection import BoxGeometry
+from filter_core.images.header import MAX_SIDE
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import family_of_version
 from filter_core.segmentation.reading import (
@@ -40,7 +37,7 @@ from filter_core.segmentation.reading import (
     read_segmentation,
     segmentation_from_tags,
 )
-from filter_core.types import Decisions, Evidence, FrameBoxes, Mask
+from filter_core.types import NOT_MEASURED, Decisions, Evidence, FrameBoxes, Mask
 
 
 @dataclass(frozen=True)
@@ -61,8 +58,11 @@ class FrameOptions:
     limits : AnnotationLimits
     histogram : bool
         Count every tag in each box, which `hidden_by` and other accept sets need.
-    sensors : SensorFiles
-        Depth, instances and LiDAR, for the channels that read them.
+    sensors : Mapping
+        The bytes of what other sensors saw, by kind: ``depth``, ``instances`` and
+        ``lidar``. They are read if the configuration has a channel that needs them.
+    max_side : int, px
+        Of every picture that is read.
     """
 
     key: str = ""
@@ -71,7 +71,19 @@ class FrameOptions:
     ignore: Mask | None = None
     limits: AnnotationLimits = field(default_factory=AnnotationLimits)
     histogram: bool = True
-    sensors: SensorFiles = field(default_factory=SensorFiles)
+    sensors: Mapping[str, bytes] = field(default_factory=dict)
+    max_side: int = MAX_SIDE
+
+
+class SegmentationReport(TypedDict):
+    """What was recognised in a segmentation, ready for JSON."""
+
+    palette: str
+    encoding: str
+    channel_order: str
+    lossy: bool
+    unknown_percent: float
+    notes: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +99,8 @@ class MeasuredFrame:
     wh : (width, height), px
     evidence : Evidence of N boxes
     geometry : BoxGeometry of N boxes
-    segmentation : dict or None
-        What was recognised: ``palette``, ``encoding``, ``channel_order``, ``lossy``,
-        ``unknown_percent`` and ``notes``; None if there was no segmentation.
+    segmentation : SegmentationReport or None
+        None if there was no segmentation.
     """
 
     key: str
@@ -98,16 +109,25 @@ class MeasuredFrame:
     wh: tuple[int, int]
     evidence: Evidence
     geometry: BoxGeometry
-    segmentation: dict[str, Any] | None
+    segmentation: SegmentationReport | None
+
+    @property
+    def palette(self) -> str | None:
+        """The tag family of the segmentation; None if there was none."""
+        return None if self.segmentation is None else self.segmentation["palette"]
+
+    @property
+    def lossy(self) -> bool:
+        """Whether the segmentation had lost colours."""
+        return self.segmentation is not None and self.segmentation["lossy"]
 
     def facts(self, config: FilterConfig) -> FrameFacts:
         """What the decisions of this frame have in common."""
-        report = self.segmentation or {}
         return FrameFacts(
             key=self.key,
             config=config,
-            family=report.get("palette"),
-            lossy=bool(report.get("lossy")),
+            family=self.palette,
+            lossy=self.lossy,
             names=self._names(),
         )
 
@@ -125,13 +145,33 @@ class MeasuredFrame:
 class FrameResult:
     """What the filter says of one frame.
 
-    `decisions` has one dict per box, in the order of the annotation, with the keys of
-    the API; `verdicts` are the same as arrays.
+    Attributes
+    ----------
+    measured : MeasuredFrame of N boxes
+    verdicts : Decisions of N boxes
+    config : FilterConfig
+        What they were decided by.
     """
 
-    decisions: list[dict[str, Any]]
     measured: MeasuredFrame
     verdicts: Decisions
+    config: FilterConfig
+
+    @cached_property
+    def decisions(self) -> list[Decision]:
+        """One dict per box, in the order of the annotation, with the keys of the API.
+
+        They are composed when they are first asked for: sentences cost more than
+        `verdicts`, which say the same as arrays.
+        """
+        measured = self.measured
+        return decision_dicts(
+            measured.facts(self.config),
+            measured.ids,
+            measured.evidence,
+            self.verdicts,
+            measured.geometry,
+        )
 
 
 def filter_frame(
@@ -172,15 +212,7 @@ def filter_frame(
     config = config or FilterConfig()
     options = options or FrameOptions()
     measured = read_and_measure(annotation, segmentation, config, options)
-    verdicts = decide(measured.evidence, config)
-    decisions = decision_dicts(
-        measured.facts(config),
-        measured.ids,
-        measured.evidence,
-        verdicts,
-        measured.geometry,
-    )
-    return FrameResult(decisions, measured, verdicts)
+    return FrameResult(measured, decide(measured.evidence, config), config)
 
 
 def read_and_measure(
@@ -215,34 +247,23 @@ def measure_frame(
     config = _measuring(config, options.dataset)
     wh = _agreed_size(annotation, segmentation, options.image_wh)
     geometry = frame_boxes_2d(annotation, wh, config.projection)
-    names = [box_class(box) for box in annotation.boxes]
-    distinct = tuple(dict.fromkeys(names))
-    family = _family(annotation, segmentation, config, options)
-    masks = config.accept_masks(distinct, family).tolist()
-    boxes = FrameBoxes.of(
-        geometry.xyxy,
-        names,
-        dict(zip(distinct, masks, strict=True)),
-        wh,
-        geometry.distance,
-    )
-    profile: Any = config.profile  # one of two words, which the configuration checked
-    evidence = measure(
-        segmentation,
-        boxes,
-        MeasureOptions(profile=profile, histogram=options.histogram),
+    lidar = annotation.sensors.get("lidar")
+    sensors = Sensors(
+        segmentation=segmentation,
+        camera=annotation.camera,
+        lidar=None if lidar is None else lidar.transform,
         ignore=options.ignore,
+        contents=options.sensors,
+        max_side=options.max_side,
     )
-    parts = FrameParts(annotation, segmentation, geometry, wh, options.ignore)
-    channels = measure_frame_channels(parts, evidence, config, options.sensors)
-    if channels is not None:
-        evidence = replace(evidence, channels=channels)
+    family = _family(annotation, sensors, config)
+    boxes = _frame_boxes(annotation.boxes, geometry, config, family, wh)
     return MeasuredFrame(
         key=options.key,
         annotation=annotation,
-        ids=tuple(box.id for box in annotation.boxes),
+        ids=boxes.ids,
         wh=wh,
-        evidence=evidence,
+        evidence=measure_evidence(boxes, sensors, config, histogram=options.histogram),
         geometry=geometry,
         segmentation=None if segmentation is None else _report(segmentation),
     )
@@ -284,6 +305,45 @@ def _agreed_size(
     return size
 
 
+def _family(
+    annotation: FrameAnnotation, sensors: Sensors, config: MeasureConfig
+) -> str | None:
+    """The tag family; instances and LiDAR have tags without a segmentation as well."""
+    if sensors.segmentation is not None:
+        return sensors.segmentation.family
+    if not sensors.measurable_channels(config):
+        return None
+    return _named_family(_reading(annotation, config))
+
+
+def _frame_boxes(
+    boxes: Sequence[BoxAnnotation],
+    geometry: BoxGeometry,
+    config: MeasureConfig,
+    family: str | None,
+    wh: tuple[int, int],
+) -> FrameBoxes:
+    """The boxes of an annotation as arrays; `family` says which tags there are."""
+    classes = [box_class(box) for box in boxes]
+    names = tuple(dict.fromkeys(classes))
+    index = {name: number for number, name in enumerate(names)}
+    class_index = np.array([index[name] for name in classes], dtype=np.int32)
+    instance_ids = [
+        NOT_MEASURED if box.instance_id is None else box.instance_id for box in boxes
+    ]
+    return FrameBoxes(
+        xyxy=geometry.xyxy,
+        class_names=names,
+        class_index=class_index,
+        accept_mask=config.accept_masks(names, family)[class_index],
+        distance=geometry.distance,
+        image_wh=wh,
+        ids=tuple(box.id for box in boxes),
+        vertices=geometry.vertices,
+        instance_id=np.array(instance_ids, dtype=np.int64),
+    )
+
+
 def box_class(box: BoxAnnotation) -> str:
     """The class of a box: as given, else its blueprint's, else the blueprint itself.
 
@@ -292,20 +352,6 @@ def box_class(box: BoxAnnotation) -> str:
     if box.class_name is not None:
         return box.class_name
     return class_of(box.type_id, box.base_type) or box.type_id or ""
-
-
-def _family(
-    annotation: FrameAnnotation,
-    segmentation: Segmentation | None,
-    config: MeasureConfig,
-    options: FrameOptions,
-) -> str | None:
-    """The tag family; instances and LiDAR have tags without a segmentation as well."""
-    if segmentation is not None:
-        return segmentation.family
-    if not options.sensors.wanted(config):
-        return None
-    return _named_family(_reading(annotation, config))
 
 
 def _as_segmentation(
@@ -319,7 +365,9 @@ def _as_segmentation(
     reading = _reading(annotation, config)
     if isinstance(given, bytes):
         expected = options.image_wh or annotation.camera_wh
-        return read_segmentation(given, reading, expected_wh=expected)
+        return read_segmentation(
+            given, reading, expected_wh=expected, max_side=options.max_side
+        )
     family = _named_family(reading)
     if family is None:
         raise SegmentationError(
@@ -364,7 +412,7 @@ def _named_family(reading: SegmentationOptions) -> str | None:
     return family_of_version(reading.carla_version)
 
 
-def _report(segmentation: Segmentation) -> dict[str, Any]:
+def _report(segmentation: Segmentation) -> SegmentationReport:
     return {
         "palette": segmentation.family,
         "encoding": segmentation.encoding,

@@ -1,17 +1,17 @@
 """The values that flow through the library: arrays, boxes, evidence, decisions.
 
-`FrameBoxes` is what is known of a frame's boxes before any pixel is read, `Evidence`
-the numbers that were measured for them (`ChannelNumbers` those of the channels beside
-the segmentation), `Decisions` the verdicts. All of them are columns: row i is box i.
-There are no rules here.
+`FrameBoxes` is what is known of a frame's boxes before any pixel is read. `Evidence` is
+what was measured of them; `ChannelNumbers` is the part of it that was measured beside
+the segmentation. `Decisions` are the verdicts, and `DecidedBoxes` is what labels are
+written from. All of them are columns: row i is box i. There are no rules here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,17 +32,20 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 UNKNOWN_TAG: Final = 255
-"""Of a pixel whose colour or number is no tag of its family."""
+"""The tag of a pixel whose colour or number is no tag of its family."""
 
 N_TAGS: Final = 31
 """Columns of a tag histogram: tags 0..29, then Unknown."""
 
 UNKNOWN_COLUMN: Final = N_TAGS - 1
 
+NOT_MEASURED: Final = -1
+"""In columns of counts, rows and ids: there is none."""
+
 
 @dataclass(frozen=True)
 class FrameBoxes:
-    """The boxes of one frame, as given.
+    """The N boxes of one frame, as given.
 
     Attributes
     ----------
@@ -55,6 +58,13 @@ class FrameBoxes:
         Bit t is set if the box's class accepts tag t; 0: the class is not mapped.
     distance : (N,) float64, metres, NaN where unknown
     image_wh : (width, height) of the image, px
+    ids : tuple of N str
+        Unique in the frame. Default: the boxes' positions.
+    vertices : (N, 8, 3) float64, metres
+        World corners of 3D boxes; NaN for boxes that are not 3D. Default: all NaN.
+    instance_id : (N,) int64
+        The number that the box's object has in an instance image, as the annotation
+        gives it; `NOT_MEASURED` where it gives none. Default: none given.
     """
 
     xyxy: BoxesXYXY
@@ -63,6 +73,21 @@ class FrameBoxes:
     accept_mask: IntArray
     distance: FloatArray
     image_wh: tuple[int, int]
+    ids: tuple[str, ...] = ()
+    vertices: FloatArray = field(default_factory=lambda: np.empty((0, 8, 3)))
+    instance_id: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def __post_init__(self) -> None:
+        """Fill in the defaults; the broadcast arrays take no memory."""
+        count = len(self)
+        if not self.ids:
+            object.__setattr__(self, "ids", tuple(map(str, range(count))))
+        if not len(self.vertices):
+            no_corners = np.broadcast_to(np.nan, (count, 8, 3))
+            object.__setattr__(self, "vertices", no_corners)
+        if not len(self.instance_id):
+            none_given = np.broadcast_to(np.int64(NOT_MEASURED), count)
+            object.__setattr__(self, "instance_id", none_given)
 
     def __len__(self) -> int:
         return len(self.class_index)
@@ -76,32 +101,93 @@ class FrameBoxes:
         image_wh: tuple[int, int],
         distance: Sequence[float] | FloatArray | None = None,
     ) -> FrameBoxes:
-        """Boxes from a class name per box and one accept mask per class.
+        """Rectangles from a class name per box and one accept mask per class.
 
         A class that `accept_masks` does not have is not mapped.
         """
         names = tuple(dict.fromkeys(classes))
         index = {name: number for number, name in enumerate(names)}
+        class_index = np.array([index[name] for name in classes], dtype=np.int32)
+        masks = np.array([accept_masks.get(name, 0) for name in names], dtype=np.int64)
         unknown = np.full(len(classes), np.nan)
         return cls(
             xyxy=np.asarray(xyxy, dtype=np.float64).reshape(-1, 4),
             class_names=names,
-            class_index=np.array([index[name] for name in classes], dtype=np.int32),
-            accept_mask=np.array(
-                [accept_masks.get(name, 0) for name in classes], dtype=np.int64
-            ),
+            class_index=class_index,
+            accept_mask=masks[class_index],
             distance=unknown if distance is None else np.asarray(distance, np.float64),
             image_wh=image_wh,
         )
 
 
 class BoxState(IntEnum):
-    """What correcting the coordinates (step 1) found."""
+    """What correcting a box's coordinates (Algorithm 1 of the paper) found."""
 
     MEASURABLE = 0
     OUTSIDE_IMAGE = 1
     COVERS_IMAGE = 2
     DEGENERATE = 3
+
+
+@dataclass(frozen=True)
+class NumberColumn:
+    """Describes one stored column, a field of `Evidence` or `ChannelNumbers`.
+
+    Attributes
+    ----------
+    meaning : str
+        What was measured, in one line.
+    unit : str
+        Empty for numbers that have none.
+    dtype : str
+        numpy's name of the type in memory.
+    missing : float
+        The number that stands for "nothing measured".
+    width : int
+        Numbers per box: 1 for a column (N,), 4 for rectangles (N, 4).
+    stored : str
+        numpy's name of the type in stored records, if it is another than in memory.
+    since : int
+        The first layout of stored records that has the column. A column that is added
+        gets the next number, so that older records can still be read.
+    """
+
+    meaning: str
+    unit: str
+    dtype: str
+    missing: float
+    width: int = 1
+    stored: str = ""
+    since: int = 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one box's entry: () for a number, (4,) for a rectangle."""
+        return () if self.width == 1 else (self.width,)
+
+
+def number_columns(table: type[Evidence | ChannelNumbers]) -> dict[str, NumberColumn]:
+    """The columns of numbers that are measured and stored, by their fields' names."""
+    declared = {spec.name: spec.metadata.get("column") for spec in fields(table)}
+    return {name: column for name, column in declared.items() if column is not None}
+
+
+def _count_column(meaning: str, *, unit: str = "px") -> dict[str, NumberColumn]:
+    return {"column": NumberColumn(meaning, unit, "i8", 0)}
+
+
+def _channel_count_column(
+    meaning: str, *, unit: str = "px", stored: str = "", since: int = 1
+) -> dict[str, NumberColumn]:
+    """A column of counts that has `NOT_MEASURED` where its channel has none."""
+    column = NumberColumn(meaning, unit, "i8", NOT_MEASURED, stored=stored, since=since)
+    return {"column": column}
+
+
+def _float_column(
+    meaning: str, *, unit: str, width: int = 1, since: int = 1
+) -> dict[str, NumberColumn]:
+    return {"column": NumberColumn(meaning, unit, "f8", np.nan, width, since=since)}
 
 
 @dataclass(frozen=True)
@@ -113,38 +199,76 @@ class Evidence:
     class_names : tuple of str
         What `class_index` points into.
     class_index : (N,) int32
-    state : (N,) uint8, `BoxState`
-    accept_mask : (N,) int64
-        Bit t is set if the box's class accepts tag t; 0: the class is not mapped.
-    measured : (N,) bool
-        False where there was no segmentation to measure with.
-    box_pixels, matched_pixels, image_pixels : (N,) int64, px
-    match_percent : (N,) float64, 0..100 (profile ``carlasimu``: may pass 100)
-        NaN where not measured.
-    area_percent : (N,) float64, percent of the image
-    crowding : (N,) float64, percent of this box that one other box covers
-    distance : (N,) float64, metres, NaN where unknown
     xyxy : (N, 4) float64, px, or None
-        Corrected; NaN rows for boxes outside the image or degenerate. None where only
-        the numbers that a decision needs were loaded.
+        None where only the numbers that a decision needs were loaded.
     tag_counts : (N, N_TAGS) int32, px, or None
+        Pixels of each tag in the box; the last column is Unknown.
     channels : ChannelNumbers of N boxes, or None
         What was measured beside the segmentation.
+
+    Notes
+    -----
+    The other columns are described where they are declared below: a `_count_column` is
+    (N,) int64, a `_float_column` (N,) float64.
     """
 
     class_names: tuple[str, ...]
     class_index: NDArray[np.int32]
-    state: NDArray[np.uint8]
-    accept_mask: IntArray
-    measured: BoolArray
-    box_pixels: IntArray
-    matched_pixels: IntArray
-    image_pixels: IntArray
-    match_percent: FloatArray
-    area_percent: FloatArray
-    crowding: FloatArray
-    distance: FloatArray
-    xyxy: BoxesXYXY | None = None
+    state: NDArray[np.uint8] = field(
+        metadata={
+            "column": NumberColumn(
+                "what correcting the box found", "`BoxState`", "u1", 0
+            )
+        }
+    )
+    measured: BoolArray = field(
+        metadata={
+            "column": NumberColumn("whether there was a segmentation", "", "?", False)
+        }
+    )
+    accept_mask: IntArray = field(
+        metadata=_count_column(
+            "bit t is set if the box's class accepts tag t; 0: its class is not mapped",
+            unit="tags",
+        )
+    )
+    box_pixels: IntArray = field(
+        metadata=_count_column("pixels of the box, without ignored ones")
+    )
+    matched_pixels: IntArray = field(
+        metadata=_count_column("those of box_pixels that have an accepted tag")
+    )
+    image_pixels: IntArray = field(metadata=_count_column("pixels of the image"))
+    match_percent: FloatArray = field(
+        metadata=_float_column(
+            "matched_pixels as percent of box_pixels; under profile `carlasimu` "
+            "of the box's area, and can exceed 100",
+            unit="percent",
+        )
+    )
+    area_percent: FloatArray = field(
+        metadata=_float_column("area of the box", unit="percent of the image")
+    )
+    crowding: FloatArray = field(
+        metadata=_float_column(
+            "largest share of it that one other box covers, of those whose "
+            "accepted tags include one of its own",
+            unit="percent of the box",
+        )
+    )
+    distance: FloatArray = field(
+        metadata=_float_column(
+            "distance from the camera; NaN if unknown", unit="metres"
+        )
+    )
+    xyxy: BoxesXYXY | None = field(
+        default=None,
+        metadata=_float_column(
+            "corrected rectangle; NaN if outside the image or without area",
+            unit="px",
+            width=4,
+        ),
+    )
     tag_counts: NDArray[np.int32] | None = None
     channels: ChannelNumbers | None = None
 
@@ -153,85 +277,106 @@ class Evidence:
 
     def take(self, rows: IntArray) -> Evidence:
         """Some of the boxes, in the order asked for."""
-        columns: dict[str, Any] = {
-            spec.name: getattr(self, spec.name) for spec in fields(self)
+        columns = {
+            spec.name: getattr(self, spec.name)
+            for spec in fields(self)
+            if spec.name != "class_names"
         }
-        names = columns.pop("class_names")
-        chosen: dict[str, Any] = {
-            name: None if column is None else column[rows]
-            for name, column in columns.items()
-        }
-        return Evidence(class_names=names, **chosen)
-
-
-NOT_MEASURED: Final = -1
-"""Stands for a count that a channel could not give."""
+        return replace(
+            self,
+            **{
+                name: column[rows]
+                for name, column in columns.items()
+                if column is not None
+            },
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelNumbers:
     """What the channels beside the segmentation measured of N boxes.
 
-    `NOT_MEASURED` or NaN where a channel cannot tell.
-
-    Attributes
-    ----------
-    owned_pixels : (N,) int64, px
-        Accepted pixels in the box's silhouette that no nearer box claims.
-    explained_by : (N,) int64
-        Position, in its frame, of the nearer box that claims most of the others.
-    depth_pixels : (N,) int64, px
-        Accepted pixels in the silhouette, at a depth that the box itself has.
-    nearer_percent : (N,) float64, percent of the silhouette
-        What of it is covered by something nearer than the box.
-    depth_gap : (N,) float64, metres
-        Where no accepted pixel is at the box's own depth: how far they (their median)
-        are in front of it; negative: behind it. Else NaN.
-    center_gap : (N,) float64, metres
-        How far the surface seen at the box's centre is in front of the box.
-    instance_pixels : (N,) int64, px
-        Accepted pixels of the instance that belongs to the box.
-    lidar_points : (N,) int64
-        Points of an accepted tag inside the 3D box.
-    tight_xyxy : (N, 4) float64, px
-        Around the visible pixels, by instance or else by depth.
+    Columns are (N,) int64 with `NOT_MEASURED` where a channel has no number for a box,
+    or (N,) and (N, 4) float64 with NaN there. Declaring a column here is enough for it
+    to be stored; the module of its channel fills it.
     """
 
-    owned_pixels: NDArray[np.int64]
-    explained_by: NDArray[np.int64]
-    depth_pixels: NDArray[np.int64]
-    nearer_percent: NDArray[np.float64]
-    depth_gap: NDArray[np.float64]
-    center_gap: NDArray[np.float64]
-    instance_pixels: NDArray[np.int64]
-    lidar_points: NDArray[np.int64]
-    tight_xyxy: NDArray[np.float64]
+    owned_pixels: IntArray = field(
+        metadata=_channel_count_column(
+            "accepted pixels in the box's silhouette that no nearer box claims"
+        )
+    )
+    explained_by: IntArray = field(
+        metadata=_channel_count_column(
+            "the nearer box that claims most of the accepted pixels in its "
+            "silhouette that it does not own",
+            unit="position in the frame",
+            stored="i4",
+        )
+    )
+    depth_pixels: IntArray = field(
+        metadata=_channel_count_column(
+            "accepted pixels in the silhouette at the depth of the box itself"
+        )
+    )
+    nearer_percent: FloatArray = field(
+        metadata=_float_column(
+            "share of the silhouette hidden by something nearer",
+            unit="percent of the silhouette",
+        )
+    )
+    depth_gap: FloatArray = field(
+        metadata=_float_column(
+            "how far the median of the accepted pixels is in front of the box "
+            "(negative: behind it); NaN if some are at its own depth",
+            unit="metres",
+        )
+    )
+    center_gap: FloatArray = field(
+        metadata=_float_column(
+            "how far the surface seen at the box's centre is in front of the box",
+            unit="metres",
+        )
+    )
+    instance_pixels: IntArray = field(
+        metadata=_channel_count_column(
+            "accepted pixels of the instance that was assigned to it"
+        )
+    )
+    lidar_points: IntArray = field(
+        metadata=_channel_count_column(
+            "points of an accepted tag inside the 3D box", unit="points"
+        )
+    )
+    tight_xyxy: BoxesXYXY = field(
+        metadata=_float_column(
+            "rectangle around the visible pixels, by instance or else by depth",
+            unit="px",
+            width=4,
+        )
+    )
 
     @classmethod
     def absent(cls, count: int) -> ChannelNumbers:
-        """Nothing measured of `count` boxes; arrays of its own, to be filled."""
+        """New columns for `count` boxes, filled with "not measured"."""
         return cls(
-            owned_pixels=np.full(count, NOT_MEASURED, np.int64),
-            explained_by=np.full(count, NOT_MEASURED, np.int64),
-            depth_pixels=np.full(count, NOT_MEASURED, np.int64),
-            nearer_percent=np.full(count, np.nan),
-            depth_gap=np.full(count, np.nan),
-            center_gap=np.full(count, np.nan),
-            instance_pixels=np.full(count, NOT_MEASURED, np.int64),
-            lidar_points=np.full(count, NOT_MEASURED, np.int64),
-            tight_xyxy=np.full((count, 4), np.nan),
+            **{
+                name: np.full((count, *column.shape), column.missing, column.dtype)
+                for name, column in number_columns(cls).items()
+            }
         )
 
     def __len__(self) -> int:
         return len(self.owned_pixels)
 
-    def __getitem__(self, rows: Any) -> ChannelNumbers:  # noqa: ANN401  # as numpy takes
+    def __getitem__(self, rows: slice | IntArray | BoolArray) -> ChannelNumbers:
+        """Some of the boxes."""
         columns = {spec.name: getattr(self, spec.name)[rows] for spec in fields(self)}
         return ChannelNumbers(**columns)
 
 
 class Verdict(str, Enum):
-    """What the filter says of a box."""
+    """What the filter decides of a box."""
 
     KEPT = "kept"
     REJECTED = "rejected"
@@ -276,8 +421,8 @@ class Reason(IntEnum):
             raise ValueError(f"unknown reason {label!r}; known: {known}") from None
 
 
-# By place, not by key: both are asked several times for every box that is shown, and to
-# hash a reason takes longer than to do anything else with it. Reasons count from 1.
+# Lists, because hashing an enum is slow and both are read several times for every box
+# that is shown. Reasons count from 1, so index 0 is unused.
 _LABELS: Final = ["", *(reason.name.lower() for reason in Reason)]
 
 _VERDICTS: Final = [
@@ -291,7 +436,7 @@ _VERDICTS: Final = [
 
 @dataclass(frozen=True)
 class Decisions:
-    """Verdicts for N boxes and what they rest on.
+    """Verdicts for N boxes and the numbers that led to them.
 
     Attributes
     ----------
@@ -301,7 +446,8 @@ class Decisions:
     toss_up : (N,) bool
         The 95 % Wilson interval of the match contains the threshold.
     large : (N,) bool
-        The box was judged by the threshold for large boxes.
+        The box is large, and a threshold applied. Under profile ``carlasimu`` that can
+        be the threshold for small boxes, which large boxes must pass as well.
     """
 
     reason: NDArray[np.uint8]
@@ -317,3 +463,136 @@ class Decisions:
         """How many boxes have this verdict."""
         codes = [reason for reason in Reason if reason.verdict is verdict]
         return int(np.isin(self.reason, codes).sum())
+
+
+VERDICTS: Final = tuple(Verdict)
+"""`DecidedBoxes.verdict` and `DecidedBoxes.effective` are indexes into this."""
+
+KEPT, REJECTED, UNMEASURED = (np.uint8(code) for code in range(len(VERDICTS)))
+
+_VERDICT_OF_REASON: Final = np.array(
+    [VERDICTS.index(verdict) for verdict in _VERDICTS], np.uint8
+)
+
+
+class Answer(IntEnum):
+    """What a person has answered for a box."""
+
+    NONE = 0
+    KEEP = 1
+    REJECT = 2
+    UNSURE = 3
+
+
+_VERDICT_OF_ANSWER: Final = (None, Verdict.KEPT, Verdict.REJECTED, None)
+
+
+@dataclass(frozen=True, eq=False)
+class DecidedBoxes:
+    """The N boxes of one frame or of several, with what labels are written from.
+
+    Attributes
+    ----------
+    ids : sequence of N str
+        Unique in their frame.
+    class_names : tuple of str
+        What `class_index` points into.
+    class_index : (N,) int32
+    reason : (N,) uint8, `Reason`
+    answer : (N,) uint8, `Answer`
+    lossy : (N,) bool
+        Whether its segmentation was a lossy image, such as a JPEG.
+    xyxy : (N, 4) float64, px
+        Corrected; NaN rows for boxes without a rectangle in the image.
+    amodal_xyxy, visible_xyxy : (N, 4) float64, px
+        Of 3D boxes, before and after clipping to the image; else NaN rows.
+    tight_xyxy : (N, 4) float64, px
+        Around the visible pixels; NaN rows where they are not known.
+    distance : (N,) float64, metres, NaN where unknown
+    match_percent : (N,) float64, 0..100, NaN where not measured
+    occlusion : (N,) int64
+        KITTI's level: 0 fully visible, 1 partly, 2 largely occluded, 3 unknown.
+    """
+
+    ids: Sequence[str]
+    class_names: tuple[str, ...]
+    class_index: NDArray[np.int32]
+    reason: NDArray[np.uint8]
+    answer: NDArray[np.uint8]
+    lossy: BoolArray
+    xyxy: BoxesXYXY
+    amodal_xyxy: BoxesXYXY
+    visible_xyxy: BoxesXYXY
+    tight_xyxy: BoxesXYXY
+    distance: FloatArray
+    match_percent: FloatArray
+    occlusion: IntArray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def empty(cls) -> DecidedBoxes:
+        """Zero boxes."""
+        rectangles, numbers = np.empty((0, 4)), np.empty(0)
+        codes = np.empty(0, np.uint8)
+        return cls(
+            ids=(),
+            class_names=(),
+            class_index=np.empty(0, np.int32),
+            reason=codes,
+            answer=codes,
+            lossy=np.empty(0, np.bool_),
+            xyxy=rectangles,
+            amodal_xyxy=rectangles,
+            visible_xyxy=rectangles,
+            tight_xyxy=rectangles,
+            distance=numbers,
+            match_percent=numbers,
+            occlusion=np.empty(0, np.int64),
+        )
+
+    def __getitem__(self, rows: slice) -> DecidedBoxes:
+        """A range of the boxes, as views of the same arrays."""
+        columns = {name: getattr(self, name)[rows] for name in _DECIDED_COLUMNS}
+        return DecidedBoxes(class_names=self.class_names, **columns)
+
+    @property
+    def verdict(self) -> NDArray[np.uint8]:
+        """(N,) uint8: the filter's verdict, an index into `VERDICTS`."""
+        verdict: NDArray[np.uint8] = _VERDICT_OF_REASON[self.reason]
+        return verdict
+
+    @property
+    def effective(self) -> NDArray[np.uint8]:
+        """(N,) uint8: a person's keep or reject, else the filter's verdict."""
+        verdict = self.verdict
+        verdict[self.answer == Answer.KEEP] = KEPT
+        verdict[self.answer == Answer.REJECT] = REJECTED
+        return verdict
+
+    @property
+    def is_reviewed(self) -> BoolArray:
+        """(N,) bool: whether a person said keep or reject; unsure does not count."""
+        reviewed: BoolArray = (self.answer == Answer.KEEP) | (
+            self.answer == Answer.REJECT
+        )
+        return reviewed
+
+    def class_name(self, row: int) -> str:
+        """The class of one box."""
+        return self.class_names[int(self.class_index[row])]
+
+    def effective_verdict(self, row: int) -> str:
+        """The effective verdict of one box, by its name on the wire."""
+        answered = _VERDICT_OF_ANSWER[int(self.answer[row])]
+        return (answered or _VERDICTS[int(self.reason[row])]).value
+
+    def reason_label(self, row: int) -> str:
+        """The reason of one box by its name on the wire."""
+        return _LABELS[int(self.reason[row])]
+
+
+_DECIDED_COLUMNS: Final = tuple(
+    spec.name for spec in fields(DecidedBoxes) if spec.name != "class_names"
+)

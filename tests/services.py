@@ -175,7 +175,8 @@ class Street:
 
     def history(self, box_id: int) -> list[dict[str, Any]]:
         with self.context.database.read() as session:
-            return history(session, box_id)
+            entries = history(session, box_id)
+            return [one.model_dump(exclude_unset=True) for one in entries]
 
     def active_config(self) -> dict[str, Any]:
         with self.context.database.read() as session:
@@ -183,13 +184,14 @@ class Street:
 
     def preview(self, config: Mapping[str, Any]) -> dict[str, Any]:
         with self.context.database.read() as session:
-            return preview(
+            found = preview(
                 self.context,
                 session,
                 self.row(session),
                 FilterConfig.from_mapping(config),
                 PreviewLimits(flips=1000, bins=10),
             )
+        return found.model_dump()
 
     def row(self, session) -> Dataset:
         return DatasetRepository(session).named(self.name)

@@ -40,7 +40,7 @@ def _make(python: str, root: Path) -> None:
     """A small street, filtered, in every format that others read."""
     render = (
         "import sys; from pathlib import Path; "
-        "from app.demo.writing import write_street; "
+        "from unghost.street.street import write_street; "
         "write_street(Path(sys.argv[1]), 9)"
     )
     subprocess.run([python, "-c", render, str(root / "street")], check=True)

@@ -6,6 +6,7 @@ Each part stands between two marks, `<!-- NAME: written by ... -->` and
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +20,11 @@ from pydantic_core import PydanticUndefined
 from app.main import create_app
 from app.resources import static_dir
 from app.settings import Settings
+from filter_core.config.filter import ClassConfig, FilterConfig
+from filter_core.config.keys import EVIDENCE, keys_of
+from filter_core.formats.registry import FORMATS
+from filter_core.types import ChannelNumbers, Evidence, number_columns
+from unghost.cli.program import LazyCommand
 from unghost.cli.program import app as program
 
 
@@ -70,6 +76,30 @@ def settings_table() -> Iterator[str]:
         yield f"| `UNGHOST_{name.upper()}` | {shown} | {field.description} |"
 
 
+def configuration_table() -> Iterator[str]:
+    """Every key of a filter configuration, as the class that holds it declares it."""
+    per_class = keys_of(ClassConfig)
+    yield "| key | default | allowed | per class | needs pixels again | meaning |"
+    yield "|---|---|---|:-:|:-:|---|"
+    for name, key in keys_of(FilterConfig).items():
+        default = json.dumps(key.default).strip('"')
+        own = "yes" if name in per_class else ""
+        again = "yes" if key.needs_pixels else ""
+        yield (
+            f"| `{name}` | `{default}` | {key.allowed} | {own} | {again} "
+            f"| {key.sentence} |"
+        )
+    yield "| `classes` | `{}` | a mapping | | | What single classes do differently. |"
+
+
+def channel_table() -> Iterator[str]:
+    """Every word of the key `evidence`."""
+    yield "| channel | needs | keeps a box if |"
+    yield "|---|---|---|"
+    for one in EVIDENCE:
+        yield f"| `{one.name}` | {one.needs} | {one.keeps} |"
+
+
 def route_table() -> Iterator[str]:
     """Every route of the OpenAPI document."""
     yield "| method | path | what it does |"
@@ -95,10 +125,10 @@ def commands() -> Iterator[tuple[str, Command]]:
 
 
 def _below(path: str, command: Command) -> Iterator[tuple[str, Command]]:
-    children = getattr(command, "commands", None)
-    if children is None:
-        yield path, command
+    if isinstance(command, LazyCommand):
+        yield path, command.build()
         return
+    children = getattr(command, "commands", {})
     for name, child in sorted(children.items()):
         yield from _below(f"{path} {name}", child)
 
@@ -112,11 +142,34 @@ def key_table() -> Iterator[str]:
         yield f"| {names} | {text} |"
 
 
+def number_table() -> Iterator[str]:
+    """Every number that is measured of a box, as the library declares it."""
+    yield "| `evidence` | unit | what was measured |"
+    yield "|---|---|---|"
+    for table, path in ((Evidence, ""), (ChannelNumbers, "channels.")):
+        for name, column in number_columns(table).items():
+            yield f"| `{path}{name}` | {column.unit} | {column.meaning} |"
+
+
+def format_table() -> Iterator[str]:
+    """Every format that is read or written, as its module declares it."""
+    yield "| format | title | what it holds | read, recognised by | written |"
+    yield "|---|---|---|---|:-:|"
+    for one in FORMATS.values():
+        read = one.recognised_by if one.read else ""
+        written = "yes" if one.write else ""
+        yield f"| `{one.name}` | {one.title} | {one.holds} | {read} | {written} |"
+
+
 PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
+    "configuration": (DOCS / "configuration.md", configuration_table),
+    "channels": (DOCS / "configuration.md", channel_table),
     "settings": (DOCS / "configuration.md", settings_table),
     "commands": (DOCS / "commands.md", command_table),
     "keys": (DOCS / "review.md", key_table),
     "routes": (DOCS / "api.md", route_table),
+    "formats": (DOCS / "formats.md", format_table),
+    "numbers": (DOCS / "library.md", number_table),
 }
 
 

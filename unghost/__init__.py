@@ -1,145 +1,209 @@
 """Client of Unghost, which finds the boxes that CARLA's camera cannot see.
 
-Importing this needs httpx and nothing else of weight: no server, no numpy, no OpenCV.
+Each name is fetched when it is first asked for: importing this loads nothing, making a
+`Client` needs httpx, and reading an answer pydantic. There is no server here, no numpy
+and no OpenCV.
 """
 
-from unghost.client import Client
-from unghost.discovery import Server, find_server
-from unghost.errors import (
-    ApiError,
-    BadRequest,
-    Conflict,
-    DamagedDownload,
-    Fault,
-    Forbidden,
-    Invalid,
-    NotFound,
-    RunFailed,
-    ServerFault,
-    StaleReview,
-    TooLarge,
-    Unauthorized,
-    Unavailable,
-    UnexpectedAnswer,
-)
-from unghost.outgoing import AlreadyThere, NotSent, Outcome, OutgoingFrame, Sent
-from unghost.people_results import AuditEntry, NewToken, Queue, Session, Token
-from unghost.quality_results import (
-    Agreement,
-    Band,
-    BandScore,
-    ChannelScore,
-    Confusion,
-    Evaluation,
-    Measure,
-    Pair,
-    Quality,
-    Reviewer,
-    Score,
-    Suggestion,
-    ThresholdPoint,
-    WrongBox,
-)
-from unghost.results import (
-    Claim,
-    Counts,
-    Dataset,
-    Decision,
-    Frame,
-    HiddenBy,
-    HistoryEntry,
-    RefusedFrame,
-    Review,
-    ReviewBatch,
-    ReviewMark,
-    SegmentationReport,
-    Selection,
-    StoredFile,
-    StoredFrame,
-    UndoneBatch,
-)
-from unghost.retry import RetryPolicy
-from unghost.work_results import (
-    ConfigVersion,
-    Diff,
-    Export,
-    Flip,
-    FlipCounts,
-    Histogram,
-    Preview,
-    Run,
-    Stats,
-    Version,
-)
+from __future__ import annotations
 
-__all__ = [
-    "Agreement",
-    "AlreadyThere",
-    "ApiError",
-    "AuditEntry",
-    "BadRequest",
-    "Band",
-    "BandScore",
-    "ChannelScore",
-    "Claim",
-    "Client",
-    "ConfigVersion",
-    "Conflict",
-    "Confusion",
-    "Counts",
-    "DamagedDownload",
-    "Dataset",
-    "Decision",
-    "Diff",
-    "Evaluation",
-    "Export",
-    "Fault",
-    "Flip",
-    "FlipCounts",
-    "Forbidden",
-    "Frame",
-    "HiddenBy",
-    "Histogram",
-    "HistoryEntry",
-    "Invalid",
-    "Measure",
-    "NewToken",
-    "NotFound",
-    "NotSent",
-    "Outcome",
-    "OutgoingFrame",
-    "Pair",
-    "Preview",
-    "Quality",
-    "Queue",
-    "RefusedFrame",
-    "RetryPolicy",
-    "Review",
-    "ReviewBatch",
-    "ReviewMark",
-    "Reviewer",
-    "Run",
-    "RunFailed",
-    "Score",
-    "SegmentationReport",
-    "Selection",
-    "Sent",
-    "Server",
-    "ServerFault",
-    "Session",
-    "StaleReview",
-    "Stats",
-    "StoredFile",
-    "StoredFrame",
-    "Suggestion",
-    "ThresholdPoint",
-    "Token",
-    "TooLarge",
-    "Unauthorized",
-    "Unavailable",
-    "UndoneBatch",
-    "UnexpectedAnswer",
-    "Version",
-    "WrongBox",
-    "find_server",
-]
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from unghost.client.client import (
+        Client as Client,
+    )
+    from unghost.client.discovery import (
+        Server as Server,
+        find_server as find_server,
+    )
+    from unghost.client.errors import (
+        ApiError as ApiError,
+        BadRequest as BadRequest,
+        Conflict as Conflict,
+        DamagedDownload as DamagedDownload,
+        Fault as Fault,
+        Forbidden as Forbidden,
+        Invalid as Invalid,
+        NotFound as NotFound,
+        RunFailed as RunFailed,
+        ServerFault as ServerFault,
+        StaleReview as StaleReview,
+        TooLarge as TooLarge,
+        Unauthorized as Unauthorized,
+        Unavailable as Unavailable,
+        UnexpectedAnswer as UnexpectedAnswer,
+    )
+    from unghost.client.outgoing import (
+        AlreadyThere as AlreadyThere,
+        NotSent as NotSent,
+        Outcome as Outcome,
+        OutgoingFrame as OutgoingFrame,
+        Sent as Sent,
+    )
+    from unghost.client.transport import (
+        RetryPolicy as RetryPolicy,
+    )
+    from unghost.wire.access import (
+        AuditEntry as AuditEntry,
+        NewToken as NewToken,
+        Session as Session,
+        Token as Token,
+        Version as Version,
+    )
+    from unghost.wire.quality import (
+        Agreement as Agreement,
+        Band as Band,
+        BandScore as BandScore,
+        ChannelScore as ChannelScore,
+        Confusion as Confusion,
+        Evaluation as Evaluation,
+        Measure as Measure,
+        Pair as Pair,
+        Quality as Quality,
+        Reviewer as Reviewer,
+        Score as Score,
+        Suggestion as Suggestion,
+        ThresholdPoint as ThresholdPoint,
+        WrongBox as WrongBox,
+    )
+    from unghost.wire.boxes import (
+        Claim as Claim,
+        Decision as Decision,
+        HiddenBy as HiddenBy,
+        HistoryEntry as HistoryEntry,
+        Queue as Queue,
+        Review as Review,
+        ReviewBatch as ReviewBatch,
+        ReviewMark as ReviewMark,
+        Selection as Selection,
+        UndoneBatch as UndoneBatch,
+    )
+    from unghost.wire.datasets import (
+        Counts as Counts,
+        Dataset as Dataset,
+        Histogram as Histogram,
+        RefusedFrame as RefusedFrame,
+        Stats as Stats,
+    )
+    from unghost.wire.frames import (
+        Frame as Frame,
+        SegmentationReport as SegmentationReport,
+        StoredFile as StoredFile,
+        StoredFrame as StoredFrame,
+    )
+    from unghost.wire.runs import (
+        ConfigVersion as ConfigVersion,
+        Diff as Diff,
+        Export as Export,
+        Flip as Flip,
+        FlipCounts as FlipCounts,
+        Preview as Preview,
+        Run as Run,
+    )
+
+_NAMES: Final = {
+    "unghost.client.client": ("Client",),
+    "unghost.client.discovery": (
+        "Server",
+        "find_server",
+    ),
+    "unghost.client.errors": (
+        "ApiError",
+        "BadRequest",
+        "Conflict",
+        "DamagedDownload",
+        "Fault",
+        "Forbidden",
+        "Invalid",
+        "NotFound",
+        "RunFailed",
+        "ServerFault",
+        "StaleReview",
+        "TooLarge",
+        "Unauthorized",
+        "Unavailable",
+        "UnexpectedAnswer",
+    ),
+    "unghost.client.outgoing": (
+        "AlreadyThere",
+        "NotSent",
+        "Outcome",
+        "OutgoingFrame",
+        "Sent",
+    ),
+    "unghost.client.transport": ("RetryPolicy",),
+    "unghost.wire.access": (
+        "AuditEntry",
+        "NewToken",
+        "Session",
+        "Token",
+        "Version",
+    ),
+    "unghost.wire.quality": (
+        "Agreement",
+        "Band",
+        "BandScore",
+        "ChannelScore",
+        "Confusion",
+        "Evaluation",
+        "Measure",
+        "Pair",
+        "Quality",
+        "Reviewer",
+        "Score",
+        "Suggestion",
+        "ThresholdPoint",
+        "WrongBox",
+    ),
+    "unghost.wire.boxes": (
+        "Claim",
+        "Decision",
+        "HiddenBy",
+        "HistoryEntry",
+        "Queue",
+        "Review",
+        "ReviewBatch",
+        "ReviewMark",
+        "Selection",
+        "UndoneBatch",
+    ),
+    "unghost.wire.datasets": (
+        "Counts",
+        "Dataset",
+        "Histogram",
+        "RefusedFrame",
+        "Stats",
+    ),
+    "unghost.wire.frames": (
+        "Frame",
+        "SegmentationReport",
+        "StoredFile",
+        "StoredFrame",
+    ),
+    "unghost.wire.runs": (
+        "ConfigVersion",
+        "Diff",
+        "Export",
+        "Flip",
+        "FlipCounts",
+        "Preview",
+        "Run",
+    ),
+}
+_MODULE_OF: Final = {name: module for module in _NAMES for name in _NAMES[module]}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULE_OF})

@@ -29,10 +29,12 @@ class UtcDateTime(TypeDecorator[datetime]):
     def process_result_value(
         self, value: datetime | None, dialect: Dialect
     ) -> datetime | None:
-        """Aware coming out."""
-        if value is None or value.tzinfo:
-            return value
-        return value.replace(tzinfo=timezone.utc)
+        """UTC coming out: PostgreSQL gives it back in the zone of the session."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            return value.replace(tzinfo=timezone.utc)
+        return value.astimezone(timezone.utc)
 
 
 class JsonText(TypeDecorator[Any]):

@@ -7,9 +7,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from sqlalchemy import (
+    Boolean,
     Connection,
     CursorResult,
     Dialect,
@@ -166,17 +168,21 @@ class _Ready:
 
     `order` is empty if the driver takes parameters by name. `fixed` are those that the
     statement brings along. `mend` are those that the driver does not take as they are
-    (times, JSON), and how they are changed.
+    (times, JSON), and how they are changed. `in_order` takes the values of `order` out
+    of a row that is ready, if there are several.
     """
 
     text: str
     order: tuple[str, ...]
     fixed: Mapping[str, Any]
     mend: tuple[tuple[str, Callable[[Any], Any]], ...]
+    in_order: Callable[[Mapping[str, Any]], tuple[Any, ...]] | None
 
     def parameters(self, row: Mapping[str, Any]) -> tuple[Any, ...] | Mapping[str, Any]:
         """One row for the driver."""
         row = self.named(row)
+        if self.in_order is not None:
+            return self.in_order(row)
         return tuple([row[name] for name in self.order]) if self.order else row
 
     def named(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -208,12 +214,16 @@ def _ready(statement: Executable, columns: frozenset[str], dialect: Dialect) -> 
     changes = {
         name: bind.type.dialect_impl(dialect).bind_processor(dialect)
         for name, bind in binds.items()
+        # Both drivers take True and False; to check each costs more than to bind it.
+        if not isinstance(bind.type, Boolean)
     }
+    order = tuple(cast("SQLCompiler", compiled).positiontup or ())
     return _Ready(
         text=str(compiled),
-        order=tuple(cast("SQLCompiler", compiled).positiontup or ()),
+        order=order,
         fixed={name: bind.value for name, bind in binds.items() if not bind.required},
         mend=tuple((name, change) for name, change in changes.items() if change),
+        in_order=itemgetter(*order) if len(order) > 1 else None,
     )
 
 

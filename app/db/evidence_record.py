@@ -8,47 +8,21 @@ little-endian, fixed width, readable with ``numpy.frombuffer`` alone.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.types import N_TAGS, ChannelNumbers, Evidence
+from filter_core.types import (
+    N_TAGS,
+    ChannelNumbers,
+    Evidence,
+    NumberColumn,
+    number_columns,
+)
 
-NUMBERS: Final = np.dtype(
-    [
-        ("class_id", "<i4"),
-        ("state", "u1"),
-        ("measured", "?"),
-        ("accept_mask", "<i8"),
-        ("box_pixels", "<i8"),
-        ("matched_pixels", "<i8"),
-        ("image_pixels", "<i8"),
-        ("match_percent", "<f8"),
-        ("area_percent", "<f8"),
-        ("crowding", "<f8"),
-        ("distance", "<f8"),
-        ("xyxy", "<f8", (4,)),
-    ]
-)
-_SCALARS: Final = [
-    name for name in NUMBERS.names or () if name not in ("class_id", "xyxy")
-]
-CHANNEL_NUMBERS: Final = np.dtype(
-    [
-        ("owned_pixels", "<i8"),
-        ("explained_by", "<i4"),
-        ("depth_pixels", "<i8"),
-        ("nearer_percent", "<f8"),
-        ("depth_gap", "<f8"),
-        ("center_gap", "<f8"),
-        ("instance_pixels", "<i8"),
-        ("lidar_points", "<i8"),
-        ("tight_xyxy", "<f8", (4,)),
-    ]
-)
 _COUNT: Final = np.dtype([("box", "<u2"), ("tag", "u1"), ("pixels", "<u4")])
 _ABSENT: Final = (float("nan"),) * 4
 
@@ -62,19 +36,105 @@ class Geometry:
     edges: NDArray[np.float32]
 
 
+class RecordLayout:
+    """Columns of numbers as records of fixed width, one for each box.
+
+    Records are written in the newest layout. Those of an older one lack the columns
+    that were added since; they are recognised by their bytes per box, and what they
+    lack is read as "nothing measured".
+
+    Parameters
+    ----------
+    columns : mapping
+        What each column holds, by its name.
+    """
+
+    def __init__(self, columns: Mapping[str, NumberColumn]) -> None:
+        self.columns = columns
+        newest = max(column.since for column in columns.values())
+        self._layouts = [_record_dtype(columns, one) for one in range(1, newest + 1)]
+        self.dtype = self._layouts[-1]
+        self._nothing = np.zeros(1, self.dtype)
+        for name, column in columns.items():
+            self._nothing[name] = column.missing
+
+    def read(
+        self, packed: Sequence[bytes | None], counts: Sequence[int]
+    ) -> NDArray[np.void]:
+        """The records of many frames, one after the other, in the newest layout.
+
+        Parameters
+        ----------
+        packed : bytes of each frame
+            None: nothing was measured of its boxes.
+        counts : boxes of each frame
+
+        Raises
+        ------
+        ValueError
+            Bytes that no layout has for so many boxes.
+        """
+        size = self.dtype.itemsize
+        lengths = [-1 if one is None else len(one) for one in packed]
+        if lengths == [size * boxes for boxes in counts]:
+            return np.frombuffer(b"".join(filter(None, packed)), self.dtype)
+        return np.concatenate(
+            [self._one(one, boxes) for one, boxes in zip(packed, counts, strict=True)]
+        )
+
+    def _one(self, packed: bytes | None, boxes: int) -> NDArray[np.void]:
+        found = np.repeat(self._nothing, boxes)
+        if packed is not None:
+            record = np.frombuffer(packed, self._layout_of(len(packed), boxes))
+            for name in record.dtype.names or ():
+                found[name] = record[name]
+        return found
+
+    def _layout_of(self, length: int, boxes: int) -> np.dtype[np.void]:
+        for layout in self._layouts:
+            if length == layout.itemsize * boxes:
+                return layout
+        sizes = " or ".join(str(layout.itemsize) for layout in self._layouts)
+        raise ValueError(
+            f"expected records of {sizes} bytes for {boxes} boxes, found {length} bytes"
+        )
+
+
+def _record_dtype(
+    columns: Mapping[str, NumberColumn], layout: int
+) -> np.dtype[np.void]:
+    """The columns of a layout: the older before those that were added."""
+    had = {name: one for name, one in columns.items() if one.since <= layout}
+    return np.dtype(
+        [
+            (name, np.dtype(one.stored or one.dtype).newbyteorder("<"), one.shape)
+            for name, one in sorted(had.items(), key=lambda item: item[1].since)
+        ]
+    )
+
+
+_CLASS_ID: Final = NumberColumn("the database's id of its class", "", "i4", 0)
+
+_EVIDENCE: Final = number_columns(Evidence)
+
+NUMBERS: Final = RecordLayout({"class_id": _CLASS_ID, **_EVIDENCE})
+
+CHANNEL_NUMBERS: Final = RecordLayout(number_columns(ChannelNumbers))
+
+
 def pack_numbers(evidence: Evidence, class_ids: Sequence[int]) -> bytes:
     """Pack evidence; `class_ids` are the database's ids of ``evidence.class_names``."""
-    record = np.zeros(len(evidence), NUMBERS)
+    record = np.zeros(len(evidence), NUMBERS.dtype)
     record["class_id"] = np.asarray(class_ids, np.int32)[evidence.class_index]
-    for name in _SCALARS:
-        record[name] = getattr(evidence, name)
-    record["xyxy"] = np.nan if evidence.xyxy is None else evidence.xyxy
+    for name, column in _EVIDENCE.items():
+        values = getattr(evidence, name)
+        record[name] = column.missing if values is None else values
     return record.tobytes()
 
 
-def unpack_numbers(packed: Sequence[bytes]) -> NDArray[np.void]:
-    """The records of many frames, one after the other, without a copy per box."""
-    return np.frombuffer(b"".join(packed), NUMBERS)
+def unpack_numbers(packed: Sequence[bytes], counts: Sequence[int]) -> NDArray[np.void]:
+    """The records of many frames, one after the other; `counts` are their boxes."""
+    return NUMBERS.read(packed, counts)
 
 
 def to_evidence(
@@ -86,15 +146,11 @@ def to_evidence(
     """Evidence whose classes are named again; without what the channels say."""
     index_of = np.full(max(class_ids, default=0) + 1, -1, np.int32)
     index_of[list(class_ids)] = np.arange(len(class_ids), dtype=np.int32)
-    columns: dict[str, Any] = {
-        name: np.ascontiguousarray(record[name]) for name in _SCALARS
-    }
     return Evidence(
         class_names=tuple(class_names),
         class_index=index_of[record["class_id"]],
-        xyxy=np.ascontiguousarray(record["xyxy"]),
         tag_counts=tag_counts,
-        **columns,
+        **_columns(record, _EVIDENCE),
     )
 
 
@@ -102,8 +158,8 @@ def pack_channels(numbers: ChannelNumbers | None) -> bytes | None:
     """What the channels say; None if none was measured."""
     if numbers is None:
         return None
-    record = np.zeros(len(numbers), CHANNEL_NUMBERS)
-    for name in CHANNEL_NUMBERS.names or ():
+    record = np.zeros(len(numbers), CHANNEL_NUMBERS.dtype)
+    for name in CHANNEL_NUMBERS.columns:
         record[name] = getattr(numbers, name)
     return record.tobytes()
 
@@ -117,20 +173,18 @@ def unpack_channels(
     """
     if not any(packed):
         return None
-    absent = ChannelNumbers.absent(1)
-    empty = np.zeros(1, CHANNEL_NUMBERS)
-    for name in CHANNEL_NUMBERS.names or ():
-        empty[name] = getattr(absent, name)
-    parts = [
-        np.repeat(empty, boxes) if not one else np.frombuffer(one, CHANNEL_NUMBERS)
-        for one, boxes in zip(packed, counts, strict=True)
-    ]
-    record = np.concatenate(parts)
-    columns = {
-        name: np.ascontiguousarray(record[name]) for name in CHANNEL_NUMBERS.names or ()
+    record = CHANNEL_NUMBERS.read(packed, counts)
+    return ChannelNumbers(**_columns(record, CHANNEL_NUMBERS.columns))
+
+
+def _columns(
+    record: NDArray[np.void], columns: Mapping[str, NumberColumn]
+) -> dict[str, Any]:
+    """Each column by itself, in the type that it has in memory."""
+    return {
+        name: np.ascontiguousarray(record[name], column.dtype)
+        for name, column in columns.items()
     }
-    columns["explained_by"] = columns["explained_by"].astype(np.int64)
-    return ChannelNumbers(**columns)
 
 
 def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:

@@ -8,7 +8,7 @@ kept boxes and downwards for rejected ones: a page is a merge of these streams.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -59,6 +59,11 @@ class BoxOrder:
             known = Decision.match_percent.is_not(None)
             column = self._column(Decision.match_percent)
             return [Stream(column, [*every, known], sign=sign)]
+        if self.wanted.margin_max is not None:
+            return [
+                Stream(Decision.match_percent, conditions, sign=sign)
+                for _, conditions in self._sides([], self.wanted.margin_max)
+            ]
         return [
             Stream(
                 Decision.match_percent,
@@ -168,29 +173,39 @@ class BoxOrder:
         if self.wanted.only_answered:
             every = [*self.wanted.conditions(), *conditions]
             return self._around_answered(every, within)
-        # Along one side of one threshold a margin is an end of the stream. As the
-        # filter says it, every row would be held against all sides of all classes.
         margins = (within, self.wanted.margin_max)
         within = min((each for each in margins if each is not None), default=None)
-        every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
         return [
             Stream(
                 Decision.match_percent,
-                [
-                    *every,
-                    Decision.class_id == wanted.class_id,
-                    Decision.large.is_(side.large),
-                    Decision.reason == int(side.reason),
-                    *_bounds(side, within),
-                    *([] if rare or side.large else self.wanted.unanswered()),
-                ],
+                [*each, *([] if rare or side.large else self.wanted.unanswered())],
                 side.threshold,
                 side.sign,
             )
-            for wanted in self._thresholds()
-            for side in wanted.sides()
-            if self._occurs(side)
+            for side, each in self._sides(conditions, within)
         ]
+
+    def _sides(
+        self, conditions: Sequence[ColumnElement[bool]], within: float | None
+    ) -> Iterator[tuple[Side, list[ColumnElement[bool]]]]:
+        """Each side of each class's thresholds, and the conditions of its boxes.
+
+        Along one side of one threshold a margin is an end of the index. As the filter
+        says it, every row would be held against all sides of all classes.
+        """
+        every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
+        for wanted in self._thresholds():
+            for side in filter(self._occurs, wanted.sides()):
+                yield (
+                    side,
+                    [
+                        *every,
+                        Decision.class_id == wanted.class_id,
+                        Decision.large.is_(side.large),
+                        Decision.reason == int(side.reason),
+                        *_bounds(side, within),
+                    ],
+                )
 
     def _around_answered(
         self, every: Sequence[ColumnElement[bool]], within: float | None

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.db.bulk import Written, chunks, update_rows
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
-from app.db.tables import Decision, Flips
+from app.db.tables import Box, Decision, Flips
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
 from app.repositories.datasets import is_deleted
@@ -84,6 +84,22 @@ class DecisionRepository:
     def of_frames(self, frame_ids: Iterable[int]) -> dict[int, CurrentRow]:
         """Current decisions of the boxes of frames."""
         return self._fetch(Decision.frame_id.in_(list(frame_ids)))
+
+    def answered_sources(
+        self, frame_ids: Iterable[int]
+    ) -> dict[int, list[tuple[str, str | None]]]:
+        """The sender's own ids of boxes and their answers, in order, by frame."""
+        frames = list(frame_ids)
+        found: dict[int, list[tuple[str, str | None]]] = {key: [] for key in frames}
+        rows = (
+            select(Decision.frame_id, Box.source_id, Decision.review)
+            .join(Box, Box.id == Decision.box_id)
+            .where(Decision.frame_id.in_(frames))
+            .order_by(Decision.box_id)
+        )
+        for frame_id, source_id, review in self._session.execute(rows):
+            found[frame_id].append((source_id, review))
+        return found
 
     def per_frame(self, frame_ids: Sequence[int]) -> dict[int, list[TallyRow]]:
         """Tallies of single frames."""

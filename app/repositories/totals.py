@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from app.db.tables import Blob, Dataset, Export, Run, Tally
 from app.repositories.datasets import is_there
 
-_STATES: Final = ("queued", "running", "done", "failed", "cancelled")
+STATES: Final = ("queued", "running", "done", "failed", "cancelled")
 
 
 class BlobTotals(NamedTuple):
@@ -46,7 +46,7 @@ class Totals:
         """Runs and exports by kind and state, those that are over as well."""
         found: dict[tuple[str, str], int] = {}
         for kind, table in (("run", Run), ("export", Export)):
-            found |= {(kind, state): 0 for state in _STATES}
+            found |= {(kind, state): 0 for state in STATES}
             rows = (
                 select(table.state, func.count())
                 .join(Dataset, Dataset.id == table.dataset_id)

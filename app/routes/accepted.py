@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import Response
-from fastapi.responses import JSONResponse
 from sqlalchemy.orm import Session
 
-from app.db.tables import Run
+from app.db import tables
+from app.schemas.pages import written
 from app.services.context import ServiceContext
 from app.services.run_states import described_run
+from unghost.wire.runs import Run
 
 
-def accepted_run(context: ServiceContext, session: Session, run: Run) -> Response:
+def accepted_run(
+    context: ServiceContext, session: Session, run: tables.Run
+) -> Response:
     """202 with the run, and where to ask for it."""
     return accepted(described_run(context, session, run))
 
 
-def accepted(run: Mapping[str, Any]) -> Response:
+def accepted(run: Run) -> Response:
     """202 with a run that is described already."""
-    headers = {"Location": f"/api/v1/runs/{run['id']}"}
-    return JSONResponse(run, status_code=202, headers=headers)
+    return written(run, 202, {"Location": f"/api/v1/runs/{run.id}"})

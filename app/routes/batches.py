@@ -131,7 +131,7 @@ class BatchAnswer(Response):
             self._services.plans.active(session, self._batch.dataset)
 
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
-        places = self._request.app.state.uploads
+        places = self._request.app.state.batches
         intake = BatchIntake(self._services, self._batch, places)
         told: Counter[str] = Counter(stored=0, same=0, refused=0)
         end: dict[str, Any] = {"end": True}

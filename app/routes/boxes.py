@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Depends, Query, Request, Response
 
@@ -11,16 +11,16 @@ from app.repositories.datasets import DatasetRepository
 from app.routes.blobs import drawn_response
 from app.routes.selections import selection_of
 from app.routing import ApiRouter
-from app.schemas.boxes import BoxListQuery, BoxOut, BoxPage
 from app.schemas.pages import page_response
-from app.schemas.pictures import JPEG, TAGGED, CropQuery
-from app.schemas.reviews import HistoryOut
+from app.schemas.pictures import JPEG, TAGGED
 from app.services import boxes
 from app.services.box_counts import count_boxes
 from app.services.box_selection import to_filter
 from app.services.bulk_selection import take_snapshot
 from app.services.history import history
 from app.services.pictures import Drawing, frame_pictures, visible_rectangle
+from unghost.wire.boxes import Box, BoxListQuery, BoxPage, History
+from unghost.wire.frames import CropQuery
 
 router = ApiRouter(prefix="/api/v1", tag="boxes")
 
@@ -45,16 +45,20 @@ def list_boxes(
     return page_response(request, items, cursor, total=total, snapshot=snapshot)
 
 
-@router.get("/boxes/{box_id}", response_model=BoxOut)
-def get_box(box_id: RowId, session: ReadSession) -> dict[str, Any]:
+@router.get("/boxes/{box_id}", response_model=Box)
+def get_box(box_id: RowId, session: ReadSession) -> boxes.NeighbouredDecision:
     """A box, its decision, and the boxes that overlap it."""
     return boxes.with_neighbours(session, box_id)
 
 
-@router.get("/boxes/{box_id}/history", response_model=HistoryOut)
-def get_history(box_id: RowId, session: ReadSession) -> dict[str, Any]:
+@router.get(
+    "/boxes/{box_id}/history",
+    response_model=History,
+    response_model_exclude_unset=True,
+)
+def get_history(box_id: RowId, session: ReadSession) -> History:
     """Decisions of runs and answers of people on a box, newest first."""
-    return {"items": history(session, box_id)}
+    return History(items=tuple(history(session, box_id)))
 
 
 def _crop(

@@ -9,7 +9,8 @@ from fastapi import Depends, Request
 from app.bodies import beside_the_loop
 from app.errors import UnsupportedMedia
 from app.routing import body_up_to
-from filter_core.config.file import LoadedConfig, load_config
+from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
+from unghost.wire.runs import FilterConfigIn
 
 _MEDIA_TYPES: Final = (
     "application/json",
@@ -36,9 +37,18 @@ ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
 def described_config() -> dict[str, Any]:
     """The body for the OpenAPI document."""
     schema = {
-        "type": ["object", "null"],
         "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml; "
         "every key is optional, nothing at all is the defaults.",
+        "anyOf": [
+            {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"},
+            {
+                "type": "object",
+                "required": [CARLASIMU_ROOT],
+                "properties": {CARLASIMU_ROOT: {"type": "object"}},
+                "additionalProperties": False,
+            },
+            {"type": "null"},
+        ],
     }
     content = {name: {"schema": schema} for name in _MEDIA_TYPES[:2]}
     body = {"requestBody": {"required": True, "content": content}}

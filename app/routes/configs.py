@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Path, Response
-from fastapi.responses import JSONResponse
 
 from app.deps import (
     AppServices,
@@ -21,19 +20,20 @@ from app.routes.config_body import ConfigBody, described_config
 from app.routes.datasets import DatasetName
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter
-from app.schemas.pages import Page
-from app.schemas.runs import ActivateIn, ConfigOut, PreviewIn, PreviewOut, RunOut
+from app.schemas.pages import written
 from app.services.audit import Act
 from app.services.configs import active_version, add_version, describe_version
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.runs import start_after
 from filter_core.config.filter import FilterConfig
+from unghost.wire.model import Page
+from unghost.wire.runs import ActivateIn, ConfigVersion, Preview, PreviewIn, Run
 
 router = ApiRouter(prefix="/api/v1", tag="configs")
 
 
-@router.get("/datasets/{dataset}/configs", response_model=Page[ConfigOut])
+@router.get("/datasets/{dataset}/configs", response_model=Page[ConfigVersion])
 def list_configs(
     dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
@@ -46,8 +46,8 @@ def list_configs(
 @router.post(
     "/datasets/{dataset}/configs",
     status_code=201,
-    response_model=ConfigOut,
-    responses={200: {"model": ConfigOut, "description": "Stored already."}},
+    response_model=ConfigVersion,
+    responses={200: {"model": ConfigVersion, "description": "Stored already."}},
     openapi_extra=described_config(),
 )
 def create_config(
@@ -65,31 +65,28 @@ def create_config(
         author=principal.name,
         unused_keys=body.unused_keys,
     )
-    return JSONResponse(
-        describe_version(found, version),
-        status_code=201 if created else 200,
-        headers={"Location": f"/api/v1/configs/{version.digest}"},
-    )
+    where = {"Location": f"/api/v1/configs/{version.digest}"}
+    return written(describe_version(found, version), 201 if created else 200, where)
 
 
-@router.get("/configs/{digest}", response_model=ConfigOut)
+@router.get("/configs/{digest}")
 def get_config(
     digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], session: ReadSession
-) -> dict[str, Any]:
+) -> ConfigVersion:
     """A version by its digest."""
     version = ConfigRepository(session).with_digest(digest)
     dataset = DatasetRepository(session).with_id(version.dataset_id)
     return describe_version(dataset, version)
 
 
-@router.get("/datasets/{dataset}/config", response_model=ConfigOut)
-def get_active_config(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
+@router.get("/datasets/{dataset}/config")
+def get_active_config(dataset: DatasetName, session: ReadSession) -> ConfigVersion:
     """The version that decides now."""
     found = DatasetRepository(session).named(dataset)
     return describe_version(found, active_version(session, found))
 
 
-@router.put("/datasets/{dataset}/config", status_code=202, response_model=RunOut)
+@router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
 def activate_config(
     dataset: DatasetName,
     body: ActivateIn,
@@ -106,12 +103,12 @@ def activate_config(
     return accepted_run(services, session, run)
 
 
-@router.post("/datasets/{dataset}/preview", response_model=PreviewOut)
+@router.post("/datasets/{dataset}/preview")
 def preview_config(
     dataset: DatasetName, body: PreviewIn, session: ReadSession, services: AppServices
-) -> Response:
+) -> Preview:
     """What a configuration would decide; nothing is written, no pixel is read."""
     found = DatasetRepository(session).named(dataset)
-    config = FilterConfig.from_mapping(body.config)
+    config = FilterConfig.from_mapping(body.config.root)
     limits = PreviewLimits(flips=body.limit, bins=body.bins)
-    return JSONResponse(preview(services, session, found, config, limits))
+    return preview(services, session, found, config, limits)

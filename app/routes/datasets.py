@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import Path, Query, Request, Response
 
+from app.db.tables import Problem
 from app.deps import (
     ADMIN,
     AppServices,
@@ -21,19 +22,17 @@ from app.routes.newest_first import Newest
 from app.routing import ApiRouter
 from app.schemas.datasets import (
     DatasetIn,
-    DatasetOut,
     DatasetPatch,
-    HistogramOut,
-    ProblemOut,
-    StatsOut,
 )
-from app.schemas.pages import Cursor, Limit, Page, page_response
-from app.schemas.runs import RunOut
+from app.schemas.pages import Cursor, Limit, page_response
 from app.services import datasets
 from app.services.audit import Act
 from app.services.measuring import DatasetReading
 from app.services.preview import current_histogram
 from app.services.runs import start_after
+from unghost.wire import datasets as wire
+from unghost.wire.model import Page
+from unghost.wire.runs import Run
 
 router = ApiRouter(prefix="/api/v1", tag="datasets")
 
@@ -43,26 +42,24 @@ Confirmation = Annotated[
 ]
 
 
-@router.get("/datasets", response_model=Page[DatasetOut])
+@router.get("/datasets", response_model=Page[wire.Dataset])
 def list_datasets(
     request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
 ) -> Response:
     """Datasets by name, with their counts."""
     found = DatasetRepository(session).page(after=cursor or "", limit=limit + 1)
     items = [datasets.describe_dataset(session, one) for one in found[:limit]]
-    return page_response(
-        request, items, items[-1]["name"] if len(found) > limit else None
-    )
+    return page_response(request, items, items[-1].name if len(found) > limit else None)
 
 
-@router.post("/datasets", status_code=201, response_model=DatasetOut)
+@router.post("/datasets", status_code=201, response_model=wire.Dataset)
 def create_dataset(
     body: DatasetIn,
     response: Response,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
-) -> dict[str, Any]:
+) -> wire.Dataset:
     """Make a dataset; its first configuration is the service's own."""
     mask = body.ignore_mask
     reading = DatasetReading(
@@ -82,8 +79,8 @@ def create_dataset(
     return datasets.describe_dataset(session, dataset)
 
 
-@router.get("/datasets/{dataset}", response_model=DatasetOut)
-def get_dataset(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
+@router.get("/datasets/{dataset}", response_model=wire.Dataset)
+def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
     """A dataset and where it stands."""
     found = DatasetRepository(session).named(dataset)
     return datasets.describe_dataset(session, found)
@@ -91,8 +88,8 @@ def get_dataset(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
 
 @router.patch(
     "/datasets/{dataset}",
-    response_model=DatasetOut,
-    responses={202: {"model": RunOut, "description": "Measured again first."}},
+    response_model=wire.Dataset,
+    responses={202: {"model": Run, "description": "Measured again first."}},
 )
 def change_dataset(
     dataset: DatasetName,
@@ -132,29 +129,33 @@ def delete_dataset(
     return Response(status_code=204)
 
 
-@router.get("/datasets/{dataset}/stats", response_model=StatsOut)
-def get_stats(dataset: DatasetName, session: ReadSession) -> dict[str, Any]:
+@router.get("/datasets/{dataset}/stats", response_model=wire.Stats)
+def get_stats(dataset: DatasetName, session: ReadSession) -> wire.Stats:
     """Everything that can be counted without looking at a box."""
     return datasets.statistics(session, DatasetRepository(session).named(dataset))
 
 
-@router.get("/datasets/{dataset}/histogram", response_model=HistogramOut)
+@router.get("/datasets/{dataset}/histogram", response_model=wire.Histogram)
 def get_histogram(
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
     bins: Annotated[int, Query(ge=2, le=200)] = 50,
-) -> dict[str, Any]:
+) -> wire.Histogram:
     """match_percent per class, with the thresholds of the active configuration."""
     found = DatasetRepository(session).named(dataset)
     return current_histogram(services, session, found, bins)
 
 
-@router.get("/datasets/{dataset}/problems", response_model=Page[ProblemOut])
+@router.get("/datasets/{dataset}/problems", response_model=Page[wire.RefusedFrame])
 def list_problems(
     dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Frames that were refused and have not come in since, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = ProblemRepository(session).page(found.id, wanted.page)
-    return wanted.answer(rows, datasets.describe_problem)
+    return wanted.answer(rows, _refused)
+
+
+def _refused(problem: Problem) -> wire.RefusedFrame:
+    return wire.RefusedFrame.model_validate(problem, from_attributes=True)

@@ -5,22 +5,21 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import Query, Response
-from fastapi.responses import JSONResponse
 
 from app.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
 from app.repositories.datasets import DatasetRepository
 from app.routes.accepted import accepted_run
 from app.routes.datasets import DatasetName
 from app.routing import ApiRouter
-from app.schemas.evaluations import EvaluationOut, EvaluationQuery
-from app.schemas.runs import RunOut
 from app.services.evaluations import evaluation, request_evaluation
 from app.services.runs import start_after
+from unghost.wire.quality import Evaluation, EvaluationQuery
+from unghost.wire.runs import Run
 
 router = ApiRouter(prefix="/api/v1", tag="evaluations")
 
 
-@router.post("/datasets/{dataset}/evaluations", status_code=202, response_model=RunOut)
+@router.post("/datasets/{dataset}/evaluations", status_code=202, response_model=Run)
 def create_evaluation(
     dataset: DatasetName,
     session: WriteSession,
@@ -34,13 +33,13 @@ def create_evaluation(
     return accepted_run(services, session, run)
 
 
-@router.get("/datasets/{dataset}/evaluations", response_model=EvaluationOut)
+@router.get("/datasets/{dataset}/evaluations")
 def get_evaluation(
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
     query: Annotated[EvaluationQuery, Query()],
-) -> Response:
+) -> Evaluation:
     """Precision, recall and F1 of every measured channel, from the numbers at hand."""
     found = DatasetRepository(session).named(dataset)
-    return JSONResponse(evaluation(services, session, found, query.truth))
+    return evaluation(services, session, found, query.truth)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing
@@ -120,5 +119,5 @@ async def _may_read(request: Request) -> bool:
 
 
 def _event(event: JobEvent) -> bytes:
-    data = json.dumps(event.state, ensure_ascii=False, separators=(",", ":"))
+    data = event.state.model_dump_json()
     return f"event: {event.name}\nid: {event.number}\ndata: {data}\n\n".encode()

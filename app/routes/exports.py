@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import JSONResponse
-from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
-from app.db.tables import Export
+from app.db import tables
 from app.deps import (
     AppServices,
     Audited,
@@ -27,9 +24,8 @@ from app.routes.datasets import DatasetName
 from app.routes.event_stream import LastEventId, events_of, watch
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter, OpenRouter
-from app.schemas.pages import Page
+from app.schemas.pages import written
 from app.schemas.pictures import RESUMABLE, file_of
-from app.schemas.runs import ExportIn, ExportOut
 from app.security import Role
 from app.services import access
 from app.services.audit import Act
@@ -43,19 +39,13 @@ from app.services.exports import (
     finished_file,
     request_export,
 )
-from app.services.timestamps import rfc3339
+from unghost.wire.model import Page
+from unghost.wire.runs import DownloadLink, Export, ExportIn
 
 inside = ApiRouter(prefix="/api/v1", tag="exports")
 # Whoever may download may have an address to download from.
 addresses = ApiRouter(prefix="/api/v1", tag="exports", write=Role.VIEWER)
 by_address = OpenRouter(prefix="/api/v1", tag="exports")
-
-
-class LinkOut(BaseModel):
-    """Where the file of one export can be had without a token, and until when."""
-
-    url: str
-    expires_at: datetime
 
 
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
@@ -64,7 +54,7 @@ _ARCHIVE: dict[int | str, dict[str, Any]] = {
 }
 
 
-@inside.get("/datasets/{dataset}/exports", response_model=Page[ExportOut])
+@inside.get("/datasets/{dataset}/exports", response_model=Page[Export])
 def list_exports(
     dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
@@ -74,7 +64,7 @@ def list_exports(
     return wanted.answer(rows, lambda export: describe_export(export, dataset))
 
 
-@inside.post("/datasets/{dataset}/exports", status_code=202, response_model=ExportOut)
+@inside.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
 def create_export(
     dataset: DatasetName,
     body: ExportIn,
@@ -90,7 +80,7 @@ def create_export(
     return _accepted(export, dataset)
 
 
-@inside.post("/exports/{export_id}/cancel", status_code=202, response_model=ExportOut)
+@inside.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)
 def stop_export(
     export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
@@ -101,16 +91,13 @@ def stop_export(
     return _accepted(export, dataset)
 
 
-def _accepted(export: Export, dataset: str) -> Response:
-    return JSONResponse(
-        describe_export(export, dataset),
-        status_code=202,
-        headers={"Location": f"/api/v1/exports/{export.id}"},
-    )
+def _accepted(export: tables.Export, dataset: str) -> Response:
+    where = {"Location": f"/api/v1/exports/{export.id}"}
+    return written(describe_export(export, dataset), 202, where)
 
 
-@inside.get("/exports/{export_id}", response_model=ExportOut)
-def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
+@inside.get("/exports/{export_id}")
+def get_export(export_id: RowId, session: ReadSession) -> Export:
     """An export and how far it is."""
     export = ExportRepository(session).with_id(export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
@@ -120,7 +107,7 @@ def get_export(export_id: RowId, session: ReadSession) -> dict[str, Any]:
 @inside.get(
     "/exports/{export_id}/events",
     response_class=Response,
-    responses=events_of(ExportOut, "export"),
+    responses=events_of(Export, "export"),
 )
 async def watch_export(
     export_id: RowId,
@@ -146,7 +133,7 @@ def download_export(
 
 
 @addresses.post(
-    "/exports/{export_id}/download-links", status_code=201, response_model=LinkOut
+    "/exports/{export_id}/download-links", status_code=201, response_model=DownloadLink
 )
 def create_download_link(
     export_id: RowId,
@@ -163,11 +150,8 @@ def create_download_link(
     key, ends = access.make_link(session, principal.token_id, export_id)
     url = f"/api/v1/exports/{export_id}/file?key={key}"
     # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
-    return JSONResponse(
-        {"url": url, "expires_at": rfc3339(ends)},
-        status_code=201,
-        headers={"Cache-Control": "no-store"},
-    )
+    link = DownloadLink(url=url, expires_at=ends)
+    return written(link, 201, {"Cache-Control": "no-store"})
 
 
 @by_address.get(

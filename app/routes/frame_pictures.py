@@ -11,10 +11,11 @@ from app.deps import AppServices, ReadSession, RowId
 from app.head_requests import asks_for_head
 from app.routes.blobs import drawn_response, file_response, known_response
 from app.routing import ApiRouter
-from app.schemas.pictures import FILE, JPEG, PICTURE, RESUMABLE, TAGGED, OverlayQuery
+from app.schemas.pictures import FILE, JPEG, PICTURE, RESUMABLE, TAGGED
 from app.services.drawing import DrawnBox
-from app.services.frames import describe_frame, frame_file
+from app.services.frames import decisions_of, frame_file
 from app.services.pictures import Drawing, frame_pictures
+from unghost.wire.frames import OverlayQuery
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
@@ -56,7 +57,7 @@ def _overlay(
     wanted = query.verdicts()
     with services.database.read() as session:
         found = frame_pictures(services.storage, session, frame_id)
-        shown = describe_frame(session, frame_id)["boxes"] if wanted else []
+        shown = decisions_of(session, frame_id) if wanted else []
     boxes = [
         DrawnBox(one["effective_verdict"], one["xyxy"], one["edges"])
         for one in shown

@@ -17,7 +17,6 @@ from app.deps import (
     CurrentPrincipal,
     ReadSession,
     RowId,
-    UploadSession,
     make_room,
 )
 from app.draining import stopping
@@ -28,14 +27,15 @@ from app.routes.datasets import DatasetName
 from app.routes.frame_upload import ANNOTATION, FrameParts, described_body
 from app.routes.selections import selection_of
 from app.routing import ApiRouter, has_left
-from app.schemas.boxes import FrameListQuery
-from app.schemas.frames import FrameOut, FrameSummary, StoredFrameOut
-from app.schemas.pages import Page, page_response, written
+from app.schemas.pages import page_response, written
 from app.services import frames
 from app.services.box_selection import to_filter
+from app.services.context import ServiceContext
 from app.services.frame_keys import checked_key
-from app.services.incoming import ReadyFrame
 from app.services.ingest import FrameUpload, prepare_frame, store_frame
+from unghost.wire.boxes import FrameListQuery
+from unghost.wire.frames import Frame, FrameSummary, StoredFrame
+from unghost.wire.model import Page
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
@@ -55,28 +55,29 @@ async def frame_upload(
     return FrameUpload(checked_key(key), parts[ANNOTATION], files, principal, replace)
 
 
-async def ready_frame(
+@router.put(
+    "/datasets/{dataset}/frames/{key:any}",
+    status_code=201,
+    response_model=StoredFrame,
+    responses={200: {"model": StoredFrame, "description": "Stored already."}},
+    openapi_extra=described_body(),
+)
+async def put_frame(
     request: Request,
     dataset: DatasetName,
     upload: Annotated[FrameUpload, Depends(frame_upload)],
     services: AppServices,
-) -> ReadyFrame | int:
-    """A frame that is checked and measured, or the id that it is stored under already.
-
-    Before the request takes a place among those that write: a frame may take long. The
-    threads are its own, because all shared ones might wait for such frames.
-
-    Raises
-    ------
-    ClientDisconnect
-        The client left before the frame was measured, which ends with it.
-    """
-    places: CapacityLimiter = request.app.state.preparing
+) -> Response:
+    """Store a frame: measured, decided and durable before this is answered."""
+    # One thread does all of it, out of some that only uploads have: the shared ones
+    # might all wait for frames that take long, and to change threads costs as much as
+    # to decide a frame.
+    places: CapacityLimiter = request.app.state.uploads
     given_up = threading.Event()
     watching = asyncio.ensure_future(_tell_when_left(request, given_up))
     try:
         return await to_thread.run_sync(
-            prepare_frame, services, dataset, upload, given_up, limiter=places
+            _store, services, dataset, upload, given_up, limiter=places
         )
     except GivenUp:
         raise (ClientDisconnect if given_up.is_set() else stopping)() from None
@@ -89,22 +90,16 @@ async def _tell_when_left(request: Request, given_up: threading.Event) -> None:
     given_up.set()
 
 
-@router.put(
-    "/datasets/{dataset}/frames/{key:any}",
-    status_code=201,
-    response_model=StoredFrameOut,
-    responses={200: {"model": StoredFrameOut, "description": "Stored already."}},
-    openapi_extra=described_body(),
-)
-def put_frame(
-    dataset: DatasetName,
-    ready: Annotated[ReadyFrame | int, Depends(ready_frame)],
-    session: UploadSession,
-    services: AppServices,
+def _store(
+    services: ServiceContext,
+    dataset: str,
+    upload: FrameUpload,
+    given_up: threading.Event,
 ) -> Response:
-    """Store a frame: measured, decided and durable before this is answered."""
-    stored = store_frame(services, session, dataset, ready)
-    session.commit()  # before the answer is made: that takes as long as all the rows
+    ready = prepare_frame(services, dataset, upload, given_up)
+    with services.database.write() as session:
+        stored = store_frame(services, session, dataset, ready)
+    # Made when others may write again: it takes as long as all the rows.
     if stored.describe is not None:
         answer = stored.describe()
     else:
@@ -133,7 +128,7 @@ def list_frames(
     return page_response(request, frames.frame_summaries(session, found, rows), cursor)
 
 
-@router.get("/datasets/{dataset}/frames/{key:any}", response_model=FrameOut)
+@router.get("/datasets/{dataset}/frames/{key:any}", response_model=Frame)
 def get_frame_by_key(
     dataset: DatasetName, key: FrameKey, session: ReadSession
 ) -> Response:
@@ -158,7 +153,7 @@ def delete_frame(
     return Response(status_code=204)
 
 
-@router.get("/frames/{frame_id}", response_model=FrameOut)
+@router.get("/frames/{frame_id}", response_model=Frame)
 def get_frame(frame_id: RowId, session: ReadSession) -> Response:
     """A frame with its boxes, their evidence, decisions and answers."""
     return written(frames.describe_frame(session, frame_id))

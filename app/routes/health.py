@@ -7,7 +7,6 @@ from typing import Final
 
 from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse
-from pydantic import BaseModel
 
 from app.connections import Connections
 from app.deps import AppServices
@@ -17,29 +16,9 @@ from app.routing import ApiRouter, OpenRouter
 from app.services.gauges import gauges
 from app.services.readiness import Readiness
 from app.version import VERSION
+from unghost.wire.access import Alive, Ready, Version
 
 PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
-
-
-class Alive(BaseModel):
-    """The process answers."""
-
-    status: str = "ok"
-
-
-class Ready(BaseModel):
-    """The service can work, and what each check found."""
-
-    ready: bool
-    checks: dict[str, str]
-
-
-class Version(BaseModel):
-    """What is running."""
-
-    version: str
-    api: str
-    python: str
 
 
 probes = OpenRouter(tag="health")

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from app.deps import ReadSession
 from app.repositories.datasets import DatasetRepository
 from app.repositories.known_frames import known_frames
 from app.routes.datasets import DatasetName
 from app.routing import ApiRouter
-from app.schemas.known_frames import KnownFramesIn, KnownFramesOut
+from unghost.wire.frames import KnownFrame, KnownFrames, KnownFramesIn
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
-@router.post("/datasets/{dataset}/known-frames", response_model=KnownFramesOut)
+@router.post("/datasets/{dataset}/known-frames", response_model=KnownFrames)
 def find_known_frames(
     dataset: DatasetName, body: KnownFramesIn, session: ReadSession
-) -> dict[str, Any]:
+) -> KnownFrames:
     """Which of up to 1000 keys are stored, each with the digest of its content."""
     found = DatasetRepository(session).named(dataset)
-    items = known_frames(session, found.id, body.keys)
-    return {"items": [item._asdict() for item in items]}
+    rows = known_frames(session, found.id, body.keys)
+    return KnownFrames(items=tuple(KnownFrame(**row._asdict()) for row in rows))

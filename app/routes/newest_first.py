@@ -11,6 +11,7 @@ from fastapi import Depends, Query, Request, Response
 from app.deps import MAX_ID
 from app.repositories.newest import NewestPage, Row
 from app.schemas.pages import Limit, page_response
+from unghost.wire.model import ResponseModel
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,9 @@ class NewestFirst:
     page: NewestPage
 
     def answer(
-        self, rows: Sequence[Row], describe: Callable[[Row], Mapping[str, Any]]
+        self,
+        rows: Sequence[Row],
+        describe: Callable[[Row], Mapping[str, Any] | ResponseModel],
     ) -> Response:
         """The rows that `newest` found for this page."""
         listed = rows[: self.page.limit]

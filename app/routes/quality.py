@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Query, Response
-from fastapi.responses import JSONResponse
+from fastapi import Query
 
 from app.deps import AppServices, ReadSession
 from app.repositories.datasets import DatasetRepository
 from app.routes.datasets import DatasetName
 from app.routing import ApiRouter
-from app.schemas.quality import QualityOut, QualityQuery
 from app.services.quality import quality
 from filter_core.evaluation.thresholds import Goal
+from unghost.wire.quality import Quality, QualityQuery
 
 router = ApiRouter(prefix="/api/v1", tag="quality")
 
 
-@router.get("/datasets/{dataset}/quality", response_model=QualityOut)
+@router.get("/datasets/{dataset}/quality")
 def get_quality(
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
     query: Annotated[QualityQuery, Query()],
-) -> Response:
+) -> Quality:
     """The filter against people or instances, agreement, suggested thresholds."""
     found = DatasetRepository(session).named(dataset)
     asked = (query.truth, Goal(query.target, query.recall))
-    return JSONResponse(quality(services, session, found, asked))
+    return quality(services, session, found, asked)

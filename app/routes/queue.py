@@ -10,13 +10,13 @@ from app.routes.datasets import DatasetName
 from app.routes.selections import selection_of
 from app.routing import ApiRouter
 from app.schemas.pages import written
-from app.schemas.queue import QueueIn, QueueOut
 from app.services.queue import QueueRequest, next_boxes, outlook
+from unghost.wire.boxes import Queue, QueueIn
 
 router = ApiRouter(prefix="/api/v1", tag="queue")
 
 
-@router.post("/datasets/{dataset}/queue", response_model=QueueOut)
+@router.post("/datasets/{dataset}/queue", response_model=Queue)
 def take_from_queue(
     dataset: DatasetName,
     body: QueueIn,

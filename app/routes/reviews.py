@@ -12,17 +12,17 @@ from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessa
 from app.repositories.datasets import DatasetRepository
 from app.routes.selections import selection_of
 from app.routing import ApiRouter, committed
-from app.schemas.reviews import BulkIn, BulkOut, ReviewIn, ReviewOut, UndoOut
 from app.services import reviews
 from app.services.audit import Act
 from app.services.boxes import describe_box
 from app.services.bulk_selection import select_boxes
 from app.services.context import ServiceContext
+from unghost.wire.boxes import BulkIn, Review, ReviewBatch, ReviewIn, UndoneBatch
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")
 
 
-@router.post("/boxes/{box_id}/reviews", status_code=201, response_model=ReviewOut)
+@router.post("/boxes/{box_id}/reviews", status_code=201, response_model=Review)
 def create_review(
     box_id: RowId,
     body: ReviewIn,
@@ -37,12 +37,11 @@ def create_review(
     except StaleReview as stale:
         stale.current = describe_box(session, box_id)
         raise
-    found = {**stored.row, "effective_verdict": stored.effective_verdict}
-    content = ReviewOut.model_validate(found).model_dump_json()
+    content = stored.model_dump_json()
     return committed(request, Response(content, 201, media_type="application/json"))
 
 
-@router.post("/reviews/bulk", status_code=201, response_model=BulkOut)
+@router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
 def create_bulk_review(
     body: BulkIn,
     request: Request,
@@ -72,13 +71,13 @@ def create_bulk_review(
         answers=stored.answered,
         skipped=left,
     )
-    content = BulkOut(
+    content = ReviewBatch(
         id=stored.batch.id,
         dataset=dataset.name,
         verdict=stored.batch.verdict,
         count=stored.answered,
-        skipped=stored.skipped,
-        stale=stored.stale,
+        skipped=tuple(stored.skipped),
+        stale=tuple(stored.stale),
     ).model_dump_json()
     headers = {"Location": f"/api/v1/review-batches/{stored.batch.id}"}
     return committed(
@@ -131,7 +130,7 @@ def _boxes(
     )
 
 
-@router.post("/review-batches/{batch_id}/undo", response_model=UndoOut)
+@router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
 def undo_bulk_review(
     batch_id: RowId,
     request: Request,
@@ -158,5 +157,6 @@ def undo_bulk_review(
         answers=undone,
         skipped=len(skipped),
     )
-    content = UndoOut(id=undo.id, undone=undone, skipped=skipped).model_dump_json()
+    done = UndoneBatch(id=undo.id, undone=undone, skipped=tuple(skipped))
+    content = done.model_dump_json()
     return committed(request, Response(content, media_type="application/json"))

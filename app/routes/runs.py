@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Depends, Query, Request, Response
 
-from app.db.tables import Run
+from app.db import tables
 from app.deps import (
     MAX_ID,
     AppServices,
@@ -22,19 +22,20 @@ from app.routes.datasets import DatasetName
 from app.routes.event_stream import LastEventId, events_of, watch
 from app.routes.newest_first import Newest
 from app.routing import ApiRouter
-from app.schemas.pages import Cursor, Limit, Page, linked
-from app.schemas.runs import DiffOut, RunIn, RunOut
+from app.schemas.pages import Cursor, Limit, linked
 from app.services.audit import Act
 from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import describe_run, described_run, job_of
 from app.services.runs import cancel_run, start_after
 from filter_core.config.filter import FilterConfig
+from unghost.wire.model import Page
+from unghost.wire.runs import Diff, Run, RunIn
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
 
 
-@router.get("/datasets/{dataset}/runs", response_model=Page[RunOut])
+@router.get("/datasets/{dataset}/runs", response_model=Page[Run])
 def list_runs(
     dataset: DatasetName, wanted: Newest, session: ReadSession, services: AppServices
 ) -> Response:
@@ -43,13 +44,13 @@ def list_runs(
     rows = RunRepository(session).page(found.id, wanted.page)
     digests = ConfigRepository(session).digests(row.config_id for row in rows)
 
-    def describe(run: Run) -> dict[str, Any]:
+    def describe(run: tables.Run) -> Run:
         return describe_run(services, run, dataset, digests[run.config_id])
 
     return wanted.answer(rows, describe)
 
 
-@router.post("/datasets/{dataset}/runs", status_code=202, response_model=RunOut)
+@router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
 def create_run(
     dataset: DatasetName,
     body: RunIn,
@@ -61,7 +62,7 @@ def create_run(
     found = DatasetRepository(session).named(dataset)
     config = body.config
     wanted = RunRequest(
-        config if isinstance(config, str) else FilterConfig.from_mapping(config),
+        config if isinstance(config, str) else FilterConfig.from_mapping(config.root),
         audit.name,
         activate=body.activate,
     )
@@ -69,21 +70,19 @@ def create_run(
     start_after(services, session)
     answer = described_run(services, session, run)
     if run.activate:
-        activated = {"config": answer["config"], "run": run.id}
+        activated = {"config": answer.config, "run": run.id}
         audit.note(Act.CONFIG_ACTIVATED, dataset, **activated)
     return accepted(answer)
 
 
-@router.get("/runs/{run_id}", response_model=RunOut)
-def get_run(
-    run_id: RowId, session: ReadSession, services: AppServices
-) -> dict[str, Any]:
+@router.get("/runs/{run_id}")
+def get_run(run_id: RowId, session: ReadSession, services: AppServices) -> Run:
     """A run and how far it is."""
     return described_run(services, session, RunRepository(session).with_id(run_id))
 
 
 @router.get(
-    "/runs/{run_id}/events", response_class=Response, responses=events_of(RunOut, "run")
+    "/runs/{run_id}/events", response_class=Response, responses=events_of(Run, "run")
 )
 async def watch_run(
     run_id: RowId,
@@ -95,13 +94,13 @@ async def watch_run(
     return await watch(request, services, job_of(run_id), last_event_id)
 
 
-@router.post("/runs/{run_id}/cancel", status_code=202, response_model=RunOut)
+@router.post("/runs/{run_id}/cancel", status_code=202, response_model=Run)
 def stop_run(
     run_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
     """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
     answer = described_run(services, session, cancel_run(services, session, run_id))
-    audit.note(Act.RUN_CANCELLED, run_id, dataset=answer["dataset"])
+    audit.note(Act.RUN_CANCELLED, run_id, dataset=answer.dataset)
     return accepted(answer)
 
 
@@ -117,22 +116,23 @@ def compared(
         int | None,
         Query(ge=1, le=MAX_ID, description="Another run; else the active one before."),
     ] = None,
-) -> tuple[Run, Run]:
+) -> tuple[tables.Run, tables.Run]:
     """The run to compare with, and the run of the path."""
     return compared_runs(session, run_id, against)
 
 
 @router.get(
     "/runs/{run_id}/diff",
-    response_model=DiffOut,
+    response_model=Diff,
     responses={409: {"description": "One of the runs is not done."}},
 )
 def compare_runs(
-    runs: Annotated[tuple[Run, Run], Depends(compared)],
+    runs: Annotated[tuple[tables.Run, tables.Run], Depends(compared)],
     request: Request,
     session: ReadSession,
     services: AppServices,
     page: Annotated[DiffPage, Depends(diff_page)],
 ) -> Response:
     """Boxes that a run decides otherwise than another, nearest to a threshold first."""
-    return linked(request, run_diff(services, session, runs, page))
+    found = run_diff(services, session, runs, page)
+    return linked(request, found, found.next_cursor)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from app.schemas.reviews import BoxSelection
 from app.services.box_selection import Selection
+from unghost.wire.boxes import BoxSelection
 
 _NAMES = {spec.name for spec in fields(Selection)}
 

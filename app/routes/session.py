@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
-from typing import Annotated, Any, Final
+from datetime import timedelta
+from typing import Final
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
 
-from app.db.access_tables import LoginCode
 from app.deps import (
     AppServices,
     Audited,
@@ -22,66 +19,21 @@ from app.deps import (
 )
 from app.errors import Forbidden
 from app.routing import ApiRouter, OpenRouter
+from app.schemas.pages import written
 from app.security import Principal, Role, comes_from_no_other_page
 from app.services import access
 from app.services.audit import AuditTrail
-from app.services.timestamps import rfc3339
+from unghost.wire.access import LogIn, LoginCode, NewLoginCode, NewSession, Session
 
 PREFIX: Final = "/api/v1"
 # Neither a cache nor the answer kept for an Idempotency-Key may hold a secret.
 NO_STORE: Final = {"Cache-Control": "no-store"}
 
-Secret = Annotated[str, StringConstraints(min_length=1, max_length=200)]
-
-
-class LogIn(BaseModel):
-    """What lets somebody in: a token, or the code of a login link."""
-
-    model_config = ConfigDict(extra="forbid", hide_input_in_errors=True)
-
-    token: Secret | None = None
-    code: Secret | None = None
-
-    @model_validator(mode="after")
-    def _is_one(self) -> LogIn:
-        if (self.token is None) == (self.code is None):
-            raise ValueError("expected either token or code")
-        return self
-
-
-class SessionOut(BaseModel):
-    """Who is asking; the name is the reviewer of the answers given."""
-
-    name: str
-    role: Role
-    expires_at: datetime | None
-
-
-class NewSessionOut(SessionOut):
-    """The one answer that carries the session's secret."""
-
-    session: str
-
-
-class LoginCodeOut(BaseModel):
-    """A login code, without the code."""
-
-    id: int
-    expires_at: datetime
-    used_at: datetime | None
-
-
-class NewLoginCodeOut(LoginCodeOut):
-    """The one answer that carries the code itself."""
-
-    code: str
-
-
 entrance = OpenRouter(prefix=PREFIX, tag="session")
 inside = ApiRouter(prefix=PREFIX, tag="session", write=Role.VIEWER)
 
 
-@entrance.post("/session", status_code=201, response_model=NewSessionOut)
+@entrance.post("/session", status_code=201, response_model=NewSession)
 def log_in(
     body: LogIn,
     request: Request,
@@ -109,17 +61,14 @@ def log_in(
     opened = access.log_in(AuditTrail(writing, principal), by, lifetime)
     found = access.by_session(writing, opened)
     services.last_uses.note(principal.token_id)
-    return JSONResponse(
-        {**_described(writing, found), "session": opened},
-        status_code=201,
-        headers=NO_STORE,
-    )
+    shown = NewSession(**dict(_session(writing, found)), session=opened)
+    return written(shown, 201, NO_STORE)
 
 
-@inside.get("/session", response_model=SessionOut)
-def get_session(session: ReadSession, principal: CurrentPrincipal) -> dict[str, Any]:
+@inside.get("/session")
+def get_session(session: ReadSession, principal: CurrentPrincipal) -> Session:
     """Who is asking, and until when: by a token or by a session of the page."""
-    return _described(session, principal)
+    return _session(session, principal)
 
 
 @inside.delete("/session", status_code=204)
@@ -134,41 +83,32 @@ def log_out(
     return Response(status_code=204)
 
 
-@inside.post("/login-codes", status_code=201, response_model=NewLoginCodeOut)
+@inside.post("/login-codes", status_code=201, response_model=NewLoginCode)
 def create_login_code(audit: Audited) -> Response:
     """A code that logs a page in as whoever asks: once, within ten minutes.
 
     The login link is the service's address followed by `/#code=` and the code.
     """
-    code, secret = access.make_code(audit)
-    return JSONResponse(
-        {**_described_code(code), "code": secret}, status_code=201, headers=NO_STORE
-    )
+    made, secret = access.make_code(audit)
+    code = LoginCode.model_validate(made, from_attributes=True)
+    return written(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
 
 
-@inside.get("/login-codes/{code_id}", response_model=LoginCodeOut)
+@inside.get("/login-codes/{code_id}")
 def get_login_code(
     code_id: RowId, session: ReadSession, principal: CurrentPrincipal
-) -> dict[str, Any]:
+) -> LoginCode:
     """Whether a login code of one's own was used."""
-    return _described_code(access.own_code(session, principal, code_id))
+    code = access.own_code(session, principal, code_id)
+    return LoginCode.model_validate(code, from_attributes=True)
 
 
-def _described(session: ReadSession, principal: Principal) -> dict[str, Any]:
-    ends = access.expiry(session, principal)
-    return {
-        "name": principal.name,
-        "role": principal.role.value,
-        "expires_at": None if ends is None else rfc3339(ends),
-    }
-
-
-def _described_code(code: LoginCode) -> dict[str, Any]:
-    return {
-        "id": code.id,
-        "expires_at": rfc3339(code.expires_at),
-        "used_at": None if code.used_at is None else rfc3339(code.used_at),
-    }
+def _session(session: ReadSession, principal: Principal) -> Session:
+    return Session(
+        name=principal.name,
+        role=principal.role.value,
+        expires_at=access.expiry(session, principal),
+    )
 
 
 router = APIRouter(redirect_slashes=False)

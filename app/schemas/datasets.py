@@ -1,10 +1,9 @@
-"""Datasets as they are sent and answered."""
+"""Datasets as they are sent."""
 
 from __future__ import annotations
 
 from base64 import b64decode
-from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import (
     BaseModel,
@@ -16,13 +15,15 @@ from pydantic import (
 )
 
 from filter_core.images.header import read_image_header
+from filter_core.segmentation.reading import PALETTES, Encoding, Lossy, OrderOfChannels
 
 NAME_PATTERN = r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$"
 
-Palette = Literal["auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"]
-Encoding = Literal["auto", "palette", "raw"]
-ChannelOrder = Literal["auto", "rgb", "bgr"]
-Lossy = Literal["refuse", "nearest"]
+if TYPE_CHECKING:
+    _Palette: TypeAlias = str
+else:
+    # Its values are known when the library has been loaded, not to a type checker.
+    _Palette = Literal[PALETTES]
 ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Description = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
 Pixel = Annotated[float, Field(allow_inf_nan=False)]
@@ -76,9 +77,9 @@ class DatasetIn(BaseModel):
     classes: Annotated[list[ClassName], Field(max_length=1000)] | None = Field(
         default=None, description="Ordered; unset: the eight classes of CARLA."
     )
-    palette: Palette = "auto"
+    palette: _Palette = "auto"
     encoding: Encoding = "auto"
-    channel_order: ChannelOrder = "auto"
+    channel_order: OrderOfChannels = "auto"
     lossy_segmentation: Lossy = "refuse"
     ignore_mask: IgnoreMask | None = None
 
@@ -100,9 +101,9 @@ class DatasetPatch(BaseModel):
     model_config = ConfigDict(extra="forbid", json_schema_extra=_without_null)
 
     description: Description | None = None
-    palette: Palette | None = None
+    palette: _Palette | None = None
     encoding: Encoding | None = None
-    channel_order: ChannelOrder | None = None
+    channel_order: OrderOfChannels | None = None
     lossy_segmentation: Lossy | None = None
     ignore_mask: IgnoreMask | None = Field(default=None, description="null: none.")
 
@@ -112,81 +113,3 @@ class DatasetPatch(BaseModel):
         if value is None and field.field_name != "ignore_mask":
             raise ValueError("expected a value, found null; leave the key out instead")
         return value
-
-
-class DatasetCounts(BaseModel):
-    """How many of what; `to_review` waits for a person."""
-
-    frames: int
-    boxes: int
-    kept: int
-    rejected: int
-    unmeasured: int
-    reviewed: int
-    to_review: int
-    problems: int
-
-
-class DatasetOut(BaseModel):
-    """A dataset and where it stands."""
-
-    name: str
-    description: str
-    classes: list[str]
-    classes_frozen: bool
-    palette: str
-    encoding: str
-    channel_order: str
-    lossy_segmentation: str
-    has_ignore_mask: bool
-    created_at: datetime
-    config: str = Field(description="Digest of the active configuration.")
-    active_run: int
-    thumbnail_frame_id: int | None
-    counts: DatasetCounts
-
-
-class ProblemOut(BaseModel):
-    """A frame that was refused."""
-
-    id: int
-    key: str
-    error: dict[str, Any]
-    created_at: datetime
-
-
-class ClassCounts(BaseModel):
-    """Verdicts of one class."""
-
-    kept: int = 0
-    rejected: int = 0
-    unmeasured: int = 0
-
-
-class StatsOut(BaseModel):
-    """Everything that can be counted without looking at a box."""
-
-    frames: int
-    boxes: int
-    kept: int
-    rejected: int
-    unmeasured: int
-    reviewed: int
-    to_review: int
-    unsure: int
-    conflicts: int
-    toss_ups: int
-    lossy: int
-    effective: ClassCounts
-    by_reason: dict[str, int]
-    by_class: dict[str, ClassCounts]
-    config: str
-    run: int
-
-
-class HistogramOut(BaseModel):
-    """match_percent per class; edges are one more than counts."""
-
-    edges: list[float]
-    classes: dict[str, list[int]]
-    thresholds: dict[str, float]

@@ -1,47 +1,8 @@
-"""Pictures that are drawn on request: what can be asked for."""
+"""Pictures and files as the OpenAPI document describes their answers."""
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
-
-from pydantic import BaseModel, ConfigDict, Field
-
-Layer = Literal["image", "segmentation", "blend"]
-
-
-class CropQuery(BaseModel):
-    """How to cut a box out of its frame."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    layer: Layer = "image"
-    pad: float = Field(
-        default=0.25,
-        ge=0,
-        le=10,
-        allow_inf_nan=False,
-        description="Added on every side, in parts of the box's longer side.",
-    )
-    height: int = Field(default=256, ge=16, le=2048, description="Most pixels high.")
-
-
-class OverlayQuery(BaseModel):
-    """What to draw over a frame."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    layer: Layer = "image"
-    boxes: str = Field(
-        default="kept,rejected,unmeasured",
-        pattern=r"^((kept|rejected|unmeasured)(,(kept|rejected|unmeasured))*)?$",
-        description="Effective verdicts whose boxes are drawn; empty for none.",
-    )
-    edges: Literal["2d", "3d"] = "2d"
-
-    def verdicts(self) -> frozenset[str]:
-        """The verdicts whose boxes are drawn."""
-        return frozenset(self.boxes.split(",")) - {""}
-
+from typing import Any, Final
 
 _UNCHANGED: Final[dict[int | str, dict[str, Any]]] = {
     304: {"description": "What you have is still it."}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.db.access_tables import AuditEntry
 from app.repositories.audit import AuditRepository
 from app.security import Principal
-from app.services.timestamps import rfc3339
 
 SERVICE: Final = "unghost"
 """The actor of what the service did by itself; such an entry has no token."""
@@ -72,16 +71,3 @@ class AuditTrail:
                 details=details,
             )
         )
-
-
-def describe_entry(entry: AuditEntry) -> dict[str, Any]:
-    """An entry as it is answered."""
-    return {
-        "id": entry.id,
-        "created_at": rfc3339(entry.created_at),
-        "actor": entry.actor,
-        "token_id": entry.token_id,
-        "action": entry.action,
-        "subject": entry.subject,
-        "details": entry.details,
-    }

@@ -35,6 +35,7 @@ from app.services.incoming import (
     stored_already,
 )
 from app.services.json_turns import in_turn
+from app.services.pixel_work import MEASURED, SENSORS
 from app.services.refusals import note_problem
 from app.services.room import require_room
 from app.storage import Drafts
@@ -124,14 +125,12 @@ def _light(ready: ReadyFrame) -> ReadyFrame:
     """Without the bytes that are on the disk by now and are not measured."""
     prepared = ready.prepared
     contents = prepared.files.contents
-    needed = {kind: contents[kind] for kind in _MEASURED if kind in contents}
+    kinds = (*MEASURED, *SENSORS)
+    needed = {kind: contents[kind] for kind in kinds if kind in contents}
     files = replace(prepared.files, contents=needed)
     upload = replace(prepared.upload, files={})
     light = PreparedFrame(upload, prepared.annotation, files, prepared.digest)
     return replace(ready, prepared=light)
-
-
-_MEASURED: Final = ("segmentation", "ignore_mask", "depth", "instances", "lidar")
 
 
 def store(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -16,7 +15,7 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.tallies import TallyRepository
-from app.services.decisions import DecisionReader
+from app.services.decisions import DecisionReader, StoredDecision
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class PageRequest:
 
 def list_boxes(
     session: Session, dataset: Dataset, wanted: BoxFilter, page: PageRequest
-) -> tuple[list[dict[str, Any]], str | None]:
+) -> tuple[list[StoredDecision], str | None]:
     """Decisions of one page, and the cursor of the next."""
     present = TallyRepository(session).present(dataset.id)
     pages = BoxPages(session, wanted, present)
@@ -38,7 +37,7 @@ def list_boxes(
     return DecisionReader(session, dataset).of_boxes(ids), cursor
 
 
-def describe_box(session: Session, box_id: int) -> dict[str, Any]:
+def describe_box(session: Session, box_id: int) -> StoredDecision:
     """One decision; NotFound for a box that is not current."""
     row = DecisionRepository(session).rows([box_id]).get(box_id)
     if row is None:
@@ -49,17 +48,23 @@ def describe_box(session: Session, box_id: int) -> dict[str, Any]:
     return decision
 
 
-def with_neighbours(session: Session, box_id: int) -> dict[str, Any]:
+class NeighbouredDecision(StoredDecision):
+    """A decision, and the boxes of its frame that overlap the box."""
+
+    neighbours: list[int]
+
+
+def with_neighbours(session: Session, box_id: int) -> NeighbouredDecision:
     """One decision, and which boxes of its frame overlap it."""
     decision = describe_box(session, box_id)
     frame = FrameRepository(session).with_id(decision["frame_id"], annotation=True)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
     others = DecisionReader(session, dataset).of_frame(frame)
-    return decision | {"neighbours": _overlapping(decision, others)}
+    return {**decision, "neighbours": _overlapping(decision, others)}
 
 
 def _overlapping(
-    decision: Mapping[str, Any], others: Sequence[Mapping[str, Any]]
+    decision: StoredDecision, others: Sequence[StoredDecision]
 ) -> list[int]:
     mine = decision["xyxy"]
     if mine is None:

@@ -8,10 +8,11 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.tables import ConfigVersion, Dataset
+from app.db import tables
+from app.db.tables import Dataset
 from app.repositories.runs import ConfigRepository
-from app.services.timestamps import rfc3339
 from filter_core.config.filter import FilterConfig
+from unghost.wire.runs import ConfigVersion
 
 
 def add_version(
@@ -21,13 +22,13 @@ def add_version(
     *,
     author: str,
     unused_keys: Sequence[str] = (),
-) -> tuple[ConfigVersion, bool]:
+) -> tuple[tables.ConfigVersion, bool]:
     """The version with this content, and whether it is new."""
     configs = ConfigRepository(session)
     known = configs.find(dataset.id, config.digest)
     if known is not None:
         return known, False
-    version = ConfigVersion(
+    version = tables.ConfigVersion(
         dataset_id=dataset.id,
         digest=config.digest,
         body=config.as_dict(),
@@ -37,28 +38,28 @@ def add_version(
     return configs.add(version), True
 
 
-def active_version(session: Session, dataset: Dataset) -> ConfigVersion:
+def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
     """The version whose verdicts are current."""
     if dataset.active_config_id is None:
         raise RuntimeError(f"dataset {dataset.name!r} has no active config")
     return ConfigRepository(session).with_id(dataset.active_config_id)
 
 
-def config_of(version: ConfigVersion) -> FilterConfig:
+def config_of(version: tables.ConfigVersion) -> FilterConfig:
     """A version as the filter takes it; parsed once per process."""
     return _parsed(version.digest, _Body(version.body))
 
 
-def describe_version(dataset: Dataset, version: ConfigVersion) -> dict[str, Any]:
+def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigVersion:
     """A version as it is answered."""
-    return {
-        "digest": version.digest,
-        "config": version.body,
-        "unused_keys": version.unused_keys,
-        "created_by": version.created_by,
-        "created_at": rfc3339(version.created_at),
-        "active": version.id == dataset.active_config_id,
-    }
+    return ConfigVersion(
+        digest=version.digest,
+        config=version.body,
+        unused_keys=tuple(version.unused_keys),
+        created_by=version.created_by,
+        created_at=version.created_at,
+        active=version.id == dataset.active_config_id,
+    )
 
 
 class _Body:

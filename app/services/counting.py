@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from filter_core.config.filter import FilterConfig
 from filter_core.types import Decisions, Evidence, IntArray, Reason, Verdict
+from unghost.wire.datasets import Histogram
+from unghost.wire.runs import Flip, FlipSide
 
 _VERDICTS: Final = tuple(Verdict)
 REASONS: Final = max(Reason) + 1
@@ -56,6 +58,32 @@ def outcome(names: Sequence[str], table: IntArray) -> dict[str, Any]:
     }
 
 
+def flip_of(
+    ids: tuple[int, int], evidence: Evidence, row: int, reasons: tuple[int, int]
+) -> Flip:
+    """A box that is decided otherwise.
+
+    Parameters
+    ----------
+    ids : (int, int)
+        Of the box and of its frame.
+    evidence : Evidence
+        Of the second decision; `row` is the box's.
+    reasons : (int, int)
+        Codes of `Reason`: before, and after.
+    """
+    before, after = (Reason(code) for code in reasons)
+    match = float(evidence.match_percent[row])
+    return Flip(
+        box_id=ids[0],
+        frame_id=ids[1],
+        class_name=evidence.class_names[int(evidence.class_index[row])],
+        match_percent=None if match != match else match,
+        before=FlipSide(verdict=before.verdict.value, reason=before.label),
+        after=FlipSide(verdict=after.verdict.value, reason=after.label),
+    )
+
+
 def match_counts(evidence: Evidence, bins: int) -> IntArray:
     """(classes, bins): measured boxes by match_percent, in equal bins from 0 to 100."""
     match = evidence.match_percent[evidence.measured]
@@ -71,15 +99,15 @@ def match_counts(evidence: Evidence, bins: int) -> IntArray:
 
 def histogram(
     names: Sequence[str], counts: IntArray, config: FilterConfig
-) -> dict[str, Any]:
+) -> Histogram:
     """The counts of classes that occur, with the thresholds of a configuration."""
     limits = config.thresholds_for(names).threshold_small_box
     occurs = np.flatnonzero(counts.sum(axis=1)).tolist()
-    return {
-        "edges": np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),
-        "classes": {names[index]: counts[index].tolist() for index in occurs},
-        "thresholds": {names[index]: float(limits[index]) for index in occurs},
-    }
+    return Histogram(
+        edges=np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),
+        classes={names[index]: counts[index].tolist() for index in occurs},
+        thresholds={names[index]: float(limits[index]) for index in occurs},
+    )
 
 
 def _by_verdict(counts: IntArray) -> dict[str, int]:

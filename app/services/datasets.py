@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.engine import once_committed
-from app.db.tables import Dataset, Problem, Run
+from app.db.tables import Dataset, Run
 from app.errors import BadRequest
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
@@ -28,8 +28,8 @@ from app.services.run_requests import (
     request_run,
 )
 from app.services.statistics import count, summary
-from app.services.timestamps import rfc3339
 from filter_core.config.filter import FilterConfig
+from unghost.wire import datasets as wire
 
 CARLA_CLASSES: Final = (
     "car",
@@ -145,43 +145,33 @@ def remove_dataset(
     once_committed(session, context.something_to_remove.set)
 
 
-def describe_problem(problem: Problem) -> dict[str, Any]:
-    """A frame that was refused, as it is answered."""
-    return {
-        "id": problem.id,
-        "key": problem.key,
-        "error": problem.error,
-        "created_at": rfc3339(problem.created_at),
-    }
-
-
-def describe_dataset(session: Session, dataset: Dataset) -> dict[str, Any]:
+def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
     """A dataset as it is answered."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     frames = FrameRepository(session)
-    return {
-        "name": dataset.name,
-        "description": dataset.description,
-        "classes": list(DatasetRepository(session).classes(dataset.id)),
-        "classes_frozen": dataset.classes_frozen_at is not None,
-        "palette": dataset.palette,
-        "encoding": dataset.encoding,
-        "channel_order": dataset.channel_order,
-        "lossy_segmentation": dataset.lossy_segmentation,
-        "has_ignore_mask": dataset.ignore_mask is not None,
-        "created_at": rfc3339(dataset.created_at),
-        "config": active_version(session, dataset).digest,
-        "active_run": dataset.active_run_id,
-        "thumbnail_frame_id": frames.first_with_image(dataset.id),
-        "counts": {
-            "frames": frames.count(dataset.id),
+    return wire.Dataset(
+        name=dataset.name,
+        description=dataset.description,
+        classes=tuple(DatasetRepository(session).classes(dataset.id)),
+        classes_frozen=dataset.classes_frozen_at is not None,
+        palette=dataset.palette,
+        encoding=dataset.encoding,
+        channel_order=dataset.channel_order,
+        lossy_segmentation=dataset.lossy_segmentation,
+        has_ignore_mask=dataset.ignore_mask is not None,
+        created_at=dataset.created_at,
+        config=active_version(session, dataset).digest,
+        active_run=dataset.active_run_id,
+        thumbnail_frame_id=frames.first_with_image(dataset.id),
+        counts=wire.DatasetCounts(
+            frames=frames.count(dataset.id),
             **summary(counts),
-            "problems": ProblemRepository(session).count(dataset.id),
-        },
-    }
+            problems=ProblemRepository(session).count(dataset.id),
+        ),
+    )
 
 
-def statistics(session: Session, dataset: Dataset) -> dict[str, Any]:
+def statistics(session: Session, dataset: Dataset) -> wire.Stats:
     """Everything that can be counted without looking at a box."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     names = {
@@ -189,18 +179,18 @@ def statistics(session: Session, dataset: Dataset) -> dict[str, Any]:
         for name, key in DatasetRepository(session).classes(dataset.id).items()
     }
     active = ConfigRepository(session).with_id(dataset.active_config_id or 0)
-    return {
-        "frames": FrameRepository(session).count(dataset.id),
+    return wire.Stats(
+        frames=FrameRepository(session).count(dataset.id),
         **summary(counts),
-        "unsure": counts.unsure,
-        "conflicts": counts.conflicts,
-        "toss_ups": counts.toss_ups,
-        "lossy": EvidenceRepository(session).lossy_boxes(
+        unsure=counts.unsure,
+        conflicts=counts.conflicts,
+        toss_ups=counts.toss_ups,
+        lossy=EvidenceRepository(session).lossy_boxes(
             dataset.active_measurement_id or 0
         ),
-        "effective": counts.effective,
-        "by_reason": counts.by_reason,
-        "by_class": {names[key]: of for key, of in counts.by_class.items()},
-        "config": active.digest,
-        "run": dataset.active_run_id,
-    }
+        effective=counts.effective,
+        by_reason=counts.by_reason,
+        by_class={names[key]: of for key, of in counts.by_class.items()},
+        config=active.digest,
+        run=dataset.active_run_id,
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,67 @@ from app.repositories.frames import FrameRepository
 from app.repositories.reviews import LatestReview, ReviewRepository
 from app.services.configs import active_version, config_of
 from app.services.reviews import effective_verdict
+from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
-from filter_core.decisions.record import FrameFacts, decision_dicts, label_dicts
+from filter_core.decisions.record import (
+    Decision,
+    FrameFacts,
+    decided_boxes,
+    decision_dicts,
+)
 from filter_core.decisions.rules import decide
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import NOT_MEASURED, ChannelNumbers, Evidence, FloatArray
+from filter_core.types import (
+    NOT_MEASURED,
+    Answer,
+    ChannelNumbers,
+    DecidedBoxes,
+    Evidence,
+    FloatArray,
+)
+
+_ANSWERS: Final = {
+    None: Answer.NONE,
+    "keep": Answer.KEEP,
+    "reject": Answer.REJECT,
+    "unsure": Answer.UNSURE,
+}
+
+
+class KnownHere(TypedDict):
+    """What the service knows of a box beside its decision."""
+
+    box_id: int
+    frame_id: int
+    run: int
+    config: str
+    revision: int
+    review: CurrentReview | None
+    effective_verdict: str
+
+
+class StoredDecision(Decision, KnownHere):
+    """A decision of a stored box."""
+
+    accepted_tags: list[AcceptedTag]
+
+
+class CurrentReview(TypedDict):
+    """What a person last said of a box."""
+
+    verdict: str
+    reviewer: str
+    revision: int
+    comment: str
+
+
+class AcceptedTag(TypedDict):
+    """A tag whose pixels count for a box."""
+
+    tag: int
+    name: str
+    rgb: list[int]
 
 
 class DecisionReader:
@@ -45,7 +100,7 @@ class DecisionReader:
         self.config: FilterConfig = config_of(self._version)
         self.classes = DatasetRepository(session).classes(dataset.id)
 
-    def of_boxes(self, box_ids: Sequence[int]) -> list[dict[str, Any]]:
+    def of_boxes(self, box_ids: Sequence[int]) -> list[StoredDecision]:
         """Decisions in the order of the ids; boxes that are gone are left out."""
         rows = DecisionRepository(self._session).rows(box_ids)
         frames = FrameRepository(self._session).heads(
@@ -61,26 +116,46 @@ class DecisionReader:
         }
         return [found[box_id] for box_id in box_ids if box_id in found]
 
-    def of_frame(self, frame: Frame) -> list[dict[str, Any]]:
+    def of_frame(self, frame: Frame) -> list[StoredDecision]:
         """Decisions of all boxes of a current frame, in the order they came in."""
         return self.of_frames([frame])[frame.id]
 
-    def of_frames(
-        self, frames: Sequence[Frame], *, whole: bool = True
-    ) -> dict[int, list[dict[str, Any]]]:
-        """Decisions of all boxes of frames; none for a frame that was replaced.
-
-        If they need not be `whole`, they have what formats of labels write: neither
-        sentences nor tags nor edges.
-        """
+    def of_frames(self, frames: Sequence[Frame]) -> dict[int, list[StoredDecision]]:
+        """Decisions of all boxes of frames; none for a frame that was replaced."""
         by_id = {frame.id: frame for frame in frames}
         rows = DecisionRepository(self._session).of_frames(by_id)
         current = {row.frame_id for row in rows.values()}
         wanted = {key: range(by_id[key].box_count) for key in by_id if key in current}
-        found: dict[int, list[dict[str, Any]]] = {key: [] for key in by_id}
-        for decision in self._describe(by_id, wanted, rows, whole=whole):
+        found: dict[int, list[StoredDecision]] = {key: [] for key in by_id}
+        for decision in self._describe(by_id, wanted, rows):
             found[decision["frame_id"]].append(decision)
         return found
+
+    def columns_of_frames(self, frames: Sequence[Frame]) -> dict[int, DecidedBoxes]:
+        """What labels say of all boxes of current frames; none of a frame without."""
+        by_id = {frame.id: frame for frame in frames if frame.box_count}
+        chosen = self._chosen(
+            by_id, {key: range(by_id[key].box_count) for key in by_id}
+        )
+        if not chosen:
+            return {}
+        sources = DecisionRepository(self._session).answered_sources(by_id)
+        numbers, geometry = self._joined(chosen, whole=False)
+        counts = [len(each.positions) for each in chosen]
+        boxes = decided_boxes(
+            [source_id for key in by_id for source_id, _ in sources[key]],
+            numbers,
+            decide(numbers, self.config),
+            geometry,
+            lossy=np.repeat([each.lossy for each in chosen], counts),
+        )
+        said = [_ANSWERS[each] for key in by_id for _, each in sources[key]]
+        boxes = replace(boxes, answer=np.array(said, np.uint8))
+        ends = np.cumsum(counts).tolist()
+        return {
+            each.frame.id: boxes[end - count : end]
+            for each, count, end in zip(chosen, counts, ends, strict=True)
+        }
 
     def palettes(self, frame_ids: Iterable[int]) -> dict[int, str]:
         """Tag families of frames whose segmentations were measured."""
@@ -94,26 +169,18 @@ class DecisionReader:
         frames: Mapping[int, Frame],
         wanted: Mapping[int, Sequence[int]],
         rows: Mapping[int, CurrentRow],
-        *,
-        whole: bool = True,
-    ) -> list[dict[str, Any]]:
+    ) -> list[StoredDecision]:
         """All boxes together: one decision over a page costs as much as one per box."""
         if not rows:
             return []
-        measurement = self._dataset.active_measurement_id or 0
-        evidence = EvidenceRepository(self._session).of_frames(wanted, measurement)
-        chosen = [
-            ChosenBoxes(frames[key], evidence[key], sorted(wanted[key]))
-            for key in wanted
-        ]
+        chosen = self._chosen(frames, wanted)
         ids = [box_id for each in chosen for box_id in each.box_ids]
-        numbers, geometry = self._joined(chosen, whole=whole)
+        numbers, geometry = self._joined(chosen, whole=True)
         facts: list[FrameFacts] = []
         for each in chosen:
-            facts += [self._facts(each, whole=whole)] * len(each.positions)
+            facts += [self._facts(each)] * len(each.positions)
         sources = FrameRepository(self._session).source_ids(ids)
-        compose = decision_dicts if whole else label_dicts
-        decisions = compose(
+        decisions = decision_dicts(
             facts,
             [sources[box_id] for box_id in ids],
             numbers,
@@ -124,13 +191,27 @@ class DecisionReader:
             box_id for box_id in ids if rows[box_id].revision
         )
         masks = numbers.accept_mask.tolist()
-        for decision, box_id, mask, of in zip(
-            decisions, ids, masks, facts, strict=True
-        ):
-            decision |= self._known_here(rows[box_id], reviews.get(box_id))
-            if whole:
-                decision["accepted_tags"] = accepted_tags(of.family, mask)
-        return decisions
+        return [
+            {
+                **decision,
+                **self._known_here(rows[box_id], reviews.get(box_id)),
+                "accepted_tags": accepted_tags(of.family, mask),
+            }
+            for decision, box_id, mask, of in zip(
+                decisions, ids, masks, facts, strict=True
+            )
+        ]
+
+    def _chosen(
+        self, frames: Mapping[int, Frame], wanted: Mapping[int, Sequence[int]]
+    ) -> list[ChosenBoxes]:
+        """Boxes by their frames and their positions in these, with their evidence."""
+        measurement = self._dataset.active_measurement_id or 0
+        evidence = EvidenceRepository(self._session).of_frames(wanted, measurement)
+        return [
+            ChosenBoxes(frames[key], evidence[key], sorted(wanted[key]))
+            for key in wanted
+        ]
 
     def _joined(
         self, chosen: Sequence[ChosenBoxes], *, whole: bool
@@ -146,14 +227,14 @@ class DecisionReader:
             geometry, edges=whole
         )
 
-    def _facts(self, chosen: ChosenBoxes, *, whole: bool) -> FrameFacts:
+    def _facts(self, chosen: ChosenBoxes) -> FrameFacts:
         report = chosen.row.segmentation or {}
         return FrameFacts(
             key=chosen.frame.key,
             config=self.config,
             family=report.get("palette"),
-            lossy=bool(report.get("lossy")),
-            names=self._names(chosen) if whole else {},
+            lossy=chosen.lossy,
+            names=self._names(chosen),
         )
 
     def _names(self, chosen: ChosenBoxes) -> dict[int, tuple[str, str]]:
@@ -166,19 +247,17 @@ class DecisionReader:
             [first + position for position in positions]
         )
         class_of = {number: name for name, number in self.classes.items()}
-        class_ids = unpack_numbers([chosen.row.numbers])["class_id"].tolist()
+        class_ids = chosen.records()["class_id"].tolist()
         return {
             position: (sources[first + position], class_of[class_ids[position]])
             for position in positions
         }
 
-    def _known_here(
-        self, row: CurrentRow, review: LatestReview | None
-    ) -> dict[str, Any]:
+    def _known_here(self, row: CurrentRow, review: LatestReview | None) -> KnownHere:
         return {
             "box_id": row.box_id,
             "frame_id": row.frame_id,
-            "run": self._dataset.active_run_id,
+            "run": self._dataset.active_run_id or 0,
             "config": self._version.digest,
             "revision": row.revision,
             "review": _review(review),
@@ -199,10 +278,18 @@ class ChosenBoxes:
         """The server's ids of these boxes."""
         return [self.frame.first_box_id + position for position in self.positions]
 
+    def records(self) -> NDArray[np.void]:
+        """The stored records of all boxes of the frame."""
+        return unpack_numbers([self.row.numbers], [self.row.box_count])
+
+    @property
+    def lossy(self) -> bool:
+        """Whether their segmentation had lost colours."""
+        return bool((self.row.segmentation or {}).get("lossy"))
+
     def numbers(self) -> NDArray[np.void]:
         """Their records."""
-        record: NDArray[np.void] = unpack_numbers([self.row.numbers])[self.positions]
-        return record
+        return np.asarray(self.records()[self.positions])
 
     def tag_counts(self) -> NDArray[np.int32]:
         """Their tag histograms."""
@@ -257,24 +344,30 @@ def rounded_edges(edges: NDArray[np.floating[Any]]) -> FloatArray:
     return np.asarray(edges.astype(np.float32).round(2), np.float64)
 
 
-def _review(review: LatestReview | None) -> dict[str, Any] | None:
+def _review(review: LatestReview | None) -> CurrentReview | None:
     if review is None or review.verdict == "clear":
         return None
     return current_review(review._asdict())
 
 
-def current_review(row: Mapping[str, Any]) -> dict[str, Any]:
+def current_review(row: Mapping[str, Any]) -> CurrentReview:
     """An answer in force, out of its row."""
-    return {name: row[name] for name in ("verdict", "reviewer", "revision", "comment")}
+    return {
+        "verdict": row["verdict"],
+        "reviewer": row["reviewer"],
+        "revision": row["revision"],
+        "comment": row["comment"],
+    }
 
 
 @lru_cache(maxsize=1024)
-def accepted_tags(family: str | None, mask: int) -> list[dict[str, Any]]:
+def accepted_tags(family: str | None, mask: int) -> list[AcceptedTag]:
     """The tags of an accept mask as they are answered."""
     if family is None:
         return []
+    tags = FAMILIES[family].tags
+    accepted = accepts(mask, np.array([tag.tag for tag in tags]))
     return [
-        {"tag": tag.tag, "name": tag.name, "rgb": list(tag.rgb)}
-        for tag in FAMILIES[family].tags
-        if mask >> tag.tag & 1
+        {"tag": tags[place].tag, "name": tags[place].name, "rgb": list(tags[place].rgb)}
+        for place in np.flatnonzero(accepted)
     ]

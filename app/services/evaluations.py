@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, Literal
+from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -20,10 +20,11 @@ from app.services.run_requests import (
     request_run,
 )
 from filter_core.config.keys import CHANNELS, SEMANTIC
-from filter_core.evaluation.comparison import Evaluation, truth_from_instances
+from filter_core.evaluation import comparison
+from filter_core.evaluation.comparison import truth_from_instances
 from filter_core.types import BoolArray, IntArray
-
-Truth = Literal["instances", "people"]
+from unghost.wire.quality import Evaluation
+from unghost.wire.words import Truth
 
 _KEEP: Final = "keep"
 
@@ -43,23 +44,28 @@ def request_evaluation(
 
 def evaluation(
     context: ServiceContext, session: Session, dataset: Dataset, truth: Truth
-) -> dict[str, Any]:
+) -> Evaluation:
     """What each measured channel gets right, by the numbers at hand."""
     measurement = active_measurement(session, dataset)
     stored = measurement.options.get("channels") or {}
     channels = tuple(name for name in CHANNELS if name in stored.get("names", ()))
-    compared = Evaluation(
+    compared = comparison.Evaluation(
         config_of(active_version(session, dataset)), (SEMANTIC, *channels)
     )
     truth_of = _by_people(session, dataset) if truth == "people" else _by_instances
     for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
         _compare(compared, numbers, *truth_of(numbers))
     missing = [name for name in CHANNELS if name not in channels]
-    return {"truth": truth, "not_measured": missing, **compared.as_dict()}
+    return Evaluation.model_validate(
+        {"truth": truth, "not_measured": missing, **compared.as_dict()}
+    )
 
 
 def _compare(
-    compared: Evaluation, numbers: DatasetNumbers, rows: IntArray, visible: BoolArray
+    compared: comparison.Evaluation,
+    numbers: DatasetNumbers,
+    rows: IntArray,
+    visible: BoolArray,
 ) -> None:
     frames = numbers.frame_ids[rows]
 

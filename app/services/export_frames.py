@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+import json
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.db.tables import Dataset, Frame
 from app.repositories.frames import FileRow, FrameRepository
-from app.services.decisions import DecisionReader
-from filter_core.annotation.frame import frame_boxes_2d
-from filter_core.annotation.parsing import parse_annotation
-from filter_core.formats.export import ExportFrame, export_boxes
+from app.services.decisions import DecisionReader, StoredDecision
+from filter_core.formats.export import ExportFrame, GivenAnnotation
+from filter_core.formats.format import Need
+from filter_core.types import DecidedBoxes
 
 _CHUNK: Final = 200
+
+_CROWD: Final = '"iscrowd"'
+"""What stands in the text of an annotation that has the key."""
 
 
 class ExportFrames:
     """Iterates over all current frames in the order of their keys.
 
-    Without `whole_decisions` a decision has only what formats of labels write.
+    What the format does not need is not read.
     """
 
     def __init__(
@@ -30,57 +34,62 @@ class ExportFrames:
         read: Callable[[str], bytes],
         session: Session,
         dataset: Dataset,
-        *,
-        whole_decisions: bool,
+        needs: Collection[Need],
     ) -> None:
         self._read = read
         self._session = session
         self._dataset = dataset
-        self._whole = whole_decisions
+        self._needs = needs
         self._reader = DecisionReader(session, dataset)
 
     def __iter__(self) -> Iterator[ExportFrame]:
         frames = FrameRepository(self._session)
         after = ""
         while chunk := frames.chunk(self._dataset.id, after=after, limit=_CHUNK):
-            files = frames.files(frame.id for frame in chunk)
-            decisions = self._reader.of_frames(chunk, whole=self._whole)
-            palettes = self._palettes(chunk)
+            content = self._content(chunk)
             for frame in chunk:
-                content = self._frame(frame, files[frame.id], decisions[frame.id])
-                yield replace(content, palette=palettes.get(frame.id))
+                yield self._frame(frame, content)
             after = chunk[-1].key
             # Otherwise the session would keep every frame it has ever seen.
             for frame in chunk:
                 self._session.expunge(frame)
 
-    def _palettes(self, chunk: Sequence[Frame]) -> Mapping[int, str]:
-        if not self._whole:
-            return {}
-        return self._reader.palettes(frame.id for frame in chunk)
+    def _content(self, chunk: list[Frame]) -> _Content:
+        frames = FrameRepository(self._session)
+        content = _Content(self._reader.columns_of_frames(chunk))
+        ids = [frame.id for frame in chunk]
+        if "annotation" in self._needs:
+            content.annotations = frames.annotation_texts(ids)
+        if "image" in self._needs:
+            content.files = frames.files(ids)
+        if "decisions" in self._needs:
+            content.decisions = self._reader.of_frames(chunk)
+            content.palettes = self._reader.palettes(ids)
+        return content
 
-    def _frame(
-        self,
-        frame: Frame,
-        files: Mapping[str, FileRow],
-        decisions: list[dict[str, Any]],
-    ) -> ExportFrame:
-        annotation = parse_annotation(frame.annotation, frame=frame.key)
+    def _frame(self, frame: Frame, content: _Content) -> ExportFrame:
         wh = (frame.width or 0, frame.height or 0)
-        geometry = frame_boxes_2d(annotation, wh, self._reader.config.projection)
-        image = files.get("image")
+        text = content.annotations.get(frame.id, "{}")
+        image = content.files.get(frame.id, {}).get("image")
         return ExportFrame(
             key=frame.key,
             wh=wh,
-            boxes=export_boxes(annotation, decisions, geometry),
+            boxes=content.boxes.get(frame.id) or DecidedBoxes.empty(),
+            given=GivenAnnotation(partial(json.loads, text), wh, crowds=_CROWD in text),
             map=frame.map,
-            annotation=annotation.raw,
-            camera=annotation.camera,
             media_type=image.media_type if image else "image/png",
-            read_image=self._reader_of(image),
+            read_image=partial(self._read, image.sha256) if image else None,
+            palette=content.palettes.get(frame.id),
+            decisions=content.decisions.get(frame.id, ()),
         )
 
-    def _reader_of(self, image: FileRow | None) -> Callable[[], bytes] | None:
-        if image is None:
-            return None
-        return partial(self._read, image.sha256)
+
+@dataclass
+class _Content:
+    """What is read of some frames at once, each by the ids of the frames."""
+
+    boxes: Mapping[int, DecidedBoxes]
+    annotations: Mapping[int, str] = field(default_factory=dict)
+    files: Mapping[int, Mapping[str, FileRow]] = field(default_factory=dict)
+    decisions: Mapping[int, list[StoredDecision]] = field(default_factory=dict)
+    palettes: Mapping[int, str] = field(default_factory=dict)

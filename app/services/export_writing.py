@@ -102,9 +102,9 @@ def _stream(
 ) -> dict[str, Any]:
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     options = ExportOptions.from_mapping(export.options)
-    whole = format_of(export.format, options).whole_decisions
+    needs = format_of(export.format, options).needs
     read = partial(_read, context, export.id)
-    frames = ExportFrames(read, session, dataset, whole_decisions=whole)
+    frames = ExportFrames(read, session, dataset, needs)
     head = replace(_head(session, dataset), temporary=file.parent)
     with ReproducibleZip(file) as archive:
         coming = _told(context, export.id, frames)

@@ -12,8 +12,9 @@ from typing import Any, Final
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.db import tables
 from app.db.base import utc_now
-from app.db.tables import Dataset, Export
+from app.db.tables import Dataset
 from app.errors import Conflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
@@ -24,10 +25,10 @@ from app.services.context import ServiceContext
 from app.services.export_jobs import OPEN, job_of, start_exports
 from app.services.job_quota import require_a_place
 from app.services.room import require_room
-from app.services.timestamps import rfc3339
 from app.storage import Blob
 from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of
+from unghost.wire.runs import Export
 
 MEDIA_TYPE: Final = "application/zip"
 
@@ -43,7 +44,7 @@ class ExportRequest:
 
 def request_export(
     context: ServiceContext, session: Session, dataset: Dataset, wanted: ExportRequest
-) -> Export:
+) -> tables.Export:
     """Store a queued export and start it when the transaction is over.
 
     From now on the dataset's classes keep their order: labels refer to it.
@@ -54,7 +55,7 @@ def request_export(
     exports = ExportRepository(session)
     DatasetRepository(session).freeze_classes(dataset.id)
     export = exports.add(
-        Export(
+        tables.Export(
             dataset_id=dataset.id,
             format=wanted.format,
             options=wanted.options,
@@ -68,7 +69,9 @@ def request_export(
     return export
 
 
-def cancel_export(context: ServiceContext, session: Session, export_id: int) -> Export:
+def cancel_export(
+    context: ServiceContext, session: Session, export_id: int
+) -> tables.Export:
     """End an export that is not over; nothing is kept of it.
 
     Raises
@@ -89,7 +92,7 @@ def cancel_export(context: ServiceContext, session: Session, export_id: int) -> 
     return export
 
 
-def finished_file(context: ServiceContext, export: Export) -> Blob:
+def finished_file(context: ServiceContext, export: tables.Export) -> Blob:
     """The file of a finished export; Conflict while it is not."""
     if export.state != "done" or export.sha256 is None:
         raise Conflict(
@@ -99,21 +102,23 @@ def finished_file(context: ServiceContext, export: Export) -> Blob:
     return context.storage.whole(export.sha256, size_bytes=export.size_bytes)
 
 
-def describe_export(export: Export, dataset: str) -> dict[str, Any]:
+def describe_export(export: tables.Export, dataset: str) -> Export:
     """An export as it is answered."""
     done = export.state == "done"
-    return {
-        "id": export.id,
-        "dataset": dataset,
-        "format": export.format,
-        "options": export.options,
-        "state": export.state,
-        "total": export.total,
-        "done": export.done,
-        "size_bytes": export.size_bytes,
-        "sha256": export.sha256,
-        "counts": export.counts,
-        "error": export.error,
-        "created_at": rfc3339(export.created_at),
-        "download": f"/api/v1/exports/{export.id}/download" if done else None,
-    }
+    return Export.model_validate(
+        {
+            "id": export.id,
+            "dataset": dataset,
+            "format": export.format,
+            "options": export.options,
+            "state": export.state,
+            "total": export.total,
+            "done": export.done,
+            "size_bytes": export.size_bytes,
+            "sha256": export.sha256,
+            "counts": export.counts,
+            "error": export.error,
+            "created_at": export.created_at,
+            "download": f"/api/v1/exports/{export.id}/download" if done else None,
+        }
+    )

@@ -23,12 +23,12 @@ from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey
 from app.security import Principal
 from app.services.audit import Act, AuditTrail
-from app.services.decisions import DecisionReader
-from app.services.frame_answer import describe_files
+from app.services.decisions import DecisionReader, StoredDecision
+from app.services.frame_answer import stored_files
 from app.services.frame_replacement import retire
 from app.services.others_answers import require_own
 from app.services.statistics import count, summary
-from app.services.timestamps import rfc3339
+from unghost.wire.frames import FrameDetails
 
 _MAX_ID: Final = 2**63 - 1
 _ID_DIGITS: Final = 19
@@ -63,23 +63,24 @@ def page_of_frames(
 
 def frame_summaries(
     session: Session, dataset: Dataset, frames: Sequence[Frame]
-) -> list[dict[str, Any]]:
-    """Rows of a list of frames."""
+) -> list[dict[str, object]]:
+    """Rows of a list of frames, each a `wire.FrameSummary` as a dict."""
     facts = _Facts(session, dataset, [frame.id for frame in frames])
     return [facts.summary(frame) for frame in frames]
 
 
 class _Facts:
-    """What rows of frames are made of beside the frames: read once for all of them."""
+    """What answers on frames are made of beside their rows: read once for them all."""
 
     def __init__(self, session: Session, dataset: Dataset, ids: Sequence[int]) -> None:
+        self.dataset = dataset
         self.files = FrameRepository(session).files(ids)
         self._tallies = DecisionRepository(session).per_frame(ids)
         measurement = dataset.active_measurement_id or 0
         self.reports = EvidenceRepository(session).reports(ids, measurement)
 
-    def summary(self, frame: Frame) -> dict[str, Any]:
-        """The row of one frame."""
+    def summary(self, frame: Frame) -> dict[str, object]:
+        """What a list says of one frame."""
         files, report = self.files[frame.id], self.reports.get(frame.id)
         return {
             "id": frame.id,
@@ -91,45 +92,61 @@ class _Facts:
             "has_image": "image" in files,
             "has_segmentation": "segmentation" in files,
             "lossy": bool((report or {}).get("lossy")),
-            "created_at": rfc3339(frame.created_at),
+            "created_at": frame.created_at,
             "counts": summary(count(_keyed(self._tallies[frame.id]))),
         }
 
+    def details(self, frame: Frame) -> FrameDetails:
+        """What there is to say of one frame beside its boxes."""
+        annotation = frame.annotation
+        return FrameDetails(
+            **self.summary(frame),
+            dataset=self.dataset.name,
+            camera=annotation.get("camera"),
+            carla_version=frame.carla_version,
+            captured_text=frame.captured_at,
+            weather=annotation.get("weather"),
+            superseded=frame.superseded_at is not None,
+            segmentation=self.reports.get(frame.id),
+            files=stored_files(frame.id, self.files[frame.id]),
+        )
+
 
 def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
-    """A frame with everything the review page shows of it."""
-    frames = FrameRepository(session)
-    frame = frames.with_id(frame_id, annotation=True)
-    dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    facts = _Facts(session, dataset, [frame.id])
-    previous_id, next_id = frames.neighbours(frame)
-    annotation = frame.annotation
-    return facts.summary(frame) | {
-        "dataset": dataset.name,
-        "camera": annotation.get("camera"),
-        "carla_version": frame.carla_version,
-        "captured_at": frame.captured_at,
-        "weather": annotation.get("weather"),
-        "superseded": frame.superseded_at is not None,
-        "segmentation": facts.reports.get(frame.id),
-        "files": describe_files(frame.id, facts.files[frame.id]),
+    """A `wire.Frame`; its decisions are dicts, since there may be thousands of them."""
+    frame, details, decisions = _described(session, frame_id)
+    previous_id, next_id = FrameRepository(session).neighbours(frame)
+    return details.model_dump() | {
         "previous_id": previous_id,
         "next_id": next_id,
-        "boxes": DecisionReader(session, dataset).of_frame(frame),
+        "boxes": decisions,
     }
 
 
 def describe_stored(session: Session, frame_id: int) -> dict[str, Any]:
-    """A frame as the answer to its upload."""
-    frame = describe_frame(session, frame_id)
-    for name in ("previous_id", "next_id"):
-        del frame[name]
-    decisions = frame.pop("boxes")
+    """A `wire.StoredFrame`, the answer to an upload; its decisions are dicts."""
+    _, details, decisions = _described(session, frame_id)
     return {
-        "frame": frame,
-        "segmentation": frame["segmentation"],
+        "frame": details,
+        "segmentation": details.segmentation,
         "decisions": decisions,
     }
+
+
+def decisions_of(session: Session, frame_id: int) -> list[StoredDecision]:
+    """Decisions on the boxes of a frame."""
+    frame = FrameRepository(session).with_id(frame_id, annotation=True)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    return DecisionReader(session, dataset).of_frame(frame)
+
+
+def _described(
+    session: Session, frame_id: int
+) -> tuple[Frame, FrameDetails, list[StoredDecision]]:
+    frame = FrameRepository(session).with_id(frame_id, annotation=True)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    details = _Facts(session, dataset, [frame.id]).details(frame)
+    return frame, details, DecisionReader(session, dataset).of_frame(frame)
 
 
 def frame_id_of(session: Session, dataset: str, key: str) -> int:

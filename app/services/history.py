@@ -22,12 +22,12 @@ from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
-from app.services.timestamps import rfc3339
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence, Reason
+from unghost.wire.boxes import HistoryEntry
 
 
-def history(session: Session, box_id: int) -> list[dict[str, Any]]:
+def history(session: Session, box_id: int) -> list[HistoryEntry]:
     """Everything that was said of a box, newest first.
 
     In the order in which it was stored, whatever a clock said: answers by their
@@ -43,8 +43,9 @@ def history(session: Session, box_id: int) -> list[dict[str, Any]]:
         entries += [_answer(review) for review in reviews[told:found]]
         told = found
         at = run.finished_at or run.created_at
-        entry = _decision(session, box, frame, (run.id, run.config_id), at)
-        entries.append(entry | {"activated": run.activate})
+        by = (run.id, run.config_id)
+        entry = _decision(session, box, frame, by, at, activated=run.activate)
+        entries.append(entry)
     entries += [_answer(review) for review in reviews[told:]]
     return entries[::-1]
 
@@ -59,66 +60,67 @@ def _answers_before(run: Run, reviews: Sequence[Review]) -> int:
     return sum(review.created_at <= at for review in reviews)
 
 
-def _first_decision(session: Session, box: Box, frame: Frame) -> dict[str, Any]:
+def _first_decision(session: Session, box: Box, frame: Frame) -> HistoryEntry:
     return _decision(
         session, box, frame, (frame.run_id, frame.config_id), frame.created_at
     )
 
 
 def _decision(
-    session: Session, box: Box, frame: Frame, by: tuple[int, int], at: datetime
-) -> dict[str, Any]:
+    session: Session,
+    box: Box,
+    frame: Frame,
+    by: tuple[int, int],
+    at: datetime,
+    **more: bool,
+) -> HistoryEntry:
     run_id, config_id = by
     version = ConfigRepository(session).with_id(config_id)
     run = RunRepository(session).with_id(run_id)
     classes = DatasetRepository(session).classes(frame.dataset_id)
     row = EvidenceRepository(session).of_frames([frame.id], run.measurement_id or 0)
+    entry: dict[str, Any] = {
+        "run": run_id,
+        "config": version.digest,
+        "verdict": None,
+        "reason": None,
+        "match_percent": None,
+        "threshold": None,
+    }
     if frame.id not in row:
-        return _entry(at, run_id, version.digest)
+        return HistoryEntry(kind="decision", at=at, **entry, **more)
     evidence = _evidence(row[frame.id], classes).take(
         np.array([box.id - frame.first_box_id])
     )
     decided = decide(evidence, config_of(version))
     reason = Reason(int(decided.reason[0]))
     match, threshold = float(evidence.match_percent[0]), float(decided.threshold[0])
-    return _entry(at, run_id, version.digest) | {
+    entry |= {
         "verdict": reason.verdict.value,
         "reason": reason.label,
         "match_percent": None if match != match else match,
         "threshold": None if threshold != threshold else threshold,
     }
+    return HistoryEntry(kind="decision", at=at, **entry, **more)
 
 
 def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
     """A frame's numbers, those of its channels among them."""
-    numbers = unpack_numbers([row.numbers])
+    numbers = unpack_numbers([row.numbers], [row.box_count])
     return replace(
         to_evidence(numbers, list(classes), list(classes.values())),
         channels=unpack_channels([row.channels], [row.box_count]),
     )
 
 
-def _entry(at: datetime, run_id: int, digest: str) -> dict[str, Any]:
-    return {
-        "kind": "decision",
-        "at": rfc3339(at),
-        "run": run_id,
-        "config": digest,
-        "verdict": None,
-        "reason": None,
-        "match_percent": None,
-        "threshold": None,
-    }
-
-
-def _answer(review: Review) -> dict[str, Any]:
-    return {
-        "kind": "review",
-        "at": rfc3339(review.created_at),
-        "revision": review.revision,
-        "reviewer": review.reviewer,
-        "verdict": review.verdict,
-        "comment": review.comment,
-        "batch": review.batch_id,
-        "carried_from": review.carried_from,
-    }
+def _answer(review: Review) -> HistoryEntry:
+    return HistoryEntry(
+        kind="review",
+        at=review.created_at,
+        revision=review.revision,
+        reviewer=review.reviewer,
+        verdict=review.verdict,
+        comment=review.comment,
+        batch=review.batch_id,
+        carried_from=review.carried_from,
+    )

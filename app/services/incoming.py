@@ -17,7 +17,7 @@ from app.services.active import ActiveDataset
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent
-from app.services.json_turns import in_turn
+from app.services.json_turns import in_turn, is_large
 from app.services.measuring import measure_files
 from app.services.refusals import naming
 from app.settings import Settings
@@ -142,7 +142,7 @@ def _prepare(context: ServiceContext, upload: FrameUpload) -> PreparedFrame:
     with naming(upload.key):
         files = check_files(upload.files, annotation, settings)
     with in_turn(size):
-        digest = _content_digest(annotation, files)
+        digest = _content_digest(annotation, files, is_large=is_large(size))
     return PreparedFrame(upload, annotation, files, digest)
 
 
@@ -206,12 +206,17 @@ def _check_classes(
             )
 
 
-def _content_digest(annotation: FrameAnnotation, files: CheckedFiles) -> str:
+def _content_digest(
+    annotation: FrameAnnotation, files: CheckedFiles, *, is_large: bool
+) -> str:
     """Names what was sent: the files' bytes, and the annotation's meaning."""
     digest = hashlib.sha256(_DIGEST_OF)
     for file in files.rows:
         digest.update(f"{file.kind} {file.sha256}\n".encode())
-    # In pieces: written in one, nobody else would run until a large one is written.
-    for piece in _CANONICAL.iterencode(annotation.raw):
-        digest.update(piece.encode())
+    if is_large:
+        # In pieces: no other thread runs while a document is written in one.
+        for piece in _CANONICAL.iterencode(annotation.raw):
+            digest.update(piece.encode())
+    else:
+        digest.update(_CANONICAL.encode(annotation.raw).encode())
     return digest.hexdigest()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator
 from contextlib import suppress
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from anyio import sleep
 
@@ -19,8 +19,9 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository, RunRepository
 from app.services.context import ServiceContext
 from app.services.exports import describe_export
-from app.services.run_states import OPEN, described_run
+from app.services.run_states import described_run
 from app.services.shared_looks import INTERVAL_S, Seen
+from unghost.wire.runs import Export, Run
 
 NOTHING_SEEN: Final = -1
 
@@ -30,7 +31,7 @@ class JobEvent(NamedTuple):
 
     name: str
     number: int
-    state: dict[str, Any]
+    state: Run | Export
 
 
 async def job_events(
@@ -57,7 +58,7 @@ async def job_events(
             await sleep(INTERVAL_S)
 
 
-async def newest(context: ServiceContext, job: Job, token_id: int) -> dict[str, Any]:
+async def newest(context: ServiceContext, job: Job, token_id: int) -> Run | Export:
     """A job as it is now; NotFound."""
     with context.looks.watching(job, token_id):
         state = await context.looks.look(job, partial(_look, context))
@@ -66,21 +67,21 @@ async def newest(context: ServiceContext, job: Job, token_id: int) -> dict[str, 
     return state
 
 
-def is_over(state: dict[str, Any]) -> bool:
+def is_over(state: Run | Export) -> bool:
     """True when nothing will happen to a job any more."""
-    return state["state"] not in OPEN
+    return state.finished
 
 
-def progress_number(state: dict[str, Any]) -> int:
+def progress_number(state: Run | Export) -> int:
     """0 while it waits, then one more than what is done, and one more when over."""
-    if state["state"] == "queued":
+    if state.state == "queued":
         return 0
-    return end_number(state) - 1 if is_over(state) else 1 + int(state["done"])
+    return end_number(state) - 1 if is_over(state) else 1 + state.done
 
 
-def end_number(state: dict[str, Any]) -> int:
+def end_number(state: Run | Export) -> int:
     """The number of a job's last event."""
-    return int(state["total"]) + 3
+    return state.total + 3
 
 
 def _look(context: ServiceContext, job: Job) -> Seen:

@@ -12,6 +12,11 @@ _LARGE_BYTES: Final = 256 * 1024
 _turn: Final = threading.Lock()
 
 
+def is_large(size_bytes: int) -> bool:
+    """Whether reading or writing JSON of this size holds up other threads."""
+    return size_bytes > _LARGE_BYTES
+
+
 @contextmanager
 def in_turn(size_bytes: int) -> Iterator[None]:
     """Around reading or writing JSON of this size; waits, if it is large, for its turn.
@@ -20,7 +25,7 @@ def in_turn(size_bytes: int) -> Iterator[None]:
     several at once would take turns with each other before the event loop has one: all
     requests would stand still for the sum of them.
     """
-    if size_bytes <= _LARGE_BYTES:
+    if not is_large(size_bytes):
         yield
         return
     with _turn:

@@ -26,7 +26,12 @@ from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.pipeline import MeasuredFrame
-from filter_core.segmentation.reading import SegmentationOptions
+from filter_core.segmentation.reading import (
+    Encoding,
+    Lossy,
+    OrderOfChannels,
+    SegmentationOptions,
+)
 
 
 @dataclass(frozen=True)
@@ -35,9 +40,9 @@ class DatasetReading:
 
     name: str
     palette: str = "auto"
-    encoding: str = "auto"
-    channel_order: str = "auto"
-    lossy_segmentation: str = "refuse"
+    encoding: Encoding = "auto"
+    channel_order: OrderOfChannels = "auto"
+    lossy_segmentation: Lossy = "refuse"
     ignore_mask: Any | None = None
 
     @classmethod
@@ -107,7 +112,7 @@ def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
         "geometry": pack_geometry(_geometry(measured.geometry)),
         "channels": pack_channels(measured.evidence.channels),
         "segmentation": measured.segmentation,
-        "lossy": bool((measured.segmentation or {}).get("lossy")),
+        "lossy": measured.lossy,
     }
 
 

@@ -151,9 +151,9 @@ def load_numbers(
     rows = EvidenceRepository(session).numbers(
         dataset_id, measurement_id, frames=frames
     )
-    record = unpack_numbers([row.numbers for row in rows])
-    classes = DatasetRepository(session).classes(dataset_id)
     counts = np.array([row.box_count for row in rows], np.int64)
+    record = unpack_numbers([row.numbers for row in rows], counts.tolist())
+    classes = DatasetRepository(session).classes(dataset_id)
     firsts = np.array([row.first_box_id for row in rows], np.int64)
     return DatasetNumbers(
         state=state,

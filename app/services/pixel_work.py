@@ -16,8 +16,8 @@ import numpy as np
 
 from app.services.refusals import naming
 from filter_core.annotation.frame import FrameAnnotation
+from filter_core.config.keys import CHANNELS, files_for
 from filter_core.config.measure import MeasureConfig
-from filter_core.evidence.channels import SensorFiles
 from filter_core.images.header import MAX_SIDE
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE, read_png
@@ -27,7 +27,7 @@ from filter_core.types import Mask
 
 MEASURED: Final = ("segmentation", "ignore_mask")
 """The kinds of files that every measurement reads."""
-SENSORS: Final = ("depth", "instances", "lidar")
+SENSORS: Final = files_for(CHANNELS)
 """Those that channels beside the segmentation read."""
 SIMPLE_PIXELS: Final = 1 << 21
 """A picture of 1920 x 1080 has fewer. The worst takes some tenths of a second."""
@@ -88,7 +88,8 @@ def measure(
     options = FrameOptions(
         image_wh=files.image_wh,
         ignore=_ignore(config, files),
-        sensors=SensorFiles(files.sensors, files.max_side_px),
+        sensors=files.sensors,
+        max_side=files.max_side_px,
     )
     begun = time.perf_counter()
     measured = measure_frame(annotation, segmentation, config, options)

@@ -17,6 +17,7 @@ from app.services.context import ServiceContext
 from app.services.counting import (
     REASONS,
     VERDICT_CODE,
+    flip_of,
     histogram,
     match_counts,
     outcome,
@@ -30,6 +31,8 @@ from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import Decisions, Evidence, IntArray, Reason
+from unghost.wire.datasets import Histogram
+from unghost.wire.runs import Flip, FlipCounts, Flips, Preview
 
 _SIDES: Final = ("kept_to_rejected", "rejected_to_kept")
 
@@ -48,12 +51,12 @@ def preview(
     dataset: Dataset,
     config: FilterConfig,
     limits: PreviewLimits,
-) -> dict[str, Any]:
+) -> Preview:
     """Counts, histograms and flips."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     if needs_pixels(session, dataset, plan):
-        return _needs_pixels(config)
+        return Preview(config=config.digest, needs_pixels=True)
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     found = _Preview(names, config_of(active_version(session, dataset)), config, limits)
@@ -62,23 +65,7 @@ def preview(
         if is_recounted:
             evidence = _recounted(session, dataset, numbers, plan)
         found.add(numbers, evidence)
-    return found.as_dict()
-
-
-def _needs_pixels(config: FilterConfig) -> dict[str, Any]:
-    unknown = (
-        "counts",
-        "by_reason",
-        "by_class",
-        "reasons_by_class",
-        "histograms",
-        "flips",
-    )
-    return {
-        "config": config.digest,
-        "needs_pixels": True,
-        **dict.fromkeys(unknown),
-    }
+    return found.answer()
 
 
 class _Preview:
@@ -97,7 +84,7 @@ class _Preview:
         self._matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
         self._sides = {side: np.zeros(len(names), np.int64) for side in _SIDES}
         self._flipped = 0
-        self._closest: list[tuple[float, dict[str, Any]]] = []
+        self._closest: list[tuple[float, Flip]] = []
 
     def add(self, numbers: DatasetNumbers, evidence: Evidence) -> None:
         """Count a part; `evidence` is that of its numbers, or counted again."""
@@ -124,27 +111,30 @@ class _Preview:
         merged = sorted([*self._closest, *listed], key=lambda flip: flip[0])
         self._closest = merged[: self._limits.flips]
 
-    def as_dict(self) -> dict[str, Any]:
+    def answer(self) -> Preview:
         """As it is answered."""
-        return {
-            "config": self._config.digest,
-            "needs_pixels": False,
+        return Preview(
+            config=self._config.digest,
+            needs_pixels=False,
             **outcome(self._names, self._reasons),
-            "histograms": histogram(self._names, self._matches, self._config),
-            "flips": self._flips(),
-        }
+            histograms=histogram(self._names, self._matches, self._config),
+            flips=self._flips(),
+        )
 
-    def _flips(self) -> dict[str, Any]:
+    def _flips(self) -> Flips:
         by_class = {
-            name: {side: int(counts[index]) for side, counts in self._sides.items()}
+            name: FlipCounts(
+                **{side: int(counts[index]) for side, counts in self._sides.items()}
+            )
             for index, name in enumerate(self._names)
         }
-        return {
-            "total": self._flipped,
+        nobody = FlipCounts()
+        return Flips(
+            total=self._flipped,
             **{side: int(counts.sum()) for side, counts in self._sides.items()},
-            "by_class": {name: of for name, of in by_class.items() if any(of.values())},
-            "items": [flip for _, flip in self._closest],
-        }
+            by_class={name: of for name, of in by_class.items() if of != nobody},
+            items=tuple(flip for _, flip in self._closest),
+        )
 
 
 def _closest(rows: IntArray, after: Decisions, limit: int) -> list[tuple[float, int]]:
@@ -161,22 +151,15 @@ def _flip(
     decisions: tuple[Decisions, Decisions],
     evidence: Evidence,
     row: int,
-) -> dict[str, Any]:
-    before, after = (Reason(int(each.reason[row])) for each in decisions)
-    match = float(evidence.match_percent[row])
-    return {
-        "box_id": int(numbers.box_ids[row]),
-        "frame_id": int(numbers.frame_ids[row]),
-        "class": evidence.class_names[int(evidence.class_index[row])],
-        "match_percent": None if match != match else match,
-        "before": {"verdict": before.verdict.value, "reason": before.label},
-        "after": {"verdict": after.verdict.value, "reason": after.label},
-    }
+) -> Flip:
+    before, after = (int(each.reason[row]) for each in decisions)
+    ids = int(numbers.box_ids[row]), int(numbers.frame_ids[row])
+    return flip_of(ids, evidence, row, (before, after))
 
 
 def current_histogram(
     context: ServiceContext, session: Session, dataset: Dataset, bins: int
-) -> dict[str, Any]:
+) -> Histogram:
     """Matches per class as they are, with the active configuration's thresholds."""
     measurement = active_measurement(session, dataset)
     names = tuple(DatasetRepository(session).classes(dataset.id))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -20,7 +20,7 @@ from app.services.run_requests import active_measurement
 from app.services.statistics import count
 from filter_core.config.filter import FilterConfig
 from filter_core.evaluation.comparison import truth_from_instances
-from filter_core.evaluation.scores import BANDS, Confusion, band_index
+from filter_core.evaluation.scores import BANDS, band_index
 from filter_core.evaluation.thresholds import (
     Goal,
     Judged,
@@ -28,8 +28,8 @@ from filter_core.evaluation.thresholds import (
     suggest_per_class,
 )
 from filter_core.types import Verdict
-
-Truth = Literal["people", "instances"]
+from unghost.wire.quality import Band, Confusion, Quality, Suggestion
+from unghost.wire.words import Truth
 
 KEPT, UNMEASURED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.UNMEASURED))
 
@@ -39,7 +39,7 @@ def quality(
     session: Session,
     dataset: Dataset,
     asked: tuple[Truth, Goal],
-) -> dict[str, Any]:
+) -> Quality:
     """Everything that the truth says about the filter, and people about each other."""
     truth, goal = asked
     config = config_of(active_version(session, dataset))
@@ -53,20 +53,21 @@ def quality(
         classes = {name: index for index, name in enumerate(names)}
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     panel = Panel.of(session, dataset.id)
-    return {
-        "truth": truth,
-        "reviewed": counts.reviewed,
-        "unsure": counts.unsure,
-        "unmeasured": total - len(judged),
-        "confusion": _described(judged.confusion),
-        "by_class": _by_class(judged, classes),
-        "by_distance": _by_distance(judged),
-        "reviewers": panel.reviewers(),
-        "agreement": panel.agreement(),
-        "suggested": [
-            one.as_dict() for one in suggest_per_class(judged, classes, config, goal)
-        ],
-    }
+    return Quality(
+        truth=truth,
+        reviewed=counts.reviewed,
+        unsure=counts.unsure,
+        unmeasured=total - len(judged),
+        confusion=Confusion(**_counted(judged)),
+        by_class=_by_class(judged, classes),
+        by_distance=_by_distance(judged),
+        reviewers=panel.reviewers(),
+        agreement=panel.agreement(),
+        suggested=tuple(
+            Suggestion.model_validate(one.as_dict())
+            for one in suggest_per_class(judged, classes, config, goal)
+        ),
+    )
 
 
 def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
@@ -98,8 +99,9 @@ def _by_instances(
     return total, Judged.joined(judged)
 
 
-def _described(confusion: Confusion) -> dict[str, Any]:
-    scores = confusion.as_dict()
+def _counted(judged: Judged) -> dict[str, Any]:
+    """Counts under the names that they have where the truth is an answer."""
+    scores = judged.confusion.as_dict()
     return {
         "kept_keep": scores["kept_visible"],
         "kept_reject": scores["kept_hidden"],
@@ -109,18 +111,18 @@ def _described(confusion: Confusion) -> dict[str, Any]:
     }
 
 
-def _by_class(judged: Judged, classes: Mapping[str, int]) -> dict[str, Any]:
+def _by_class(judged: Judged, classes: Mapping[str, int]) -> dict[str, Confusion]:
     rows = {name: judged.class_key == key for name, key in classes.items()}
     return {
-        name: _described(judged.where(mine).confusion)
+        name: Confusion(**_counted(judged.where(mine)))
         for name, mine in rows.items()
         if mine.any()
     }
 
 
-def _by_distance(judged: Judged) -> list[dict[str, Any]]:
+def _by_distance(judged: Judged) -> tuple[Band, ...]:
     index = band_index(judged.distance)
-    return [
-        {"band": name, **_described(judged.where(index == place).confusion)}
+    return tuple(
+        Band(band=name, **_counted(judged.where(index == place)))
         for place, name in enumerate(BANDS)
-    ]
+    )

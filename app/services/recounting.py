@@ -21,7 +21,7 @@ def recount(
 ) -> Evidence:
     """A frame's evidence with the accept sets of another configuration."""
     evidence = to_evidence(
-        unpack_numbers([row.numbers]),
+        unpack_numbers([row.numbers], [row.box_count]),
         list(classes),
         list(classes.values()),
         unpack_tag_counts(row.tag_counts, row.box_count),

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from app.db.tables import Problem
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ProblemRepository
-from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.errors import AnnotationErrors, FilterError, problem_of
 
 
 @contextmanager
@@ -32,17 +32,9 @@ def naming(key: str = "", pointer: str = "") -> Iterator[None]:
 
 def described(error: FilterError) -> dict[str, Any]:
     """A refusal as it is remembered: the fault, or each of several."""
-    several = error if isinstance(error, AnnotationErrors) else None
-    more = several.more_errors if several else 0
-    return {
-        "code": error.kind,
-        "detail": error.detail,
-        "errors": [
-            {"pointer": fault.pointer, "code": fault.kind, "detail": fault.detail}
-            for fault in (several.errors if several else (error,))
-        ],
-        **({"more_errors": more} if more else {}),
-    }
+    problem = problem_of(error)
+    told = {key: value for key, value in problem.items() if key != "title"}
+    return {"code": problem["code"], **told}
 
 
 def note_problem(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from sqlalchemy.orm import Session
 
 from app.repositories.answers import AnswerRepository
 from filter_core.evaluation.agreement import Kappa, agreement
+from unghost.wire.quality import Agreement, Pair, Reviewer
 
 
 @dataclass(frozen=True)
@@ -35,20 +35,22 @@ class Panel:
         }
         return cls({key: said for key, said in latest.items() if said != "clear"})
 
-    def reviewers(self) -> list[dict[str, Any]]:
+    def reviewers(self) -> tuple[Reviewer, ...]:
         """How many boxes each of them answered, and how; the busiest first."""
         counts = Counter((who, said) for (_, who), said in self.latest.items())
         totals = Counter(who for _, who in self.latest)
-        return [
-            {
-                "name": who,
-                "answers": total,
-                **{said: counts[who, said] for said in ("keep", "reject", "unsure")},
-            }
+        return tuple(
+            Reviewer(
+                name=who,
+                answers=total,
+                keep=counts[who, "keep"],
+                reject=counts[who, "reject"],
+                unsure=counts[who, "unsure"],
+            )
             for who, total in sorted(totals.items(), key=lambda one: (-one[1], one[0]))
-        ]
+        )
 
-    def agreement(self) -> dict[str, Any]:
+    def agreement(self) -> Agreement:
         """How far those agree who decided the same boxes."""
         decided = [
             (box, who, said == "keep")
@@ -63,23 +65,23 @@ class Panel:
             np.array([keep for _, _, keep in decided], np.bool_),
         )
         kappa = found.kappa
-        return {
-            "boxes": found.boxes,
-            "agreed": found.agreed,
-            "percent": 100 * found.agreed / found.boxes if found.boxes else None,
-            "kappa": _value(kappa),
-            "interval": [kappa.low, kappa.high] if kappa else None,
-            "pairs": [
-                {
-                    "a": names[pair.a],
-                    "b": names[pair.b],
-                    "boxes": pair.boxes,
-                    "agreed": pair.agreed,
-                    "kappa": _value(pair.kappa),
-                }
+        return Agreement(
+            boxes=found.boxes,
+            agreed=found.agreed,
+            percent=100 * found.agreed / found.boxes if found.boxes else None,
+            kappa=_value(kappa),
+            interval=(kappa.low, kappa.high) if kappa else None,
+            pairs=tuple(
+                Pair(
+                    a=names[pair.a],
+                    b=names[pair.b],
+                    boxes=pair.boxes,
+                    agreed=pair.agreed,
+                    kappa=_value(pair.kappa),
+                )
                 for pair in found.pairs
-            ],
-        }
+            ),
+        )
 
 
 def _value(kappa: Kappa | None) -> float | None:

@@ -21,6 +21,8 @@ from app.repositories.tallies import TallyKey, TallyRepository
 from app.security import Principal
 from app.services.others_answers import require_own
 from filter_core.types import Reason
+from unghost.wire.boxes import Review
+from unghost.wire.words import Verdict
 
 
 @dataclass(frozen=True)
@@ -32,15 +34,7 @@ class Answer:
     reviewer: str
 
 
-@dataclass(frozen=True)
-class StoredReview:
-    """An answer as it is stored."""
-
-    row: dict[str, object]
-    effective_verdict: str
-
-
-def effective_verdict(reason: int, review: str | None) -> str:
+def effective_verdict(reason: int, review: str | None) -> Verdict:
     """A person's keep or reject counts; without one, the filter's verdict."""
     if review == "keep":
         return "kept"
@@ -51,7 +45,7 @@ def effective_verdict(reason: int, review: str | None) -> str:
 
 def review_box(
     session: Session, box_id: int, answer: Answer, seen_revision: int
-) -> StoredReview:
+) -> Review:
     """Add one answer; StaleReview if someone answered since it was seen."""
     current = DecisionRepository(session).rows([box_id]).get(box_id)
     if current is None:
@@ -62,7 +56,7 @@ def review_box(
     (row,) = _store(session, dataset_id, [(current, answer)], batch_id=None)
     once_committed(session, partial(REVIEWS.add, 1, answer.verdict))
     review = None if answer.verdict == "clear" else answer.verdict
-    return StoredReview(row, effective_verdict(current.reason, review))
+    return Review(**row, effective_verdict=effective_verdict(current.reason, review))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,11 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
-from app.services.counting import VERDICT_CODE
+from app.services.counting import VERDICT_CODE, flip_of
 from app.services.numbers import DatasetNumbers
 from filter_core.decisions.rules import decide
-from filter_core.types import Decisions, FloatArray, IntArray, Reason, Verdict
+from filter_core.types import Decisions, FloatArray, IntArray, Verdict
+from unghost.wire.runs import Diff, Flip, FlipCounts
 
 _KEPT, _REJECTED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.REJECTED))
 _SIDES: Final = {
@@ -62,7 +63,7 @@ def run_diff(
     session: Session,
     runs: tuple[Run, Run],
     page: DiffPage,
-) -> dict[str, Any]:
+) -> Diff:
     """Counts of boxes whose verdict differs, and one page of them."""
     configs = [
         config_of(ConfigRepository(session).with_id(run.config_id)) for run in runs
@@ -81,20 +82,20 @@ def run_diff(
     # Parts meet the classes in other orders than the whole.
     names = DatasetRepository(session).classes(runs[1].dataset_id)
     of_all = diff.counts[_ALL]
-    return {
-        "run": runs[1].id,
-        "against": runs[0].id,
-        "compared": diff.compared,
-        "total": of_all.total(),
+    return Diff(
+        run=runs[1].id,
+        against=runs[0].id,
+        compared=diff.compared,
+        total=of_all.total(),
         **{side: counts.total() for side, counts in sides.items()},
-        "by_class": {name: of_all[name] for name in names if of_all[name]},
-        "sides_by_class": {
-            name: {side: counts[name] for side, counts in sides.items()}
+        by_class={name: of_all[name] for name in names if of_all[name]},
+        sides_by_class={
+            name: FlipCounts(**{side: counts[name] for side, counts in sides.items()})
             for name in classes
         },
-        "items": items,
-        "next_cursor": following,
-    }
+        items=items,
+        next_cursor=following,
+    )
 
 
 def compared_runs(
@@ -155,7 +156,7 @@ class _Diff:
     def __init__(self, page: DiffPage) -> None:
         self._limit = page.limit
         self._after = None if page.cursor is None else _place(page.cursor)
-        self._nearest: list[tuple[float, int, dict[str, Any]]] = []
+        self._nearest: list[tuple[float, int, Flip]] = []
         self.compared = 0
         self.counts: dict[str, Counter[str]] = {_ALL: Counter()}
         self.counts |= {side: Counter() for side in _SIDES}
@@ -176,10 +177,10 @@ class _Diff:
         merged = sorted([*self._nearest, *listed], key=lambda flip: flip[:2])
         self._nearest = merged[: self._limit + 1]
 
-    def page(self) -> tuple[list[dict[str, Any]], str | None]:
+    def page(self) -> tuple[tuple[Flip, ...], str | None]:
         """The flips of the page, and where the next one begins."""
         listed = self._nearest[: self._limit]
-        items = [flip for _, _, flip in listed]
+        items = tuple(flip for _, _, flip in listed)
         if len(self._nearest) <= self._limit:
             return items, None
         distance, box_id, _ = listed[-1]
@@ -221,18 +222,8 @@ def _place(cursor: str) -> tuple[float, int]:
     return place
 
 
-def _flip(before: _Decided, after: _Decided, at: int) -> dict[str, Any]:
-    row, evidence = after.rows[at], after.numbers.evidence
-    reasons = [Reason(int(each.reasons[at])) for each in (before, after)]
-    match = float(evidence.match_percent[row])
-    old, new = (
-        {"verdict": reason.verdict.value, "reason": reason.label} for reason in reasons
-    )
-    return {
-        "box_id": int(after.numbers.box_ids[row]),
-        "frame_id": int(after.numbers.frame_ids[row]),
-        "class": evidence.class_names[int(evidence.class_index[row])],
-        "match_percent": None if match != match else match,
-        "before": old,
-        "after": new,
-    }
+def _flip(before: _Decided, after: _Decided, at: int) -> Flip:
+    row, numbers = after.rows[at], after.numbers
+    ids = int(numbers.box_ids[row]), int(numbers.frame_ids[row])
+    reasons = int(before.reasons[at]), int(after.reasons[at])
+    return flip_of(ids, numbers.evidence, row, reasons)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.orm import Session
 
-from app.db.tables import Run
+from app.db import tables
 from app.engine import Job, JobStopped
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.context import ServiceContext
-from app.services.timestamps import rfc3339
+from unghost.wire.runs import Run
 
 OPEN: Final = ("queued", "running")
 
@@ -22,7 +21,7 @@ def job_of(run_id: int) -> Job:
     return Job("run", run_id)
 
 
-def run_at_work(session: Session, run_id: int) -> Run:
+def run_at_work(session: Session, run_id: int) -> tables.Run:
     """The run, if it is to go on.
 
     Raises
@@ -37,37 +36,33 @@ def run_at_work(session: Session, run_id: int) -> Run:
 
 
 def describe_run(
-    context: ServiceContext, run: Run, dataset: str, digest: str
-) -> dict[str, Any]:
+    context: ServiceContext, run: tables.Run, dataset: str, digest: str
+) -> Run:
     """A run as it is answered."""
     reported = context.engine.reported(job_of(run.id)) if run.state == "running" else 0
-    return {
-        "id": run.id,
-        "dataset": dataset,
-        "kind": run.kind,
-        "state": run.state,
-        "config": digest,
-        "activate": run.activate,
-        "total": run.total,
-        "done": max(run.done, reported),
-        "changed": run.changed,
-        "counts": run.counts or {},
-        "error": run.error,
-        "created_by": run.created_by,
-        "created_at": rfc3339(run.created_at),
-        "started_at": _time(run.started_at),
-        "finished_at": _time(run.finished_at),
-    }
+    return Run.model_validate(
+        {
+            "id": run.id,
+            "dataset": dataset,
+            "kind": run.kind,
+            "state": run.state,
+            "config": digest,
+            "activate": run.activate,
+            "total": run.total,
+            "done": max(run.done, reported),
+            "changed": run.changed,
+            "counts": run.counts or {},
+            "error": run.error,
+            "created_by": run.created_by,
+            "created_at": run.created_at,
+            "started_at": run.started_at,
+            "finished_at": run.finished_at,
+        }
+    )
 
 
-def described_run(
-    context: ServiceContext, session: Session, run: Run
-) -> dict[str, Any]:
+def described_run(context: ServiceContext, session: Session, run: tables.Run) -> Run:
     """A run with the names of what it refers to."""
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     digest = ConfigRepository(session).with_id(run.config_id).digest
     return describe_run(context, run, dataset.name, digest)
-
-
-def _time(at: datetime | None) -> str | None:
-    return None if at is None else rfc3339(at)

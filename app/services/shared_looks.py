@@ -7,17 +7,18 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from anyio import CapacityLimiter, Lock, to_thread
 
 from app.engine import Job
 from app.errors import TooManyRequests
+from unghost.wire.runs import Export, Run
 
 INTERVAL_S: Final = 0.2
 """Between two looks at one row: five events a second are as many as anybody reads."""
 
-Seen = dict[str, Any] | None
+Seen = Run | Export | None
 """What a look found; None when there is nothing any more."""
 
 

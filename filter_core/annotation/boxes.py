@@ -145,7 +145,7 @@ def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int 
 def read_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
 ) -> dict[str, object]:
-    """What the product does not know: the object `extra`, and every unknown key."""
+    """What is kept to be given back: the object `extra`, and all unknown keys."""
     given = raw.get("extra")
     extra = {} if given is None else read_kept_object(given, at / "extra", faults)
     if raw.keys() <= known:

@@ -1,7 +1,7 @@
 """The camera and the other sensors of an annotation, read from JSON; faults are noted.
 
-`read_camera` gives a camera only where all of it is there and without a fault; the size
-of the image it promises is told apart from it, because 2D boxes need no more.
+`read_camera` gives a camera only where all of it is there and without a fault. It gives
+the size of the camera's image also without one, because 2D boxes need no more.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ _KNOWN_KEYS: Final = frozenset({"width", "height", *_OPTICS, *_POSES})
 
 
 def read_camera(value: object, faults: Faults) -> tuple[Camera | None, _Size | None]:
-    """The camera if all of it is given, and its size; null is no camera.
+    """The camera if all of it is given, and the size of its image; null is no camera.
 
-    `fov` and `transform` may be replaced by `intrinsic` and `world_to_camera`, each on
-    its own. Without either pair the camera can still promise the image's size.
+    A matrix ``intrinsic`` can stand for ``fov``, and a matrix ``world_to_camera`` for
+    ``transform``. Where neither of a pair is given there is no camera, but a size.
     """
     if value is None:
         return None, None
@@ -141,7 +141,7 @@ def _motion(pose: Transform | _Rows) -> FloatArray:
 def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
     """Note that a 3D box cannot be projected for want of a complete camera.
 
-    Only to be asked when the camera itself has no faults: they say more.
+    To be called only where the camera has no faults of its own, which say more.
     """
     box = _first_3d_box(raw.get("boxes"))
     if box is None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -187,7 +187,7 @@ def frame_boxes_2d(
         visible_xyxy=np.full((count, 4), np.nan),
         edges=[None] * count,
         distance=np.full(count, np.nan),
-        vertices=np.full((count, 8, 3), np.nan),
+        vertices=frame_vertices(annotation),
     )
     _fill_rectangles(geometry, annotation.boxes, wh)
     _fill_projections(geometry, annotation, projection)
@@ -195,6 +195,44 @@ def frame_boxes_2d(
         if box.distance is not None:
             geometry.distance[row] = box.distance
     return geometry
+
+
+def frame_vertices(annotation: FrameAnnotation) -> FloatArray:
+    """(N, 8, 3) metres: world corners of a frame's 3D boxes; NaN rows for 2D boxes."""
+    boxes = annotation.boxes
+    vertices = np.full((len(boxes), 8, 3), np.nan)
+    given, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)
+    if len(given):
+        vertices[given] = _values(boxes, given).reshape(-1, 8, 3)
+    if len(actors):
+        vertices[actors] = boxes3d_vertices(_values(boxes, actors))
+    return vertices
+
+
+def given_rectangles(
+    boxes: Sequence[Mapping[str, Any]], wh: tuple[int, int]
+) -> BoxesXYXY:
+    """(N, 4) px: the rectangles that boxes came with, which may leave the image.
+
+    Parameters
+    ----------
+    boxes : sequence of mapping
+        As they came, and checked before.
+    wh : (width, height) of the image, px
+
+    Returns
+    -------
+    (N, 4) float64, px
+        Of a 3D box a rectangle outside of the image.
+    """
+    found = np.full((len(boxes), 4), _OUTSIDE)
+    rows: dict[str, list[int]] = {}
+    for row, box in enumerate(boxes):
+        for form in box.keys() & FORMS:
+            rows.setdefault(form, []).append(row)
+    for form, of_form in rows.items():
+        found[of_form] = to_xyxy(form, [boxes[row][form] for row in of_form], wh)
+    return found
 
 
 def _size_mismatch(
@@ -219,14 +257,11 @@ def _fill_projections(
     geometry: BoxGeometry, annotation: FrameAnnotation, projection: str
 ) -> None:
     boxes = annotation.boxes
-    given, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)
-    rows = np.concatenate([given, actors])
+    rows = np.concatenate([_rows_of(boxes, form) for form in FORMS_3D])
     if len(rows) == 0:
         return
     if annotation.camera is None:
         raise _no_camera(boxes[rows[0]])
-    geometry.vertices[given] = _values(boxes, given).reshape(-1, 8, 3)
-    geometry.vertices[actors] = boxes3d_vertices(_values(boxes, actors))
     seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
     geometry.amodal_xyxy[rows] = seen.amodal_xyxy
     geometry.visible_xyxy[rows] = seen.visible_xyxy

@@ -89,8 +89,8 @@ def without_key(
 ) -> tuple[str, Mapping[str, object] | bytes]:
     """The frame's key that stands in its annotation, and the annotation without it.
 
-    Without a ``key`` it is `name`; so it is where the annotation cannot be read, which
-    `parse_annotation` then says better.
+    Where the annotation has no ``key``, or is no object, or has a key twice, that is
+    `name` and the annotation as it came: `parse_annotation` says what is wrong with it.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Keys of the configuration and what is made of them."""
+"""Configurations: their keys, the files that hold them, and what measuring needs."""

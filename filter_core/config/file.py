@@ -1,4 +1,7 @@
-"""Configuration files: our own keys, or carlasimu's boundingBox.yaml as it is."""
+"""Reading configuration files: our own keys, or carlasimu's boundingBox.yaml.
+
+carlasimu is the code that the paper's authors published; its file is read as it is.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from typing import Final, Protocol
 import yaml
 
 from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import keys_of
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json
 
@@ -19,7 +23,7 @@ _MAX_CHARACTERS: Final = 64 * 1024
 _MAX_DEPTH: Final = 16
 
 _MAX_VALUES: Final = 10_000
-"""More take seconds: YAML is read by Python, sign by sign."""
+"""More would take seconds: YAML is read by Python code, character by character."""
 
 _JSON_LIMITS: Final = JsonLimits(
     max_depth=_MAX_DEPTH, max_values=_MAX_VALUES, max_keys=_MAX_VALUES
@@ -33,16 +37,20 @@ _MAX_UNUSED: Final = 100
 
 _SHOWN_KEY: Final = 80
 
-_CARLASIMU_ROOT: Final = "sitting"
+CARLASIMU_ROOT: Final = "sitting"
+"""The one key at the top of carlasimu's file."""
 
-_THRESHOLDS: Final = ("threshold_small_box", "size_big_box", "threshold_big_box")
-
-_DISTANCES: Final = ("min_distance", "max_distance")
+_BY_PATH: Final = {
+    key.carlasimu: name
+    for name, key in keys_of(FilterConfig).items()
+    if key.carlasimu is not None
+}
+"""Our keys, by their paths in carlasimu's file."""
 
 
 @dataclass(frozen=True)
 class LoadedConfig:
-    """A configuration, and the keys of its file that it has no use for."""
+    """A configuration, and the keys of its file that it does not use."""
 
     config: FilterConfig
     unused_keys: tuple[str, ...] = ()
@@ -60,21 +68,20 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
     Returns
     -------
     LoadedConfig
-        `unused_keys` lists what concerns only the capture, as ``sitting.cam_rgb.3D``:
-        the first 100, and of long keys the beginning.
+        `unused_keys` are keys that concern only the capture, such as
+        ``sitting.cam_rgb.3D``: the first 100, long ones cut off.
 
     Raises
     ------
     ConfigError
-        Not YAML, a key twice, an alias, too large or too deep; or as
-        `FilterConfig.from_mapping`.
+        As `parse_yaml`, or as `FilterConfig.from_mapping`.
     NotAvailable
         As `FilterConfig.from_mapping`.
     """
     raw = source if isinstance(source, Mapping) else parse_yaml(source)
     if raw is None:  # an empty file: every key is optional
         raw = {}
-    if isinstance(raw, Mapping) and _CARLASIMU_ROOT in raw:
+    if isinstance(raw, Mapping) and CARLASIMU_ROOT in raw:
         return _from_carlasimu(raw)
     return LoadedConfig(FilterConfig.from_mapping(raw))
 
@@ -86,7 +93,7 @@ def parse_yaml(text: str | bytes) -> object:
     ------
     ConfigError
         Not YAML, a key twice, an alias (a few bytes of them can stand for gigabytes),
-        a text that UTF-8 has no form for, more than 64 Ki characters, more than 10,000
+        text that UTF-8 cannot encode, more than 64 Ki characters, more than 10,000
         values, or nested too deeply.
     """
     if len(text) > _MAX_CHARACTERS:
@@ -95,10 +102,10 @@ def parse_yaml(text: str | bytes) -> object:
             code="config_too_large",
         )
     try:
-        # Bytes are decoded here: YAML would take a UTF-16 mark as leave to switch.
+        # Decoded here, since PyYAML would take bytes with a UTF-16 mark as UTF-16.
         plain = text.decode("utf-8-sig") if isinstance(text, bytes) else text
         if plain.lstrip().startswith("{"):
-            # Nearly YAML, but for tabs and for numbers such as 1e1.
+            # JSON first: YAML would refuse its tabs and read 1e1 as text.
             with suppress(JsonError):
                 return read_json(plain, _JSON_LIMITS, object_pairs_hook=_unique)
         return _StrictLoader(plain).get_single_data()
@@ -115,9 +122,9 @@ def parse_yaml(text: str | bytes) -> object:
     except yaml.YAMLError as exc:
         raise ConfigError(f"not readable as YAML: {exc}", code="bad_yaml") from exc
     except (ArithmeticError, ValueError, LookupError, AttributeError) as exc:
-        # A date that no calendar has, a number of a million digits, one of hours and
-        # minutes (1:30:00) that is larger than floats are; and what PyYAML
-        # stumbles over if a tag is written out: `!!int _`, `!!bool x`, `!!timestamp x`.
+        # What PyYAML raises for an impossible date, a number of a million digits, hours
+        # and minutes (1:30:00) beyond the largest float, and for explicit tags on
+        # values that do not fit: `!!int _`, `!!bool x`, `!!timestamp x`.
         raise ConfigError(f"not a value: {exc}", code="bad_yaml") from exc
 
 
@@ -157,7 +164,8 @@ class _StrictLoader(yaml.SafeLoader):
 
 
 def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
-    # Also in base 16 and 60; Python writes no integer of thousands of digits.
+    # Python cannot print integers of thousands of digits, but text in base 16 or 60
+    # (1:30:00) becomes such an integer without an error.
     if len(node.value) > _MAX_DIGITS:
         raise _refused("not a value: a number of too many digits", node)
     number: int = loader.construct_yaml_int(node)
@@ -201,29 +209,31 @@ class _Mark(Protocol):
 
 
 def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
-    others = [str(key) for key in raw if key != _CARLASIMU_ROOT]
-    sitting = raw[_CARLASIMU_ROOT]
+    others = [str(key) for key in raw if key != CARLASIMU_ROOT]
+    sitting = raw[CARLASIMU_ROOT]
     if others or not isinstance(sitting, Mapping):
         raise ConfigError(
-            f"expected one root key {_CARLASIMU_ROOT!r} with keys below it, as in "
+            f"expected one root key {CARLASIMU_ROOT!r} with keys below it, as in "
             f"carlasimu's boundingBox.yaml, found {', '.join(map(repr, raw))}"[:300],
-            pointer="" if others else f"/{_CARLASIMU_ROOT}",
+            pointer="" if others else f"/{CARLASIMU_ROOT}",
         )
-    camera = sitting.get("cam_rgb")
-    sections = ((sitting, _THRESHOLDS), (camera, _DISTANCES))
-    given = {
-        key: section[key]
-        for section, keys in sections
-        if isinstance(section, Mapping)
-        for key in keys
-        if key in section
-    }
-    config = FilterConfig.from_mapping({"profile": "carlasimu", **given})
-    used = {f"{_CARLASIMU_ROOT}.{key}" for key in _THRESHOLDS}
-    used |= {f"{_CARLASIMU_ROOT}.cam_rgb.{key}" for key in _DISTANCES}
-    paths = _leaf_paths(sitting, _CARLASIMU_ROOT)
-    unused = islice((path for path in paths if path not in used), _MAX_UNUSED)
+    config = FilterConfig.from_mapping({"profile": "carlasimu", **_our_keys(raw)})
+    paths = _leaf_paths(sitting, CARLASIMU_ROOT)
+    unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
     return LoadedConfig(config, tuple(unused))
+
+
+def _our_keys(raw: Mapping[str, object]) -> dict[str, object]:
+    """The values that carlasimu's file has for our keys."""
+    given = {}
+    for path, name in _BY_PATH.items():
+        *sections, last = path.split(".")
+        section: object = raw
+        for key in sections:
+            section = section.get(key) if isinstance(section, Mapping) else None
+        if isinstance(section, Mapping) and last in section:
+            given[name] = section[last]
+    return given
 
 
 def _leaf_paths(section: Mapping[object, object], prefix: str) -> Iterator[str]:

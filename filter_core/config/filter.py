@@ -1,8 +1,11 @@
-"""A configuration of the filter, and in which keys two of them differ.
+"""Configurations of the filter (`FilterConfig`), and how two of them differ.
 
-`FilterConfig` is a frozen value that names itself by its digest. The part of it that
-decides is a `DecideConfig`; the part that measures is made by `FilterConfig.measuring`.
-Each key is declared once, with its default, as a field of one of the two.
+`FilterConfig` extends `DecideConfig`, which has the keys that verdicts depend on once
+everything is measured; `FilterConfig.measuring` returns the `MeasureConfig`, on which
+measured numbers depend. Configurations are frozen and identified by their digest.
+
+Each key is declared once, as a field of one of the classes here; checks, JSON schema
+(`schema_of`), documentation and configuration files follow from the declaration.
 """
 
 from __future__ import annotations
@@ -14,32 +17,45 @@ from dataclasses import dataclass, field, fields
 from enum import Enum
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar, get_args
 
 import numpy as np
 
-from filter_core.classes import canonical_accept, canonical_class
+from filter_core.classes import MAX_ACCEPT, canonical_accept, canonical_class
 from filter_core.config.keys import (
     AUTO,
     CHANNELS,
-    CHOICES,
-    NUMBERS,
+    EVIDENCE,
     SEMANTIC,
     STRONGEST_FIRST,
+    Key,
     Number,
-    checked_choice,
-    checked_number,
+    NumberRange,
+    choice,
+    count,
+    declared,
+    keys_of,
+    limit,
+    metres,
+    percent,
     refuse_unknown_keys,
 )
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ConfigError
-from filter_core.segmentation.reading import SegmentationOptions
+from filter_core.segmentation.palettes import LAST_TAG
+from filter_core.segmentation.reading import (
+    PALETTES,
+    Encoding,
+    Lossy,
+    OrderOfChannels,
+    SegmentationOptions,
+)
 from filter_core.types import FloatArray, IntArray
 from filter_core.values import place_of, pointer_token, shown
 
 
 class Inherit(Enum):
-    """Stands for a key that a class does not override; null would be a value."""
+    """The value of a key that a class does not override; None would mean no limit."""
 
     GLOBAL = "global"
 
@@ -47,127 +63,203 @@ class Inherit(Enum):
 INHERIT: Final = Inherit.GLOBAL
 
 
-@dataclass(frozen=True, kw_only=True)
-class ClassConfig:
-    """What one class does differently; `INHERIT` where it does not.
+ShareT = TypeVar("ShareT")
 
-    `accept` is the set of tags whose pixels count for the class, by name or number.
+CountT = TypeVar("CountT")
+
+DistanceT = TypeVar("DistanceT")
+
+
+@dataclass(frozen=True, kw_only=True, init=False, eq=False, repr=False)
+class ClassKeys(Generic[ShareT, CountT, DistanceT]):
+    """The keys that single classes can override.
+
+    They are declared once, for three classes that differ in the type of the values:
+    one value (`DecideConfig`), one value or `INHERIT` (`ClassConfig`), or an array with
+    one value for each of several classes (`Thresholds`).
     """
 
-    threshold_small_box: Number | Inherit = INHERIT
-    size_big_box: Number | Inherit = INHERIT
-    threshold_big_box: Number | Inherit = INHERIT
-    min_visible_pixels: int | Inherit = INHERIT
-    min_distance: Number | Inherit | None = INHERIT
-    max_distance: Number | Inherit | None = INHERIT
-    accept: tuple[str | int, ...] | Inherit = INHERIT
+    threshold_small_box: ShareT = percent(
+        10,
+        "Share of a box's pixels that must carry a tag of its class.",
+        evidence=(SEMANTIC,),
+        carlasimu="sitting.threshold_small_box",
+    )
+    size_big_box: ShareT = percent(
+        70,
+        "A box is large if it covers more than this share of the image; in profile "
+        "carlasimu, this share or more.",
+        evidence=(SEMANTIC,),
+        carlasimu="sitting.size_big_box",
+    )
+    threshold_big_box: ShareT = percent(
+        50,
+        "Share of a large box's pixels that must carry a tag of its class.",
+        evidence=(SEMANTIC,),
+        carlasimu="sitting.threshold_big_box",
+    )
+    min_visible_pixels: CountT = count(
+        1,
+        "pixels",
+        "Fewest pixels that must be seen of a box: with a tag of its class, or of its "
+        "instance.",
+        evidence=(SEMANTIC, "ordered", "depth", "instance"),
+    )
+    min_distance: DistanceT = limit(
+        -np.inf,
+        "Nearest distance at which boxes are kept; null: no limit.",
+        carlasimu="sitting.cam_rgb.min_distance",
+    )
+    max_distance: DistanceT = limit(
+        np.inf,
+        "Farthest distance at which boxes are kept; null: no limit.",
+        carlasimu="sitting.cam_rgb.max_distance",
+    )
+
+
+_NUMBER_RANGES: Final = {
+    name: key.allowed
+    for name, key in keys_of(ClassKeys).items()
+    if isinstance(key.allowed, NumberRange)
+}
+
+_Class = TypeVar("_Class", bound=type)
+
+
+def _inheriting(cls: _Class) -> _Class:
+    """Class decorator: make `INHERIT` the default of every key of `ClassKeys`.
+
+    To be written below ``@dataclass``, which then finds the defaults.
+    """
+    for spec in fields(ClassKeys):
+        cls.__annotations__[spec.name] = spec.type
+        setattr(cls, spec.name, field(default=INHERIT, metadata=spec.metadata))
+    return cls
+
+
+class _TagSet:
+    """The values that the key ``accept`` may have: lists of tags. See `Allowed`."""
+
+    def __str__(self) -> str:
+        return f"a list of 1 to {MAX_ACCEPT} tag names or numbers"
+
+    def checked(self, name: str, value: object, at: str = "") -> tuple[str | int, ...]:
+        return canonical_accept(value, at=f"{at}/{name}")
+
+    def schema(self) -> dict[str, object]:
+        number = {"type": "integer", "minimum": 0, "maximum": LAST_TAG}
+        return {
+            "type": "array",
+            "items": {"anyOf": [{"type": "string"}, number]},
+            "minItems": 1,
+            "maxItems": MAX_ACCEPT,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+@_inheriting
+class ClassConfig(
+    ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None],
+):
+    """The keys that one class overrides; the others are `INHERIT`."""
+
+    accept: tuple[str | int, ...] | Inherit = declared(
+        Key(
+            _TagSet(),
+            INHERIT,
+            "Tags whose pixels count for the class, by name or number.",
+            needs_pixels=True,
+        )
+    )
 
     def __post_init__(self) -> None:
-        for key in CLASS_KEYS:
-            value = getattr(self, key)
+        for name, key in _CLASS_KEYS.items():
+            value = getattr(self, name)
             if value is not INHERIT:
-                object.__setattr__(self, key, _checked_override(key, value))
+                object.__setattr__(self, name, key.allowed.checked(name, value))
 
     def as_dict(self) -> dict[str, object]:
-        """Only what is overridden, in canonical form."""
-        given = {name: getattr(self, name) for name in CLASS_KEYS}
+        """The overridden keys alone, in canonical form."""
+        given = {name: getattr(self, name) for name in _CLASS_KEYS}
         return {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in given.items()
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in given.items()
             if value is not INHERIT
         }
 
     @classmethod
     def from_mapping(cls, raw: object, *, at: str = "") -> ClassConfig:
-        """Validate one class's overrides; `at` is their JSON pointer."""
+        """One class's overrides, checked; `at` is their JSON pointer."""
         if not isinstance(raw, Mapping):
             raise ConfigError(
                 f"{place_of(at)}expected a mapping of keys, found {shown(raw)}",
                 pointer=at,
             )
-        refuse_unknown_keys(raw, CLASS_KEYS, at=at)
+        refuse_unknown_keys(raw, _CLASS_KEYS, at=at)
         values: dict[str, Any] = {
-            key: _checked_override(key, raw[key], at=at) for key in raw
+            name: _CLASS_KEYS[name].allowed.checked(name, raw[name], at) for name in raw
         }
         return cls(**values)
 
 
-def _checked_override(key: str, value: object, *, at: str = "") -> object:
-    if key == "accept":
-        return canonical_accept(value, at=f"{at}/accept")
-    return checked_number(key, value, at=at)
+_CLASS_KEYS: Final = keys_of(ClassConfig)
 
 
-CLASS_KEYS: Final = tuple(spec.name for spec in fields(ClassConfig))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
+    """The numbers that apply to each of K classes: every attribute is a (K,) array.
 
-
-@dataclass(frozen=True)
-class Thresholds:
-    """The numbers that apply to each of K classes.
-
-    Every attribute is a (K,) array: percent, pixels (int64) or metres, all inclusive.
-    No limit on the distance is ``-inf`` and ``inf``.
+    Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
+    or ``inf``. Whether a box passes that is exactly at a threshold depends on the
+    profile: see `filter_core.decisions.rules`. All other limits are inclusive.
     """
-
-    threshold_small_box: FloatArray
-    size_big_box: FloatArray
-    threshold_big_box: FloatArray
-    min_visible_pixels: IntArray
-    min_distance: FloatArray
-    max_distance: FloatArray
-
-
-CONFIG_KEYS: Final = (
-    "profile",
-    "threshold_small_box",
-    "size_big_box",
-    "threshold_big_box",
-    "min_visible_pixels",
-    "min_distance",
-    "max_distance",
-    "evidence",
-    "projection",
-    "depth_tolerance",
-    "ordered_min_pixels",
-    "lidar_min_points",
-    "palette",
-    "encoding",
-    "channel_order",
-    "lossy_segmentation",
-    "classes",
-)
-"""All keys of a configuration, in the order in which they are shown."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class DecideConfig:
-    """What verdicts depend on once everything is measured: no key here needs a pixel.
+class DecideConfig(ClassKeys[Number, int, Number | None]):
+    """The keys that verdicts depend on once everything is measured.
 
-    Percent are 0..100, distances metres. Wrong values raise `ConfigError` at once, so
-    that a configuration that exists can be used.
+    Some of them, such as `profile`, change what is measured as well: those have
+    `Key.needs_pixels`. Percent are 0..100, distances metres. Wrong values raise
+    `ConfigError` when the object is made, so every `DecideConfig` is valid.
     """
 
-    profile: str = "paper"
-    threshold_small_box: Number = 10
-    size_big_box: Number = 70
-    threshold_big_box: Number = 50
-    min_visible_pixels: int = 1
-    min_distance: Number | None = None
-    max_distance: Number | None = None
-    evidence: str = "semantic"
-    depth_tolerance: Number = 0.15
-    ordered_min_pixels: int = 3
-    lidar_min_points: int = 5
+    profile: str = choice(
+        "paper",
+        ("paper", "carlasimu"),
+        "How boxes are counted and compared: as the paper says, or bit for bit as its "
+        "authors' published code does.",
+        shown_before="threshold_small_box",
+    )
+    evidence: str = choice(
+        SEMANTIC,
+        tuple(one.name for one in EVIDENCE),
+        "By what boxes are judged: the segmentation, or a channel beside it.",
+    )
+    depth_tolerance: Number = metres(
+        0.15,
+        "How far in front of a box and behind it a depth may lie and still be its own.",
+        evidence=("depth", "depth_center"),
+    )
+    ordered_min_pixels: int = count(
+        3,
+        "pixels",
+        "Fewest pixels with a tag of its class that nearer boxes must leave to a box.",
+        evidence=("ordered",),
+    )
+    lidar_min_points: int = count(
+        5,
+        "points",
+        "Fewest LiDAR points with a tag of its class that must lie inside a box.",
+        evidence=("lidar",),
+    )
     classes: Mapping[str, ClassConfig] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        own = self.keys()
-        for key in CHOICES:
-            if key in own:
-                checked_choice(key, getattr(self, key))
-        for key in NUMBERS:
-            # Frozen for everyone else; here 10.0 becomes 10 before anyone looks.
-            object.__setattr__(self, key, checked_number(key, getattr(self, key)))
+        for name, key in keys_of(type(self)).items():
+            # The canonical form of the value: 10.0 becomes 10.
+            value = key.allowed.checked(name, getattr(self, name))
+            object.__setattr__(self, name, value)
         object.__setattr__(self, "classes", _canonical_classes(self.classes))
         self._refuse_crossed_distances()
 
@@ -187,13 +279,12 @@ class DecideConfig:
 
     @classmethod
     def keys(cls) -> tuple[str, ...]:
-        """The keys of this configuration, in the order of `CONFIG_KEYS`."""
-        own = {spec.name for spec in fields(cls)}
-        return tuple(key for key in CONFIG_KEYS if key in own)
+        """Its keys in the order in which they are shown, ``classes`` at the end."""
+        return (*keys_of(cls), "classes")
 
     @classmethod
     def from_mapping(cls: type[_Config], raw: object) -> _Config:
-        """A configuration from what a file or a request holds; absent keys default.
+        """A configuration from a file or a request; missing keys take their defaults.
 
         Raises
         ------
@@ -212,15 +303,25 @@ class DecideConfig:
 
     def as_dict(self) -> dict[str, object]:
         """Every key, defaults filled in, ready for JSON; `from_mapping` inverts it."""
-        plain = {key: getattr(self, key) for key in self.keys() if key != "classes"}
+        plain = {key: getattr(self, key) for key in keys_of(type(self))}
         overrides = {name: one.as_dict() for name, one in self.classes.items()}
         return {**plain, "classes": overrides}
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the canonical JSON, as 64 hexadecimal digits."""
+        """SHA-256 of the canonical JSON, as 64 hexadecimal digits.
+
+        A key that was added later (`Key.later`) is left out while it has its default:
+        one more key does not change the digests of stored configurations.
+        """
+        keys = keys_of(type(self))
+        hashed = {
+            name: value
+            for name, value in self.as_dict().items()
+            if name not in keys or not keys[name].is_left_out(value)
+        }
         canonical = json.dumps(
-            self.as_dict(), sort_keys=True, separators=(",", ":"), ensure_ascii=False
+            hashed, sort_keys=True, separators=(",", ":"), ensure_ascii=False
         )
         return hashlib.sha256(canonical.encode()).hexdigest()
 
@@ -233,21 +334,21 @@ class DecideConfig:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What it decides by beside the segmentation; the first that has a number."""
+        """Channels to try in this order; the first with a number judges the box."""
         if self.evidence == SEMANTIC:
             return ()
         return STRONGEST_FIRST if self.evidence == AUTO else (self.evidence,)
 
     def of_class(self, name: str) -> ClassConfig:
-        """The overrides of a class, aliases understood; none if it has none."""
+        """The overrides of a class by its name or an alias; all `INHERIT` if none."""
         return self.classes.get(canonical_class(name), _NO_OVERRIDES)
 
     def limit_of(self, class_name: str, key: str) -> Number | None:
-        """One number as it applies to a class: its own, or the one for all."""
+        """The value of a key for a class: its override, or else the global value."""
         return _limit_of(self, class_name, key)
 
     def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
-        """The numbers that apply to each class, in the order given."""
+        """The values for each class, in the order given."""
         return _thresholds_for(self, tuple(class_names))
 
 
@@ -256,19 +357,40 @@ _Config = TypeVar("_Config", bound=DecideConfig)
 
 @dataclass(frozen=True, kw_only=True)
 class FilterConfig(DecideConfig):
-    """Everything a verdict depends on besides pixels. Change one: another config.
+    """Everything that a verdict depends on besides pixels and boxes.
 
-    To the keys that decide it adds those that say how pixels are read; `measuring` is
-    the part of it that measured numbers depend on.
+    To the keys of `DecideConfig` it adds those that say how images are read and 3D
+    boxes projected.
     """
 
-    projection: str = "clipped"
-    palette: str = "auto"
-    encoding: str = "auto"
-    channel_order: str = "auto"
-    lossy_segmentation: str = "refuse"
+    projection: str = choice(
+        "clipped",
+        ("clipped", "naive"),
+        "How 3D boxes become rectangles: cut exactly at the image, or as in the paper.",
+        shown_before="depth_tolerance",
+    )
+    palette: str = choice(
+        "auto",
+        PALETTES,
+        "Which of CARLA's tables of tags segmentations are made with.",
+    )
+    encoding: Encoding = choice(
+        "auto",
+        get_args(Encoding),
+        "What pixels of segmentations are: colours of a palette, or raw tag numbers.",
+    )
+    channel_order: OrderOfChannels = choice(
+        "auto",
+        get_args(OrderOfChannels),
+        "Order of the colour channels of segmentations.",
+    )
+    lossy_segmentation: Lossy = choice(
+        "refuse",
+        get_args(Lossy),
+        "Whether segmentations as JPEG are refused, or read by the nearest colours.",
+    )
 
-    # A dataclass that compares its fields would hash them, and `classes` has no hash.
+    # `dataclass` would hash the fields, and `classes` cannot be hashed.
     __hash__ = DecideConfig.__hash__
 
     def measuring(
@@ -277,15 +399,15 @@ class FilterConfig(DecideConfig):
         *,
         ignored: object = None,
     ) -> MeasureConfig:
-        """The part of it that measured numbers depend on.
+        """What measured numbers depend on.
 
         Parameters
         ----------
         reading : SegmentationOptions, optional
-            What this configuration and a dataset say together
-            (`SegmentationOptions.agreed`); without a dataset, what this one says.
+            How segmentations are read, if a dataset says something of it too
+            (`SegmentationOptions.agreed`). Default: as this configuration says.
         ignored : object, optional
-            Pixels of the dataset that never count, as JSON.
+            The dataset's ignored pixels, which never count, as JSON.
         """
         own = SegmentationOptions.named_by(self)
         return MeasureConfig(
@@ -306,6 +428,41 @@ class FilterConfig(DecideConfig):
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts; see `MeasureConfig.accept_masks`."""
         return self.measuring().accept_masks(class_names, family)
+
+
+def schema_of(config_class: type[DecideConfig]) -> dict[str, Any]:
+    """The JSON schema of the mappings that `from_mapping` of a class accepts.
+
+    Beside standard keywords a key has ``x-unit``, ``x-evidence`` (the kinds of evidence
+    whose rules read it, if not all do) and ``x-needs-pixels`` (whether images may have
+    to be read again after it has changed).
+    """
+    properties = {
+        name: {**key.schema(), "default": key.default}
+        for name, key in keys_of(config_class).items()
+    }
+    properties["classes"] = {
+        "description": "What single classes do differently, by their names.",
+        "type": ["object", "null"],
+        "propertyNames": {"minLength": 1, "maxLength": _MAX_CLASS_NAME},
+        "additionalProperties": _object_schema(
+            {name: key.schema() for name, key in _CLASS_KEYS.items()}
+        ),
+        "default": {},
+    }
+    return {
+        "title": config_class.__name__,
+        "description": "What verdicts depend on; every key is optional.",
+        **_object_schema(properties),
+    }
+
+
+def _object_schema(properties: dict[str, dict[str, object]]) -> dict[str, object]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+    }
 
 
 _NO_OVERRIDES: Final = ClassConfig()
@@ -341,7 +498,7 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
     )
 
 
-# Looked up several times for each of a million boxes; a handful of answers.
+# Cached: called several times per box, with few distinct results.
 @lru_cache(maxsize=4096)
 def _limit_of(config: DecideConfig, class_name: str, key: str) -> Number | None:
     own: Number | Inherit | None = getattr(config.of_class(class_name), key)
@@ -349,23 +506,19 @@ def _limit_of(config: DecideConfig, class_name: str, key: str) -> Number | None:
     return applies
 
 
-# Asked for every frame, of the same classes as the frame before.
+# Cached: called for every frame, mostly with the classes of the frame before.
 @lru_cache(maxsize=256)
 def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
-    def column(key: str, absent: float = np.nan) -> FloatArray:
-        values = [config.limit_of(name, key) for name in names]
-        limits = np.array([absent if v is None else v for v in values], np.float64)
-        limits.setflags(write=False)
-        return limits
-
-    return Thresholds(
-        threshold_small_box=column("threshold_small_box"),
-        size_big_box=column("size_big_box"),
-        threshold_big_box=column("threshold_big_box"),
-        min_visible_pixels=column("min_visible_pixels").astype(np.int64),
-        min_distance=column("min_distance", -np.inf),
-        max_distance=column("max_distance", np.inf),
-    )
+    columns: dict[str, Any] = {}
+    for key, allowed in _NUMBER_RANGES.items():
+        limits = [config.limit_of(name, key) for name in names]
+        column = np.array(
+            [allowed.null if limit is None else limit for limit in limits],
+            np.int64 if allowed.whole else np.float64,
+        )
+        column.setflags(write=False)
+        columns[key] = column
+    return Thresholds(**columns)
 
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
@@ -386,8 +539,7 @@ def _checked_class_name(name: object) -> str:
     return name
 
 
-@dataclass(frozen=True)
-class ConfigChange:
+class ConfigChange(NamedTuple):
     """One key in which two configurations differ; `classes.van.accept` if nested."""
 
     key: str
@@ -410,7 +562,7 @@ def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange
 
 
 def _flat(config: FilterConfig) -> dict[str, object]:
-    plain = {key: getattr(config, key) for key in CONFIG_KEYS if key != "classes"}
+    plain = {key: getattr(config, key) for key in keys_of(FilterConfig)}
     nested = {
         f"classes.{name}.{key}": value
         for name, one in config.classes.items()

@@ -1,134 +1,267 @@
-"""What each key of a configuration may hold, and how a wrong value is refused."""
+"""Declaring the keys of a configuration, and the kinds of evidence that one can name.
+
+A key is a field of a dataclass whose metadata hold a `Key`: its allowed values, default
+and description. `percent`, `count`, `limit`, `metres` and `choice` make such fields.
+`keys_of` lists the keys of a class, for the checks, the JSON schema, the documentation
+and the reader of carlasimu's files.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import Field, field, fields
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
 
 from filter_core.errors import ConfigError
 from filter_core.values import place_of, pointer_token, shown, similar
 
-Number = float | int
-
-SEMANTIC: Final = "semantic"
-
-AUTO: Final = "auto"
-
-CHANNELS: Final = ("ordered", "depth", "depth_center", "instance", "lidar")
-"""Every channel beside ``semantic``, by the name that configurations use."""
-
-STRONGEST_FIRST: Final = ("instance", "depth", "ordered")
-"""What ``auto`` tries before the segmentation alone."""
-
-FILE_OF: Final[Mapping[str, str]] = {
-    "depth": "depth",
-    "depth_center": "depth",
-    "instance": "instances",
-    "lidar": "lidar",
-}
-"""The file that each channel reads; ``ordered`` needs none but the segmentation."""
+Number: TypeAlias = float | int
 
 
-@dataclass(frozen=True)
-class NumberRange:
-    """A number's permitted range, both ends included."""
+class Allowed(Protocol):
+    """The values that a key may have. ``str()`` names them for people."""
 
-    low: float
-    high: float
-    unit: str = ""
+    def checked(self, name: str, value: object, at: str = "") -> object:
+        """The value in its one canonical form.
+
+        Parameters
+        ----------
+        name : str
+            The key.
+        value : object
+            As a file or a request has it.
+        at : str
+            JSON pointer of the mapping that the key is in.
+
+        Raises
+        ------
+        ConfigError
+            The value is not allowed; the message names key, value and what is allowed.
+        """
+
+    def schema(self) -> dict[str, object]:
+        """The same as JSON schema."""
+
+
+class NumberRange(NamedTuple):
+    """Numbers from `low` to `high`, both included; perhaps null as well.
+
+    Attributes
+    ----------
+    unit : str
+        In the plural, such as ``metres``.
+    whole : bool
+        Whether fractions are refused.
+    null : float or None
+        The number that stands for null in arrays; None: null is not allowed.
+    """
+
+    low: Number
+    high: Number
+    unit: str
     whole: bool = False
-    nullable: bool = False
+    null: float | None = None
 
     def __str__(self) -> str:
         kind = "a whole number" if self.whole else "a number"
-        span = f"from {self.low:.15g} to {self.high:.15g}"
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{kind} {span}{unit}{' or null' if self.nullable else ''}"
+        null = "" if self.null is None else " or null"
+        return f"{kind} from {self.low} to {self.high} {self.unit}{null}"
+
+    def checked(self, name: str, value: object, at: str = "") -> Number | None:
+        """See `Allowed.checked`.
+
+        Whole numbers become ``int`` and others ``float``, so that 10 and 10.0 are the
+        same configuration with the same digest.
+        """
+        if value is None and self.null is not None:
+            return None
+        # YAML's yes and no are booleans, which Python would take for 1 and 0.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _refused(name, value, str(self), at)
+        inside = self.low <= value <= self.high  # False for NaN
+        if not inside or (self.whole and value != int(value)):
+            raise _refused(name, value, str(self), at)
+        return int(value) if value == int(value) else value
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        kind = "integer" if self.whole else "number"
+        return {
+            "type": kind if self.null is None else [kind, "null"],
+            "minimum": self.low,
+            "maximum": self.high,
+            "x-unit": self.unit,
+        }
 
 
-_PERCENT: Final = NumberRange(0, 100, "percent")
+class Words(NamedTuple):
+    """One of a few words."""
 
-_METRES: Final = NumberRange(0, 1_000_000, "metres")
+    words: tuple[str, ...]
 
-_METRES_OR_NULL: Final = NumberRange(0, 1_000_000, "metres", nullable=True)
+    def __str__(self) -> str:
+        return f"one of {', '.join(self.words)}"
 
-# What a signed 32-bit column holds, so that every count can be stored anywhere.
-_COUNT: Final = NumberRange(0, 2**31 - 1, whole=True)
+    def checked(self, name: str, value: object, at: str = "") -> str:
+        """See `Allowed.checked`; the message suggests the nearest word."""
+        if not isinstance(value, str) or value not in self.words:
+            close = similar(value, self.words)
+            hint = f"; did you mean {close!r}?" if close else ""
+            raise _refused(name, value, str(self), at, hint)
+        return value
 
-NUMBERS: Final = {
-    "threshold_small_box": _PERCENT,
-    "size_big_box": _PERCENT,
-    "threshold_big_box": _PERCENT,
-    "min_visible_pixels": _COUNT,
-    "min_distance": _METRES_OR_NULL,
-    "max_distance": _METRES_OR_NULL,
-    "depth_tolerance": _METRES,
-    "ordered_min_pixels": _COUNT,
-    "lidar_min_points": _COUNT,
-}
-
-CHOICES: Final = {
-    "profile": ("paper", "carlasimu"),
-    "evidence": (
-        SEMANTIC,
-        *CHANNELS,
-        AUTO,
-    ),
-    "projection": ("clipped", "naive"),
-    "palette": ("auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"),
-    "encoding": ("auto", "palette", "raw"),
-    "channel_order": ("auto", "rgb", "bgr"),
-    "lossy_segmentation": ("refuse", "nearest"),
-}
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"type": "string", "enum": list(self.words)}
 
 
-def checked_number(key: str, value: object, *, at: str = "") -> Number | None:
-    """The value of a numeric key in its one canonical form.
+class Key(NamedTuple):
+    """The declaration of one key of a configuration.
 
-    Whole numbers become ``int`` and others ``float``, so that 10 and 10.0 are the same
-    configuration with the same digest.
-
-    Raises
-    ------
-    ConfigError
-        Not a number, not finite, or out of range; names key, value and range.
+    Attributes
+    ----------
+    allowed : Allowed
+    default : object
+    sentence : str
+        What it means, for people.
+    evidence : tuple of str
+        The kinds of evidence (`EVIDENCE`) whose rules read it; empty: all of them.
+    needs_pixels : bool
+        Whether images may have to be read again after it has changed.
+    carlasimu : str or None
+        Where the authors' boundingBox.yaml has it, as ``sitting.cam_rgb.max_distance``.
+    shown_before : str or None
+        The key before which it is listed; None: in the order of declaration.
+    later : bool
+        The key was added after configurations without it had been stored. While it has
+        its default, the digest of a configuration leaves it out, so that the digests of
+        those do not change; therefore its default must never change either.
     """
-    allowed = NUMBERS[key]
-    if value is None and allowed.nullable:
-        return None
-    # YAML's yes and no are booleans, which Python would take for 1 and 0.
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _refused(key, value, str(allowed), at)
-    inside = allowed.low <= value <= allowed.high  # False for NaN
-    if not inside or (allowed.whole and value != int(value)):
-        raise _refused(key, value, str(allowed), at)
-    return int(value) if value == int(value) else value
+
+    allowed: Allowed
+    default: object
+    sentence: str
+    evidence: tuple[str, ...] = ()
+    needs_pixels: bool = False
+    carlasimu: str | None = None
+    shown_before: str | None = None
+    later: bool = False
+
+    def is_left_out(self, value: object) -> bool:
+        """Whether a digest leaves the key out, as it does later ones by default."""
+        return self.later and value == self.default
+
+    def schema(self) -> dict[str, object]:
+        """Its JSON schema, without the default."""
+        schema = {**self.allowed.schema(), "description": self.sentence}
+        if self.evidence:
+            schema["x-evidence"] = list(self.evidence)
+        return schema | {"x-needs-pixels": self.needs_pixels}
 
 
-def checked_choice(key: str, value: object) -> str:
-    """The value of a key that takes one of a few words.
+_KEY: Final = "key"
 
-    Raises
-    ------
-    ConfigError
-        Not one of the words; names the nearest.
-    NotAvailable
-        An evidence channel that this version does not measure yet.
-    """
-    words = CHOICES[key]
-    if not isinstance(value, str) or value not in words:
-        expected = f"one of {', '.join(words)}"
-        close = similar(value, words)
-        hint = f"; did you mean {close!r}?" if close else ""
-        raise _refused(key, value, expected, hint=hint)
-    return value
+_MAX_METRES: Final = 1_000_000
+
+# The largest signed 32-bit integer, so that every count can be stored anywhere.
+_MAX_COUNT: Final = 2**31 - 1
+
+_Field: TypeAlias = Any
+"""A dataclass field, whatever its type: `dataclasses.field` is typed as Any too."""
+
+
+def declared(key: Key) -> _Field:
+    """A dataclass field that declares this key."""
+    return field(default=key.default, metadata={_KEY: key})
+
+
+def percent(
+    default: Number,
+    sentence: str,
+    *,
+    evidence: tuple[str, ...],
+    carlasimu: str | None = None,
+    later: bool = False,
+) -> _Field:
+    """A key from 0 to 100 percent; the parameters are those of `Key`."""
+    allowed = NumberRange(0, 100, "percent")
+    key = Key(allowed, default, sentence, evidence, carlasimu=carlasimu, later=later)
+    return declared(key)
+
+
+def count(
+    default: int,
+    unit: str,
+    sentence: str,
+    *,
+    evidence: tuple[str, ...],
+    later: bool = False,
+) -> _Field:
+    """A key that counts something, such as pixels."""
+    allowed = NumberRange(0, _MAX_COUNT, unit, whole=True)
+    return declared(Key(allowed, default, sentence, evidence, later=later))
+
+
+def limit(
+    null: float, sentence: str, *, carlasimu: str | None = None, later: bool = False
+) -> _Field:
+    """A limit in metres. The default is no limit: null, and `null` in arrays."""
+    allowed = NumberRange(0, _MAX_METRES, "metres", null=null)
+    return declared(Key(allowed, None, sentence, carlasimu=carlasimu, later=later))
+
+
+def metres(
+    default: Number, sentence: str, *, evidence: tuple[str, ...], later: bool = False
+) -> _Field:
+    """A length; measured numbers depend on it."""
+    allowed = NumberRange(0, _MAX_METRES, "metres")
+    key = Key(allowed, default, sentence, evidence, needs_pixels=True, later=later)
+    return declared(key)
+
+
+def choice(
+    default: str,
+    words: tuple[str, ...],
+    sentence: str,
+    *,
+    shown_before: str | None = None,
+    later: bool = False,
+) -> _Field:
+    """One of a few words; measured numbers depend on it."""
+    return declared(
+        Key(
+            Words(words),
+            default,
+            sentence,
+            needs_pixels=True,
+            shown_before=shown_before,
+            later=later,
+        )
+    )
+
+
+class _Dataclass(Protocol):
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+def keys_of(config_class: type[_Dataclass]) -> dict[str, Key]:
+    """The keys that a dataclass declares, by name, in the order of listings."""
+    found: dict[str, Key] = {
+        spec.name: spec.metadata[_KEY]
+        for spec in fields(config_class)
+        if _KEY in spec.metadata
+    }
+    names: list[str] = []
+    for name, key in found.items():
+        before = key.shown_before
+        names.insert(names.index(before) if before else len(names), name)
+    return {name: found[name] for name in names}
 
 
 def refuse_unknown_keys(
     keys: Iterable[object], valid: Iterable[str], *, at: str = ""
 ) -> None:
-    """Raise `ConfigError` for the first key that is none of the valid ones."""
+    """Raise `ConfigError` for the first key that is not valid."""
     known = tuple(valid)
     for key in keys:
         if key not in known:
@@ -146,11 +279,11 @@ def refuse_unknown_keys(
 
 
 def _refused(
-    key: str, value: object, expected: str, at: str = "", hint: str = ""
+    name: str, value: object, expected: str, at: str, hint: str = ""
 ) -> ConfigError:
     return ConfigError(
-        f"{place_of(at)}{key}: expected {expected}, found {shown(value)}{hint}",
-        pointer=f"{at}/{key}",
+        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
+        pointer=f"{at}/{name}",
     )
 
 
@@ -159,7 +292,101 @@ def _quoted(key: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+class EvidenceKind(NamedTuple):
+    """One value of the key ``evidence``: what boxes can be judged by.
+
+    Attributes
+    ----------
+    name : str
+        The value itself.
+    needs : str
+        What a frame must have, as text for people.
+    keeps : str
+        When a box is kept, as text for people.
+    file : str or None
+        The kind of file that is read for it beside the segmentation.
+    strength : int
+        ``auto`` tries the strongest first; 0: ``auto`` does not try it.
+    """
+
+    name: str
+    needs: str
+    keeps: str
+    file: str | None = None
+    strength: int = 0
+
+
+SEMANTIC: Final = "semantic"
+
+AUTO: Final = "auto"
+
+EVIDENCE: Final = (
+    EvidenceKind(
+        SEMANTIC,
+        "segmentation",
+        "enough of its pixels carry an accepted tag (the thresholds above)",
+    ),
+    EvidenceKind(
+        "ordered",
+        "segmentation, distances or 3D boxes",
+        "`ordered_min_pixels` of them are not explained by nearer boxes; "
+        "`min_visible_pixels` where nothing nearer explains any",
+        strength=1,
+    ),
+    EvidenceKind(
+        "depth",
+        "segmentation, raw depth, camera, 3D boxes",
+        "`min_visible_pixels` of them lie within the box's own depth, give or take "
+        "`depth_tolerance`",
+        file="depth",
+        strength=2,
+    ),
+    EvidenceKind(
+        "depth_center",
+        "raw depth, camera, 3D boxes",
+        "nothing nearer is seen at its centre: a rival to compare with",
+        file="depth",
+    ),
+    EvidenceKind(
+        "instance",
+        "instance image",
+        "`min_visible_pixels` of its own instance are seen",
+        file="instances",
+        strength=3,
+    ),
+    EvidenceKind(
+        "lidar",
+        "semantic LiDAR with its transform, 3D boxes",
+        "`lidar_min_points` of an accepted tag lie inside it",
+        file="lidar",
+    ),
+    EvidenceKind(
+        AUTO,
+        "whatever came",
+        "the strongest of instance, depth and ordered that has a number",
+    ),
+)
+"""The values of the key ``evidence``.
+
+They are the segmentation alone, the channels beside it, and ``auto``.
+"""
+
+CHANNELS: Final = tuple(
+    one.name for one in EVIDENCE if one.name not in (SEMANTIC, AUTO)
+)
+"""The names of the channels beside the segmentation."""
+
+STRONGEST_FIRST: Final = tuple(
+    one.name for one in sorted(EVIDENCE, key=lambda one: -one.strength) if one.strength
+)
+"""The channels that ``auto`` tries, in this order."""
+
+FILE_OF: Final[Mapping[str, str]] = {
+    one.name: one.file for one in EVIDENCE if one.file is not None
+}
+"""The kind of file that a channel reads beside the segmentation, if it reads one."""
+
+
 def files_for(channels: Iterable[str]) -> tuple[str, ...]:
     """The kinds of files that channels read, beside the segmentation."""
-    kinds = (FILE_OF.get(name) for name in channels)
-    return tuple(sorted({kind for kind in kinds if kind is not None}))
+    return tuple(sorted({FILE_OF[name] for name in channels if name in FILE_OF}))

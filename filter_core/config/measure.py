@@ -1,8 +1,9 @@
-"""What measured numbers depend on, apart from the frame itself; no threshold is here.
+"""What measured numbers depend on, apart from the frame itself. No thresholds here.
 
-A `MeasureConfig` is made by `FilterConfig.measuring` and names itself by its digest:
-equal digests measure equal numbers. Digests and `as_dict` are stored beside numbers, so
-their form never changes: if it did, every dataset would be measured again.
+`FilterConfig.measuring` makes a `MeasureConfig`. It is identified by its digest: with
+equal digests, the same frame gives equal numbers. Digests and `as_dict` are stored
+beside numbers, so their form must not change: if it did, every dataset would be
+measured again.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ class MeasureConfig:
     own_reading : SegmentationOptions
         What the configuration itself says of segmentations.
     reading : SegmentationOptions
-        What it and the dataset say together.
+        The same, completed by what the dataset says.
     accept : Mapping
-        Tags that count for a class, by its name; only of classes that differ.
+        Tags that count for a class, by its name; classes without one have the default.
     ignored : object or None
-        Pixels of the dataset that never count, as JSON.
+        The dataset's ignored pixels, which never count, as JSON.
     channels : tuple of str
-        What is measured beside the segmentation: names out of `CHANNELS`, in order.
+        What is measured beside the segmentation: names of `CHANNELS`, in that order.
     depth_tolerance : float, metres
-        How far from its box a depth may be.
+        See the key of that name.
     """
 
     profile: str = "paper"
@@ -56,28 +57,30 @@ class MeasureConfig:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of `as_dict`; equal digests measure equal numbers."""
+        """SHA-256 of `as_dict`; with equal digests, a frame gives equal numbers."""
         return _digest(self.as_dict())
 
     @property
     def pixel_digest(self) -> str:
-        """The same for those that differ in accept sets alone.
+        """A digest that accept sets do not change, where they need no pixels.
 
-        From the numbers of one of them follow those of the others, without pixels.
+        Numbers for other accept sets follow from the stored histograms of tags, so
+        that configurations with equal pixel digests need no images read again. With
+        channels, or under profile ``carlasimu``, accept sets do count.
         """
         plain = self.as_dict()
-        # Channels keep no histogram: other accept sets are other pixels to them.
+        # Channels store no histograms, so other accept sets need the pixels again.
         return _digest(plain if self.channels else plain | {"accept": None})
 
-    def as_dict(self) -> dict[str, Any]:
-        """The stored form, ready for JSON; without channels it has no word of them."""
+    def as_dict(self) -> dict[str, object]:
+        """The stored form, ready for JSON; ``channels`` only where there are any."""
         own = [getattr(self.own_reading, name) for name in _READING]
         by_name: list[object] = [self.profile, *own, self.projection]
         accept = {name: list(tags) for name, tags in self.accept.items()}
         if self.profile == "carlasimu":
-            # It counts one color per class, and keeps no numbers to count another from.
+            # It counts one colour per class; other accept sets need the pixels again.
             by_name.append([[name, tags] for name, tags in accept.items()])
-        plain = {
+        plain: dict[str, object] = {
             "measure": by_name,
             "accept": accept,
             "reading": {name: getattr(self.reading, name) for name in _READING},
@@ -90,20 +93,20 @@ class MeasureConfig:
         return plain | {"channels": stored}
 
     def with_channels(self, names: Collection[str]) -> MeasureConfig:
-        """One that measures these channels as well."""
+        """The same, with these channels measured as well."""
         wanted = {*self.channels, *names}
         return replace(
             self, channels=tuple(name for name in CHANNELS if name in wanted)
         )
 
     def as_measured(self, stored: Mapping[str, Any]) -> MeasureConfig:
-        """The same with the reading, ignored pixels and channels of a measurement.
+        """The same, with reading, ignored pixels and channels of a stored measurement.
 
         Parameters
         ----------
         stored : Mapping
-            `as_dict` of the one that was measured by, and as ``sources`` those of its
-            reading.
+            `as_dict` of the measurement's `MeasureConfig`, and under ``sources`` the
+            `SegmentationOptions.sources` of its `reading`.
         """
         channels, tolerance = _channels_of(stored)
         return replace(
@@ -115,9 +118,10 @@ class MeasureConfig:
         )
 
     def is_covered_by(self, stored: Mapping[str, Any]) -> bool:
-        """Whether a measurement has all these numbers, and perhaps more channels'.
+        """Whether a stored measurement has all the numbers that this would measure.
 
-        `stored` is `as_dict` of the one that was measured by.
+        `stored` is `as_dict` of the measurement's `MeasureConfig`. It may have more
+        channels.
         """
         channels, tolerance = _channels_of(stored)
         return (
@@ -137,10 +141,10 @@ class MeasureConfig:
 
     @property
     def depth_required(self) -> bool:
-        """Whether a frame is refused whose depth image is too coarse to be measured.
+        """Whether a frame is refused if its depth image is too coarse to be measured.
 
-        Only where nothing but depth is asked for: several kinds of evidence promise no
-        more than a frame allows. It follows from `channels`, which the digest is of.
+        Only if depth alone is measured. With other channels beside it, boxes can be
+        judged by those instead. It follows from `channels`, which the digest covers.
         """
         return self.files == ("depth",) and "ordered" not in self.channels
 
@@ -152,7 +156,7 @@ class MeasureConfig:
         Raises
         ------
         ConfigError
-            A class is to accept a tag that the family does not have.
+            A class accepts a tag that the family does not have.
         """
         masks = [
             accept_mask_of(
@@ -164,11 +168,11 @@ class MeasureConfig:
 
 
 def _channels_of(stored: Mapping[str, Any]) -> tuple[tuple[str, ...], float | None]:
-    """The channels of a measurement, and how far a depth may be from its box."""
+    """The channels and the `depth_tolerance` of a stored measurement."""
     found = stored.get("channels") or {}
     return tuple(found.get("names", ())), found.get("depth_tolerance")
 
 
-def _digest(plain: dict[str, Any]) -> str:
+def _digest(plain: Mapping[str, object]) -> str:
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

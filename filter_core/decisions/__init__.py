@@ -1,1 +1,1 @@
-"""Evidence becomes verdicts, with a reason and a sentence."""
+"""From evidence to verdicts, each with a reason and a sentence."""

@@ -1,4 +1,4 @@
-"""One honest sentence per decision, and what hides a box. For people to read."""
+"""The sentence that explains a decision, and the tags that hide a box."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple, TypedDict
 
-from filter_core.decisions.channels import ChannelJudgement, any_of, explain_channel
+import numpy as np
+
+from filter_core.classes import accepts
+from filter_core.decisions.channel_rules import (
+    ChannelJudgement,
+    any_of,
+    explain_channel,
+)
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, Reason
 
 _HIDES_NOTHING: Final = frozenset(
     {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
 )
-"""What lies around an object in its box rather than in front of it."""
+"""Tags of what lies around an object in its box, not in front of it."""
 
 _MOST_SHOWN: Final = 3
 
@@ -27,12 +34,12 @@ class HiddenBy(TypedDict):
 
 
 class Judgement(NamedTuple):
-    """What a sentence about one box is made of.
+    """What the sentence about one box is composed from.
 
     `accepted` are the names of the tags that count; distances are metres, None where
-    unknown or without limit; `published` is profile ``carlasimu``, which needs more
-    than the threshold where profile ``paper`` needs at least that; `channel` is given
-    where another channel than the segmentation decided.
+    unknown or without limit; `as_carlasimu` is profile ``carlasimu``, which needs more
+    than the threshold where profile ``paper`` needs at least the threshold; `channel`
+    is given where a channel beside the segmentation judged the box.
     """
 
     reason: Reason
@@ -48,7 +55,7 @@ class Judgement(NamedTuple):
     max_distance: float | None = None
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
-    published: bool = False
+    as_carlasimu: bool = False
     channel: ChannelJudgement | None = None
 
 
@@ -66,15 +73,15 @@ def hidden_by(
     Returns
     -------
     list of {"tag", "name", "percent"}, the commonest first (ties: the lower tag)
-        Percent of the pixels counted. What surrounds objects without hiding them
-        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) is left out.
+        Percent of all counted pixels. Tags that surround objects without hiding them
+        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are left out.
     """
     total = sum(tag_counts)
-    hides = _hides(family)
+    hiding = _hiding_tags(accept_mask, family)
     found = [
-        (-count, *hides[column])
+        (-count, *hiding[column])
         for column, count in enumerate(tag_counts)
-        if count and column in hides and not accept_mask >> column & 1
+        if count and column in hiding
     ]
     return [
         {"tag": tag, "name": name, "percent": 100.0 * -negative / total}
@@ -82,16 +89,17 @@ def hidden_by(
     ]
 
 
-@lru_cache
-def _hides(family: str) -> Mapping[int, tuple[int, str]]:
-    """Tag and name of each column of a histogram, where the tag can hide a box."""
+@lru_cache(maxsize=1024)
+def _hiding_tags(accept_mask: int, family: str) -> Mapping[int, tuple[int, str]]:
+    """The columns of a histogram whose pixels hide a box: to each its tag and name."""
     palette = FAMILIES[family]
-    tags = [*range(UNKNOWN_COLUMN), UNKNOWN_TAG]
-    named = ((tag, palette.name_of(tag)) for tag in tags)
+    tags = np.array([*range(UNKNOWN_COLUMN), UNKNOWN_TAG])
+    named = [(tag, palette.name_of(tag)) for tag in tags.tolist()]
+    accepted = accepts(accept_mask, tags).tolist()
     return {
         column: (tag, name)
         for column, (tag, name) in enumerate(named)
-        if name not in _HIDES_NOTHING
+        if not accepted[column] and name not in _HIDES_NOTHING
     }
 
 
@@ -109,17 +117,17 @@ def explain(judgement: Judgement) -> str:
 
 
 def percent(value: float, against: float | None = None) -> str:
-    """A percentage for people, with as many digits as keep it honest.
+    """A percentage for people, rounded only as far as the sentence stays true.
 
-    Whole from 10 up, one decimal below; more if it would otherwise read like, or lie
-    on the other side of, `against`, 0 or 100.
+    Whole from 10 up, one decimal below; more decimals if the rounded number would be
+    equal to `against`, 0 or 100, or on the other side of it, and the exact one is not.
     """
     marks = [0.0, 100.0] + ([against] if against is not None else [])
     return f"{_rounded(value, 0 if value >= 10 else 1, marks)} %"
 
 
 def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
-    """With the fewest digits that leave the value on its side of every mark."""
+    """With the fewest decimals that keep the value on its side of every mark."""
     shown = value
     for count in range(digits, 10):
         text = f"{value:.{count}f}"
@@ -132,7 +140,7 @@ def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
 def _keeps_sides(value: float, shown: float, marks: Sequence[float]) -> bool:
     if value == shown:
         return True
-    # A loop: as a generator it costs more than everything else a sentence is made of.
+    # A loop, because `all` of a generator is slower than the rest of the sentence.
     for mark in marks:
         if (value > mark) != (shown > mark) or (value < mark) != (shown < mark):
             return False
@@ -197,7 +205,7 @@ def _share(box: Judgement) -> str:
     large = ""
     if box.large and box.area_percent is not None:
         large = f"it covers {percent(box.area_percent)} of the image and "
-    more = "more than " if box.published else ""
+    more = "more than " if box.as_carlasimu else ""
     return (
         f"{large}{percent(match, threshold)} of its pixels are "
         f"{any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
@@ -225,6 +233,8 @@ _SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
     Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
     Reason.LARGE_BELOW_THRESHOLD: _too_little,
     Reason.BELOW_THRESHOLD: _too_little,
+    # Channels decided the next four: `explain_channel` has the words. These are for a
+    # `Judgement` that was made without its `channel`, as for a decision on its own.
     Reason.EXPLAINED_BY_NEARER: lambda _: "nearer boxes explain all of its pixels",
     Reason.HIDDEN_BY_DEPTH: lambda _: "what is seen there is at another depth",
     Reason.HIDDEN_BY_INSTANCE: lambda _: "no instance in the image belongs to it",

@@ -1,4 +1,8 @@
-"""Evidence and a configuration in, verdicts out. Reads no pixel."""
+"""Verdicts from evidence and a configuration: `decide`. Reads no pixel.
+
+The rules of the paper's Algorithm 2 are a table here. Rules of other evidence than the
+segmentation are in `channel_rules`, which `decide` applies afterwards.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.config.filter import DecideConfig, Thresholds
-from filter_core.decisions.channels import apply_channels
+from filter_core.decisions.channel_rules import apply_channels
 from filter_core.types import (
     BoolArray,
     BoxState,
@@ -21,24 +25,24 @@ from filter_core.types import (
 )
 
 Z95: Final = 1.959963984540054
-"""Two-sided 95 % quantile of the normal distribution."""
+"""Standard deviations either side of a normal distribution's mean that hold 95 %."""
 
 _BLOCK: Final = 1 << 15
-"""Boxes decided at a time: temporaries of 256 KiB stay in the processor's cache."""
+"""Boxes per block: temporary arrays of 256 KiB stay in the processor's cache."""
 
 _Limit: TypeAlias = FloatArray | IntArray | np.float64 | np.int64
-"""One number per box, or one for all."""
+"""An array with one number per box, or one number if all classes share it."""
 
 
 class _Bit(IntEnum):
-    """What is true of a box; its state (`BoxState`) is in the two lowest bits."""
+    """What holds for a box, as bits of one number; bits 0 and 1 are its `BoxState`."""
 
     OUT_OF_RANGE = 1 << 2
     UNMAPPED = 1 << 3
     UNMEASURED = 1 << 4
     TOO_FEW_PIXELS = 1 << 5
-    FAILS_BIG = 1 << 6
-    FAILS_SMALL = 1 << 7
+    FAILS_LARGE_THRESHOLD = 1 << 6
+    FAILS_SMALL_THRESHOLD = 1 << 7
 
 
 _STATE_BITS: Final = 0b11
@@ -51,11 +55,18 @@ _RULES: Final = (
     (Reason.UNMAPPED_CLASS, _Bit.UNMAPPED, _Bit.UNMAPPED),
     (Reason.NO_SEGMENTATION, _Bit.UNMEASURED, _Bit.UNMEASURED),
     (Reason.NO_VISIBLE_PIXELS, _Bit.TOO_FEW_PIXELS, _Bit.TOO_FEW_PIXELS),
-    (Reason.LARGE_BELOW_THRESHOLD, _Bit.FAILS_BIG, _Bit.FAILS_BIG),
-    (Reason.BELOW_THRESHOLD, _Bit.FAILS_SMALL, _Bit.FAILS_SMALL),
+    (
+        Reason.LARGE_BELOW_THRESHOLD,
+        _Bit.FAILS_LARGE_THRESHOLD,
+        _Bit.FAILS_LARGE_THRESHOLD,
+    ),
+    (Reason.BELOW_THRESHOLD, _Bit.FAILS_SMALL_THRESHOLD, _Bit.FAILS_SMALL_THRESHOLD),
     (Reason.VISIBLE, 0, 0),
 )
-"""Algorithm 2 in its order: the first row whose bits under the mask are these."""
+"""Reason, mask, value, in the order of Algorithm 2.
+
+The first row with ``bits & mask == value`` decides.
+"""
 
 _REASON_OF_BITS: Final = np.array(
     [
@@ -64,43 +75,51 @@ _REASON_OF_BITS: Final = np.array(
     ],
     dtype=np.uint8,
 )
-"""The rules, applied once to every combination: masks per rule cost 4 ms per million
-boxes and rule, one look-up 0.7 ms for all of them."""
+"""The deciding rule of each of the 256 combinations of bits.
 
-# Columns of the table of thresholds that can have applied to a class.
+Looking a box up here is faster than applying one mask per rule.
+"""
+
+_LARGE: Final = 16
+"""Added to a reason if the box is large; above every number of a `Reason`."""
+
+# Columns of the table that `_Block._threshold` makes: which threshold applied to a box.
 _SMALL, _BIG, _KEPT_LARGE, _NONE = range(4)
 
-_COLUMN_OF_REASON: Final = np.full(2 * 16, _NONE, dtype=np.uint8)
 
-_COLUMN_OF_REASON[[Reason.BELOW_THRESHOLD, 16 + Reason.BELOW_THRESHOLD]] = _SMALL
+def _columns_of_reasons() -> NDArray[np.uint8]:
+    columns = np.full(2 * _LARGE, _NONE, dtype=np.uint8)
+    columns[[Reason.BELOW_THRESHOLD, _LARGE + Reason.BELOW_THRESHOLD]] = _SMALL
+    columns[_LARGE + Reason.LARGE_BELOW_THRESHOLD] = _BIG
+    columns[[Reason.VISIBLE, _LARGE + Reason.VISIBLE]] = _SMALL, _KEPT_LARGE
+    return columns
 
-_COLUMN_OF_REASON[16 + Reason.LARGE_BELOW_THRESHOLD] = _BIG
 
-_COLUMN_OF_REASON[[Reason.VISIBLE, 16 + Reason.VISIBLE]] = _SMALL, _KEPT_LARGE
-"""By reason, plus 16 if the box is large."""
+_COLUMN_OF_REASON: Final = _columns_of_reasons()
+"""The threshold that applied, by reason, plus `_LARGE` if the box is large."""
 
 
 def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
-    """The first rule that matches each box, and the numbers that it rests on.
+    """Decide each box by the first rule that matches it.
 
     Parameters
     ----------
     evidence : Evidence of N boxes
         As measured with the profile of `config` and with its accept sets (see
-        `MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not looked at.
+        `MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not read.
     config : DecideConfig
 
     Returns
     -------
     Decisions of N boxes
-        `threshold`, `margin` and `toss_up` are NaN, NaN and False where a rule before
-        the thresholds decided.
+        `threshold` and `margin` are NaN and `toss_up` is False where no threshold
+        decided.
 
     Notes
     -----
     O(N), without a loop over boxes. The 95 % Wilson interval of a share p of n pixels
-    contains a threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n`` [2]_, since it
-    is the score test turned round; so the interval itself is never computed.
+    contains a threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n`` [2]_, since the
+    Wilson interval is the inverted score test; so the interval is never computed.
 
     References
     ----------
@@ -118,87 +137,96 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         large=np.empty(count, np.bool_),
     )
     limits = config.thresholds_for(evidence.class_names)
-    published = config.profile == "carlasimu"
+    as_carlasimu = config.profile == "carlasimu"
     for start in range(0, count, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        _Block(evidence, limits, part, published).write(decisions)
+        rows = slice(start, start + _BLOCK)
+        _Block(evidence, limits, rows, as_carlasimu).write(decisions)
     apply_channels(evidence, config, decisions)
     return decisions
 
 
 class _Block:
-    """The rules over one run of boxes; `published` is profile ``carlasimu``."""
+    """A block of boxes, the range `rows` of the evidence, to be decided.
+
+    `as_carlasimu`: as under profile ``carlasimu``, which differs from ``paper`` in
+    three ways: a box of exactly the size `size_big_box` is large; a match equal to a
+    threshold fails; and large boxes must pass both thresholds.
+    """
 
     def __init__(
-        self, evidence: Evidence, limits: Thresholds, part: slice, published: bool
+        self, evidence: Evidence, limits: Thresholds, rows: slice, as_carlasimu: bool
     ) -> None:
         self.evidence, self.limits = evidence, limits
-        self.part, self.published = part, published
-        self.class_index = evidence.class_index[part]
-        self.match = evidence.match_percent[part]
+        self.rows, self.as_carlasimu = rows, as_carlasimu
+        self.class_index = evidence.class_index[rows]
+        self.match = evidence.match_percent[rows]
 
     def write(self, decisions: Decisions) -> None:
-        """Decide these boxes into their places."""
-        part = self.part
+        """Decide the block and write the results into its rows of `decisions`."""
+        rows = self.rows
         large = self._is_large()
         reason = _REASON_OF_BITS.take(self._bits(large))
-        column = _COLUMN_OF_REASON.take(reason | large.view(np.uint8) << 4)
+        column = _COLUMN_OF_REASON.take(reason + large * np.uint8(_LARGE))
         threshold = self._threshold(column)
-        # The published code's float area can give more than all of a box's pixels.
+        # Under carlasimu the match can exceed 100.
         margin = np.minimum(self.match, 100.0) - threshold
-        decisions.reason[part] = reason
-        decisions.threshold[part] = threshold
-        decisions.margin[part] = margin
-        decisions.toss_up[part] = self._is_toss_up(threshold, margin)
-        decisions.large[part] = large & (column != _NONE)
+        decisions.reason[rows] = reason
+        decisions.threshold[rows] = threshold
+        decisions.margin[rows] = margin
+        decisions.toss_up[rows] = self._is_toss_up(threshold, margin)
+        decisions.large[rows] = large & (column != _NONE)
 
     def _bits(self, large: BoolArray) -> NDArray[np.uint8]:
-        evidence, limits, part = self.evidence, self.limits, self.part
-        fails_small = self._fails(limits.threshold_small_box)
-        if not self.published:  # whose code tests large boxes by this one as well
-            fails_small &= ~large
-        bits: NDArray[np.uint8] = evidence.state[part].copy()
+        evidence, limits, rows = self.evidence, self.limits, self.rows
+        fails_small_threshold = self._fails(limits.threshold_small_box)
+        # In carlasimu large boxes must pass the threshold for small ones too.
+        if not self.as_carlasimu:
+            fails_small_threshold &= ~large
+        fails_large_threshold = self._fails(limits.threshold_big_box) & large
+        bits: NDArray[np.uint8] = evidence.state[rows].copy()
         for holds, bit in (
             (self._is_out_of_range(), _Bit.OUT_OF_RANGE),
-            (evidence.accept_mask[part] == 0, _Bit.UNMAPPED),
-            (~evidence.measured[part], _Bit.UNMEASURED),
+            (evidence.accept_mask[rows] == 0, _Bit.UNMAPPED),
+            (~evidence.measured[rows], _Bit.UNMEASURED),
             (self._has_too_few_pixels(), _Bit.TOO_FEW_PIXELS),
-            (self._fails(limits.threshold_big_box) & large, _Bit.FAILS_BIG),
-            (fails_small, _Bit.FAILS_SMALL),
+            (fails_large_threshold, _Bit.FAILS_LARGE_THRESHOLD),
+            (fails_small_threshold, _Bit.FAILS_SMALL_THRESHOLD),
         ):
             bits |= holds.view(np.uint8) * np.uint8(bit)
         return bits
 
     def _threshold(self, column: NDArray[np.uint8]) -> FloatArray:
-        """The threshold in each box's class and column."""
+        """Each box's threshold: from the row of its class and the given column."""
         small, big = self.limits.threshold_small_box, self.limits.threshold_big_box
-        kept_large = np.maximum(small, big) if self.published else big
+        kept_large = np.maximum(small, big) if self.as_carlasimu else big
         table = np.column_stack([small, big, kept_large, np.full(len(small), np.nan)])
         threshold: FloatArray = table.take(self.class_index * 4 + column)
         return threshold
 
     def _has_too_few_pixels(self) -> BoolArray:
         needed = self._limit(self.limits.min_visible_pixels)
-        too_few: BoolArray = self.evidence.matched_pixels[self.part] < needed
+        too_few: BoolArray = self.evidence.matched_pixels[self.rows] < needed
         return too_few
 
     def _is_out_of_range(self) -> BoolArray:
         limits = self.limits
-        distance = self.evidence.distance[self.part]  # NaN is neither near nor far
+        distance = self.evidence.distance[self.rows]
         if np.isinf(limits.min_distance).all() and np.isinf(limits.max_distance).all():
             return np.zeros(len(distance), np.bool_)
-        too_near = distance < self._limit(limits.min_distance)
-        too_near |= distance > self._limit(limits.max_distance)
-        return too_near
+        # An unknown distance (NaN) is never out of range.
+        out_of_range = distance < self._limit(limits.min_distance)
+        out_of_range |= distance > self._limit(limits.max_distance)
+        return out_of_range
 
     def _is_large(self) -> BoolArray:
-        area = self.evidence.area_percent[self.part]
+        area = self.evidence.area_percent[self.rows]
         size = self._limit(self.limits.size_big_box)
-        return area >= size if self.published else area > size
+        return area >= size if self.as_carlasimu else area > size
 
     def _fails(self, per_class: FloatArray) -> BoolArray:
+        """Whether each box's match is too low for the threshold of its class."""
         threshold = self._limit(per_class)
-        if self.published:
+        if self.as_carlasimu:
             return self.match <= threshold
         return self.match < threshold
 
@@ -206,11 +234,13 @@ class _Block:
         spread = threshold * (100.0 - threshold)
         spread *= Z95 * Z95
         deviation = margin * margin
-        deviation *= self.evidence.box_pixels[self.part]
-        toss_up: BoolArray = deviation <= spread  # NaN, no threshold: False
+        deviation *= self.evidence.box_pixels[self.rows]
+        # False where there is no threshold: NaN compares as False.
+        toss_up: BoolArray = deviation <= spread
         return toss_up
 
     def _limit(self, per_class: FloatArray | IntArray) -> _Limit:
+        """What a (K,) array of numbers by class means for each box of the block."""
         alike = bool((per_class == per_class[0]).all())
         chosen: _Limit = per_class[0] if alike else per_class.take(self.class_index)
         return chosen

@@ -1,1 +1,1 @@
-"""How right verdicts are, and which thresholds answers speak for."""
+"""How right verdicts are, how far people agree, and which thresholds fit answers."""

@@ -1,4 +1,4 @@
-"""How far people agree with each other, and how much of it is more than chance."""
+"""How far people agree with each other, and how far beyond chance (kappa)."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Kappa:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two people, by their indexes, and the boxes that both answered.
+    """Two people, by their numbers, and the boxes that both answered.
 
     Attributes
     ----------
     a, b : int
-        Indexes of the two, ``a < b``.
+        Numbers of the two, as `agreement` was given them; ``a < b``.
     table : (2, 2) int64
         Boxes by the answer of `a`, then of `b`; 0 is reject, 1 is keep.
     """
@@ -61,9 +61,9 @@ class Agreement:
     boxes : int
         Boxes with answers of two or more people.
     agreed : int
-        Those on which all of them said the same.
+        Those of them for which all answers are the same.
     pairs : list of Pair
-        Every two people who share a box, in order.
+        Every two people who answered a common box, sorted by `a` and `b`.
     """
 
     boxes: int
@@ -72,7 +72,7 @@ class Agreement:
 
     @property
     def kappa(self) -> Kappa | None:
-        """Cohen's kappa of all pairs in one table; of two people it is theirs."""
+        """Cohen's kappa of the sum of all pairs' tables; None if undefined."""
         tables = [pair.table for pair in self.pairs]
         return cohen_kappa(np.sum(tables, axis=0)) if tables else None
 
@@ -95,8 +95,9 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
 
     Notes
     -----
-    O(N log N): sorted by box, the two answers of a pair are `step` rows apart, and
-    there are as many steps as people on one box, less one.
+    Answers are sorted by box; answers to the same box that are `step` rows apart are
+    pairs. Steps go from 1 to the largest number of people per box, less one.
+    O(N log N) for a bounded number of people per box.
     """
     order = np.lexsort((person, box))
     box, person, keep = box[order], person[order], keep[order]
@@ -127,7 +128,7 @@ def cohen_kappa(table: IntArray) -> Kappa | None:
     Returns
     -------
     Kappa or None
-        None where it is not defined: without a box, or if both always gave one answer.
+        None if undefined: no boxes, or both always gave the same one answer.
 
     References
     ----------

@@ -1,9 +1,9 @@
-"""Kinds of evidence compared with the truth: what each gets right, and the worst boxes.
+"""Comparing kinds of evidence with the truth: how often each is right, and where not.
 
-Numbers of boxes and whether each object is visible come in, frame by frame. Each kind
-of evidence decides them under the same thresholds; counts by class and distance, and
-the largest disagreements, come out. Where nobody has said what is visible,
-`truth_from_instances` takes it from instance images.
+`Evaluation` takes, frame by frame, evidence of boxes and whether each object is
+visible. Every kind of evidence decides all boxes under the same configuration. The
+results are counts by class and distance, and the largest errors. Without answers of
+people, `truth_from_instances` takes the truth from instance images.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS, SEMANTIC
-from filter_core.decisions.channels import has_number
+from filter_core.decisions.channel_rules import has_number
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import BANDS, Confusion, band_index
 from filter_core.types import (
@@ -31,10 +31,10 @@ COMPARED: Final = (SEMANTIC, *CHANNELS)
 """The kinds of evidence that can be compared."""
 
 MOST: Final = 20
-"""Disagreements that are listed of each kind of evidence."""
+"""How many errors are listed for each kind of evidence."""
 
-NameOf: TypeAlias = Callable[[int], Mapping[str, Any]]
-"""What a box is called, by its row; asked only of those that are listed."""
+NameOf: TypeAlias = Callable[[int], Mapping[str, object]]
+"""Gives the name of a box from its row; called only for boxes that are listed."""
 
 
 def _by_row(row: int) -> dict[str, int]:
@@ -42,12 +42,12 @@ def _by_row(row: int) -> dict[str, int]:
 
 
 class Evaluation:
-    """Counts frames, one after the other, under every channel that was measured.
+    """Decides boxes by several kinds of evidence and counts right and wrong verdicts.
 
     Parameters
     ----------
     config : FilterConfig
-        Its thresholds and ranges; its own channel is not looked at.
+        Thresholds and ranges; its key ``evidence`` is not used.
     channels : names out of `COMPARED`
     """
 
@@ -68,7 +68,7 @@ class Evaluation:
     ) -> None:
         """Count boxes of one or more frames; `visible` (N,) is the truth.
 
-        Boxes that nothing can judge are left out: they are unmeasured, not rejected.
+        Unmeasured boxes are left out.
         """
         self.frames += frames
         self.boxes += len(evidence)
@@ -97,41 +97,41 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class WrongBox:
-    """One disagreement.
+    """A box whose verdict is wrong.
 
     Attributes
     ----------
     name : mapping
-        What the box is called where it comes from.
+        What identifies the box in its source, such as frame and id.
     error : str
-        ``kept_hidden`` or ``rejected_visible``, as a confusion counts it.
+        ``kept_hidden`` or ``rejected_visible``, the fields of `Confusion`.
     pixels : int
-        Of a ghost that was kept: all of its box. Of a visible object that was lost:
-        those seen of it, by its instance or else by the tags that its class accepts.
+        The size of the error. If a ghost was kept: the pixels of its box. If a visible
+        object was rejected: its visible pixels, by its instance or else its tags.
     """
 
-    name: Mapping[str, Any]
+    name: Mapping[str, object]
     error: str
     pixels: int
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Ready for JSON."""
         return {**self.name, "error": self.error, "pixels": self.pixels}
 
 
 @dataclass
 class Worst:
-    """The `MOST` largest disagreements so far, in pixels, largest first."""
+    """The `MOST` largest errors so far by pixels, largest first."""
 
     boxes: list[WrongBox] = field(default_factory=list)
 
     def add(
         self, evidence: Evidence, kept: BoolArray, visible: BoolArray, name_of: NameOf
     ) -> None:
-        """Look at N boxes that the channel judged; `name_of` takes their rows."""
+        """Add the errors among N boxes; `name_of` names boxes by their rows."""
         rows = np.flatnonzero(kept != visible)
         pixels = _wrong_pixels(evidence.take(rows), kept[rows])
-        # Of equal ones the first come first, whoever counts.
+        # Stable, so that the order of equal errors is always the same.
         largest = np.argsort(-pixels, kind="stable")[:MOST]
         found = [
             WrongBox(
@@ -156,15 +156,15 @@ def _wrong_pixels(evidence: Evidence, kept: BoolArray) -> IntArray:
 
 @dataclass
 class ChannelScore:
-    """One channel's rights and wrongs so far.
+    """The right and wrong verdicts of one kind of evidence so far.
 
     Attributes
     ----------
     by_class, by_band : dict of Confusion
     judged : int
-        Boxes that the channel had a number for; the segmentation judged the others.
+        Boxes that it had a number for; the segmentation judged the others.
     worst : Worst
-        What to look at first.
+        The largest errors.
     """
 
     by_class: dict[str, Confusion] = field(default_factory=dict)
@@ -177,7 +177,7 @@ class ChannelScore:
         """All boxes together."""
         return sum(self.by_band.values(), start=Confusion())
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Ready for JSON; classes by name, bands from near to far."""
         bands = [name for name in BANDS if name in self.by_band]
         return {
@@ -203,7 +203,7 @@ class _Outcomes:
     def count(
         self, group: IntArray, names: Sequence[str], into: dict[str, Confusion]
     ) -> None:
-        """Add what happened in each group; `group` (N,) points into `names`."""
+        """Add the counts of each group to `into`; `group` (N,) indexes `names`."""
         code = group * 4 + self.kept * 2 + self.visible
         counts = np.bincount(code, minlength=4 * len(names)).reshape(-1, 4).tolist()
         for name, (hidden, lost, ghosts, found) in zip(names, counts, strict=True):
@@ -213,14 +213,14 @@ class _Outcomes:
 
 
 def truth_from_instances(evidence: Evidence) -> tuple[IntArray, BoolArray]:
-    """Which of N boxes had an instance image, and whether their objects are visible.
+    """The truth from instance images: whether the objects of boxes are visible.
 
     Returns
     -------
     rows : (M,) int64
-        Boxes whose instance was looked for.
+        The boxes that had an instance image.
     visible : (M,) bool
-        Whether at least one pixel of it was there.
+        Whether at least one pixel of its instance is visible.
     """
     channels = evidence.channels
     if channels is None:

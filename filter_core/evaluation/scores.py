@@ -1,10 +1,10 @@
-"""Counts of right and wrong verdicts, and scores with their intervals. No pixels."""
+"""Counts of right and wrong verdicts, and scores with their 95 % intervals."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from filter_core.decisions.rules import Z95
 from filter_core.types import BoolArray, FloatArray, IntArray
 
 BANDS: Final = ("0-50", "50-100", "100-150", "150-200", ">200", "unknown")
-"""Distances in metres; a band begins with its lower end."""
+"""Bands of distance in metres; each includes its lower end."""
 
 _EDGES: Final = np.array([50.0, 100.0, 150.0, 200.0])
 
@@ -26,13 +26,13 @@ class Measured:
     high: float
 
     def as_dict(self) -> dict[str, float]:
-        """As answers give it."""
+        """Ready for JSON."""
         return {"value": self.value, "low": self.low, "high": self.high}
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """The filter's verdicts against what is true; ``kept`` is the positive class.
+    """Verdicts compared with the truth; ``kept`` is the positive class.
 
     Attributes
     ----------
@@ -95,9 +95,9 @@ class Confusion:
 
         Notes
         -----
-        ``F1 = 2 J / (1 + J)`` with J the share of rightly kept among all boxes that are
-        kept or visible. J is a share of a number of boxes, so it has a Wilson interval,
-        and what rises with J has that interval carried over.
+        ``F1 = 2 J / (1 + J)``, where J is the share of rightly kept boxes among all
+        that are kept or visible. J is a binomial share, so it has a Wilson interval. F1
+        increases with J, so the ends of its interval are those of J's, transformed.
         """
         wrong = self.kept_hidden + self.rejected_visible
         found = share(self.kept_visible, self.kept_visible + wrong)
@@ -106,7 +106,7 @@ class Confusion:
         low, high = _f1_of(found.low), _f1_of(found.high)
         return Measured(_f1_of(found.value), low, high)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Counts and scores, ready for JSON."""
         scores = {"precision": self.precision, "recall": self.recall, "f1": self.f1}
         return {
@@ -120,7 +120,7 @@ class Confusion:
 
 
 def share(part: int, whole: int) -> Measured | None:
-    """A share of a count with its Wilson interval; None of nothing."""
+    """``part / whole`` with its Wilson interval; None if `whole` is 0."""
     if whole == 0:
         return None
     low, high = wilson_interval(part, whole)
@@ -128,7 +128,7 @@ def share(part: int, whole: int) -> Measured | None:
 
 
 def wilson_interval(part: int, whole: int) -> tuple[float, float]:
-    """The 95 % interval of a share, 0..1; it stays inside, however few were counted.
+    """The 95 % Wilson interval of ``part / whole``; always within 0..1.
 
     References
     ----------
@@ -138,7 +138,7 @@ def wilson_interval(part: int, whole: int) -> tuple[float, float]:
     p, spread = part / whole, Z95 * Z95 / whole
     center = (p + spread / 2) / (1 + spread)
     half = math.sqrt(p * (1 - p) * spread + spread * spread / 4) / (1 + spread)
-    # At either end the bound is the share itself, which rounding may miss by a hair.
+    # Exactly 0 and 1 at the ends, which rounding could miss.
     low = 0.0 if part == 0 else center - half
     high = 1.0 if part == whole else center + half
     return low, high

@@ -1,8 +1,8 @@
-"""The threshold that boxes of known truth speak for, per class, and how sure that is.
+"""Suggesting the best threshold per class from boxes of known truth, with an interval.
 
 `suggest` finds the threshold of one class from the matches of its boxes and whether
-each is to be kept. `suggest_per_class` does so for every class of boxes that were
-decided under a configuration (`Judged`), and `TruthCollector` gathers those frame by
+each should be kept. `suggest_per_class` does so for every class of boxes that were
+decided under a configuration (`Judged`); `TruthCollector` collects those frame by
 frame.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,37 +22,37 @@ from filter_core.evaluation.scores import Confusion
 from filter_core.types import BoolArray, Evidence, FloatArray, IntArray, Reason
 
 _RESAMPLES: Final = 200
-"""How often the answers are drawn anew to find the interval."""
+"""Bootstrap resamples for the interval."""
 
 _MOST_VALUES: Final = 256
-"""Different matches that resamples tell apart: finer than any interval is wide."""
+"""Groups of matches in resamples: much finer than intervals are wide."""
 
 _MAX_PERCENT: Final = 100.0
 
 _MOST_DECIMALS: Final = 6
-"""Decimals of a suggested threshold, if fewer cannot tell two matches apart."""
+"""Most decimals of a suggested threshold; used if fewer cannot separate matches."""
 
 _GRID: Final = np.concatenate([np.arange(0, 10, 0.5), np.arange(10, 101, 1.0)])
-"""Thresholds of a curve, in percent; finer where thin objects have theirs."""
+"""Thresholds of the curve, in percent; finer below 10, where thin objects need it."""
 
 _BY_THRESHOLD: Final = (Reason.VISIBLE, Reason.BELOW_THRESHOLD)
-"""Reasons that a threshold gives; of small boxes it is the one that is suggested."""
+"""The reasons of small boxes that the suggested threshold decides between."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """Answered boxes of one class whose verdict hangs on one threshold.
+    """Answered boxes of one class, those that its threshold decides and the others.
 
     Attributes
     ----------
     match : (N,) float64, percent
     keep : (N,) bool
-        What people said.
+        Whether people said keep.
     others : Confusion
         Answered boxes of the class that the threshold does not decide: large ones,
         those outside the image and so on. They count in every score.
     strict : bool
-        A box is kept above the threshold (profile ``carlasimu``), not from it on.
+        A match equal to the threshold is rejected (profile ``carlasimu``).
     """
 
     match: FloatArray
@@ -100,16 +100,17 @@ class Suggestion:
 def suggest(
     answers: Answers, current: float, goal: Goal, *, seed: int = 0
 ) -> Suggestion | None:
-    """The threshold that serves a goal best on what people answered.
+    """The best threshold for a goal, judged by what people answered.
 
     Parameters
     ----------
     answers : Answers
     current : float, percent
-        Stays if nothing is better; of several best ones the nearest to it is taken.
+        The threshold in use. It is kept if none is better; of several best thresholds,
+        the nearest to it is taken.
     goal : Goal
     seed : int
-        Of the resamples: the same answers always give the same interval.
+        Seed of the resamples: the same answers always give the same interval.
 
     Returns
     -------
@@ -118,11 +119,11 @@ def suggest(
 
     Notes
     -----
-    A threshold matters by which boxes it splits, so only the gaps between neighbouring
-    matches are tried: all of them, by running sums. The interval is the percentile
-    bootstrap [1]_ of this whole choice: answers are drawn with replacement, the same
-    number, and the choice made anew. More than 256 different matches are put into 256
-    groups for that.
+    All thresholds between the same two neighbouring matches give the same verdicts, so
+    one per gap is scored, from cumulative sums. The interval is the percentile
+    bootstrap [1]_ of this choice: as many answers are drawn with replacement and the
+    choice is repeated. For that, more than 256 different matches are put into 256
+    groups.
 
     References
     ----------
@@ -151,7 +152,7 @@ def suggest(
 
 
 class _Cuts:
-    """Places to cut sorted matches: cut c rejects the c lowest different values."""
+    """Thresholds as cuts of the sorted matches: cut c rejects the c lowest values."""
 
     def __init__(self, answers: Answers, current: float) -> None:
         self.values, index = np.unique(answers.match, return_inverse=True)
@@ -159,7 +160,7 @@ class _Cuts:
         self.counts = _counts(answers, index.reshape(-1), len(self.values))
         self._scores = self.scores(self.counts[None])
         self.at_current = self.cut(current)
-        # No threshold is below 0 or above 100: some cuts cannot be made.
+        # Thresholds are 0..100, so the first or last cut may be impossible.
         at_zero = answers.strict and self.values[0] <= 0
         at_most = not answers.strict and self.values[-1] >= _MAX_PERCENT
         self._possible = slice(int(at_zero), len(self.values) + 1 - int(at_most))
@@ -185,7 +186,7 @@ class _Cuts:
             value = 2.0 * right / np.maximum(2 * right + wrong + lost, 1)
         value = value[:, self._possible]
         first = self._possible.start
-        # The nearest to the current one among those that are as good.
+        # Of the best cuts, the nearest to the current one.
         good = value >= value.max(axis=1, keepdims=True) - 1e-12
         away = np.abs(cuts[self._possible] - self.at_current)
         nearest: IntArray = np.where(good, away, len(cuts) + 1).argmin(axis=1)
@@ -197,7 +198,7 @@ class _Cuts:
         return int(np.searchsorted(self.values, threshold, side=side))
 
     def threshold(self, cut: int) -> float:
-        """The threshold in the gap of a cut, as round as the gap allows."""
+        """A threshold that makes a cut, with as few decimals as possible."""
         if cut == self.at_current:
             return self._current
         low = float(self.values[cut - 1]) if cut else 0.0
@@ -230,7 +231,7 @@ def _before(counts: IntArray) -> IntArray:
 
 
 def _counts(answers: Answers, index: IntArray, values: int) -> IntArray:
-    """(2 M + 4,): rejected and kept answers per value, then the four others."""
+    """(2 M + 4,): reject and keep answers per value, then the counts of `others`."""
     cell = index + values * answers.keep
     others = answers.others
     fixed = [
@@ -243,7 +244,7 @@ def _counts(answers: Answers, index: IntArray, values: int) -> IntArray:
 
 
 def _grouped(answers: Answers, values: FloatArray) -> Answers:
-    """The answers with neighbouring matches made equal, where there are too many."""
+    """The answers, with matches grouped into at most `_MOST_VALUES` values."""
     if len(values) <= _MOST_VALUES:
         return answers
     first = values[np.arange(_MOST_VALUES) * len(values) // _MOST_VALUES]
@@ -253,19 +254,19 @@ def _grouped(answers: Answers, values: FloatArray) -> Answers:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What the filter says of N boxes, and what is true of them.
+    """N decided boxes, with the truth of each.
 
     Attributes
     ----------
     class_key : (N,) int64
-        The number of each box's class, whoever numbers them.
+        The number of each box's class, in any numbering.
     distance : (N,) float64, metres, NaN where unknown
     match : (N,) float64, percent
     by_threshold : (N,) bool
         The threshold for small boxes decided, and no other rule.
     kept : (N,) bool
     visible : (N,) bool
-        The truth.
+        Whether the object is visible: the truth.
     """
 
     class_key: IntArray
@@ -277,7 +278,7 @@ class Judged:
 
     @classmethod
     def of(cls, evidence: Evidence, config: FilterConfig, visible: BoolArray) -> Judged:
-        """Decide N boxes; without those that nothing could be measured of."""
+        """Decide N boxes; unmeasured ones are left out."""
         decisions = decide(evidence, config)
         known = decisions.reason != Reason.NO_SEGMENTATION
         return cls(
@@ -291,7 +292,7 @@ class Judged:
 
     @classmethod
     def joined(cls, parts: Iterable[Judged]) -> Judged:
-        """One after the other; at least one."""
+        """All parts in one; there must be at least one part."""
         listed = list(parts)
         return cls(
             *(
@@ -313,7 +314,7 @@ class Judged:
         return len(self.kept)
 
 
-def is_by_threshold(reason: NDArray[np.integer[Any]], large: BoolArray) -> BoolArray:
+def is_by_threshold(reason: NDArray[np.integer], large: BoolArray) -> BoolArray:
     """(N,) bool: whether the threshold for small boxes decided."""
     decided: BoolArray = np.isin(reason, _BY_THRESHOLD) & ~large
     return decided
@@ -321,15 +322,15 @@ def is_by_threshold(reason: NDArray[np.integer[Any]], large: BoolArray) -> BoolA
 
 @dataclass(frozen=True)
 class ClassSuggestion:
-    """What the boxes of one class speak for; `boxes` have a known truth."""
+    """The suggestion for one class, from `boxes` boxes of known truth."""
 
     class_name: str
     current: float
     boxes: int
     found: Suggestion
 
-    def as_dict(self) -> dict[str, Any]:
-        """As answers give it."""
+    def as_dict(self) -> dict[str, object]:
+        """Ready for JSON."""
         return {
             "class": self.class_name,
             "current": self.current,
@@ -357,8 +358,8 @@ def suggest_per_class(
     Returns
     -------
     list of ClassSuggestion
-        None of a configuration whose evidence is not ``semantic``: no threshold
-        decides then.
+        Empty if the key ``evidence`` is not ``semantic``: thresholds do not decide
+        then.
     """
     if config.evidence != "semantic":
         return []
@@ -394,9 +395,9 @@ def with_thresholds(
 
 @dataclass
 class TruthCollector:
-    """Boxes of known truth, gathered frame by frame under ``evidence: semantic``.
+    """Collects boxes of known truth, frame by frame, decided by ``semantic``.
 
-    About 40 bytes are kept of each box.
+    It keeps about 40 bytes per box.
     """
 
     config: FilterConfig
@@ -407,7 +408,7 @@ class TruthCollector:
         self.config = replace(self.config, evidence="semantic")
 
     def add(self, evidence: Evidence, visible: BoolArray) -> None:
-        """Boxes of a frame; `visible` (N,) is the truth."""
+        """Add the boxes of a frame; `visible` (N,) is the truth."""
         keys = [
             self._classes.setdefault(name, len(self._classes))
             for name in evidence.class_names

@@ -1,5 +1,6 @@
-"""Evidence beyond the segmentation: depth, instances, order of distance, LiDAR.
+"""Measured evidence: numbers per box, from the segmentation and from other sensors.
 
-Each channel gives numbers per box (`filter_core.types.ChannelNumbers`) and,
-like the rest of measuring, knows no threshold of a decision.
+`channels.measure_evidence` measures everything for a frame. The other modules measure
+one kind of evidence each, or hold what several kinds need. Annotations, thresholds and
+decisions are not known here.
 """

@@ -1,6 +1,7 @@
-"""Count pixels inside boxes: three strategies, one result, and one place that chooses.
+"""Counting pixels inside boxes by the cheapest of three exact strategies.
 
-Which is cheapest depends on how much of the image the boxes cover; all are exact.
+`count_pixels`, `count_codes_in` and `count_matches` choose it by an estimate of the
+time; which is cheapest depends on how much of the image the boxes cover.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ _NS_PER_COMPARISON: Final = 2_000.0
 _NS_PER_COMPARED_PIXEL: Final = 0.25
 
 _CHUNK_PIXELS: Final = 1 << 20
-"""Pixels gathered at a time: a few megabytes, whatever the boxes are."""
+"""Pixels gathered at a time, which limits memory to a few megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Rectangles of pixels of one image.
+    """N rectangles of pixels of one image.
 
     Attributes
     ----------
@@ -156,13 +157,13 @@ def count_by_comparing(
 
 
 def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
-    """Counts from the rectangles' own pixels, in portions of bounded size."""
+    """Counts from the rectangles' own pixels, in chunks of bounded size."""
     counts = np.zeros((len(regions), len(wanted)), dtype=np.int64)
     column = np.full(256, len(wanted), dtype=np.int64)
     column[list(wanted)] = np.arange(len(wanted))
-    for portion in _portions(regions.areas):
-        some = replace(regions, bounds=regions.bounds[portion])
-        counts[portion] = _count_portion(some, column, len(wanted) + 1)[:, :-1]
+    for chunk in _chunks(regions.areas):
+        some = replace(regions, bounds=regions.bounds[chunk])
+        counts[chunk] = _count_chunk(some, column, len(wanted) + 1)[:, :-1]
     return counts
 
 
@@ -186,8 +187,8 @@ def count_by_tables(regions: Regions, wanted: Sequence[int]) -> IntArray:
     return transposed
 
 
-def _portions(areas: IntArray) -> Iterator[slice]:
-    """Boxes of about `_CHUNK_PIXELS` together, at least one at a time."""
+def _chunks(areas: IntArray) -> Iterator[slice]:
+    """Ranges of boxes with about `_CHUNK_PIXELS` pixels, each of at least one box."""
     total = np.cumsum(areas)
     starts = [0]
     if len(areas) and total[-1] > _CHUNK_PIXELS:
@@ -197,7 +198,7 @@ def _portions(areas: IntArray) -> Iterator[slice]:
             yield slice(start, stop)
 
 
-def _count_portion(regions: Regions, column: IntArray, width: int) -> IntArray:
+def _count_chunk(regions: Regions, column: IntArray, width: int) -> IntArray:
     codes = regions.codes
     values, sizes = gather(codes.pixels, regions.bounds, regions.keep)
     stops = np.cumsum(sizes)

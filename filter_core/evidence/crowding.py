@@ -1,7 +1,8 @@
-"""How much of a box one other box of a like class covers. Geometry only, no pixels.
+"""Crowding: how much of a box another box of an alike class covers. Reads no pixels.
 
-A semantic segmentation cannot tell two cars apart: where another box covers a box,
-matching pixels may be the other's. Crowding says how far that can go.
+A semantic segmentation cannot tell two cars apart: where two boxes overlap, matching
+pixels of one may belong to the other. Crowding is the largest share of a box that one
+other box could have contributed. Such other boxes are called rivals here.
 """
 
 from __future__ import annotations
@@ -13,26 +14,26 @@ import numpy as np
 from filter_core.types import BoxesXYXY, FloatArray, IntArray
 
 _ALL_PAIRS: Final = 1 << 16
-"""Up to this many pairs, comparing them all at once is faster than being clever."""
+"""Up to this many pairs, comparing all of them at once is the fastest."""
 
 _LARGEST: Final = 96
-"""Rivals that are tried on every box first: large ones contain most small boxes."""
+"""How many of the largest rivals are first compared with every box."""
 
 _AT_ONCE: Final = 8
-"""How many of them, before boxes that are wholly covered drop out."""
+"""How many of them at a time; boxes that are wholly covered then drop out."""
 
 _WORTHWHILE: Final = 0.98
-"""If more boxes than this share stay open, the largest rivals are not worth trying."""
+"""If a larger share of boxes does not drop out, no more large rivals are tried."""
 
 _GROUP: Final = 32
-"""Boxes near each other that share one selection of rivals."""
+"""How many neighbouring boxes share one selection of rivals."""
 
 _CHUNK: Final = 1 << 15
-"""Pairs at a time, so that temporaries stay in the processor's cache."""
+"""Pairs at a time: temporary arrays stay in the processor's cache."""
 
 
 def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
-    """The largest share of each box that one other box of a like class covers.
+    """The largest share of each box that one other box of an alike class covers.
 
     Parameters
     ----------
@@ -44,14 +45,14 @@ def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
     Returns
     -------
     (N,) float64, percent
-        0 where no other like box overlaps.
+        0 where no box that is alike overlaps.
 
     Notes
     -----
     Exact: equal to comparing all pairs. Many boxes are grouped by size and place, and
     a rival is only compared with a group if it could cover more of one of its boxes
-    than the best rival so far. The largest rivals and the group itself come first, so
-    that "the best so far" is soon hard to beat.
+    than the best rival so far. The largest rivals and the group itself are compared
+    first, since they mostly cover much and so rule out most others.
     """
     percent = np.zeros(len(xyxy))
     live = np.flatnonzero(~np.isnan(xyxy).any(axis=1) & (accept_mask != 0))
@@ -64,7 +65,7 @@ def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
         covered = _covered_among_many(boxes, masks)
     extent = boxes[:, 2:] - boxes[:, :2]
     area = extent[:, 0] * extent[:, 1]
-    # The area of a sliver can be too small for a float: nothing covers it.
+    # The area of a sliver can underflow to 0, and then so does the covered area.
     percent[live] = 100.0 * covered / np.where(area > 0, area, 1.0)
     return percent
 
@@ -101,7 +102,7 @@ def _common_areas(some: FloatArray, others: FloatArray) -> FloatArray:
 
 
 class _Search:
-    """For boxes of one class: the rival that covers most of each."""
+    """Finds, for boxes of one accept mask, the rival that covers most of each."""
 
     def __init__(self, boxes: BoxesXYXY, rivals: IntArray) -> None:
         self.boxes = np.ascontiguousarray(boxes.T)
@@ -145,7 +146,7 @@ class _Search:
 
         `rivals` are places in `self.order`, ascending; a box is no rival of itself.
         """
-        # The longer axis last: numpy is fast along it.
+        # numpy is fastest along the last axis, so the longer one comes last.
         upright = len(own) > len(rivals)
         boxes, others = self.boxes[:, own], self.rivals[:, rivals]
         common = (
@@ -163,7 +164,7 @@ class _Search:
         """Places of the rivals that could cover more than `best` of a box of `own`.
 
         To cover an area, a rival has to reach across the box by at least that area
-        divided by the box's other side. The allowance is for rounding.
+        divided by the box's other side. The factor 1 - 1e-9 allows for rounding.
         """
         x0, y0, x1, y1 = self.boxes[:, own]
         share = best / self.areas[own] * (1.0 - 1e-9) - 1e-9
@@ -179,9 +180,9 @@ class _Search:
 
 
 def _by_size_and_place(boxes: FloatArray) -> IntArray:
-    """An order of (4, M) boxes in which neighbours are of like size and place.
+    """An order of (4, M) boxes in which neighbours are alike in size and place.
 
-    Like in size: within a factor of four.
+    Alike in size means that width and height differ by less than a factor of four.
     """
     extent = boxes[2:] - boxes[:2]
     if not extent.size:
@@ -196,7 +197,7 @@ def _by_size_and_place(boxes: FloatArray) -> IntArray:
 
 
 def _spread_bits(values: IntArray) -> IntArray:
-    """Eight bits, each followed by a free one: two such numbers make a Morton code."""
+    """Insert a 0 before each of eight bits; two such numbers form a Morton code."""
     values = (values | values << 4) & 0x0F0F
     values = (values | values << 2) & 0x3333
     return (values | values << 1) & 0x5555

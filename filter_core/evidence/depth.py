@@ -1,4 +1,9 @@
-"""CARLA's depth camera: metres from pixels, and what of a box is at its own depth."""
+"""CARLA's depth image as evidence: which pixels of a box are at the box's own depth.
+
+`read_depth` reads the image. `fill_depth` compares the depths of each box's accepted
+pixels with the depths that the box takes up (`depth_interval`). `center_gaps` compares
+only the pixel at the box's centre.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +24,7 @@ from filter_core.images.pixels import values_of
 from filter_core.types import ChannelNumbers, FloatArray, IntArray, Mask
 
 DEPTH_RANGE: Final = 1000.0
-"""Metres; the sky is there."""
+"""Metres: the largest depth that the image can hold, which is that of the sky."""
 
 DEPTH_STEPS: Final = (1 << 24) - 1
 
@@ -107,20 +112,20 @@ def read_depth(
     return DepthImage(np.asarray(pixels, np.uint8))
 
 
-def measure_depth(
+def fill_depth(
     numbers: ChannelNumbers,
     accepted: Sequence[AcceptedPixels],
     depth: DepthImage,
     interval: FloatArray,
 ) -> None:
-    """Fill in what the depth image says of the boxes that have an interval.
+    """Fill the columns that the depth image measures of 3D boxes.
 
     Parameters
     ----------
     numbers : ChannelNumbers
-        `depth_pixels`, `depth_gap`, `nearer_percent` and, where it is absent,
-        `tight_xyxy`.
-    accepted : of the boxes that are in the image
+        Filled: `depth_pixels`, `depth_gap`, `nearer_percent`, and `tight_xyxy` where it
+        is still NaN.
+    accepted : those of the boxes that are in the image
     depth : DepthImage
     interval : (N, 2) float64, metres
         Nearest and farthest depth of each 3D box, tolerance included; NaN: not 3D.
@@ -143,8 +148,17 @@ def measure_depth(
             numbers.tight_xyxy[row] = tight_rectangle(seen, outline.x0, outline.y0)
 
 
+def step_interval(interval: FloatArray) -> tuple[IntArray, IntArray]:
+    """(N,), (N,): first and last step of the depth image inside each interval."""
+    steps = np.nan_to_num(interval, nan=0.0) * (DEPTH_STEPS / DEPTH_RANGE)
+    bounded = np.clip(steps, -1, DEPTH_STEPS + 1)
+    return np.ceil(bounded[:, 0]).astype(np.int64), np.floor(bounded[:, 1]).astype(
+        np.int64
+    )
+
+
 def _gap(steps: NDArray[np.int32], low: int, high: int) -> float:
-    """Metres from the median of some depths to the interval; 0 inside, NaN of none."""
+    """Metres from the median of `steps` to the interval: 0 inside, NaN if empty."""
     if not len(steps):
         return float("nan")
     middle = float(np.median(steps))
@@ -152,10 +166,20 @@ def _gap(steps: NDArray[np.int32], low: int, high: int) -> float:
     return gap * DEPTH_RANGE / DEPTH_STEPS
 
 
+def tight_rectangle(mask: Mask, x0: int, y0: int) -> FloatArray:
+    """(4,) px: rectangle around a mask's pixels, NaN if none; its corner is x0, y0."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return np.full(4, np.nan)
+    columns = np.flatnonzero(mask.any(axis=0))
+    left, right = columns[0] + x0, columns[-1] + x0 + 1
+    return np.array([left, rows[0] + y0, right, rows[-1] + y0 + 1], np.float64)
+
+
 def depth_interval(
     vertices: FloatArray, camera: Camera, tolerance: float
 ) -> FloatArray:
-    """(N, 2) metres: nearest and farthest planar depth of 3D boxes, widened.
+    """(N, 2) metres: least and greatest planar depth of 3D boxes, with `tolerance`.
 
     NaN rows stay NaN. Only relative poses matter: moving the camera and the world
     together changes nothing.
@@ -164,15 +188,6 @@ def depth_interval(
     near = np.maximum(depth.min(axis=1), NEAR_PLANE) - tolerance
     far = depth.max(axis=1) + tolerance
     return np.stack([near, far], axis=1)
-
-
-def step_interval(interval: FloatArray) -> tuple[IntArray, IntArray]:
-    """The first and the last step of the depth image inside each interval."""
-    steps = np.nan_to_num(interval, nan=0.0) * (DEPTH_STEPS / DEPTH_RANGE)
-    bounded = np.clip(steps, -1, DEPTH_STEPS + 1)
-    return np.ceil(bounded[:, 0]).astype(np.int64), np.floor(bounded[:, 1]).astype(
-        np.int64
-    )
 
 
 def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> FloatArray:
@@ -192,8 +207,8 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
 
     Notes
     -----
-    One pixel speaks for the whole box: this is the filter by depth that the paper
-    compares itself with, and it errs whenever something thin crosses the centre.
+    One pixel stands for the whole box. This is the depth filter that the paper compares
+    itself with; it is wrong whenever something thin crosses the centre.
     """
     gaps = np.full(len(vertices), np.nan)
     center = to_image_points(vertices.mean(axis=1, keepdims=True), camera)[:, 0]
@@ -205,13 +220,3 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
             pixel = np.s_[int(v) : int(v) + 1, int(u) : int(u) + 1]
             gaps[row] = near[row] - depth.metres(pixel)[0, 0]
     return gaps
-
-
-def tight_rectangle(mask: Mask, x0: int, y0: int) -> FloatArray:
-    """(4,) px: around the true pixels of a mask whose corner is at x0, y0; or NaN."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    if not len(rows):
-        return np.full(4, np.nan)
-    columns = np.flatnonzero(mask.any(axis=0))
-    left, right = columns[0] + x0, columns[-1] + x0 + 1
-    return np.array([left, rows[0] + y0, right, rows[-1] + y0 + 1], np.float64)

@@ -1,8 +1,7 @@
-"""The instance image: read, and which instance belongs to which box.
+"""CARLA's instance image as evidence: which object each pixel belongs to.
 
-CARLA's instance camera: which object each pixel belongs to.
-
-Which instance belongs to which box: one to one, as well as possible for all.
+`read_instances` reads the image. `fill_instances` assigns instances to boxes, one to
+one and with the best total fit, and counts the pixels of each.
 """
 
 from __future__ import annotations
@@ -23,14 +22,17 @@ from filter_core.images.header import MAX_SIDE, read_image_header, require_size
 from filter_core.segmentation.palettes import LAST_TAG
 from filter_core.types import (
     NOT_MEASURED,
-    BoxesXYXY,
     ChannelNumbers,
     FloatArray,
+    FrameBoxes,
     IntArray,
 )
 
 ID_BITS: Final = 0xFFFF
-"""Of an id: Unreal's up to CARLA 0.9.15, since then the actor's if there is one."""
+"""The image holds 16 bits of each id.
+
+Up to CARLA 0.9.15 the ids are Unreal's; since then the actor's, if there is an actor.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class InstanceImage:
     ids : (H, W) uint16
         Green + 256 blue.
     swapped : bool
-        It was saved with red and blue exchanged, and has been put right.
+        It had been saved with red and blue exchanged, which was undone.
     """
 
     tags: NDArray[np.uint8]
@@ -54,52 +56,6 @@ class InstanceImage:
     def wh(self) -> tuple[int, int]:
         """Width and height, px."""
         return self.tags.shape[1], self.tags.shape[0]
-
-
-@dataclass(frozen=True, eq=False)
-class InstancePixels:
-    """The pixels of all instances that some box could accept, grouped by instance.
-
-    Attributes
-    ----------
-    ids : (K,) int64, ascending
-    start : (K + 1,) int64
-        Instance k has pixels ``start[k] .. start[k + 1] - 1`` of the others.
-    columns, rows : (P,) int64, px
-    tags : (P,) uint8
-    """
-
-    ids: IntArray
-    start: IntArray
-    columns: IntArray
-    rows: IntArray
-    tags: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def rectangles(self) -> FloatArray:
-        """(K, 4) float64, px: around each instance."""
-        first = self.start[:-1]
-        if not len(self):
-            return np.empty((0, 4))
-        reduced = [
-            np.minimum.reduceat(self.columns, first),
-            np.minimum.reduceat(self.rows, first),
-            np.maximum.reduceat(self.columns, first) + 1,
-            np.maximum.reduceat(self.rows, first) + 1,
-        ]
-        return np.stack(reduced, axis=1).astype(np.float64)
-
-    def accepted(self, instance: int, accept_mask: int) -> tuple[int, FloatArray]:
-        """How many pixels of an instance have an accepted tag, and around them xyxy."""
-        part = slice(self.start[instance], self.start[instance + 1])
-        wanted = accepts(accept_mask, self.tags[part])
-        if not wanted.any():
-            return 0, np.full(4, np.nan)
-        x, y = self.columns[part][wanted], self.rows[part][wanted]
-        around = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1], np.float64)
-        return int(wanted.sum()), around
 
 
 def read_instances(
@@ -125,8 +81,8 @@ def read_instances(
 
     Notes
     -----
-    Images that were saved with red and blue exchanged are common: no tag is above 29,
-    while the high byte of an id, seen as a tag, soon is.
+    Images that were saved with red and blue exchanged are common. They are recognised
+    by values above 29, the largest tag, where the tags should be.
 
     References
     ----------
@@ -162,6 +118,89 @@ def _fault(expected: str, found: str, code: str = "bad_instances") -> ImageError
     )
 
 
+_TAGS: Final = np.arange(256, dtype=np.uint8)
+"""The tag of each possible value of a pixel: the value itself."""
+
+
+def fill_instances(
+    numbers: ChannelNumbers,
+    image: InstanceImage,
+    boxes: FrameBoxes,
+    silhouettes: list[Silhouette],
+) -> None:
+    """Fill the columns that the instance image measures.
+
+    Parameters
+    ----------
+    numbers : ChannelNumbers
+        Filled: `instance_pixels` and `tight_xyxy`; 0 pixels for boxes outside the image
+        and boxes without an instance.
+    image : InstanceImage
+    boxes : FrameBoxes of N boxes, corrected
+        With NaN rows in `xyxy` for boxes that are not in the image.
+    silhouettes : those of the boxes that are in the image
+    """
+    pixels = group_pixels(image, np.unique(boxes.accept_mask).tolist())
+    weight = pair_weights(image, pixels, boxes, silhouettes)
+    # A box whose annotation gives its instance gets that one, or none if not visible.
+    weight[boxes.instance_id != NOT_MEASURED] = 0.0
+    chosen = assign_instances(weight, _columns_of_given(pixels, boxes))
+    numbers.instance_pixels[:] = 0
+    for silhouette in silhouettes:
+        row = silhouette.row
+        if chosen[row] != NOT_MEASURED:
+            mask = int(boxes.accept_mask[row])
+            count, around = pixels.accepted(int(chosen[row]), mask)
+            numbers.instance_pixels[row] = count
+            numbers.tight_xyxy[row] = around
+
+
+@dataclass(frozen=True, eq=False)
+class InstancePixels:
+    """The pixels whose tag some box accepts, grouped by instance.
+
+    Attributes
+    ----------
+    ids : (K,) int64, ascending
+    start : (K + 1,) int64
+        Instance k has the pixels ``start[k] .. start[k + 1] - 1`` of the next arrays.
+    columns, rows : (P,) int64, px
+    tags : (P,) uint8
+    """
+
+    ids: IntArray
+    start: IntArray
+    columns: IntArray
+    rows: IntArray
+    tags: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def rectangles(self) -> FloatArray:
+        """(K, 4) float64, px: around each instance."""
+        first = self.start[:-1]
+        if not len(self):
+            return np.empty((0, 4))
+        reduced = [
+            np.minimum.reduceat(self.columns, first),
+            np.minimum.reduceat(self.rows, first),
+            np.maximum.reduceat(self.columns, first) + 1,
+            np.maximum.reduceat(self.rows, first) + 1,
+        ]
+        return np.stack(reduced, axis=1).astype(np.float64)
+
+    def accepted(self, instance: int, accept_mask: int) -> tuple[int, FloatArray]:
+        """Count of an instance's pixels of accepted tags, and the xyxy around them."""
+        part = slice(self.start[instance], self.start[instance + 1])
+        wanted = accepts(accept_mask, self.tags[part])
+        if not wanted.any():
+            return 0, np.full(4, np.nan)
+        x, y = self.columns[part][wanted], self.rows[part][wanted]
+        around = np.array([x.min(), y.min(), x.max() + 1, y.max() + 1], np.float64)
+        return int(wanted.sum()), around
+
+
 def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePixels:
     """The pixels whose tag some box accepts, grouped by instance."""
     by_any = int(np.bitwise_or.reduce(np.asarray(accept_mask, np.int64)))
@@ -180,73 +219,27 @@ def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePi
     )
 
 
-_FREE: Final = NOT_MEASURED
+def _columns_of_given(pixels: InstancePixels, boxes: FrameBoxes) -> IntArray:
+    """(N,) int64: index of each box's given instance; `NOT_MEASURED` if not seen."""
+    wanted = boxes.instance_id & ID_BITS
+    at = np.searchsorted(pixels.ids, wanted)
+    at[at == len(pixels)] = 0
+    there = (boxes.instance_id != NOT_MEASURED) & (len(pixels) > 0)
+    if len(pixels):
+        there &= pixels.ids[at] == wanted
+    columns: IntArray = np.where(there, at, NOT_MEASURED).astype(np.int64)
+    return columns
+
 
 _MOSTLY_INSIDE: Final = 0.5
-
-_NEAREST: Final = 1e-3
-
-_TAGS: Final = np.arange(256, dtype=np.uint8)
-"""The pixels of an instance image are tags: their own codes."""
-
-
-@dataclass(frozen=True, eq=False)
-class InstanceBoxes:
-    """What is needed of N boxes to find their instances.
-
-    Attributes
-    ----------
-    xyxy : (N, 4) float64, px
-        Corrected; NaN rows for boxes that are not in the image.
-    accept_mask : (N,) int64
-    distance : (N,) float64, metres, NaN where unknown
-    instance_id : (N,) int64
-        As given, `NOT_MEASURED` where it was not.
-    """
-
-    xyxy: BoxesXYXY
-    accept_mask: IntArray
-    distance: FloatArray
-    instance_id: IntArray
-
-
-def measure_instances(
-    numbers: ChannelNumbers,
-    image: InstanceImage,
-    boxes: InstanceBoxes,
-    outlines: list[Silhouette],
-) -> None:
-    """Fill in the visible pixels and the tight rectangles of the boxes' instances.
-
-    Parameters
-    ----------
-    numbers : ChannelNumbers
-        `instance_pixels` and `tight_xyxy`; 0 pixels where no instance belongs to a
-        box, and outside of the image.
-    image : InstanceImage
-    boxes : InstanceBoxes
-    outlines : silhouettes of the boxes that are in the image
-    """
-    pixels = group_pixels(image, np.unique(boxes.accept_mask).tolist())
-    weight = pair_weights(image, pixels, boxes, outlines)
-    # A box that names its instance gets that one or none: it may be out of sight.
-    weight[boxes.instance_id != _FREE] = 0.0
-    chosen = assign_instances(weight, _given(pixels, boxes))
-    numbers.instance_pixels[:] = 0
-    for outline in outlines:
-        row = outline.row
-        if chosen[row] != _FREE:
-            mask = int(boxes.accept_mask[row])
-            count, around = pixels.accepted(int(chosen[row]), mask)
-            numbers.instance_pixels[row] = count
-            numbers.tight_xyxy[row] = around
+"""Least share of an instance's pixels inside a silhouette that it can belong to."""
 
 
 def pair_weights(
     image: InstanceImage,
     pixels: InstancePixels,
-    boxes: InstanceBoxes,
-    outlines: list[Silhouette],
+    boxes: FrameBoxes,
+    silhouettes: list[Silhouette],
 ) -> FloatArray:
     """How well each instance fits each box.
 
@@ -254,8 +247,8 @@ def pair_weights(
     ----------
     image : InstanceImage
     pixels : InstancePixels
-    boxes : InstanceBoxes of N boxes
-    outlines : silhouettes of the boxes that are in the image
+    boxes : FrameBoxes of N boxes, corrected
+    silhouettes : those of the boxes that are in the image
 
     Returns
     -------
@@ -266,10 +259,10 @@ def pair_weights(
     Notes
     -----
     ``share * sqrt(iou) / distance ** 2``: the share of the instance's pixels inside the
-    silhouette, and the overlap of its tight rectangle with the box. What is seen of a
-    hidden object is a fragment, which fits the small box of something far behind it
-    better than its own. Pixels times overlap takes it for that; preferring what is near
-    does not. Boxes of unknown distance count as far as the median of the others.
+    silhouette, and the overlap of its tight rectangle with the box. The distance is
+    there for hidden objects: the visible fragment of one fits the small box of
+    something far behind it better than its own box. Boxes of unknown distance count as
+    having the median distance.
     """
     weight = np.zeros((len(boxes.xyxy), len(pixels)))
     if not len(pixels):
@@ -278,17 +271,21 @@ def pair_weights(
     dense[pixels.ids] = np.arange(len(pixels))
     rectangles, total = pixels.rectangles(), np.diff(pixels.start)
     nearness = _nearness(boxes.distance)
-    for outline in outlines:
-        row = outline.row
-        accepted = outline.of(
-            accepts(int(boxes.accept_mask[row]), _TAGS)[image.tags[outline.region]]
+    for silhouette in silhouettes:
+        row = silhouette.row
+        accepted = silhouette.of(
+            accepts(int(boxes.accept_mask[row]), _TAGS)[image.tags[silhouette.region]]
         )
-        inside = dense[image.ids[outline.region][accepted]]
+        inside = dense[image.ids[silhouette.region][accepted]]
         counts = np.bincount(inside, minlength=len(pixels) + 1)[: len(pixels)]
         share = counts / total
         fit = share * np.sqrt(overlap(boxes.xyxy[row], rectangles)) * nearness[row]
         weight[row] = np.where(share >= _MOSTLY_INSIDE, fit, 0.0)
     return weight
+
+
+_NEAREST: Final = 1e-3
+"""Smaller distances, in medians, count as this one: nearness stays finite."""
 
 
 def _nearness(distance: FloatArray) -> FloatArray:
@@ -302,6 +299,16 @@ def _nearness(distance: FloatArray) -> FloatArray:
     return nearness
 
 
+def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:
+    """(K,): intersection over union of one rectangle with K others."""
+    low = np.maximum(xyxy[:2], rectangles[:, :2])
+    high = np.minimum(xyxy[2:], rectangles[:, 2:])
+    common = np.prod(np.maximum(high - low, 0.0), axis=1)
+    areas = np.prod(rectangles[:, 2:] - rectangles[:, :2], axis=1)
+    union = areas + np.prod(xyxy[2:] - xyxy[:2]) - common
+    return np.asarray(common / np.where(union > 0, union, 1.0), np.float64)
+
+
 def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     """One instance per box and one box per instance, of the largest total weight.
 
@@ -310,8 +317,8 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     weight : (N, K) float64
         0 where an instance cannot belong to a box.
     given : (N,) int64
-        The instance that a box names itself, which no other box can have then;
-        `NOT_MEASURED` where it names none.
+        Column of the instance that the annotation gives a box, which no other box can
+        have then; `NOT_MEASURED` where it gives none.
 
     Returns
     -------
@@ -324,12 +331,12 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
        Transactions on Aerospace and Electronic Systems 52(4), 2016, as in SciPy.
     """
     chosen: IntArray = given.astype(np.int64)
-    open_rows = np.flatnonzero((given == _FREE) & (weight > 0).any(axis=1))
-    taken = given[given != _FREE]
+    open_rows = np.flatnonzero((given == NOT_MEASURED) & (weight > 0).any(axis=1))
+    taken = given[given != NOT_MEASURED]
     columns = np.setdiff1d(np.flatnonzero((weight > 0).any(axis=0)), taken)
     if not len(open_rows) or not len(columns):
         return chosen
-    # Not above: it takes a fifth of the time in which a server starts, and few need it.
+    # Imported here: it takes a fifth of the time to start a server, and few need it.
     from scipy.optimize import linear_sum_assignment
 
     part = weight[np.ix_(open_rows, columns)]
@@ -337,25 +344,3 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
         if part[row, column] > 0:
             chosen[open_rows[row]] = columns[column]
     return chosen
-
-
-def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:
-    """(K,): intersection over union of one rectangle with K others."""
-    low = np.maximum(xyxy[:2], rectangles[:, :2])
-    high = np.minimum(xyxy[2:], rectangles[:, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=1)
-    areas = np.prod(rectangles[:, 2:] - rectangles[:, :2], axis=1)
-    union = areas + np.prod(xyxy[2:] - xyxy[:2]) - common
-    return np.asarray(common / np.where(union > 0, union, 1.0), np.float64)
-
-
-def _given(pixels: InstancePixels, boxes: InstanceBoxes) -> IntArray:
-    """Columns of the instances that boxes name; an id that is nowhere is no column."""
-    wanted = boxes.instance_id & ID_BITS
-    at = np.searchsorted(pixels.ids, wanted)
-    at[at == len(pixels)] = 0
-    there = (boxes.instance_id != _FREE) & (len(pixels) > 0)
-    if len(pixels):
-        there &= pixels.ids[at] == wanted
-    columns: IntArray = np.where(there, at, _FREE).astype(np.int64)
-    return columns

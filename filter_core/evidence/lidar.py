@@ -1,15 +1,11 @@
-"""Semantic LiDAR: .ply and .npy read, points inside 3D boxes.
+"""Semantic LiDAR as evidence: files of points, and how many points are in each 3D box.
 
-Semantic LiDAR: .ply and .npy read, points inside 3D boxes.
+`read_points` reads PLY (text or binary) and NPY files; `check_points` only checks that
+a file is as long as its header says. `points_inside` counts points in boxes.
 
-Points of a semantic LiDAR inside 3D boxes.
-
-Files of CARLA's semantic LiDAR: .ply (text or binary) and .npy.
-
-NumPy's file format, as far as tables of numbers need it; nothing is unpickled.
-
-Read by ourselves: NumPy's reader allocates what a header promises before it looks how
-much there is, and lets errors of Python's tokenizer through.
+NPY is parsed here because NumPy's own reader allocates the size that the header states
+before it looks at the size of the file, and raises errors of Python's tokenizer.
+Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -35,135 +31,7 @@ from filter_core.types import (
     IntArray,
 )
 
-MAGIC: Final = b"\x93NUMPY"
-
-_LENGTH_BYTES: Final[Mapping[int, int]] = {1: 2, 2: 4, 3: 4}
-
-_LONGEST_HEADER: Final = 16_384
-
-_MOST_SIDES: Final = 4
-
-_NUMBER: Final = re.compile(r"[<>|=]?(f[248]|[iu][1248]|b1)")
-
-_NAME: Final = re.compile(r"[^\ud800-\udfff]{1,64}")
-"""Text that UTF-8 has a form for."""
-
-
-def read_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
-    """The array of a file of numbers, or of rows of named numbers; not copied.
-
-    Parameters
-    ----------
-    content : bytes
-    whole : bool
-        True: nothing may follow the array.
-
-    Raises
-    ------
-    ValueError
-        Not such a file, or one that ends before its array does; the text says how.
-
-    References
-    ----------
-    .. [1] NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
-    """
-    size = _LENGTH_BYTES.get(content[6]) if len(content) > 8 else None
-    if not content.startswith(MAGIC) or size is None:
-        raise ValueError("a beginning that is none of versions 1 to 3")
-    start = 8 + size
-    length = int.from_bytes(content[8:start], "little")
-    if length > _LONGEST_HEADER:
-        raise ValueError(f"a header of {length:,} bytes")
-    dtype, by_columns, shape = _header(content[start : start + length])
-    body = start + length
-    needed = math.prod(shape) * dtype.itemsize
-    if len(content) - body < needed or (whole and len(content) - body > needed):
-        raise ValueError(f"{len(content) - body:,} bytes instead of {needed:,}")
-    flat = np.frombuffer(content, dtype, math.prod(shape), body)
-    return flat.reshape(shape, order="F" if by_columns else "C")
-
-
-def _header(text: bytes) -> tuple[np.dtype[np.generic], bool, tuple[int, ...]]:
-    try:
-        header = ast.literal_eval(text.decode("utf-8", "replace").strip())
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        raise ValueError("a header that is no dictionary") from None
-    if not isinstance(header, dict):
-        raise ValueError("a header that is no dictionary")
-    by_columns = header.get("fortran_order")
-    if not isinstance(by_columns, bool):
-        raise ValueError("no order of its numbers")
-    return _dtype(header.get("descr")), by_columns, _shape(header.get("shape"))
-
-
-def _dtype(described: object) -> np.dtype[np.generic]:
-    if isinstance(described, str):
-        return np.dtype(_number(described))
-    if not isinstance(described, list) or not described:
-        raise ValueError("no type of its numbers")
-    columns = []
-    for column in described:
-        named = isinstance(column, tuple) and len(column) == 2
-        if not named or not isinstance(column[0], str):
-            raise ValueError("columns that are not names with a type")
-        if not _NAME.fullmatch(column[0]):
-            words = "columns that are not named with 1 to 64 characters of text"
-            raise ValueError(words)
-        columns.append((column[0], _number(column[1])))
-    if len({name for name, _ in columns}) < len(columns):
-        raise ValueError("two columns of one name")
-    return np.dtype(columns)
-
-
-def _number(described: object) -> str:
-    if not isinstance(described, str) or not _NUMBER.fullmatch(described):
-        raise ValueError(f"values of type {str(described)[:40]!r}, which is no number")
-    return described
-
-
-def _shape(described: object) -> tuple[int, ...]:
-    if not isinstance(described, tuple) or len(described) > _MOST_SIDES:
-        raise ValueError("no shape")
-    if not all(type(side) is int and 0 <= side < 2**48 for side in described):
-        raise ValueError("no shape of whole numbers")
-    return described
-
-
-_PLY_TYPES: Final[Mapping[str, str]] = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
-    "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
-    "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
-    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
-}  # fmt: skip
-
-_FORMATS: Final[Mapping[str, Literal["<", ">"]]] = {
-    "binary_little_endian": "<",
-    "binary_big_endian": ">",
-}
-
-_HEADER_LIMIT: Final = 16_384
-
-_PORTION: Final = 1 << 20
-"""Bytes of a text that are taken apart at a time: words take 30 times their size."""
-
-_BLANKS: Final = (b"\n", b" ", b"\r", b"\t", b"\x0b", b"\x0c")
-
-_MOST_DIGITS: Final = 18
-
-_MOST: Final = 2**53
-"""Whole numbers up to here are the same as floats."""
-
 MAX_POINTS: Final = 20_000_000
-
-_NAMES: Final[Mapping[str, tuple[str, ...]]] = {
-    "x": ("x",),
-    "y": ("y",),
-    "z": ("z",),
-    "object": ("objidx", "object_idx", "object_id", "object"),
-    "tag": ("objtag", "object_tag", "tag", "label"),
-}
-
-_COLUMNS: Final = ("x", "y", "z", "cos", "object", "tag")
 
 
 class PointsError(FilterError):
@@ -191,80 +59,6 @@ class LidarPoints:
         return len(self.tag)
 
 
-def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
-    """Check that a file of points is as long as its own header says.
-
-    Parameters
-    ----------
-    content : bytes
-        Of a semantic LiDAR, as `read_points` takes it; or of a radar, whose columns may
-        have any names.
-    sensor : ``lidar`` or ``radar``
-        Whose columns are expected, and what errors name.
-    max_points : int
-
-    Returns
-    -------
-    str
-        The media type, ``application/x-ply`` or ``application/x-npy``.
-
-    Raises
-    ------
-    PointsError
-        What `read_points` raises, but for words that are no numbers: they are counted.
-
-    Notes
-    -----
-    No array of the points is made. Of a text, words are counted, half a millisecond per
-    MiB.
-    """
-    try:
-        if content.startswith(MAGIC):
-            _check_npy(content, sensor, max_points)
-            return "application/x-npy"
-        if content.startswith((b"ply\n", b"ply\r")):
-            _check_ply(content, sensor, max_points)
-            return "application/x-ply"
-        raise _fault("a PLY or NPY file", f"{content[:8]!r}")
-    except PointsError as error:
-        text = error.detail.replace("the LiDAR file", f"the {sensor} file", 1)
-        raise PointsError(text, pointer=f"/{sensor}") from None
-
-
-def _check_npy(content: bytes, sensor: str, max_points: int) -> None:
-    array = _npy_array(content, whole=True)
-    if sensor == "lidar":
-        _lidar_columns(array)
-    if array.ndim == 0 or len(array) > max_points:
-        raise _fault(f"rows, at most {max_points:,}", f"an array of {array.shape}")
-
-
-def _check_ply(content: bytes, sensor: str, max_points: int) -> None:
-    encoding, count, dtype, body = _ply_header(content)
-    _check_count(count, max_points)
-    if sensor == "lidar":
-        _columns_by_meaning(dtype.names or ())
-    if encoding != "ascii":
-        _check_binary(content, count, dtype, body)
-        return
-    needed, found = count * len(dtype.names or ()), _words_in(content, body)
-    if found < needed:
-        raise _too_few_words(found, count, dtype)
-
-
-def _words_in(content: bytes, start: int) -> int:
-    """How many words follow; counted a portion at a time."""
-    words, before = 0, True
-    for at in range(start, len(content), _PORTION):
-        part = np.frombuffer(content, np.uint8, min(_PORTION, len(content) - at), at)
-        # A blank, and all from a tab to a carriage return, stand between words.
-        is_blank = (part == 0x20) | (part - np.uint8(9) < 5)
-        words += int(before and not is_blank[0])
-        words += int(np.count_nonzero(is_blank[:-1] & ~is_blank[1:]))
-        before = bool(is_blank[-1])
-    return words
-
-
 def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     """Read a semantic LiDAR file, recognised by its content.
 
@@ -286,7 +80,7 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     .. [2] G. Turk, "The PLY polygon file format", 1994.
     .. [3] NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
     """
-    if content.startswith(MAGIC):
+    if content.startswith(_NPY_MAGIC):
         table = _read_npy(content)
     elif content.startswith((b"ply\n", b"ply\r")):
         table = _read_ply(content, max_points)
@@ -294,7 +88,47 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
         raise _fault("a PLY or NPY file", f"{content[:8]!r}")
     if len(table) > max_points:
         raise _fault(f"at most {max_points:,} points", f"{len(table):,}")
-    return _named(table)
+    return _points_of(table)
+
+
+def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
+    """Check that a file of points is as long as its own header says.
+
+    Parameters
+    ----------
+    content : bytes
+        Of a semantic LiDAR, as `read_points` takes it; or of a radar, whose columns may
+        have any names.
+    sensor : ``lidar`` or ``radar``
+        Whose columns are expected, and what errors name.
+    max_points : int
+
+    Returns
+    -------
+    str
+        The media type, ``application/x-ply`` or ``application/x-npy``.
+
+    Raises
+    ------
+    PointsError
+        As `read_points`, but words of text are only counted, and need not be numbers.
+
+    Notes
+    -----
+    No array of the points is made. Counting the words of text takes half a millisecond
+    per MiB.
+    """
+    try:
+        if content.startswith(_NPY_MAGIC):
+            _check_npy(content, sensor, max_points)
+            return "application/x-npy"
+        if content.startswith((b"ply\n", b"ply\r")):
+            _check_ply(content, sensor, max_points)
+            return "application/x-ply"
+        raise _fault("a PLY or NPY file", f"{content[:8]!r}")
+    except PointsError as error:
+        text = error.detail.replace("the LiDAR file", f"the {sensor} file", 1)
+        raise PointsError(text, pointer=f"/{sensor}") from None
 
 
 def _fault(expected: str, found: str) -> PointsError:
@@ -303,15 +137,83 @@ def _fault(expected: str, found: str) -> PointsError:
     )
 
 
-def _npy_array(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
-    try:
-        return read_npy(content, whole=whole)
-    except ValueError as error:
-        raise _fault("a whole NumPy array of numbers", str(error)) from None
+_SPELLINGS: Final[Mapping[str, tuple[str, ...]]] = {
+    "x": ("x",),
+    "y": ("y",),
+    "z": ("z",),
+    "object": ("objidx", "object_idx", "object_id", "object"),
+    "tag": ("objtag", "object_tag", "tag", "label"),
+}
 
 
-def _lidar_columns(array: NDArray[np.generic]) -> bool:
-    """Whether its columns have names; PointsError if it is no table of a LiDAR."""
+def _columns_by_meaning(names: Sequence[str]) -> dict[str, str]:
+    """The file's own names of the columns that are needed; PointsError without."""
+    lower = {name.lower(): name for name in names}
+    found: dict[str, str] = {}
+    for wanted, spellings in _SPELLINGS.items():
+        name = next((lower[one] for one in spellings if one in lower), None)
+        if name is not None:
+            found[wanted] = name
+        elif wanted != "object":
+            raise _fault(f"a column {spellings[0]}", ", ".join(lower)[:200] or "none")
+    return found
+
+
+_MAX_EXACT: Final = 2**53
+"""Up to here, float64 holds every whole number exactly."""
+
+
+def _points_of(table: NDArray[np.void]) -> LidarPoints:
+    found = {
+        wanted: np.asarray(table[name], np.float64)
+        for wanted, name in _columns_by_meaning(table.dtype.names or ()).items()
+    }
+    xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
+    if not all(np.isfinite(column).all() for column in found.values()):
+        raise _fault("finite numbers", "NaN or an infinity")
+    objects = found.get("object", np.zeros(len(xyz)))
+    largest = [np.abs(column).max(initial=0) for column in (objects, found["tag"])]
+    if max(largest) > _MAX_EXACT:
+        raise _fault(f"objects and tags up to {_MAX_EXACT:,}", "larger ones")
+    return LidarPoints(xyz, objects.astype(np.int64), found["tag"].astype(np.int64))
+
+
+_NPY_MAGIC: Final = b"\x93NUMPY"
+
+_NPY_LENGTH_BYTES: Final[Mapping[int, int]] = {1: 2, 2: 4, 3: 4}
+
+_MAX_NPY_HEADER: Final = 16_384
+
+_MAX_DIMENSIONS: Final = 4
+
+_NPY_NUMBER: Final = re.compile(r"[<>|=]?(f[248]|[iu][1248]|b1)")
+
+_COLUMN_NAME: Final = re.compile(r"[^\ud800-\udfff]{1,64}")
+"""Text that UTF-8 can encode."""
+
+_UNNAMED_COLUMNS: Final = ("x", "y", "z", "cos", "object", "tag")
+
+
+def _read_npy(content: bytes) -> NDArray[np.void]:
+    array = _npy_array(content)
+    if _has_named_columns(array):
+        return np.asarray(array)
+    table = np.empty(len(array), [(name, "f8") for name in _UNNAMED_COLUMNS])
+    for column, name in enumerate(_UNNAMED_COLUMNS):
+        table[name] = array[:, column]
+    return table
+
+
+def _check_npy(content: bytes, sensor: str, max_points: int) -> None:
+    array = _npy_array(content, whole=True)
+    if sensor == "lidar":
+        _has_named_columns(array)
+    if array.ndim == 0 or len(array) > max_points:
+        raise _fault(f"rows, at most {max_points:,}", f"an array of {array.shape}")
+
+
+def _has_named_columns(array: NDArray[np.generic]) -> bool:
+    """Whether its columns have names; `PointsError` if they are not a LiDAR's."""
     if array.dtype.names is not None and array.ndim == 1:
         _columns_by_meaning(array.dtype.names)
         return True
@@ -321,14 +223,102 @@ def _lidar_columns(array: NDArray[np.generic]) -> bool:
     return False
 
 
-def _read_npy(content: bytes) -> NDArray[np.void]:
-    array = _npy_array(content)
-    if _lidar_columns(array):
-        return np.asarray(array)
-    table = np.empty(len(array), [(name, "f8") for name in _COLUMNS])
-    for column, name in enumerate(_COLUMNS):
-        table[name] = array[:, column]
-    return table
+def _npy_array(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
+    try:
+        return _parsed_npy(content, whole=whole)
+    except ValueError as error:
+        raise _fault("a whole NumPy array of numbers", str(error)) from None
+
+
+def _parsed_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
+    """The array of a file of numbers, or of rows of named numbers; not copied.
+
+    `whole`: nothing may follow the array. ValueError says what is wrong with a file.
+    """
+    size = _NPY_LENGTH_BYTES.get(content[6]) if len(content) > 8 else None
+    if not content.startswith(_NPY_MAGIC) or size is None:
+        raise ValueError("a beginning that is none of versions 1 to 3")
+    start = 8 + size
+    length = int.from_bytes(content[8:start], "little")
+    if length > _MAX_NPY_HEADER:
+        raise ValueError(f"a header of {length:,} bytes")
+    if len(content) < start + length:
+        raise ValueError("a header that is cut off")
+    dtype, by_columns, shape = _npy_header(content[start : start + length])
+    body = start + length
+    needed = math.prod(shape) * dtype.itemsize
+    if len(content) - body < needed or (whole and len(content) - body > needed):
+        raise ValueError(f"{len(content) - body:,} bytes instead of {needed:,}")
+    flat = np.frombuffer(content, dtype, math.prod(shape), body)
+    return flat.reshape(shape, order="F" if by_columns else "C")
+
+
+def _npy_header(text: bytes) -> tuple[np.dtype[np.generic], bool, tuple[int, ...]]:
+    try:
+        header = ast.literal_eval(text.decode("utf-8", "replace").strip())
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+        raise ValueError("a header that is no dictionary") from None
+    if not isinstance(header, dict):
+        raise ValueError("a header that is no dictionary")
+    by_columns = header.get("fortran_order")
+    if not isinstance(by_columns, bool):
+        raise ValueError("no order of its numbers")
+    return _npy_dtype(header.get("descr")), by_columns, _npy_shape(header.get("shape"))
+
+
+def _npy_dtype(described: object) -> np.dtype[np.generic]:
+    if isinstance(described, str):
+        return np.dtype(_npy_number(described))
+    if not isinstance(described, list) or not described:
+        raise ValueError("no type of its numbers")
+    columns = []
+    for column in described:
+        named = isinstance(column, tuple) and len(column) == 2
+        if not named or not isinstance(column[0], str):
+            raise ValueError("columns that are not names with a type")
+        if not _COLUMN_NAME.fullmatch(column[0]):
+            words = "columns that are not named with 1 to 64 characters of text"
+            raise ValueError(words)
+        columns.append((column[0], _npy_number(column[1])))
+    if len({name for name, _ in columns}) < len(columns):
+        raise ValueError("two columns of one name")
+    return np.dtype(columns)
+
+
+def _npy_number(described: object) -> str:
+    if not isinstance(described, str) or not _NPY_NUMBER.fullmatch(described):
+        raise ValueError(f"values of type {str(described)[:40]!r}, which is no number")
+    return described
+
+
+def _npy_shape(described: object) -> tuple[int, ...]:
+    if not isinstance(described, tuple) or len(described) > _MAX_DIMENSIONS:
+        raise ValueError("no shape")
+    if not all(type(side) is int and 0 <= side < 2**48 for side in described):
+        raise ValueError("no shape of whole numbers")
+    return described
+
+
+_PLY_TYPES: Final[Mapping[str, str]] = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
+    "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
+    "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+
+_BYTE_ORDERS: Final[Mapping[str, Literal["<", ">"]]] = {
+    "binary_little_endian": "<",
+    "binary_big_endian": ">",
+}
+
+_MAX_PLY_HEADER: Final = 16_384
+
+_TEXT_CHUNK: Final = 1 << 20
+"""Bytes of text split at a time: as a list, words take 30 times their size."""
+
+_BLANKS: Final = (b"\n", b" ", b"\r", b"\t", b"\x0b", b"\x0c")
+
+_MAX_DIGITS: Final = 18
 
 
 def _read_ply(content: bytes, max_points: int) -> NDArray[np.void]:
@@ -336,9 +326,22 @@ def _read_ply(content: bytes, max_points: int) -> NDArray[np.void]:
     _check_count(count, max_points)
     if encoding != "ascii":
         _check_binary(content, count, dtype, body)
-        binary = dtype.newbyteorder(_FORMATS[encoding])
+        binary = dtype.newbyteorder(_BYTE_ORDERS[encoding])
         return np.frombuffer(content, binary, count, body)
     return _ascii_points(content, body, count, dtype)
+
+
+def _check_ply(content: bytes, sensor: str, max_points: int) -> None:
+    encoding, count, dtype, body = _ply_header(content)
+    _check_count(count, max_points)
+    if sensor == "lidar":
+        _columns_by_meaning(dtype.names or ())
+    if encoding != "ascii":
+        _check_binary(content, count, dtype, body)
+        return
+    needed, found = count * len(dtype.names or ()), _words_in(content, body)
+    if found < needed:
+        raise _too_few_words(found, count, dtype)
 
 
 def _check_count(count: int, max_points: int) -> None:
@@ -360,13 +363,13 @@ def _ascii_points(
 ) -> NDArray[np.void]:
     names = dtype.names or ()
     needed = count * len(names)
-    # A number takes a digit and a blank: what cannot be there is not made room for.
+    # A number takes at least a digit and a blank: allocate no more than can be there.
     if needed > len(content) - body:
         raise _too_few_words(_words_in(content, body), count, dtype)
     numbers = np.empty(needed)
     found, at = 0, body
     while found < needed and at < len(content):
-        end = _end_of_portion(content, at)
+        end = _end_of_chunk(content, at)
         words = content[at:end].split(None, needed - found)[: needed - found]
         try:
             numbers[found : found + len(words)] = np.array(words, np.float64)
@@ -382,15 +385,28 @@ def _ascii_points(
     return table
 
 
-def _end_of_portion(content: bytes, start: int) -> int:
-    """Behind the last blank within a portion."""
-    end = start + _PORTION
+def _end_of_chunk(content: bytes, start: int) -> int:
+    """The offset after the last blank within a chunk."""
+    end = start + _TEXT_CHUNK
     if end >= len(content):
         return len(content)
     cut = max(content.rfind(blank, start, end) for blank in _BLANKS) + 1
     if cut == 0:
-        raise _fault("numbers", f"a word of more than {_PORTION:,} bytes")
+        raise _fault("numbers", f"a word of more than {_TEXT_CHUNK:,} bytes")
     return cut
+
+
+def _words_in(content: bytes, start: int) -> int:
+    """How many words there are from `start` on, counted a chunk at a time."""
+    words, before = 0, True
+    for at in range(start, len(content), _TEXT_CHUNK):
+        part = np.frombuffer(content, np.uint8, min(_TEXT_CHUNK, len(content) - at), at)
+        # Words are separated by blanks and by the bytes from tab to carriage return.
+        is_blank = (part == 0x20) | (part - np.uint8(9) < 5)
+        words += int(before and not is_blank[0])
+        words += int(np.count_nonzero(is_blank[:-1] & ~is_blank[1:]))
+        before = bool(is_blank[-1])
+    return words
 
 
 def _too_few_words(found: int, count: int, dtype: np.dtype[np.void]) -> PointsError:
@@ -402,13 +418,13 @@ def _too_few_words(found: int, count: int, dtype: np.dtype[np.void]) -> PointsEr
 
 def _ply_header(content: bytes) -> tuple[str, int, np.dtype[np.void], int]:
     """Encoding, number of vertices, their type, and where they begin."""
-    end = content.find(b"end_header", 0, _HEADER_LIMIT)
+    end = content.find(b"end_header", 0, _MAX_PLY_HEADER)
     body = content.find(b"\n", end) + 1
     if end < 0 or body == 0:
         raise _fault("a PLY header that ends", "none")
     lines = content[:end].decode("ascii", "replace").splitlines()[1:]
     encoding, count, columns = _ply_elements([line.split() for line in lines])
-    if encoding not in ("ascii", *_FORMATS):
+    if encoding not in ("ascii", *_BYTE_ORDERS):
         raise _fault("format ascii or binary", f"{encoding[:40]!r}")
     if count < 0 or not columns:
         raise _fault("an element vertex with properties", "none")
@@ -440,7 +456,7 @@ def _vertex_count(words: list[str], before: str, count: int) -> int:
         if count < 0:
             raise _fault("the element vertex first", f"{words[1][:40]!r}")
         return count
-    if before or not words[2].isdecimal() or len(words[2]) > _MOST_DIGITS:
+    if before or not words[2].isdecimal() or len(words[2]) > _MAX_DIGITS:
         raise _fault("one element vertex with a number", " ".join(words)[:60])
     return int(words[2])
 
@@ -449,33 +465,6 @@ def _ply_property(words: list[str]) -> tuple[str, str]:
     if len(words) != 3 or words[1] not in _PLY_TYPES:
         raise _fault("properties of a number type", " ".join(words)[:60])
     return words[2], _PLY_TYPES[words[1]]
-
-
-def _columns_by_meaning(names: Sequence[str]) -> dict[str, str]:
-    """The file's own names of the columns that are needed; PointsError without."""
-    lower = {name.lower(): name for name in names}
-    found: dict[str, str] = {}
-    for wanted, spellings in _NAMES.items():
-        name = next((lower[one] for one in spellings if one in lower), None)
-        if name is not None:
-            found[wanted] = name
-        elif wanted != "object":
-            raise _fault(f"a column {spellings[0]}", ", ".join(lower)[:200] or "none")
-    return found
-
-
-def _named(table: NDArray[np.void]) -> LidarPoints:
-    found = {
-        wanted: np.asarray(table[name], np.float64)
-        for wanted, name in _columns_by_meaning(table.dtype.names or ()).items()
-    }
-    xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
-    if not all(np.isfinite(column).all() for column in found.values()):
-        raise _fault("finite numbers", "NaN or an infinity")
-    objects = found.get("object", np.zeros(len(xyz)))
-    if max(np.abs(objects).max(initial=0), np.abs(found["tag"]).max(initial=0)) > _MOST:
-        raise _fault(f"objects and tags up to {_MOST:,}", "larger ones")
-    return LidarPoints(xyz, objects.astype(np.int64), found["tag"].astype(np.int64))
 
 
 _FLATTEST: Final = 1e-9
@@ -493,7 +482,7 @@ def points_inside(
     ----------
     points : LidarPoints
     sensor : Transform
-        The LiDAR's own, in the world: it rarely stands where the camera does.
+        The LiDAR's pose in the world, which is rarely the camera's.
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
     accept_mask : (N,) int64
 
@@ -504,8 +493,8 @@ def points_inside(
 
     Notes
     -----
-    Exact for every parallelepiped. Points are sorted along x first, so that each box
-    looks at a slice of them only.
+    Exact for every parallelepiped. Points are sorted by x first, so that each box is
+    compared with a slice of them only.
     """
     counts = np.full(len(vertices), NOT_MEASURED, np.int64)
     matrix = sensor.matrix
@@ -527,7 +516,7 @@ def _sorted_by_x(world: FloatArray) -> tuple[IntArray, FloatArray]:
 
 
 def _inside(points: FloatArray, box: FloatArray) -> BoolArray:
-    """(P,) bool: in the coordinates of the box's own axes, 0..1 along each."""
+    """(P,) bool: whether each coordinate along the box's own axes is within 0..1."""
     axes = np.stack([box[4] - box[0], box[2] - box[0], box[1] - box[0]], axis=1)
     if abs(np.linalg.det(axes)) < _FLATTEST:
         return np.zeros(len(points), np.bool_)

@@ -1,8 +1,8 @@
-"""What a nearer box explains is no evidence for a farther one.
+"""The order of boxes by distance as evidence, for the channel ``ordered``.
 
-Order of distance: what a nearer box explains is no evidence for a farther one.
-
-Patches of accepted pixels in a box: which of them are rather another box's.
+A pixel that a nearer box claims is no evidence for a box behind it. `owned_pixels` lets
+the boxes of a frame claim their accepted pixels, from near to far. `islands` are
+patches that a box leaves to a box behind it.
 """
 
 from __future__ import annotations
@@ -17,13 +17,87 @@ from numpy.typing import NDArray
 from filter_core.evidence.silhouettes import AcceptedPixels
 from filter_core.types import NOT_MEASURED, BoolArray, FloatArray, IntArray, Mask
 
+_UNCLAIMED: Final = -1
+
+
+def owned_pixels(
+    accepted: Sequence[AcceptedPixels],
+    distance: FloatArray,
+    ids: Sequence[str],
+    image_wh: tuple[int, int],
+) -> tuple[IntArray, IntArray]:
+    """Let boxes claim their accepted pixels, from near to far.
+
+    Parameters
+    ----------
+    accepted : those of the boxes that are in the image
+    distance : (N,) float64, metres
+        Boxes of unknown distance (NaN) claim no pixels and get no number.
+    ids : of the N boxes
+        Break ties of distance.
+    image_wh : (width, height), px
+
+    Returns
+    -------
+    owned : (N,) int64, px
+        The accepted pixels of each box's silhouette that no nearer box has claimed;
+        `NOT_MEASURED` for boxes of unknown distance or outside the image.
+    explained_by : (N,) int64
+        The row of the nearer box that has claimed most of the box's accepted pixels
+        (the nearest of several); `NOT_MEASURED` if none has claimed any.
+
+    Notes
+    -----
+    A ghost in front claims nothing if it has no accepted pixels, so it does not hide
+    what is behind it. Two kinds of pixels count for a box and stay free for others:
+    those whose centres are outside its outline, which cannot show it, and `islands`.
+    """
+    owned = np.full(len(distance), NOT_MEASURED, np.int64)
+    explained_by = np.full(len(distance), NOT_MEASURED, np.int64)
+    claims = np.full(image_wh[::-1], _UNCLAIMED, np.int32)
+    ranked = near_to_far(accepted, distance, ids)
+    bounds = silhouette_bounds(ranked)
+    for rank, pixels in enumerate(ranked):
+        row = pixels.silhouette.row
+        claimed = claims[pixels.silhouette.region]
+        free = pixels.mask & (claimed == _UNCLAIMED)
+        owned[row] = np.count_nonzero(free)
+        if owned[row] < pixels.count:
+            explained_by[row] = _commonest(claimed[pixels.mask & ~free])
+        if owned[row]:
+            taken = free & pixels.own
+            left = islands(pixels, ranked[rank + 1 :], bounds[rank + 1 :])
+            claimed[taken if left is None else taken & ~left] = rank
+    row_of_rank = np.array([one.silhouette.row for one in ranked], np.int64)
+    known = explained_by != NOT_MEASURED
+    explained_by[known] = row_of_rank[explained_by[known]]
+    return owned, explained_by
+
+
+def near_to_far(
+    accepted: Sequence[AcceptedPixels], distance: FloatArray, ids: Sequence[str]
+) -> list[AcceptedPixels]:
+    """The boxes of known distance, nearest first; ties are ordered by id."""
+    known = [one for one in accepted if not np.isnan(distance[one.silhouette.row])]
+    return sorted(
+        known,
+        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
+    )
+
+
+def _commonest(ranks: NDArray[np.int32]) -> int:
+    """The commonest rank; of several the lowest, which is the nearest box."""
+    return int(np.bincount(ranks).argmax())
+
+
 _ISLAND: Final = 0.5
-"""At most this share of a box's largest patch is an island."""
+"""Largest area of an island, as a share of the box's largest patch."""
 
 _NOTABLE: Final = 0.02
-"""At least this share of the farther box's outline: less is a splinter."""
+"""Least area of an island, as a share of the farther box's silhouette."""
 
-_X, _Y, _WIDTH, _HEIGHT, _AREA = (
+
+_LEFT, _TOP, _WIDTH, _HEIGHT, _AREA = (
     cv2.CC_STAT_LEFT,
     cv2.CC_STAT_TOP,
     cv2.CC_STAT_WIDTH,
@@ -44,7 +118,7 @@ def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
 def islands(
     box: AcceptedPixels, behind: Sequence[AcceptedPixels], bounds: IntArray
 ) -> Mask | None:
-    """What in a box's outline rather belongs to boxes behind it.
+    """The pixels in a box's region that more likely belong to boxes behind it.
 
     Parameters
     ----------
@@ -58,12 +132,17 @@ def islands(
 
     Notes
     -----
-    An object mostly shows as one patch. A patch apart from it, with something else in
-    between, is an island if it is at most half as large and ends within the box's
-    rectangle, and a farther box holds all of it and is notably filled by it: then the
-    farther one explains it at least as well. What is seen over the bonnet of a car, or
-    under the arm of a traffic light, is such a patch. The halves of a car that a tree
-    cuts in two are not, nor are the splinters that a fence makes of it.
+    Most objects are seen as one connected patch. Another patch in the box's region is
+    an island if
+
+    * it is at most half as large as the largest one (`_ISLAND`),
+    * it does not touch the border of the region,
+    * it lies completely in the accepted pixels of a farther box, and
+    * it fills at least 2 % of that box's silhouette (`_NOTABLE`).
+
+    What is seen over the bonnet of a car, or under the arm of a traffic light, is such
+    a patch. The halves of a car behind a tree are not (too large), nor are the
+    splinters of one behind a fence (too small).
     """
     around = box.mask if box.around is None else box.around
     if len(behind) == 0 or min(around.shape) <= 2 or not box.count:
@@ -75,7 +154,7 @@ def islands(
     if not small.any():
         return None
     x0, y0 = box.silhouette.x0, box.silhouette.y0
-    left, top = stats[:, _X] + x0, stats[:, _Y] + y0
+    left, top = stats[:, _LEFT] + x0, stats[:, _TOP] + y0
     right, bottom = left + stats[:, _WIDTH], top + stats[:, _HEIGHT]
     fits = small & (bounds[:, :1] <= left) & (bounds[:, 1:2] <= top)
     fits &= (bounds[:, 2:3] >= right) & (bounds[:, 3:4] >= bottom)
@@ -88,14 +167,16 @@ def islands(
 
 
 def _candidates(box: AcceptedPixels, labels: IntArray, stats: IntArray) -> BoolArray:
-    """Which patches are small beside the largest and end within the rectangle."""
+    """Which patches are small beside the largest and do not touch the border."""
     area = stats[:, _AREA]
     own = np.bincount(labels[box.own], minlength=len(stats))
     largest = int(own.argmax())
     height, width = labels.shape
-    small = (area <= _ISLAND * own[largest]) & (stats[:, _X] > 0) & (stats[:, _Y] > 0)
-    small &= stats[:, _X] + stats[:, _WIDTH] < width
-    small &= stats[:, _Y] + stats[:, _HEIGHT] < height
+    small = (
+        (area <= _ISLAND * own[largest]) & (stats[:, _LEFT] > 0) & (stats[:, _TOP] > 0)
+    )
+    small &= stats[:, _LEFT] + stats[:, _WIDTH] < width
+    small &= stats[:, _TOP] + stats[:, _HEIGHT] < height
     # Label 0 is everything that is not accepted.
     small[[0, largest]] = False
     return np.asarray(small)
@@ -104,7 +185,7 @@ def _candidates(box: AcceptedPixels, labels: IntArray, stats: IntArray) -> BoolA
 def _held(
     box: AcceptedPixels, labels: IntArray, stats: IntArray, other: AcceptedPixels
 ) -> BoolArray:
-    """Which patches the other box has every pixel of, and notably many."""
+    """Which patches lie completely in the other box and fill enough of it."""
     mine, theirs = box.silhouette, other.silhouette
     x0, y0 = max(mine.x0, theirs.x0), max(mine.y0, theirs.y0)
     x1, y1 = min(mine.x1, theirs.x1), min(mine.y1, theirs.y1)
@@ -113,77 +194,3 @@ def _held(
     counted = np.bincount(part[mask], minlength=len(stats))
     area = stats[:, _AREA]
     return np.asarray((counted == area) & (area >= _NOTABLE * theirs.pixels))
-
-
-_FREE: Final = -1
-
-
-def owned_pixels(
-    accepted: Sequence[AcceptedPixels],
-    distance: FloatArray,
-    ids: Sequence[str],
-    image_wh: tuple[int, int],
-) -> tuple[IntArray, IntArray]:
-    """Hand out pixels to boxes from near to far.
-
-    Parameters
-    ----------
-    accepted : of the boxes that are in the image
-    distance : (N,) float64, metres
-        Boxes of unknown distance (NaN) neither claim pixels nor are tested.
-    ids : of the N boxes
-        Break ties of distance.
-    image_wh : (width, height), px
-
-    Returns
-    -------
-    owned : (N,) int64, px
-        What each box claims: the accepted pixels of its silhouette that no nearer one
-        has claimed. `NOT_MEASURED` for boxes that are not tested.
-    explained_by : (N,) int64
-        The nearer box that claims most of the others (the nearest of several);
-        `NOT_MEASURED` where none does.
-
-    Notes
-    -----
-    A box that claims nothing takes nothing from those behind it, so a ghost in front
-    does not hide what is seen through it. Nor does a box take from others what it
-    cannot show, pixels whose centres are outside of its outline, or islands that a
-    box behind it holds completely (`islands`).
-    """
-    owned = np.full(len(distance), NOT_MEASURED, np.int64)
-    explained_by = np.full(len(distance), NOT_MEASURED, np.int64)
-    claims = np.full(image_wh[::-1], _FREE, np.int32)
-    ranked = near_to_far(accepted, distance, ids)
-    bounds = silhouette_bounds(ranked)
-    for rank, pixels in enumerate(ranked):
-        row = pixels.silhouette.row
-        claimed = claims[pixels.silhouette.region]
-        free = pixels.mask & (claimed == _FREE)
-        owned[row] = np.count_nonzero(free)
-        if owned[row] < pixels.count:
-            explained_by[row] = _commonest(claimed[pixels.mask & ~free])
-        if owned[row]:
-            taken = free & pixels.own
-            left = islands(pixels, ranked[rank + 1 :], bounds[rank + 1 :])
-            claimed[taken if left is None else taken & ~left] = rank
-    row_of_rank = np.array([one.silhouette.row for one in ranked], np.int64)
-    known = explained_by != NOT_MEASURED
-    explained_by[known] = row_of_rank[explained_by[known]]
-    return owned, explained_by
-
-
-def near_to_far(
-    accepted: Sequence[AcceptedPixels], distance: FloatArray, ids: Sequence[str]
-) -> list[AcceptedPixels]:
-    """Boxes of known distance, the nearest first; ties by id."""
-    known = [one for one in accepted if not np.isnan(distance[one.silhouette.row])]
-    return sorted(
-        known,
-        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
-    )
-
-
-def _commonest(ranks: NDArray[np.int32]) -> int:
-    """The lowest, hence nearest, of the commonest ranks."""
-    return int(np.bincount(ranks).argmax())

@@ -1,17 +1,16 @@
-"""Measure: what a segmentation shows in each box; the same under other accept sets.
+"""The segmentation as evidence: how many pixels of each box have an accepted tag.
 
-Measure what a segmentation shows inside each box. No thresholds and no verdicts.
-
-When two families explain an image's colours, and it matters which one it is.
-
-Evidence under other accept sets: from histograms, without a pixel.
+`measure` counts the pixels in each box that the box's class accepts and, as a
+histogram, the pixels of every tag. What other accept sets would have counted follows
+from the histogram, without pixels: `with_accept_sets` takes them from a configuration,
+`with_accept_masks` as bit masks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,55 +42,9 @@ from filter_core.types import (
 )
 
 
-def refuse_ambiguity(
-    segmentation: Segmentation, masks: Iterable[tuple[str, int]]
-) -> None:
-    """Refuse to measure a class whose pixels depend on which family it is.
-
-    (0, 0, 142) is Car in carla-0.9.14 and Vehicle in carla-0.9.10. That is the same
-    to a car, which accepts it either way, but not to a bus.
-
-    Parameters
-    ----------
-    segmentation : Segmentation
-        Its `rivals` are the families that the colours allow as well.
-    masks : (class name, accept mask) of each class
-        A mask that is not the class's own in the family was chosen by somebody who
-        knew the family, so it is not ambiguous.
-
-    Raises
-    ------
-    SegmentationError
-        ``ambiguous_palette``, naming the class and the families.
-    """
-    for name, mask in masks if segmentation.rivals else ():
-        if mask != accept_mask_of(name, segmentation.family):
-            continue
-        colors = _accepted(segmentation, segmentation.family, mask)
-        for rival in segmentation.rivals:
-            if colors == _accepted(segmentation, rival, accept_mask_of(name, rival)):
-                continue
-            raise SegmentationError(
-                f"the colours that occur fit {segmentation.family} and {rival}, which "
-                f"differ in what counts as {name}; name the palette in the dataset or "
-                "the config, or give the frame's carla_version",
-                code="ambiguous_palette",
-            )
-
-
-def _accepted(segmentation: Segmentation, family: str, mask: int) -> frozenset[int]:
-    """The codes that occur and that a mask of the family accepts."""
-    tags = tags_of_codes(family, segmentation.channel_order)
-    occurring = np.array(segmentation.codes.occurring, np.int64)
-    return frozenset(occurring[accepts(mask, tags[occurring])].tolist())
-
-
-Profile: TypeAlias = Literal["paper", "carlasimu"]
-
-
 @dataclass(frozen=True)
 class MeasureOptions:
-    """What changes the numbers, apart from how the segmentation is read.
+    """How boxes are measured on a segmentation.
 
     Attributes
     ----------
@@ -103,7 +56,7 @@ class MeasureOptions:
         Profile ``carlasimu``: the one colour that counts, by class name.
     """
 
-    profile: Profile = "paper"
+    profile: str = "paper"
     histogram: bool = True
     class_colors: Mapping[str, RGB] = field(default_factory=lambda: PUBLISHED_COLORS)
 
@@ -118,12 +71,12 @@ def measure(
     *,
     ignore: Mask | None = None,
 ) -> Evidence:
-    """Numbers for each box of a frame: no threshold, no verdict.
+    """Measure each box of a frame: numbers, no verdicts.
 
     Parameters
     ----------
     segmentation : Segmentation or None
-        None: there is none, and only what needs no pixel is measured.
+        None: only what needs no pixels is measured.
     boxes : FrameBoxes of N boxes
     options : MeasureOptions
     ignore : (H, W) bool, optional
@@ -147,9 +100,11 @@ def measure(
 
     Notes
     -----
-    Profile ``paper``: a box's pixels are those that it touches. Profile ``carlasimu``:
-    the crop ``[int(y_min):int(y_max), int(x_min):int(x_max)]``, pixels of exactly the
-    class's one colour, their percentage of the float area, which may pass 100.
+    Profile ``paper``: a box's pixels are those that it touches; the match is the share
+    of them that have an accepted tag. Profile ``carlasimu``: its pixels are the crop
+    ``[int(y_min):int(y_max), int(x_min):int(x_max)]``; the match is the number of
+    pixels of the class's one colour, in percent of the box's area as a float, and can
+    exceed 100.
 
     References
     ----------
@@ -190,6 +145,185 @@ def measure(
     )
 
 
+def _require_sizes(
+    segmentation: Segmentation | None, boxes: FrameBoxes, ignore: Mask | None
+) -> None:
+    if segmentation is not None:
+        _require_size("segmentation", segmentation.wh, boxes.image_wh)
+    if ignore is not None:
+        _require_size("ignore mask", ignore.shape[::-1], boxes.image_wh)
+
+
+def _require_size(what: str, wh: tuple[int, ...], image_wh: tuple[int, int]) -> None:
+    if wh != tuple(image_wh):
+        raise ImageSizeMismatch(
+            f"the {what} is {wh[0]} x {wh[1]} pixels, "
+            f"the image is {image_wh[0]} x {image_wh[1]}"
+        )
+
+
+def _areas(xyxy: BoxesXYXY) -> FloatArray:
+    """(N,) px: areas, in the published code's order of operations; 0 for NaN rows."""
+    areas: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
+    areas[np.isnan(areas)] = 0.0
+    return areas
+
+
+def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: str) -> IntArray:
+    if profile == "paper":
+        return pixel_bounds(xyxy, wh)
+    # The cast drops fractions, as int() in the published code; NaN cannot be cast.
+    return np.nan_to_num(xyxy, nan=0.0).astype(np.int64)
+
+
+class _Counts(NamedTuple):
+    """Counted pixels of N boxes; `tag_counts` are None if not asked for."""
+
+    box_pixels: IntArray
+    matched_pixels: IntArray
+    tag_counts: NDArray[np.int32] | None
+
+    @classmethod
+    def of_geometry(cls, bounds: IntArray) -> _Counts:
+        """What is known without a segmentation."""
+        x0, y0, x1, y1 = bounds.T
+        return cls((x1 - x0) * (y1 - y0), np.zeros(len(bounds), np.int64), None)
+
+
+def _counts(
+    segmentation: Segmentation,
+    regions: Regions,
+    boxes: FrameBoxes,
+    options: MeasureOptions,
+) -> _Counts:
+    if options.profile == "paper":
+        _refuse_ambiguous_family(segmentation, boxes)
+    codes = list(regions.codes.occurring)
+    if options.profile == "carlasimu" and _has_exact_colors(segmentation):
+        accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
+    else:
+        tags = regions.codes.tag_of_code[codes]
+        accepted = accepts(boxes.accept_mask[:, None], tags)
+    box_pixels = count_pixels(regions)
+    if not options.histogram:
+        return _Counts(box_pixels, count_matches(regions, codes, accepted), None)
+    counts = count_codes_in(regions, codes)
+    return _Counts(
+        box_pixels,
+        (counts * accepted).sum(axis=1),
+        _tag_counts(counts, regions.codes.tag_of_code[codes]),
+    )
+
+
+def _refuse_ambiguous_family(segmentation: Segmentation, boxes: FrameBoxes) -> None:
+    """Raise if a box's class accepts other pixels in another family that fits.
+
+    (0, 0, 142) is Car in carla-0.9.14 and Vehicle in carla-0.9.10. The class car
+    accepts it in both families, the class bus only as Vehicle.
+    """
+    if not segmentation.rivals:
+        return
+    rows = zip(boxes.class_index.tolist(), boxes.accept_mask.tolist(), strict=True)
+    masks = {(boxes.class_names[index], mask) for index, mask in rows}
+    for name, mask in sorted(masks):
+        # Whoever configured another mask knew the family: no ambiguity.
+        if mask != accept_mask_of(name, segmentation.family):
+            continue
+        codes = _accepted_codes(segmentation, segmentation.family, mask)
+        for rival in segmentation.rivals:
+            meant = accept_mask_of(name, rival)
+            if codes == _accepted_codes(segmentation, rival, meant):
+                continue
+            raise SegmentationError(
+                f"the colours that occur fit {segmentation.family} and {rival}, which "
+                f"differ in what counts as {name}; name the palette in the dataset or "
+                "the config, or give the frame's carla_version",
+                code="ambiguous_palette",
+            )
+
+
+def _accepted_codes(
+    segmentation: Segmentation, family: str, mask: int
+) -> frozenset[int]:
+    """The codes that occur and that a mask of the family accepts."""
+    tags = tags_of_codes(family, segmentation.channel_order)
+    occurring = np.array(segmentation.codes.occurring, np.int64)
+    return frozenset(occurring[accepts(mask, tags[occurring])].tolist())
+
+
+def _has_exact_colors(segmentation: Segmentation) -> bool:
+    return segmentation.encoding == "palette" and not segmentation.lossy
+
+
+def _accepted_by_color(
+    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
+) -> BoolArray:
+    """(N, 256): true at the code of each class's one colour, in the family or not."""
+    table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
+    for row, name in enumerate(boxes.class_names):
+        color = options.class_colors.get(name)
+        if color is not None:
+            code = CODE_OF.get(packed(color, segmentation.channel_order))
+            table[row, [] if code is None else code] = True
+    accepted: BoolArray = table[boxes.class_index]
+    return accepted
+
+
+def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """(N, N_TAGS): counts by tag from counts by code; several codes are Unknown."""
+    tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
+    known = tags < UNKNOWN_COLUMN
+    tag_counts[:, tags[known]] = counts[:, known]
+    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
+    return tag_counts
+
+
+def _match_percent(counts: _Counts, areas: FloatArray, profile: str) -> FloatArray:
+    if profile == "paper":
+        return 100.0 * counts.matched_pixels / np.maximum(counts.box_pixels, 1)
+    # The published code's order of operations, since matches equal to a threshold fail.
+    return (counts.matched_pixels / np.where(areas > 0, areas, 1.0)) * 100
+
+
+class NeedsPixels(FilterError):
+    """Raised for other accept sets in profile ``carlasimu``: pixels must be read."""
+
+    code = "needs_pixels"
+
+
+def with_accept_sets(
+    evidence: Evidence, config: MeasureConfig, family: str | None
+) -> Evidence:
+    """The evidence of one frame as the config's accept sets would have measured it.
+
+    Parameters
+    ----------
+    evidence : Evidence of one frame
+        With `tag_counts` and `xyxy` where the accept sets differ.
+    config : MeasureConfig
+    family : tag family of the frame's segmentation, None if there was none
+
+    Returns
+    -------
+    Evidence
+        The same object if nothing differs.
+
+    Raises
+    ------
+    NeedsPixels
+        Profile ``carlasimu``: only measuring again can tell.
+    FilterError
+        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
+    """
+    per_class = config.accept_masks(evidence.class_names, family)
+    masks: IntArray = per_class[evidence.class_index]
+    if (masks == evidence.accept_mask).all():
+        return evidence
+    if config.profile == "carlasimu":
+        raise NeedsPixels("other accept sets in profile carlasimu: measure again")
+    return with_accept_masks(evidence, masks)
+
+
 def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
     """The same evidence with other accept sets; reads no pixel.
 
@@ -226,157 +360,3 @@ def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
         matched_pixels=counts.matched_pixels,
         match_percent=np.where(evidence.measured, percent, np.nan),
     )
-
-
-class _Counts(NamedTuple):
-    """Pixels of N boxes, and per tag if that was asked for."""
-
-    box_pixels: IntArray
-    matched_pixels: IntArray
-    tag_counts: NDArray[np.int32] | None
-
-    @classmethod
-    def of_geometry(cls, bounds: IntArray) -> _Counts:
-        """What is known without a segmentation."""
-        x0, y0, x1, y1 = bounds.T
-        return cls((x1 - x0) * (y1 - y0), np.zeros(len(bounds), np.int64), None)
-
-
-def _refuse_ambiguity(segmentation: Segmentation, boxes: FrameBoxes) -> None:
-    if segmentation.rivals:
-        masks = {
-            (boxes.class_names[index], mask)
-            for index, mask in zip(
-                boxes.class_index.tolist(), boxes.accept_mask.tolist(), strict=True
-            )
-        }
-        refuse_ambiguity(segmentation, sorted(masks))
-
-
-def _require_sizes(
-    segmentation: Segmentation | None, boxes: FrameBoxes, ignore: Mask | None
-) -> None:
-    if segmentation is not None:
-        _require_size("segmentation", segmentation.wh, boxes.image_wh)
-    if ignore is not None:
-        _require_size("ignore mask", ignore.shape[::-1], boxes.image_wh)
-
-
-def _require_size(what: str, wh: tuple[int, ...], image_wh: tuple[int, int]) -> None:
-    if wh != tuple(image_wh):
-        raise ImageSizeMismatch(
-            f"the {what} is {wh[0]} x {wh[1]} pixels, "
-            f"the image is {image_wh[0]} x {image_wh[1]}"
-        )
-
-
-def _areas(xyxy: BoxesXYXY) -> FloatArray:
-    """(N,) px: as the published code multiplies; 0 where there is no box."""
-    areas: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
-    areas[np.isnan(areas)] = 0.0
-    return areas
-
-
-def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
-    if profile == "paper":
-        return pixel_bounds(xyxy, wh)
-    # Python's int() drops the fraction, and so does a cast; NaN has none to drop.
-    return np.nan_to_num(xyxy, nan=0.0).astype(np.int64)
-
-
-def _counts(
-    segmentation: Segmentation,
-    regions: Regions,
-    boxes: FrameBoxes,
-    options: MeasureOptions,
-) -> _Counts:
-    if options.profile == "paper":
-        _refuse_ambiguity(segmentation, boxes)
-    codes = list(regions.codes.occurring)
-    if options.profile == "carlasimu" and _has_exact_colors(segmentation):
-        accepted = _accepted_by_color(segmentation, boxes, options)[:, codes]
-    else:
-        tags = regions.codes.tag_of_code[codes]
-        accepted = accepts(boxes.accept_mask[:, None], tags)
-    box_pixels = count_pixels(regions)
-    if not options.histogram:
-        return _Counts(box_pixels, count_matches(regions, codes, accepted), None)
-    counts = count_codes_in(regions, codes)
-    return _Counts(
-        box_pixels,
-        (counts * accepted).sum(axis=1),
-        _tag_counts(counts, regions.codes.tag_of_code[codes]),
-    )
-
-
-def _has_exact_colors(segmentation: Segmentation) -> bool:
-    return segmentation.encoding == "palette" and not segmentation.lossy
-
-
-def _accepted_by_color(
-    segmentation: Segmentation, boxes: FrameBoxes, options: MeasureOptions
-) -> BoolArray:
-    """(N, 256): the code of each class's one colour, even if the family lacks it."""
-    table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
-    for row, name in enumerate(boxes.class_names):
-        color = options.class_colors.get(name)
-        if color is not None:
-            code = CODE_OF.get(packed(color, segmentation.channel_order))
-            table[row, [] if code is None else code] = True
-    accepted: BoolArray = table[boxes.class_index]
-    return accepted
-
-
-def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """(N, N_TAGS): the counts of codes under their tags; several may be Unknown."""
-    tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
-    known = tags < UNKNOWN_COLUMN
-    tag_counts[:, tags[known]] = counts[:, known]
-    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
-    return tag_counts
-
-
-def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> FloatArray:
-    if profile == "paper":
-        return 100.0 * counts.matched_pixels / np.maximum(counts.box_pixels, 1)
-    # In the published code's order of operations: a threshold may be met exactly.
-    return (counts.matched_pixels / np.where(areas > 0, areas, 1.0)) * 100
-
-
-class NeedsPixels(FilterError):
-    """Other accept sets in profile ``carlasimu``, whose one colour is counted anew."""
-
-    code = "needs_pixels"
-
-
-def with_accept_sets(
-    evidence: Evidence, config: MeasureConfig, family: str | None
-) -> Evidence:
-    """The evidence of one frame as the config's accept sets would have measured it.
-
-    Parameters
-    ----------
-    evidence : Evidence of one frame
-        With `tag_counts` and `xyxy` where the accept sets differ.
-    config : MeasureConfig
-    family : tag family of the frame's segmentation, None if there was none
-
-    Returns
-    -------
-    Evidence
-        The same object if nothing differs.
-
-    Raises
-    ------
-    NeedsPixels
-        Profile ``carlasimu``: only measuring again can tell.
-    FilterError
-        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
-    """
-    per_class = config.accept_masks(evidence.class_names, family)
-    masks: IntArray = per_class[evidence.class_index]
-    if (masks == evidence.accept_mask).all():
-        return evidence
-    if config.profile == "carlasimu":
-        raise NeedsPixels("other accept sets in profile carlasimu: measure again")
-    return with_accept_masks(evidence, masks)

@@ -1,8 +1,9 @@
-"""Which pixels a box can be seen in, and which of them its class accepts.
+"""Silhouettes of boxes, and the pixels in them that have a tag the box's class accepts.
 
-Which pixels a box can be seen in: the hull of a 3D box, else its rectangle.
-
-The pixels of each box that carry a tag its class accepts.
+A box's outline is the convex hull of its projected corners, or its rectangle if it is
+not 3D. Its `Silhouette` is the pixels that the outline touches; its `AcceptedPixels`
+are those of an accepted tag. The channels ``ordered``, ``depth`` and ``instance``
+measure on these.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import cv2
 import numpy as np
@@ -27,11 +28,6 @@ from filter_core.types import (
     Mask,
 )
 
-_Reach: TypeAlias = "Callable[[_Edges, FloatArray], tuple[FloatArray, FloatArray]]"
-
-_ROWS_AT_ONCE: Final = 1 << 13
-"""Temporaries of a few hundred KiB, however many boxes there are."""
-
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
@@ -40,14 +36,14 @@ class Silhouette:
     Attributes
     ----------
     row : int
-        The box, in its frame.
+        The box's row in its frame.
     x0, y0, x1, y1 : int, px
         Columns ``x0 .. x1 - 1`` and rows ``y0 .. y1 - 1``.
     inside : (y1 - y0, x1 - x0) bool, or None
-        None: the whole rectangle.
+        Pixels of the silhouette; None: the whole rectangle.
     centred : (y1 - y0, x1 - x0) bool, or None
-        Those whose centre lies within the outline: an image has one sample per pixel,
-        so no other pixel can show the box. None where nobody asked.
+        Pixels whose centre is inside the outline. An image samples pixel centres, so no
+        other pixel can show the box. None if not requested.
     """
 
     row: int
@@ -71,11 +67,11 @@ class Silhouette:
         return int(np.count_nonzero(self.inside))
 
     def of(self, mask: Mask) -> Mask:
-        """A mask of the region without what is outside the outline."""
+        """The part of a mask of the region that is inside the silhouette."""
         return mask if self.inside is None else mask & self.inside
 
 
-def silhouettes(
+def frame_silhouettes(
     xyxy: BoxesXYXY,
     vertices: FloatArray,
     camera: Camera | None,
@@ -95,7 +91,7 @@ def silhouettes(
         Needed if any box has corners.
     image_wh : (width, height), px
     centres : bool
-        Whether `Silhouette.centred` is wanted.
+        Whether to compute `Silhouette.centred`.
 
     Returns
     -------
@@ -105,7 +101,7 @@ def silhouettes(
     Notes
     -----
     A pixel belongs to a silhouette if the outline touches its square, as the paper's
-    rectangles take every pixel they touch: a box thinner than a pixel still has one.
+    rectangles take every pixel they touch. So a box thinner than a pixel has pixels.
     """
     bounds = pixel_bounds(xyxy, image_wh)
     solid = ~np.isnan(vertices).any(axis=(1, 2)) & (camera is not None)
@@ -136,7 +132,7 @@ def silhouettes(
 
 
 def _corners(xyxy: FloatArray) -> FloatArray:
-    """(4, 2) px."""
+    """(4, 2) px: the corners of a rectangle."""
     x0, y0, x1, y1 = xyxy.tolist()
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
@@ -146,7 +142,7 @@ def _by_row(
     hulls: Mapping[int, FloatArray],
     bounds: IntArray,
 ) -> dict[int, Mask]:
-    """The masks of some boxes' outlines."""
+    """`masks_of` applied to the outlines of some boxes; masks by the boxes' rows."""
     masks = masks_of(list(hulls.values()), bounds[list(hulls)])
     return dict(zip(hulls, masks, strict=True))
 
@@ -167,8 +163,8 @@ def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mas
     Notes
     -----
     A convex shape covers one interval of each row of pixels: from the lowest to the
-    highest x that its edges have within that row. The rows of all shapes are looked at
-    together: most boxes are small, and each alone would be mostly overhead.
+    highest x that its edges have within that row. The rows of all shapes are computed
+    together: most boxes are small, and one at a time would be mostly overhead.
     """
     return _filled(_touched, outlines, bounds)
 
@@ -181,17 +177,20 @@ def centred_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mas
     return _filled(_centred, outlines, bounds)
 
 
+_SpansOf: TypeAlias = "Callable[[_Edges, FloatArray], tuple[FloatArray, FloatArray]]"
+
+
 def _filled(
-    reach: _Reach, outlines: Sequence[FloatArray], bounds: IntArray
+    spans_of: _SpansOf, outlines: Sequence[FloatArray], bounds: IntArray
 ) -> list[Mask]:
-    """Masks of N hulls, of which each row of pixels has one interval."""
+    """Masks of N hulls; `spans_of` gives the interval of columns of each row."""
     if not len(outlines):
         return []
     heights = bounds[:, 3] - bounds[:, 1]
     ends = np.cumsum(heights)
     owner = np.repeat(np.arange(len(outlines)), heights)
     top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
-    left, right = _spans(reach, _hulls(outlines), owner, top.astype(np.float64))
+    left, right = _spans(spans_of, _hulls(outlines), owner, top.astype(np.float64))
     masks: list[Mask] = []
     for (x0, _, x1, _), end, height in zip(
         bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
@@ -204,12 +203,12 @@ def _filled(
 
 
 def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
-    """(N, K, 2) px: corners in turn; a hull of fewer ends in copies of its last one."""
+    """(N, K, 2) px: the hulls' corners in order, padded by repeating the last one."""
     found = []
     for points in outlines:
-        # Of points that all coincide, OpenCV makes no hull.
-        corners: Any = cv2.convexHull(points.astype(np.float32))
-        found.append(points[:1] if corners is None else corners[:, 0])
+        # OpenCV returns None for points that coincide; as an array, 0-dimensional.
+        corners = np.asarray(cv2.convexHull(points.astype(np.float32)))
+        found.append(corners[:, 0] if corners.ndim else points[:1])
     padded = np.empty((len(found), max(map(len, found)), 2))
     for row, hull in enumerate(found):
         padded[row, : len(hull)] = hull
@@ -217,21 +216,46 @@ def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
     return padded
 
 
+_ROWS_AT_ONCE: Final = 1 << 13
+"""Rows of pixels per block: keeps temporary arrays at a few hundred KiB."""
+
+
 def _spans(
-    reach: _Reach, hulls: FloatArray, owner: IntArray, top: FloatArray
+    spans_of: _SpansOf, hulls: FloatArray, owner: IntArray, top: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(R,), (R,) px: first column, last column + 1 of rows of pixels of their hulls."""
+    """(R,), (R,) px: first column, last column + 1 of each row in its hull."""
     left, right = np.empty(len(top)), np.empty(len(top))
     edges = _Edges.of(hulls)
     for start in range(0, len(top), _ROWS_AT_ONCE):
         part = np.s_[start : start + _ROWS_AT_ONCE]
-        left[part], right[part] = reach(edges.of_hulls(owner[part]), top[part, None])
+        left[part], right[part] = spans_of(edges.of_hulls(owner[part]), top[part, None])
     return left, right
+
+
+def _touched(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Columns that hulls touch in rows of pixels with upper edge `top`, (R, 1)."""
+    bottom = top + 1
+    nearest, farthest = edges.range_of(
+        (edges.low_y < bottom) & (edges.high_y >= top),
+        edges.x_at(np.clip(top, edges.low_y, edges.high_y)),
+        edges.x_at(np.clip(bottom, edges.low_y, edges.high_y)),
+    )
+    left = np.floor(nearest)
+    return left, np.maximum(np.ceil(farthest), left + 1)
+
+
+def _centred(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As `_touched`, for pixel centres; the interval may be empty."""
+    middle = top + 0.5
+    crossed = (edges.low_y <= middle) & (edges.high_y >= middle)
+    first = edges.x_at(middle)
+    nearest, farthest = edges.range_of(crossed, first, first)
+    return np.ceil(nearest - 0.5), np.floor(farthest - 0.5) + 1
 
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """From each corner of a hull to the next; all (N, K), px."""
+    """The edges of hulls, from each corner to the next; all (N, K), px."""
 
     x: FloatArray
     y: FloatArray
@@ -248,59 +272,38 @@ class _Edges:
         return cls(x, y, end_x, np.minimum(y, end_y), np.maximum(y, end_y), slope)
 
     def of_hulls(self, rows: IntArray) -> _Edges:
-        """The edges of some hulls, which may be named more than once."""
+        """The edges of the hulls in `rows`, which may have duplicates."""
         parts = (self.x, self.y, self.end_x, self.low_y, self.high_y, self.slope)
         return _Edges(*(part[rows] for part in parts))
 
     def x_at(self, y: FloatArray) -> FloatArray:
-        """Where each edge, or the line that it lies on, has a height."""
+        """The x at height `y` of each edge, or of the line through it."""
         return self.x + (y - self.y) * self.slope
 
     def range_of(
-        self, passed: Mask, first: FloatArray, second: FloatArray
+        self, crossed: Mask, first: FloatArray, second: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest x of the edges that are `passed`.
+        """Least and greatest x of the edges that are `crossed`.
 
-        A level edge is passed from one end to the other.
+        A horizontal edge counts from one end to the other.
         """
         second = np.where(self.low_y == self.high_y, self.end_x, second)
-        nearest = np.where(passed, np.minimum(first, second), np.inf).min(axis=1)
-        farthest = np.where(passed, np.maximum(first, second), -np.inf).max(axis=1)
+        nearest = np.where(crossed, np.minimum(first, second), np.inf).min(axis=1)
+        farthest = np.where(crossed, np.maximum(first, second), -np.inf).max(axis=1)
         return nearest, farthest
-
-
-def _touched(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What hulls touch in rows of pixels, whose upper edge is at `top`, (R, 1)."""
-    bottom = top + 1
-    nearest, farthest = edges.range_of(
-        (edges.low_y < bottom) & (edges.high_y >= top),
-        edges.x_at(np.clip(top, edges.low_y, edges.high_y)),
-        edges.x_at(np.clip(bottom, edges.low_y, edges.high_y)),
-    )
-    left = np.floor(nearest)
-    return left, np.maximum(np.ceil(farthest), left + 1)
-
-
-def _centred(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As `_touched`, of the pixels' centres: an interval may be empty."""
-    middle = top + 0.5
-    passed = (edges.low_y <= middle) & (edges.high_y >= middle)
-    first = edges.x_at(middle)
-    nearest, farthest = edges.range_of(passed, first, first)
-    return np.ceil(nearest - 0.5), np.floor(farthest - 0.5) + 1
 
 
 @dataclass(frozen=True, eq=False)
 class AcceptedPixels:
-    """Of one box: its silhouette, and which pixels of its region are accepted in it.
+    """The accepted pixels of one box: those whose tag its class accepts.
 
     Attributes
     ----------
     silhouette : Silhouette
     mask : (h, w) bool
-        Accepted, and inside the silhouette.
+        Accepted pixels inside the silhouette; the shape is that of its region.
     around : (h, w) bool, or None
-        Accepted, inside the silhouette or beside it; None: as `mask`.
+        Accepted pixels anywhere in the region; None: the same as `mask`.
     """
 
     silhouette: Silhouette
@@ -314,9 +317,9 @@ class AcceptedPixels:
 
     @cached_property
     def own(self) -> Mask:
-        """Those that the box itself can be seen in.
+        """The accepted pixels that can show the box itself.
 
-        Their centres lie within its outline; of a box too thin for that, all.
+        Their centres are inside its outline. All of them, if it is too thin for that.
         """
         if self.silhouette.centred is None:
             return self.mask
@@ -325,7 +328,7 @@ class AcceptedPixels:
 
 
 def accepted_pixels(
-    outlines: Sequence[Silhouette],
+    silhouettes: Sequence[Silhouette],
     codes: PixelCodes,
     accept_mask: IntArray,
     ignore: Mask | None = None,
@@ -334,7 +337,7 @@ def accepted_pixels(
 
     Parameters
     ----------
-    outlines : as `silhouettes` gives them
+    silhouettes : of the boxes that are in the image
     codes : PixelCodes of the segmentation
     accept_mask : (N,) int64
         Bit t is set if the box's class accepts tag t.
@@ -346,11 +349,11 @@ def accepted_pixels(
         for mask in np.unique(accept_mask).tolist()
     }
     found = []
-    for outline in outlines:
-        table = tables[int(accept_mask[outline.row])]
-        box = outline.x0, outline.y0, outline.x1, outline.y1
+    for silhouette in silhouettes:
+        table = tables[int(accept_mask[silhouette.row])]
+        box = silhouette.x0, silhouette.y0, silhouette.x1, silhouette.y1
         around = table[codes.crop(*box)]
         if ignore is not None:
-            around = around & ~ignore[outline.region]
-        found.append(AcceptedPixels(outline, outline.of(around), around))
+            around = around & ~ignore[silhouette.region]
+        found.append(AcceptedPixels(silhouette, silhouette.of(around), around))
     return found

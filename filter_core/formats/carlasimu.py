@@ -1,4 +1,9 @@
-"""Folders that carlasimu writes: images/, labels/labelNN/, and seg/ beside them."""
+"""Folders that the tool carlasimu writes: images, labels by distance, and seg.
+
+A label folder ``labels/labelNN`` holds the boxes up to NN metres. Labels have YOLO's
+form, or raw centres in pixels; classes are numbered as in `_CARLASIMU_CLASSES`, if
+``Readme.txt`` does not say otherwise.
+"""
 
 from __future__ import annotations
 
@@ -19,36 +24,26 @@ from filter_core.formats.reading import (
     segmentation_folder,
     walk,
 )
-from filter_core.formats.yolo import LabelFolders, _ordered, frame_set
+from filter_core.formats.yolo import LabelFolders, frame_set, ordered_names
 from filter_core.json_text import read_json
 
-CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")
-"""The order that carlasimu writes; it has no numbers for two-wheelers."""
+CARLASIMU: Final = Format(
+    name="carlasimu",
+    title="carlasimu",
+    holds=(
+        "labels in YOLO's form, or centres in raw pixels, in a folder for each "
+        "distance band"
+    ),
+    recognised_by="carlasimu's labels/labelNN/ or label/",
+)
 
 
-def carlasimu_classes(root: Path) -> tuple[str, ...]:
-    """Class names from carlasimu's ``Readme.txt``, else in the order of its code."""
-    name = "Readme.txt"
-    path = root / name
-    if not path.is_file():
-        return CARLASIMU_CLASSES
-    try:
-        document = read_json(read_label_text(path, name))
-    except JsonError:
-        # People put other readmes into folders; only carlasimu's own is JSON.
-        return CARLASIMU_CLASSES
-    numbers = document.get("classes") if isinstance(document, dict) else None
-    if not isinstance(numbers, dict):
-        return CARLASIMU_CLASSES
-    return _ordered({number: word for word, number in numbers.items()}, name)
+@CARLASIMU.recogniser
+def _likeness(source: Source) -> Likeness:
+    return "none" if _camera_folder(source.path) is None else "certain"
 
 
-_BAND: Final = re.compile(r"label(\d+)", re.IGNORECASE)
-
-_IMAGES: Final = ("images", "img")
-
-
-def camera_folder(root: Path) -> Path | None:
+def _camera_folder(root: Path) -> Path | None:
     """The folder with carlasimu's labels: the one given, or one right below it."""
     if not root.is_dir():
         return None
@@ -56,36 +51,11 @@ def camera_folder(root: Path) -> Path | None:
     return next((path for path in (root, *below) if _has_labels(path)), None)
 
 
-def read_carlasimu(root: Path, options: ReadOptions) -> FrameSet:
-    """The frames of a carlasimu folder, by the widest of its distance bands.
-
-    The bands are cumulative (``label200`` holds what ``label50`` does), so the others
-    add nothing; a frame that only a narrower band has is listed as unmatched.
-
-    Raises
-    ------
-    LayoutError
-        There is neither ``labels/labelNN/`` nor ``label/``.
-    """
-    camera = camera_folder(root)
-    if camera is None:
-        raise LayoutError("expected labels/labelNN/ or label/, found neither")
-    bands = _bands(camera)
-    labels = options.labels or bands[-1]
-    folders = LabelFolders(
-        images=next((camera / n for n in _IMAGES if (camera / n).is_dir()), labels),
-        labels=labels,
-        segmentations=options.segmentation or _segmentations(camera),
-        classes=tuple(options.classes or carlasimu_classes(camera)),
-        default_class=options.default_class,
-    )
-    frames = frame_set("carlasimu", folders, walk(labels, (".txt",)))
-    narrower = [] if options.labels else list(_only_narrower(bands))
-    return replace(frames, unmatched=(*frames.unmatched, *narrower))
-
-
 def _has_labels(folder: Path) -> bool:
     return bool(_bands(folder))
+
+
+_BAND: Final = re.compile(r"label(\d+)", re.IGNORECASE)
 
 
 def _bands(folder: Path) -> list[Path]:
@@ -99,8 +69,61 @@ def _bands(folder: Path) -> list[Path]:
     return [single] if single.is_dir() else []
 
 
+_IMAGES: Final = ("images", "img")
+
+
+@CARLASIMU.reader
+def read_carlasimu(root: Path, options: ReadOptions) -> FrameSet:
+    """The frames of a carlasimu folder, by the widest of its distance bands.
+
+    The bands are cumulative (``label200`` holds what ``label50`` does), so the others
+    add nothing; a frame that only a narrower band has is listed as unmatched.
+
+    Raises
+    ------
+    LayoutError
+        There is neither ``labels/labelNN/`` nor ``label/``.
+    """
+    camera = _camera_folder(root)
+    if camera is None:
+        raise LayoutError("expected labels/labelNN/ or label/, found neither")
+    bands = _bands(camera)
+    labels = options.labels or bands[-1]
+    folders = LabelFolders(
+        images=next((camera / n for n in _IMAGES if (camera / n).is_dir()), labels),
+        labels=labels,
+        segmentations=options.segmentation or _segmentations(camera),
+        classes=tuple(options.classes or _carlasimu_classes(camera)),
+        default_class=options.default_class,
+    )
+    frames = frame_set("carlasimu", folders, walk(labels, (".txt",)))
+    narrower = [] if options.labels else list(_only_narrower(bands))
+    return replace(frames, unmatched=(*frames.unmatched, *narrower))
+
+
 def _segmentations(camera: Path) -> Path | None:
     return segmentation_folder(camera) or segmentation_folder(camera.parent)
+
+
+_CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")
+"""The order that carlasimu writes; it has no numbers for two-wheelers."""
+
+
+def _carlasimu_classes(root: Path) -> tuple[str, ...]:
+    """Class names from carlasimu's ``Readme.txt``, else in the order of its code."""
+    name = "Readme.txt"
+    path = root / name
+    if not path.is_file():
+        return _CARLASIMU_CLASSES
+    try:
+        document = read_json(read_label_text(path, name))
+    except JsonError:
+        # People put other readmes into folders; only carlasimu's own is JSON.
+        return _CARLASIMU_CLASSES
+    numbers = document.get("classes") if isinstance(document, dict) else None
+    if not isinstance(numbers, dict):
+        return _CARLASIMU_CLASSES
+    return ordered_names({number: word for word, number in numbers.items()}, name)
 
 
 def _only_narrower(bands: list[Path]) -> Iterator[Unmatched]:
@@ -111,15 +134,3 @@ def _only_narrower(bands: list[Path]) -> Iterator[Unmatched]:
                 yield Unmatched(
                     f"{band.name}/{name}", f"not in the widest band, {bands[-1].name}"
                 )
-
-
-def _likeness(source: Source) -> Likeness:
-    return "none" if camera_folder(source.path) is None else "certain"
-
-
-CARLASIMU: Final = Format(
-    name="carlasimu",
-    title="carlasimu",
-    likeness=_likeness,
-    read=read_carlasimu,
-)

@@ -1,25 +1,36 @@
 """COCO: all images and boxes of a dataset, or of a part of it, in one JSON file.
 
-Files are read image by image, by way of `filter_core.formats.coco_index`; one file is
-written for each part of the split.
+A file is read image by image, with the places that `filter_core.formats.coco_index`
+found in it; one file is written for each part of the split.
+
+References
+----------
+.. [1] "COCO data format", https://cocodataset.org/#format-data
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.coco_index import CocoIndex, index_coco, looks_like_coco
+from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import Spool, json_bytes
-from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
+from filter_core.formats.format import (
+    LABEL_NEEDS,
+    LABEL_OPTIONS,
+    Format,
+    Likeness,
+    Source,
+)
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
@@ -33,36 +44,36 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
+    ChosenBox,
     ExportContext,
-    OutBox,
     OutFrame,
     Traits,
     band_name,
-    write_labels,
 )
 
-_PARTS: Final = ("train", "val", "test")
-
-_OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"})
-
-_OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")
-
-_MANY: Final = 3
-
-
-@dataclass(frozen=True)
-class _Row:
-    """One image of one file: which file's, its row, its key, and its files."""
-
-    index: CocoIndex
-    row: int
-    key: str
-    image: Path | None
-    segmentation: Path | None
-    problem: FilterError | None = None
+COCO: Final = Format(
+    name="coco",
+    title="COCO",
+    holds=(
+        "`bbox` and every other key of images and annotations; "
+        "`annotations/instances_train.json` and `instances_val.json`, images beside "
+        "them; all ids are whole numbers from 1; `attributes` carry the box's own "
+        "id, its distance and its 3D box"
+    ),
+    recognised_by="a COCO .json file",
+    needs=LABEL_NEEDS,
+    options=LABEL_OPTIONS | {"bands", "rejected"},
+)
 
 
-def coco_files(root: Path) -> list[Path]:
+@COCO.recogniser
+def _likeness(source: Source) -> Likeness:
+    if source.path.is_file():
+        return "certain" if source.path.suffix.lower() == ".json" else "none"
+    return "possible" if _coco_files(source.path) else "none"
+
+
+def _coco_files(root: Path) -> list[Path]:
     """The files with boxes: the one given, or those at the usual places in a folder."""
     if root.is_file():
         return [root]
@@ -70,6 +81,7 @@ def coco_files(root: Path) -> list[Path]:
     return [path for path in sorted(found) if looks_like_coco(path)]
 
 
+@COCO.reader
 def read_coco(root: Path, options: ReadOptions) -> FrameSet:
     """The frames of one or several COCO files.
 
@@ -81,7 +93,7 @@ def read_coco(root: Path, options: ReadOptions) -> FrameSet:
     LayoutError
         No such file, or one that is not COCO.
     """
-    paths = [options.labels] if options.labels else coco_files(root)
+    paths = [options.labels] if options.labels else _coco_files(root)
     if not paths:
         raise LayoutError(
             "expected a .json file with images, annotations and categories, here or in "
@@ -99,27 +111,26 @@ def read_coco(root: Path, options: ReadOptions) -> FrameSet:
     )
 
 
-def _classes(indices: Sequence[CocoIndex]) -> list[str]:
-    """Names in the order of their ids, each once."""
-    names: dict[str, None] = {}
-    for index in indices:
-        ordered = list(index.names.items())
-        if all(isinstance(number, int) for number in index.names):
-            ordered.sort()
-        names.update(dict.fromkeys(word for _, word in ordered))
-    return list(names)
+_SPLITS: Final = ("train", "val", "test")
+"""What the name of a COCO file may end in."""
 
 
-def _orphans(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
-    for index in indices:
-        if index.orphans:
-            why = f"{index.orphans} annotations of images that it does not list"
-            yield Unmatched(index.name, why)
+@dataclass(frozen=True)
+class _Row:
+    """An image of a COCO file, by its place there: its frame's key and its files."""
+
+    index: CocoIndex
+    row: int
+    key: str
+    image: Path | None
+    segmentation: Path | None
+    problem: FilterError | None = None
 
 
 def _match(
     folder: Path, indices: Sequence[CocoIndex], options: ReadOptions
 ) -> tuple[list[_Row], tuple[Unmatched, ...]]:
+    """Every image with its files, in the order of the keys; what is left over."""
     tags = options.segmentation or segmentation_folder(folder)
     images = FileIndex(walk(folder, IMAGE_SUFFIXES, [tags] if tags else []))
     segmentations = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
@@ -151,7 +162,7 @@ def _match(
 
 @dataclass(frozen=True)
 class _Name:
-    """What an image is called: the frame's key, its file's, and its part."""
+    """An image of a COCO file: the keys of its frame and its file, and its split."""
 
     index: CocoIndex
     row: int
@@ -164,7 +175,7 @@ def _named(index: CocoIndex) -> Iterator[_Name]:
     """The names of all images; of images with one id only the first."""
     later = {row for rows in index.repeated.values() for row in rows[1:]}
     stem = Path(index.name).stem.lower()
-    part = next((one for one in _PARTS if stem.endswith(one)), "")
+    part = next((one for one in _SPLITS if stem.endswith(one)), "")
     for row in range(len(index.places)):
         if row in later:
             continue
@@ -181,6 +192,14 @@ def _named(index: CocoIndex) -> Iterator[_Name]:
         )
 
 
+def _base(key: str) -> str:
+    return key.rpartition("/")[2]
+
+
+_MOST_NAMED: Final = 3
+"""Images with the same id that an error names; more are counted."""
+
+
 def _problem(one: _Name, seen: int) -> FilterError | None:
     index, row = one.index, one.row
     if seen > 1:
@@ -192,16 +211,34 @@ def _problem(one: _Name, seen: int) -> FilterError | None:
     if same is None:
         return None
     boxes = sum(1 for _ in index.boxes(row))
-    first = ", ".join(f"images[{number}]" for number in same[:_MANY])
-    more = f" and {len(same) - _MANY} more" if len(same) > _MANY else ""
+    first = ", ".join(f"images[{number}]" for number in same[:_MOST_NAMED])
+    more = f" and {len(same) - _MOST_NAMED} more" if len(same) > _MOST_NAMED else ""
     return LayoutError(
         f"{index.name}: expected each image id once, found {first}{more} with id "
         f"{index.image(row)['id']!r}: nobody can say whose the {boxes} boxes are"
     )
 
 
+def _classes(indices: Sequence[CocoIndex]) -> list[str]:
+    """Names in the order of their ids, each once."""
+    names: dict[str, None] = {}
+    for index in indices:
+        ordered = list(index.names.items())
+        if all(isinstance(number, int) for number in index.names):
+            ordered.sort()
+        names.update(dict.fromkeys(word for _, word in ordered))
+    return list(names)
+
+
+def _orphans(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
+    for index in indices:
+        if index.orphans:
+            why = f"{index.orphans} annotations of images that it does not list"
+            yield Unmatched(index.name, why)
+
+
 def _read(row: _Row) -> FrameSource:
-    annotation: dict[str, Any] | None = None
+    annotation: dict[str, object] | None = None
     problem = row.problem
     if problem is None:
         try:
@@ -211,30 +248,35 @@ def _read(row: _Row) -> FrameSource:
     return FrameSource(row.key, annotation, row.image, row.segmentation, {}, problem)
 
 
-def _annotation(row: _Row) -> dict[str, Any]:
+_IMAGE_KEYS: Final = frozenset({"id", "file_name", "width", "height", "key"})
+
+
+def _annotation(row: _Row) -> dict[str, object]:
+    """An image and its boxes; only files that `CocoWriter` wrote give a ``key``."""
     image = row.index.image(row.row)
     kept = {k: v for k, v in image.items() if k not in _IMAGE_KEYS}
     ours = isinstance(image.get("key"), str)
     if not ours:
         kept = _beside(kept, KNOWN_FRAME_KEYS)
-    annotation: dict[str, Any] = {**kept, "boxes": list(_boxes(row, ours=ours))}
+    annotation: dict[str, object] = {**kept, "boxes": list(_boxes(row, ours=ours))}
     size = {key: image.get(key) for key in ("width", "height")}
     if "camera" not in annotation and all(_is_side(side) for side in size.values()):
         annotation["camera"] = size
     return annotation
 
 
-_IMAGE_KEYS: Final = frozenset({"id", "file_name", "width", "height", "key"})
-
-
 def _is_side(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
-def _boxes(row: _Row, *, ours: bool) -> Iterator[dict[str, Any]]:
+_OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"})
+"""Keys of an annotation that are read, and not just kept."""
+
+
+def _boxes(row: _Row, *, ours: bool) -> Iterator[dict[str, object]]:
     boxes = list(row.index.boxes(row.row))
     ids = [str(box["id"]) for box in boxes if "id" in box]
-    # Ids that do not tell boxes apart are none; their places do.
+    # Where an id occurs twice, none is given: places tell the boxes apart then.
     use_ids = len(set(ids)) == len(boxes)
     for number, given in enumerate(boxes):
         at = f"{row.index.name}, annotation {str(given.get('id', number))[:40]!r}"
@@ -260,9 +302,12 @@ def _boxes(row: _Row, *, ours: bool) -> Iterator[dict[str, Any]]:
         yield box
 
 
-def _from_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
-    """What the writer of this product put there; 3D boxes stay beside the rectangle."""
-    known: dict[str, Any] = {
+_OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")
+
+
+def _from_attributes(attributes: dict[str, object]) -> dict[str, object]:
+    """Under their own keys what `CocoWriter` had put under ``attributes``."""
+    known: dict[str, object] = {
         key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
     }
     written = (*_OUR_ATTRIBUTES, "verdict", "reason")
@@ -270,22 +315,14 @@ def _from_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
     return {**known, "attributes": rest} if rest else known
 
 
-def _beside(given: dict[str, Any], known: frozenset[str]) -> dict[str, Any]:
-    """Keys of the file's own that mean something else here go under `extra`."""
+def _beside(given: dict[str, object], known: frozenset[str]) -> dict[str, object]:
+    """The keys of a file; those that mean something else here go under ``extra``."""
     clashing = {key: value for key, value in given.items() if key in known}
     free = {key: value for key, value in given.items() if key not in known}
     return {**free, "extra": clashing} if clashing else free
 
 
-def _base(key: str) -> str:
-    return key.rpartition("/")[2]
-
-
-_ATTRIBUTES: Final = ("type_id", "base_type", "instance_id", *FORMS_3D)
-
-_DECIMALS: Final = 4
-
-
+@COCO.label_writer
 class CocoWriter:
     """Writes ``annotations/instances_PART.json`` and ``images/PART/STEM.png``.
 
@@ -293,13 +330,9 @@ class CocoWriter:
     file: with an annotation id of 0 pycocotools counts a perfect detection as wrong.
     What COCO has no key for is under ``attributes``: the box's own id, its distance and
     its 3D box. Regions to ignore are crowds.
-
-    References
-    ----------
-    .. [1] "COCO data format", https://cocodataset.org/#format-data
     """
 
-    traits: ClassVar[Traits] = Traits("coco", crowds=True)
+    traits: ClassVar[Traits] = Traits(crowds=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -334,13 +367,13 @@ class _CocoFile:
         frame, number = out.frame, self._images.count + 1
         known = {
             key: value
-            for key, value in frame.annotation.items()
+            for key, value in frame.given.frame.items()
             if key in KNOWN_FRAME_KEYS and key not in ("boxes", "extra", "camera")
         }
-        if frame.camera is not None:
-            known["camera"] = frame.annotation.get("camera")
+        if frame.given.camera is not None:
+            known["camera"] = frame.given.frame["camera"]
         image = {
-            **frame.extra,
+            **frame.given.frame_extra(),
             **known,
             **({"map": frame.map} if frame.map is not None else {}),
             "id": number,
@@ -351,7 +384,11 @@ class _CocoFile:
         }
         self._images.add(image, by_key=True)
         for one in out.boxes:
-            annotation = _annotation_of(one, self._annotations.count + 1, number)
+            annotation = {
+                **_described(one, frame),
+                "id": self._annotations.count + 1,
+                "image_id": number,
+            }
             self._annotations.add(annotation, by_key=True)
 
     def pieces(self, classes: tuple[str, ...]) -> Iterator[bytes]:
@@ -372,54 +409,45 @@ class _CocoFile:
         yield b"}\n"
 
 
-def _annotation_of(out: OutBox, number: int, image: int) -> dict[str, Any]:
-    x_min, y_min, x_max, y_max = out.xyxy
+def _described(one: ChosenBox, frame: ExportFrame) -> dict[str, object]:
+    """One annotation, without its own id and that of its image."""
+    x_min, y_min, x_max, y_max = one.xyxy
     bbox = [_round(v) for v in (x_min, y_min, x_max - x_min, y_max - y_min)]
-    kept = out.box.extra
-    if out.is_cut or "area" not in kept:
+    kept = frame.given.box_extra(one.row)
+    if one.is_cut or "area" not in kept:
         kept["area"] = _round(bbox[2] * bbox[3])
     return {
         "segmentation": [],
         "iscrowd": 0,
         **kept,
-        **({"iscrowd": 1} if out.ignored else {}),
-        "id": number,
-        "image_id": image,
-        "category_id": out.number + 1,
+        **({"iscrowd": 1} if one.ignored else {}),
+        "category_id": one.number + 1,
         "bbox": bbox,
-        "attributes": _attributes(out),
+        "attributes": _attributes(one.row, frame),
     }
 
 
-def _attributes(out: OutBox) -> dict[str, Any]:
-    box = out.box
-    given = box.given.get("attributes")
-    attributes = dict(given) if isinstance(given, Mapping) else {}
-    attributes |= {key: box.given[key] for key in _ATTRIBUTES if key in box.given}
-    attributes["id"] = box.id
-    if box.distance is not None:
-        attributes["distance"] = _round(box.distance)
-    if box.verdict == "rejected":
-        attributes["verdict"] = "rejected"
-        attributes["reason"] = box.decision["reason"]
+_ATTRIBUTES: Final = ("type_id", "base_type", "instance_id", *FORMS_3D)
+
+
+def _attributes(row: int, frame: ExportFrame) -> dict[str, object]:
+    boxes, given = frame.boxes, frame.given.boxes[row]
+    own = given.get("attributes")
+    attributes = dict(own) if isinstance(own, Mapping) else {}
+    attributes |= {key: given[key] for key in _ATTRIBUTES if key in given}
+    attributes["id"] = boxes.ids[row]
+    distance = float(boxes.distance[row])
+    if not math.isnan(distance):
+        attributes["distance"] = _round(distance)
+    verdict = boxes.effective_verdict(row)
+    if verdict == "rejected":
+        attributes["verdict"] = verdict
+        attributes["reason"] = boxes.reason_label(row)
     return attributes
+
+
+_DECIMALS: Final = 4
 
 
 def _round(value: float) -> float:
     return round(value, _DECIMALS)
-
-
-def _likeness(source: Source) -> Likeness:
-    if source.path.is_file():
-        return "certain" if source.path.suffix.lower() == ".json" else "none"
-    return "possible" if coco_files(source.path) else "none"
-
-
-COCO: Final = Format(
-    name="coco",
-    title="COCO",
-    likeness=_likeness,
-    read=read_coco,
-    write=partial(write_labels, new_writer=CocoWriter),
-    options=LABEL_OPTIONS | {"bands", "rejected"},
-)

@@ -11,7 +11,7 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final, TypeAlias
 
 import numpy as np
 
@@ -25,183 +25,24 @@ from filter_core.json_text import (
 )
 from filter_core.types import IntArray
 
-_PIECE: Final = 1 << 20
 
-_MAX_VALUE: Final = 16 << 20
-"""Bytes of one value; what is longer is no box and no image."""
-
-_MANY_VALUES: Final = JsonLimits.max_values
-
-_MAX_NAME: Final = 1 << 16
-
-_SPACE: Final = " \t\n\r"
-
-
-@dataclass(frozen=True)
-class Item:
-    """One element of a top-level list, or a whole top-level value.
-
-    Attributes
-    ----------
-    key : str
-    value : decoded JSON; its texts are Latin-1 until `text_of` decodes them
-    start, end : int
-        Its bytes in the file.
-    is_empty : bool
-        It stands for a list without elements.
-    """
-
-    key: str
-    value: Any
-    start: int
-    end: int
-    is_empty: bool = False
-
-
-def read_object(file: BinaryIO, name: str) -> Iterator[Item]:
-    """The values of one JSON object; those of lists one by one.
-
-    Notes
-    -----
-    Bytes are read as Latin-1, so that a place in the text is a place in the file:
-    JSON's own signs are ASCII, and nothing in a value is needed but ids and numbers.
+def index_coco(path: Path, name: str) -> CocoIndex:
+    """Read a file once and note where everything is.
 
     Raises
     ------
     LayoutError
-        Not one JSON object; names the file and the byte.
+        Not JSON, or without images, annotations and categories.
     """
-    yield from _Reader(file, name).items()
+    builder = _Builder(name)
+    with path.open("rb") as file:
+        for item in read_object(file, name):
+            builder.add(item)
+    return builder.index(path)
 
 
-def load(content: bytes, name: str) -> Any:  # noqa: ANN401  # any JSON value
-    """One value from its own bytes, as UTF-8."""
-    try:
-        return read_json(content)
-    except JsonError as exc:
-        raise LayoutError(f"{name}: {exc.detail}") from exc
-
-
-def _no_constant(word: str) -> None:
-    raise ValueError(f"{word} is no number of JSON")
-
-
-class _Reader:
-    def __init__(self, file: BinaryIO, name: str) -> None:
-        self._file, self._name = file, name
-        self._text, self._at = "", 0
-        self._before = 0
-        self._decoder = json.JSONDecoder(parse_constant=_no_constant)
-        self._ended = False
-
-    def items(self) -> Iterator[Item]:
-        if self._file.read(3) != b"\xef\xbb\xbf":
-            self._file.seek(0)
-        else:
-            self._before = 3
-        self._expect("{")
-        if self._next() == "}":
-            return
-        while True:
-            key = self._value(_MAX_NAME).value
-            if not isinstance(key, str):
-                raise self._error("a name in quotes")
-            self._expect(":")
-            yield from self._values(key)
-            if self._next() == "}":
-                return
-            self._expect(",")
-
-    def _values(self, key: str) -> Iterator[Item]:
-        if self._next() != "[":
-            yield self._value(_MAX_VALUE, key)
-            return
-        self._expect("[")
-        if self._next() == "]":
-            at = self._before + self._at
-            self._expect("]")
-            yield Item(key, None, at, at, is_empty=True)
-            return
-        while True:
-            yield self._value(_MAX_VALUE, key)
-            sign = self._next()
-            self._expect("," if sign == "," else "]")
-            if sign != ",":
-                return
-
-    def _next(self) -> str:
-        """The next sign that is no space, which stays where it is."""
-        while True:
-            while self._at < len(self._text) and self._text[self._at] in _SPACE:
-                self._at += 1
-            if self._at < len(self._text):
-                return self._text[self._at]
-            if not self._more():
-                raise self._error("more")
-
-    def _expect(self, sign: str) -> None:
-        if self._next() != sign:
-            raise self._error(repr(sign))
-        self._at += 1
-
-    def _value(self, limit: int, key: str = "") -> Item:
-        self._next()
-        while True:
-            try:
-                value, end = self._decoder.raw_decode(self._text, self._at)
-            except (ValueError, RecursionError) as exc:
-                problem: Exception = exc
-            else:
-                # A number may go on beyond what has been read.
-                if end < len(self._text) or self._ended:
-                    self._check(self._text[self._at : end])
-                    start, self._at = self._at, end
-                    return Item(key, value, self._before + start, self._before + end)
-                problem = ValueError("cut off")
-            too_long = len(self._text) - self._at > limit
-            if isinstance(problem, RecursionError) or too_long or not self._more():
-                raise self._error("a JSON value", problem)
-
-    def _more(self) -> bool:
-        """Read on; twice as much each time, so that a long value costs no more."""
-        wanted = max(_PIECE, len(self._text) - self._at)
-        piece = self._file.read(wanted)
-        self._before += self._at
-        self._text = self._text[self._at :] + piece.decode("latin-1")
-        self._at = 0
-        self._ended = not piece
-        self._refuse_long_numbers()
-        return bool(piece)
-
-    def _check(self, text: str) -> None:
-        """What is short has too few values to be beyond a limit."""
-        if len(text) < _MANY_VALUES:
-            return
-        try:
-            check_limits(text.encode("latin-1"))
-        except JsonError as exc:
-            raise LayoutError(
-                f"{self._name}, byte {self._before + self._at}: {exc.detail}"
-            ) from exc
-
-    def _refuse_long_numbers(self) -> None:
-        """Before any is read; what has been read begins between two values."""
-        start = find_long_number(self._text.encode("latin-1"))
-        if start is not None:
-            error = JsonError(LONG_NUMBER)
-            place = f"{self._name}, byte {self._before + start}"
-            raise LayoutError(f"{place}: {error.detail}")
-
-    def _error(self, expected: str, cause: Exception | None = None) -> LayoutError:
-        found = repr(self._text[self._at : self._at + 20]) if self._text else "the end"
-        why = f" ({str(cause)[:60]})" if cause else ""
-        return LayoutError(
-            f"{self._name}, byte {self._before + self._at}: expected {expected}, found "
-            f"{found}{why}"
-        )
-
-
-LISTS: Final = ("images", "annotations", "categories")
+CocoId: TypeAlias = int | str
+"""What images and categories are told apart by; COCO has numbers, some tools text."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,18 +68,18 @@ class CocoIndex:
 
     name: str
     path: Path
-    names: dict[Any, str]
+    names: dict[CocoId, str]
     places: IntArray
     owners: IntArray
     spans: IntArray
     repeated: dict[int, list[int]]
 
-    def image(self, row: int) -> dict[str, Any]:
+    def image(self, row: int) -> dict[str, object]:
         """What the file says of one image."""
         with self.path.open("rb") as file:
             return self._load(file, self.places[row], f"images[{row}]")
 
-    def boxes(self, row: int) -> Iterator[dict[str, Any]]:
+    def boxes(self, row: int) -> Iterator[dict[str, object]]:
         """The annotations of one image, in the order of the file."""
         first, last = np.searchsorted(self.owners, [row, row + 1])
         with self.path.open("rb") as file:
@@ -253,58 +94,28 @@ class CocoIndex:
         """Annotations of images that the file does not have."""
         return int((self.owners == -1).sum())
 
-    def _load(self, file: Any, span: IntArray, at: str) -> dict[str, Any]:  # noqa: ANN401  # BinaryIO
+    def _load(self, file: BinaryIO, span: IntArray, at: str) -> dict[str, object]:
         start, end = map(int, span)
         file.seek(start)
-        value = load(file.read(end - start), f"{self.name}, {at}")
+        value = decode_value(file.read(end - start), f"{self.name}, {at}")
         if not isinstance(value, dict):
             raise LayoutError(f"{self.name}, {at}: expected an object")
         return value
 
 
-def index_coco(path: Path, name: str) -> CocoIndex:
-    """Read a file once and note where everything is.
-
-    Raises
-    ------
-    LayoutError
-        Not JSON, or without images, annotations and categories.
-    """
-    builder = _Builder(name)
-    with path.open("rb") as file:
-        for item in read_object(file, name):
-            builder.add(item)
-    return builder.index(path)
-
-
-def looks_like_coco(path: Path) -> bool:
-    """Whether a file is one object with the lists that COCO has; never raises."""
-    seen = set()
-    try:
-        with path.open("rb") as file:
-            for item in read_object(file, path.name):
-                seen.add(item.key)
-                if seen.issuperset(LISTS):
-                    return True
-    except (LayoutError, OSError):
-        return False
-    return False
-
-
 class _Builder:
     def __init__(self, name: str) -> None:
         self._name = name
-        self._rows: dict[Any, int] = {}
+        self._rows: dict[CocoId, int] = {}
         self._repeated: dict[int, list[int]] = {}
         self._places = array("q")
-        self._ids: list[Any] = []
         self._owners = array("q")
         self._spans = array("q")
-        self._pending: dict[Any, int] = {}
-        self._categories: list[Item] = []
+        self._pending: dict[CocoId, int] = {}
+        self._categories: list[JsonItem] = []
         self._seen: set[str] = set()
 
-    def add(self, item: Item) -> None:
+    def add(self, item: JsonItem) -> None:
         self._seen.add(item.key)
         if item.is_empty:
             return
@@ -315,7 +126,7 @@ class _Builder:
         elif item.key == "categories":
             self._categories.append(item)
 
-    def _add_image(self, item: Item) -> None:
+    def _add_image(self, item: JsonItem) -> None:
         number = self._id(item, "id")
         row = len(self._places) // 2
         self._places.extend((item.start, item.end))
@@ -323,13 +134,13 @@ class _Builder:
         if first != row:
             self._repeated.setdefault(first, [first]).append(row)
 
-    def _add_annotation(self, item: Item) -> None:
+    def _add_annotation(self, item: JsonItem) -> None:
         # Ids become small numbers: annotations may come before the images.
         owner = self._id(item, "image_id")
         self._owners.append(self._pending.setdefault(owner, len(self._pending)))
         self._spans.extend((item.start, item.end))
 
-    def _id(self, item: Item, key: str) -> Any:  # noqa: ANN401  # a number or text
+    def _id(self, item: JsonItem, key: str) -> CocoId:
         value = item.value.get(key) if isinstance(item.value, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, str)):
             raise LayoutError(
@@ -358,14 +169,14 @@ class _Builder:
             repeated=self._repeated,
         )
 
-    def _class_names(self, path: Path) -> dict[Any, str]:
-        names: dict[Any, str] = {}
+    def _class_names(self, path: Path) -> dict[CocoId, str]:
+        names: dict[CocoId, str] = {}
         with path.open("rb") as file:
             for item in self._categories:
                 number = self._id(item, "id")
                 file.seek(item.start)
-                category = load(file.read(item.end - item.start), self._name)
-                word = category.get("name")
+                category = decode_value(file.read(item.end - item.start), self._name)
+                word = category.get("name") if isinstance(category, dict) else None
                 if not isinstance(word, str) or not word:
                     raise LayoutError(
                         f"{self._name}: category {number!r}: expected a name, found "
@@ -378,3 +189,202 @@ class _Builder:
                     )
                 names[number] = word
         return names
+
+
+_LISTS: Final = ("images", "annotations", "categories")
+
+
+def looks_like_coco(path: Path) -> bool:
+    """Whether a file is one object with the lists that COCO has; never raises."""
+    seen = set()
+    try:
+        with path.open("rb") as file:
+            for item in read_object(file, path.name):
+                seen.add(item.key)
+                if seen.issuperset(_LISTS):
+                    return True
+    except (LayoutError, OSError):
+        return False
+    return False
+
+
+@dataclass(frozen=True)
+class JsonItem:
+    """One element of a top-level list, or a whole top-level value.
+
+    Attributes
+    ----------
+    key : str
+    value : decoded JSON
+        Letters beyond ASCII in it are wrong: bytes were read as Latin-1. Whoever needs
+        them reads the value's bytes with `decode_value`.
+    start, end : int
+        Its bytes in the file.
+    is_empty : bool
+        It stands for a list without elements.
+    """
+
+    key: str
+    value: object
+    start: int
+    end: int
+    is_empty: bool = False
+
+
+def read_object(file: BinaryIO, name: str) -> Iterator[JsonItem]:
+    """The values of one JSON object; those of lists one by one.
+
+    Notes
+    -----
+    Bytes are read as Latin-1, so that a place in the text is a place in the file:
+    JSON's own signs are ASCII, and nothing in a value is needed but ids and numbers.
+
+    Raises
+    ------
+    LayoutError
+        Not one JSON object; names the file and the byte.
+    """
+    yield from _Reader(file, name).items()
+
+
+_PIECE: Final = 1 << 20
+"""Bytes that are read at a time."""
+
+_MAX_VALUE: Final = 16 << 20
+"""Bytes of one value; what is longer is no box and no image."""
+
+_MANY_VALUES: Final = JsonLimits.max_values
+
+_MAX_NAME: Final = 1 << 16
+"""Bytes of one key."""
+
+_SPACE: Final = " \t\n\r"
+
+
+class _Reader:
+    def __init__(self, file: BinaryIO, name: str) -> None:
+        self._file, self._name = file, name
+        self._text, self._at = "", 0
+        self._before = 0
+        self._decoder = json.JSONDecoder(parse_constant=_no_constant)
+        self._ended = False
+
+    def items(self) -> Iterator[JsonItem]:
+        if self._file.read(3) != b"\xef\xbb\xbf":
+            self._file.seek(0)
+        else:
+            self._before = 3
+        self._expect("{")
+        if self._next() == "}":
+            return
+        while True:
+            key = self._value(_MAX_NAME).value
+            if not isinstance(key, str):
+                raise self._error("a name in quotes")
+            self._expect(":")
+            yield from self._values(key)
+            if self._next() == "}":
+                return
+            self._expect(",")
+
+    def _values(self, key: str) -> Iterator[JsonItem]:
+        if self._next() != "[":
+            yield self._value(_MAX_VALUE, key)
+            return
+        self._expect("[")
+        if self._next() == "]":
+            at = self._before + self._at
+            self._expect("]")
+            yield JsonItem(key, None, at, at, is_empty=True)
+            return
+        while True:
+            yield self._value(_MAX_VALUE, key)
+            sign = self._next()
+            self._expect("," if sign == "," else "]")
+            if sign != ",":
+                return
+
+    def _next(self) -> str:
+        """The next character that is no space; it stays to be read."""
+        while True:
+            while self._at < len(self._text) and self._text[self._at] in _SPACE:
+                self._at += 1
+            if self._at < len(self._text):
+                return self._text[self._at]
+            if not self._more():
+                raise self._error("more")
+
+    def _expect(self, sign: str) -> None:
+        if self._next() != sign:
+            raise self._error(repr(sign))
+        self._at += 1
+
+    def _value(self, limit: int, key: str = "") -> JsonItem:
+        self._next()
+        while True:
+            try:
+                value, end = self._decoder.raw_decode(self._text, self._at)
+            except (ValueError, RecursionError) as exc:
+                problem: Exception = exc
+            else:
+                # A number may go on beyond what has been read.
+                if end < len(self._text) or self._ended:
+                    self._check(self._text[self._at : end])
+                    start, self._at = self._at, end
+                    return JsonItem(
+                        key, value, self._before + start, self._before + end
+                    )
+                problem = ValueError("cut off")
+            too_long = len(self._text) - self._at > limit
+            if isinstance(problem, RecursionError) or too_long or not self._more():
+                raise self._error("a JSON value", problem)
+
+    def _more(self) -> bool:
+        """Read on: as much again as is left, so that a long value stays cheap."""
+        wanted = max(_PIECE, len(self._text) - self._at)
+        piece = self._file.read(wanted)
+        self._before += self._at
+        self._text = self._text[self._at :] + piece.decode("latin-1")
+        self._at = 0
+        self._ended = not piece
+        self._refuse_long_numbers()
+        return bool(piece)
+
+    def _check(self, text: str) -> None:
+        """Refuse a value beyond the limits; a short one has too few values for that."""
+        if len(text) < _MANY_VALUES:
+            return
+        try:
+            check_limits(text.encode("latin-1"))
+        except JsonError as exc:
+            raise LayoutError(
+                f"{self._name}, byte {self._before + self._at}: {exc.detail}"
+            ) from exc
+
+    def _refuse_long_numbers(self) -> None:
+        """Refuse a long number before it is parsed; the text begins between values."""
+        start = find_long_number(self._text.encode("latin-1"))
+        if start is not None:
+            error = JsonError(LONG_NUMBER)
+            place = f"{self._name}, byte {self._before + start}"
+            raise LayoutError(f"{place}: {error.detail}")
+
+    def _error(self, expected: str, cause: Exception | None = None) -> LayoutError:
+        found = repr(self._text[self._at : self._at + 20]) if self._text else "the end"
+        why = f" ({str(cause)[:60]})" if cause else ""
+        return LayoutError(
+            f"{self._name}, byte {self._before + self._at}: expected {expected}, found "
+            f"{found}{why}"
+        )
+
+
+def _no_constant(word: str) -> None:
+    raise ValueError(f"{word} is no number of JSON")
+
+
+def decode_value(content: bytes, name: str) -> object:
+    """One value from its own bytes, as UTF-8."""
+    try:
+        return read_json(content)
+    except JsonError as exc:
+        raise LayoutError(f"{name}: {exc.detail}") from exc

@@ -1,37 +1,44 @@
-"""CVAT for images 1.1: one XML file for all images."""
+"""CVAT for images 1.1: one XML file for all images.
+
+References
+----------
+.. [1] CVAT, "CVAT for image", https://docs.cvat.ai/docs/dataset_management/formats/
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import ClassVar, Final
 
 from filter_core.formats.files import attributes, element, escaped, number_text
-from filter_core.formats.format import LABEL_OPTIONS, Format
+from filter_core.formats.format import LABEL_NEEDS, LABEL_OPTIONS, Format
 from filter_core.formats.writing import (
+    ChosenBox,
     ExportContext,
-    OutBox,
     OutFrame,
     Traits,
-    write_labels,
+)
+from filter_core.types import DecidedBoxes
+
+CVAT: Final = Format(
+    name="cvat",
+    title="CVAT for images 1.1",
+    holds="`annotations.xml` with id, verdict and reason of each box as attributes",
+    needs=LABEL_NEEDS,
+    options=LABEL_OPTIONS - {"split"},
 )
 
-_VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
 
-
+@CVAT.label_writer
 class CvatWriter:
     """Writes ``annotations.xml`` and ``images/STEM.png``.
 
     Corners are pixels from 0. Each box has the attributes ``id``, ``verdict`` and
-    ``reason``; the labels in the file's head declare them, so that a task can be made
-    with the same. A rejected box that was asked for is occluded.
-
-    References
-    ----------
-    .. [1] CVAT, "CVAT for image", https://docs.cvat.ai/docs/dataset_management/formats/
+    ``reason``; the head of the file declares them, so that a CVAT task can be made with
+    the same labels. Where rejected boxes are exported too, they are marked as occluded.
     """
 
-    traits: ClassVar[Traits] = Traits("cvat")
+    traits: ClassVar[Traits] = Traits()
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -50,7 +57,7 @@ class CvatWriter:
             width=width,
             height=height,
         )
-        boxes = "".join(map(_box, out.boxes))
+        boxes = "".join(_box(one, out.frame.boxes) for one in out.boxes)
         text = f"  <image{head}>\n{boxes}  </image>\n"
         self._images.write(text.encode("utf-8", "replace"))
 
@@ -66,6 +73,9 @@ class CvatWriter:
         yield b"      </labels>\n    </task>\n  </meta>\n"
         yield from self._images.pieces()
         yield b"</annotations>\n"
+
+
+_VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
 
 
 def _label(name: str) -> str:
@@ -85,19 +95,20 @@ def _label(name: str) -> str:
     )
 
 
-def _box(one: OutBox) -> str:
+def _box(one: ChosenBox, boxes: DecidedBoxes) -> str:
+    verdict = boxes.effective_verdict(one.row)
     corners = zip(("xtl", "ytl", "xbr", "ybr"), one.xyxy, strict=True)
     head = attributes(
-        label=one.box.class_name,
+        label=boxes.class_name(one.row),
         source="auto",
-        occluded=int(one.box.verdict == "rejected"),
+        occluded=int(verdict == "rejected"),
         **{key: number_text(value) for key, value in corners},
         z_order=0,
     )
     said = {
-        "id": one.box.id,
-        "verdict": one.box.verdict,
-        "reason": one.box.decision["reason"],
+        "id": boxes.ids[one.row],
+        "verdict": verdict,
+        "reason": boxes.reason_label(one.row),
     }
     lines = "".join(f"      {_attribute(key, value)}\n" for key, value in said.items())
     return f"    <box{head}>\n{lines}    </box>\n"
@@ -105,11 +116,3 @@ def _box(one: OutBox) -> str:
 
 def _attribute(name: str, value: object) -> str:
     return f"<attribute{attributes(name=name)}>{escaped(value)}</attribute>"
-
-
-CVAT: Final = Format(
-    name="cvat",
-    title="CVAT for images 1.1",
-    write=partial(write_labels, new_writer=CvatWriter),
-    options=LABEL_OPTIONS - {"split"},
-)

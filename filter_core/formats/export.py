@@ -9,137 +9,138 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, get_args
 
+import numpy as np
+
 from filter_core.annotation.boxes import KNOWN_BOX_KEYS
-from filter_core.annotation.frame import FrameAnnotation
-from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
+from filter_core.annotation.camera import read_camera
+from filter_core.annotation.frame import FORMS_3D, frame_vertices, given_rectangles
+from filter_core.annotation.parsing import KNOWN_FRAME_KEYS, parse_annotation
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
-from filter_core.geometry.projection import BoxGeometry
-from filter_core.types import FloatArray
+from filter_core.types import BoolArray, BoxesXYXY, DecidedBoxes, FloatArray
+from filter_core.values import Faults
 
 Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
 """Takes a file's name inside the export and its content, piece by piece."""
 
-Rectangle: TypeAlias = Sequence[float]
-
 IMAGE_SUFFIX: Final = {"image/png": ".png", "image/jpeg": ".jpg"}
 
 
-@dataclass(frozen=True)
-class ExportBox:
-    """One box as a writer needs it.
+class GivenAnnotation:
+    """One frame's annotation as it came, read no further than somebody asks for.
 
-    Attributes
+    It was checked when it came in, and is not checked again.
+
+    Parameters
     ----------
-    decision : mapping
-        As `filter_core.decisions.record.label_dicts` makes it, or `decision_dicts` for
-        a format that needs whole decisions; a server's ``effective_verdict`` in it
-        counts before ``verdict``, and its ``review`` says who decided.
-    given_xyxy : (4,) px or None
-        The rectangle as it came, to tell what was clipped.
-    given : mapping
-        The box's annotation as it came, with the keys that only its own format knows.
-    vertices : (8, 3) float64, metres, or None
-        World corners of a 3D box.
+    read : callable
+        Gives the annotation; called at most once, and only if something of it is
+        wanted.
+    wh : (width, height) of the image, px
+    crowds : bool
+        Whether boxes of it may be crowds. False spares reading it only to see that
+        there are none.
     """
 
-    decision: Mapping[str, object]
-    given_xyxy: Rectangle | None = None
-    given: Mapping[str, Any] = field(default_factory=dict)
-    vertices: FloatArray | None = None
+    def __init__(
+        self,
+        read: Callable[[], Mapping[str, Any]],
+        wh: tuple[int, int],
+        *,
+        crowds: bool = True,
+    ) -> None:
+        self._read = read
+        self._wh = wh
+        self.may_have_crowds = crowds
+
+    @cached_property
+    def frame(self) -> Mapping[str, Any]:
+        """All of it."""
+        return self._read()
 
     @property
-    def id(self) -> str:
-        """The box's id in its frame."""
-        return str(self.decision["id"])
+    def boxes(self) -> Sequence[Mapping[str, object]]:
+        """Each box with the keys it came with, those of other products among them."""
+        boxes: Sequence[Mapping[str, object]] = self.frame.get("boxes", ())
+        return boxes
 
-    @property
-    def class_name(self) -> str:
-        """The box's class."""
-        return str(self.decision["class"])
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The camera, if all of it is known."""
+        return read_camera(self.frame.get("camera"), Faults())[0]
 
-    @property
-    def verdict(self) -> str:
-        """What counts: a person's answer, else the filter's."""
-        return str(self.decision.get("effective_verdict") or self.decision["verdict"])
+    @cached_property
+    def vertices(self) -> FloatArray:
+        """(N, 8, 3) metres: world corners of 3D boxes; NaN rows for 2D boxes."""
+        if not any(box.keys() & FORMS_3D for box in self.boxes):
+            return np.broadcast_to(np.nan, (len(self.boxes), 8, 3))
+        return frame_vertices(parse_annotation(self.frame))
 
-    @property
-    def is_reviewed(self) -> bool:
-        """Whether a person has decided, and not only looked."""
-        review = self.decision.get("review")
-        answer = review.get("verdict") if isinstance(review, Mapping) else None
-        return answer in ("keep", "reject")
+    def rectangles(self, rows: Sequence[int]) -> BoxesXYXY:
+        """The rectangles of some boxes as they came, see `given_rectangles`."""
+        boxes = self.boxes
+        return given_rectangles([boxes[row] for row in rows], self._wh)
 
-    @property
-    def is_unsure(self) -> bool:
-        """Whether a person has looked and could not say."""
-        review = self.decision.get("review")
-        return isinstance(review, Mapping) and review.get("verdict") == "unsure"
+    def is_crowd(self, count: int) -> BoolArray:
+        """(count,): whether COCO says that a box stands for many objects at once."""
+        crowd = np.zeros(count, np.bool_)
+        if self.may_have_crowds:
+            crowd[:] = [box.get("iscrowd") in (1, True) for box in self.boxes]
+        return crowd
 
-    @property
-    def is_lossy(self) -> bool:
-        """Whether it was measured on a segmentation that lost colours."""
-        return bool(self.decision.get("lossy"))
+    def frame_extra(self) -> dict[str, object]:
+        """What it says beyond what the product knows."""
+        return _extra(self.frame, KNOWN_FRAME_KEYS)
 
-    @property
-    def is_crowd(self) -> bool:
-        """Whether COCO says that it stands for many objects at once."""
-        return self.given.get("iscrowd") in (1, True)
-
-    @property
-    def extra(self) -> dict[str, Any]:
-        """What its annotation says beyond what the product knows."""
-        return _extra(self.given, KNOWN_BOX_KEYS)
-
-    @property
-    def distance(self) -> float | None:
-        """Metres, where it is known."""
-        value = self.decision.get("distance")
-        return float(value) if isinstance(value, (int, float)) else None
-
-    def rectangle(self, name: str) -> Rectangle | None:
-        """One of the decision's rectangles; None where it has none."""
-        value = self.decision.get(name)
-        return value if isinstance(value, Sequence) else None
+    def box_extra(self, row: int) -> dict[str, object]:
+        """What it says of one box beyond what the product knows."""
+        return _extra(self.boxes[row], KNOWN_BOX_KEYS)
 
 
-@dataclass(frozen=True)
+def _extra(given: Mapping[str, object], known: frozenset[str]) -> dict[str, object]:
+    nested = given.get("extra")
+    unknown = {key: value for key, value in given.items() if key not in known}
+    return {**(nested if isinstance(nested, Mapping) else {}), **unknown}
+
+
+@dataclass(frozen=True, eq=False)
 class ExportFrame:
     """One frame to be exported.
+
+    What a format does not need (see `filter_core.formats.format.Need`) may be missing.
 
     Attributes
     ----------
     key : str
     wh : (width, height) of the image, px
-    boxes : sequence of ExportBox
+    boxes : DecidedBoxes
+    given : GivenAnnotation
+        Of the same boxes in the same order.
     map : str or None
     media_type : str
         Of the image: ``image/png`` or ``image/jpeg``.
     read_image : callable or None
         Gives the image's bytes; called only if images are copied.
     palette : str or None
-    annotation : mapping
-        The frame's annotation as it came.
-    camera : Camera or None
+    decisions : sequence of mapping
+        All that is known of each decision, as
+        `filter_core.decisions.record.decision_dicts` makes it; a server adds what only
+        it knows. Empty for formats that do not write them.
     """
 
     key: str
     wh: tuple[int, int]
-    boxes: Sequence[ExportBox]
+    boxes: DecidedBoxes
+    given: GivenAnnotation
     map: str | None = None
     media_type: str = "image/png"
     read_image: Callable[[], bytes] | None = None
     palette: str | None = None
-    annotation: Mapping[str, Any] = field(default_factory=dict)
-    camera: Camera | None = None
-
-    @property
-    def extra(self) -> dict[str, Any]:
-        """What its annotation says beyond what the product knows."""
-        return _extra(self.annotation, KNOWN_FRAME_KEYS)
+    decisions: Sequence[Mapping[str, object]] = ()
 
 
 @dataclass(frozen=True)
@@ -156,38 +157,15 @@ class ExportHead:
         As many boxes must come, or the export fails.
     temporary : Path or None
         Where parts wait that do not fit into memory; else the system's own place.
+    format : str
+        The format's name; `filter_core.formats.registry.write_export` fills it in.
     """
 
     classes: tuple[str, ...]
     facts: Mapping[str, object] = field(default_factory=dict)
     expected_boxes: int | None = None
     temporary: Path | None = None
-
-
-def _extra(given: Mapping[str, Any], known: frozenset[str]) -> dict[str, Any]:
-    nested = given.get("extra")
-    unknown = {key: value for key, value in given.items() if key not in known}
-    return {**(nested if isinstance(nested, Mapping) else {}), **unknown}
-
-
-def export_boxes(
-    annotation: FrameAnnotation,
-    decisions: Iterable[Mapping[str, object]],
-    geometry: BoxGeometry,
-) -> list[ExportBox]:
-    """The boxes of a frame from its annotation, decisions and rectangles, in order."""
-    given = geometry.xyxy.tolist()
-    return [
-        ExportBox(
-            decision,
-            given_xyxy=given[row],
-            given=box.raw,
-            vertices=geometry.vertices[row] if box.is_3d else None,
-        )
-        for row, (box, decision) in enumerate(
-            zip(annotation.boxes, decisions, strict=True)
-        )
-    ]
+    format: str = ""
 
 
 Include = Literal["effective", "kept", "all"]

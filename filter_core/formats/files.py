@@ -8,6 +8,7 @@ A spool holds pieces that are written later, in memory while they are few, else 
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import re
 import shutil
@@ -19,7 +20,6 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import IO, Final
 from urllib.parse import quote
-from xml.sax.saxutils import escape, quoteattr
 
 from filter_core.formats.export import ExportError, Sink
 
@@ -219,15 +219,20 @@ def json_bytes(value: object, *, by_key: bool = False) -> bytes:
 
     `by_key` sorts the keys of objects, for values whose keys came in any order.
     """
-    text = json.dumps(
-        value,
+    encoder = _SORTED_JSON if by_key else _COMPACT_JSON
+    return encoder.encode(value).encode("utf-8", "backslashreplace")
+
+
+# Made once: json.dumps makes one for each value that is not written in its own way.
+_COMPACT_JSON, _SORTED_JSON = (
+    json.JSONEncoder(
         ensure_ascii=False,
         separators=(",", ":"),
         allow_nan=False,
-        sort_keys=by_key,
+        sort_keys=sort_keys,
     )
-    return text.encode("utf-8", "backslashreplace")
-
+    for sort_keys in (False, True)
+)
 
 _IMPOSSIBLE: Final = re.compile(
     "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
@@ -242,11 +247,14 @@ def element(name: str, value: object) -> str:
 
 def escaped(value: object) -> str:
     """Text between tags; letters that XML cannot hold become U+FFFD."""
-    return escape(_possible(value))
+    return html.escape(_possible(value), quote=False)
 
 
 def attributes(**values: object) -> str:
     """`` a="1" b="x"``, quoted."""
+    # Not above: it loads HTTP and TLS, which no filter needs.
+    from xml.sax.saxutils import quoteattr
+
     return "".join(
         f" {name}={quoteattr(_possible(value))}" for name, value in values.items()
     )

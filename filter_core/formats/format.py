@@ -6,11 +6,11 @@ Each format's module declares one `Format`; `filter_core.formats.registry` lists
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import Final, Literal, Protocol, TypeAlias
+from typing import Final, Literal, Protocol, TypeAlias, TypeVar
 
 from filter_core.formats.export import (
     ExportFrame,
@@ -20,6 +20,7 @@ from filter_core.formats.export import (
 )
 from filter_core.formats.reading import FrameSet, ReadOptions, walk
 from filter_core.formats.tally import Counts
+from filter_core.formats.writing import NewWriter, write_labels
 
 Likeness: TypeAlias = Literal["certain", "possible", "none"]
 """``certain`` settles the format of a folder; ``possible`` only if no other is."""
@@ -29,6 +30,17 @@ FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 
 LABEL_OPTIONS: Final = FRAME_OPTIONS | {"boxes", "split"}
 """Those that nearly every format of labels has."""
+
+Need: TypeAlias = Literal["annotation", "image", "decisions"]
+"""What of a frame not every format writes.
+
+``annotation``: the annotation as it came, which is read when something of it is asked
+for (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: all that is
+known of each decision, composed as for the API.
+"""
+
+LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
+"""What formats of labels need."""
 
 _FILES_LOOKED_AT: Final = 2000
 
@@ -66,9 +78,24 @@ class Write(Protocol):
         """Read frames once, one at a time; returns the counts."""
 
 
-@dataclass(frozen=True, kw_only=True)
+_Recogniser = TypeVar("_Recogniser", bound=Callable[[Source], Likeness])
+
+_Reader = TypeVar("_Reader", bound=Callable[[Path, ReadOptions], FrameSet])
+
+_Writer = TypeVar("_Writer", bound=Write)
+
+_NewWriter = TypeVar("_NewWriter", bound=NewWriter)
+
+_Requirement = TypeVar("_Requirement", bound=Callable[[], object])
+
+
+@dataclass(kw_only=True, eq=False)
 class Format:
-    """A format of annotated frames; what it cannot do is None.
+    """A format of annotated frames, declared at the head of its module.
+
+    What it can do follows in the module, each function under a decorator: `recogniser`,
+    `reader`, `writer` (or `label_writer`) and `requirement`. What it cannot do stays
+    None.
 
     Attributes
     ----------
@@ -76,26 +103,58 @@ class Format:
         As commands, URLs and stored exports have it.
     title : str
         As people call it.
+    holds : str
+        What its files hold, as the documentation says it, in Markdown.
+    recognised_by : str
+        What `likeness` looks for, in words.
+    options : frozenset of str
+        The names of the `ExportOptions` that `write` heeds; any other must stay as it
+        is.
+    needs : frozenset of `Need`
+        What of a frame `write` needs beside the columns of its boxes.
     likeness : callable or None
         Whether a source is in this format, told without reading its labels.
     read : callable or None
         Gives the frames of a folder or a file.
     write : callable or None
-    options : frozenset of str
-        The names of the `ExportOptions` that `write` heeds; any other must stay as it
-        is.
-    whole_decisions : bool
-        Whether `write` needs all that is known of a decision. A format of labels needs
-        what `filter_core.decisions.record.label_dicts` gives.
     require : callable or None
         Raises `NotAvailable` if a library that `write` needs is not installed.
     """
 
     name: str
     title: str
-    likeness: Callable[[Source], Likeness] | None = None
-    read: Callable[[Path, ReadOptions], FrameSet] | None = None
-    write: Write | None = None
+    holds: str
+    recognised_by: str = ""
     options: frozenset[str] = frozenset()
-    whole_decisions: bool = False
-    require: Callable[[], object] | None = None
+    needs: frozenset[Need] = frozenset()
+    likeness: Callable[[Source], Likeness] | None = field(default=None, init=False)
+    read: Callable[[Path, ReadOptions], FrameSet] | None = field(
+        default=None, init=False
+    )
+    write: Write | None = field(default=None, init=False)
+    require: Callable[[], object] | None = field(default=None, init=False)
+
+    def recogniser(self, likeness: _Recogniser) -> _Recogniser:
+        """Decorates the function that is `likeness`."""
+        self.likeness = likeness
+        return likeness
+
+    def reader(self, read: _Reader) -> _Reader:
+        """Decorates the function that is `read`."""
+        self.read = read
+        return read
+
+    def writer(self, write: _Writer) -> _Writer:
+        """Decorates the function that is `write`."""
+        self.write = write
+        return write
+
+    def label_writer(self, new_writer: _NewWriter) -> _NewWriter:
+        """Decorates the `LabelWriter` with which `write_labels` is `write`."""
+        self.write = partial(write_labels, new_writer=new_writer)
+        return new_writer
+
+    def requirement(self, require: _Requirement) -> _Requirement:
+        """Decorates the function that is `require`."""
+        self.require = require
+        return require

@@ -1,42 +1,53 @@
-"""Label Studio: tasks with the filter's predictions and people's annotations."""
+"""Label Studio: tasks with the filter's predictions and people's annotations.
+
+References
+----------
+.. [1] HumanSignal, "Label Studio JSON format of annotated tasks",
+   https://labelstud.io/guide/task_format
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from functools import partial
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 from urllib.parse import quote
 
+from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import attributes
-from filter_core.formats.format import LABEL_OPTIONS, Format
+from filter_core.formats.format import LABEL_NEEDS, LABEL_OPTIONS, Format
 from filter_core.formats.writing import (
+    ChosenBoxes,
     ExportContext,
-    OutBox,
     OutFrame,
     Traits,
-    write_labels,
+)
+
+LABEL_STUDIO: Final = Format(
+    name="label-studio",
+    title="Label Studio",
+    holds=(
+        "`tasks.json`: the filter's verdicts as predictions with scores, people's "
+        "answers as annotations; `label_config.xml` for the project"
+    ),
+    needs=LABEL_NEEDS,
+    options=LABEL_OPTIONS,
 )
 
 _LOCAL_FILES: Final = "/data/local-files/?d="
-"""How Label Studio is told of a file below its LOCAL_FILES_DOCUMENT_ROOT."""
-
-_DECIMALS: Final = 6
+"""The address of files below Label Studio's LOCAL_FILES_DOCUMENT_ROOT."""
 
 
+@LABEL_STUDIO.label_writer
 class LabelStudioWriter:
     """Writes ``tasks.json``, ``label_config.xml`` and ``images/STEM.png``.
 
-    Rectangles are percent of the image. What goes out by the filter's verdict is a
-    prediction, with the share of matching pixels as its score; what a person decided
-    is an annotation.
-
-    References
-    ----------
-    .. [1] HumanSignal, "Label Studio JSON format of annotated tasks",
-       https://labelstud.io/guide/task_format
+    Rectangles are in percent of the image. A box that the filter decided is a
+    prediction, with its share of matching pixels as score; one that a person decided is
+    an annotation.
     """
 
-    traits: ClassVar[Traits] = Traits("label-studio")
+    traits: ClassVar[Traits] = Traits()
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -48,9 +59,9 @@ class LabelStudioWriter:
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One task."""
-        by_filter = [one for one in out.boxes if not one.box.is_reviewed]
-        by_people = [one for one in out.boxes if one.box.is_reviewed]
-        task: dict[str, Any] = {
+        reviewed = out.frame.boxes.is_reviewed[out.boxes.row]
+        by_people = _regions(out.boxes[reviewed], out.frame)
+        task = {
             "id": out.number + 1,
             "data": {
                 "image": _LOCAL_FILES + quote(self.image(out)),
@@ -58,12 +69,11 @@ class LabelStudioWriter:
                 "map": out.frame.map,
                 "split": out.part,
             },
-            "predictions": [_prediction(by_filter, out.frame.wh, self._version())],
-            "annotations": [],
+            "predictions": [self._prediction(out.boxes[~reviewed], out.frame)],
+            "annotations": (
+                [{"result": by_people, "ground_truth": False}] if by_people else []
+            ),
         }
-        if by_people:
-            result = [_region(one, out.frame.wh) for one in by_people]
-            task["annotations"] = [{"result": result, "ground_truth": False}]
         self._tasks.add(task)
 
     def finish(self) -> None:
@@ -72,9 +82,15 @@ class LabelStudioWriter:
         config = _label_config(self._context.head.classes)
         self._context.sink("label_config.xml", [config.encode("utf-8", "replace")])
 
-    def _version(self) -> str:
+    def _prediction(self, chosen: ChosenBoxes, frame: ExportFrame) -> dict[str, object]:
         digest = self._context.head.facts.get("config")
-        return f"unghost-{str(digest)[:12]}" if digest else "unghost"
+        found = (_score(row, frame) for row in chosen.row.tolist())
+        scores = [score for score in found if score is not None]
+        return {
+            "model_version": f"unghost-{str(digest)[:12]}" if digest else "unghost",
+            "score": min(scores, default=None),
+            "result": _regions(chosen, frame),
+        }
 
     def _pieces(self) -> Iterator[bytes]:
         yield b"["
@@ -82,29 +98,24 @@ class LabelStudioWriter:
         yield b"\n]\n"
 
 
-def _prediction(
-    boxes: Sequence[OutBox], wh: tuple[int, int], version: str
-) -> dict[str, Any]:
-    result = [_region(one, wh) for one in boxes]
-    scores = [region["score"] for region in result if "score" in region]
-    score = min(scores) if scores else None
-    return {"model_version": version, "score": score, "result": result}
+def _regions(chosen: ChosenBoxes, frame: ExportFrame) -> list[dict[str, object]]:
+    return [_region(one.row, one.xyxy, frame) for one in chosen]
 
 
-def _region(one: OutBox, wh: tuple[int, int]) -> dict[str, Any]:
-    (x_min, y_min, x_max, y_max), (width, height) = one.xyxy, wh
+def _region(row: int, xyxy: Sequence[float], frame: ExportFrame) -> dict[str, object]:
+    boxes = frame.boxes
+    (x_min, y_min, x_max, y_max), (width, height) = xyxy, frame.wh
     value = {
         "x": _percent(x_min, width),
         "y": _percent(y_min, height),
         "width": _percent(x_max - x_min, width),
         "height": _percent(y_max - y_min, height),
         "rotation": 0,
-        "rectanglelabels": [one.box.class_name],
+        "rectanglelabels": [boxes.class_name(row)],
     }
-    match = one.box.decision.get("match_percent")
-    score = {"score": match / 100} if isinstance(match, (int, float)) else {}
+    score = _score(row, frame)
     return {
-        "id": one.box.id,
+        "id": boxes.ids[row],
         "type": "rectanglelabels",
         "from_name": "label",
         "to_name": "image",
@@ -112,15 +123,24 @@ def _region(one: OutBox, wh: tuple[int, int]) -> dict[str, Any]:
         "original_height": height,
         "image_rotation": 0,
         "value": value,
-        **score,
+        **({} if score is None else {"score": score}),
         "meta": {
-            "text": [f"{one.box.verdict}: {one.box.decision['reason']}"],
+            "text": [f"{boxes.effective_verdict(row)}: {boxes.reason_label(row)}"],
         },
     }
 
 
+_DECIMALS: Final = 6
+
+
 def _percent(part: float, side: int) -> float:
     return round(100 * part / side, _DECIMALS)
+
+
+def _score(row: int, frame: ExportFrame) -> float | None:
+    """The share of a box's pixels that match; None if they were not measured."""
+    match = float(frame.boxes.match_percent[row])
+    return None if math.isnan(match) else match / 100
 
 
 def _label_config(classes: Sequence[str]) -> str:
@@ -130,11 +150,3 @@ def _label_config(classes: Sequence[str]) -> str:
         '  <RectangleLabels name="label" toName="image">\n'
         f"{labels}  </RectangleLabels>\n</View>\n"
     )
-
-
-LABEL_STUDIO: Final = Format(
-    name="label-studio",
-    title="Label Studio",
-    write=partial(write_labels, new_writer=LabelStudioWriter),
-    options=LABEL_OPTIONS,
-)

@@ -7,13 +7,20 @@ export leaves out the boxes that are rejected, and changes nothing else.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Final
 
+import numpy as np
+
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.formats.files import json_bytes
-from filter_core.formats.format import FRAME_OPTIONS, Format, Likeness, Source
+from filter_core.formats.format import (
+    FRAME_OPTIONS,
+    LABEL_NEEDS,
+    Format,
+    Likeness,
+    Source,
+)
 from filter_core.formats.reading import (
     MAX_KEY,
     MAX_LABEL_BYTES,
@@ -21,13 +28,44 @@ from filter_core.formats.reading import (
     FrameSource,
     ReadOptions,
 )
-from filter_core.formats.writing import ExportContext, OutFrame, Traits, write_labels
+from filter_core.formats.writing import ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
 from filter_core.values import shown
 
 MANIFEST_NAME: Final = "manifest.jsonl"
+SEMANTIC_LIDAR_POINT: Final = np.dtype(
+    [
+        ("x", "<f4"), ("y", "<f4"), ("z", "<f4"),
+        ("CosAngle", "<f4"), ("ObjIdx", "<u4"), ("ObjTag", "<u4"),
+    ]
+)  # fmt: skip
+"""One point of a file under ``lidar``, as `carla.SemanticLidarMeasurement` gives it:
+metres in the sensor's axes, the cosine of the angle of incidence, the actor hit and its
+tag."""
 
-FILES: Final = (
+MANIFEST: Final = Format(
+    name="manifest",
+    title="Unghost's own manifest",
+    holds=(
+        "`manifest.jsonl`: each [annotation](api.md#a-frames-annotation) as it "
+        "came, without the boxes that are rejected; unknown keys, 3D boxes and "
+        "cameras included"
+    ),
+    recognised_by=MANIFEST_NAME,
+    needs=LABEL_NEEDS,
+    options=FRAME_OPTIONS,
+)
+
+
+@MANIFEST.recogniser
+def _likeness(source: Source) -> Likeness:
+    path = source.path
+    if path.is_file():
+        return "none" if path.suffix.lower() == ".json" else "certain"
+    return "certain" if (path / MANIFEST_NAME).is_file() else "none"
+
+
+_FILES: Final = (
     "image",
     "segmentation",
     "depth",
@@ -38,6 +76,7 @@ FILES: Final = (
 )
 
 
+@MANIFEST.reader
 def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
     """The frames of a manifest, read line by line in its order.
 
@@ -73,11 +112,6 @@ def _skip_rest_of_line(file: BinaryIO, piece: bytes) -> None:
         piece = file.readline(MAX_LABEL_BYTES)
 
 
-def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
-    error = LayoutError(f"{at}: expected {expected}, found {found}")
-    return FrameSource(key=key or at, annotation=None, problem=error)
-
-
 def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> FrameSource:
     try:
         raw = read_json(line.rstrip(), halves=True)
@@ -92,7 +126,7 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
         return _problem(at, f'"key" of 1 to {MAX_KEY} characters', shown(key))
     files: dict[str, Path] = {}
     problem: FilterError | None = None
-    for name in FILES:
+    for name in _FILES:
         given = raw.pop(name, None)
         if isinstance(given, str) and given:
             base = options.segmentation if name == "segmentation" else None
@@ -111,9 +145,15 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
     )
 
 
-_OURS: Final = frozenset({"boxes", "key", *FILES})
+def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
+    error = LayoutError(f"{at}: expected {expected}, found {found}")
+    return FrameSource(key=key or at, annotation=None, problem=error)
 
 
+_OURS: Final = frozenset({"boxes", "key", *_FILES})
+
+
+@MANIFEST.label_writer
 class ManifestWriter:
     """Writes ``manifest.jsonl`` and ``images/STEM.png``.
 
@@ -121,7 +161,7 @@ class ManifestWriter:
     boxes, cameras and every key that nobody here knows. Nothing is clipped.
     """
 
-    traits: ClassVar[Traits] = Traits("manifest", crowds=True, unplaced=True)
+    traits: ClassVar[Traits] = Traits(crowds=True, unplaced=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -135,9 +175,11 @@ class ManifestWriter:
         """One line."""
         frame = out.frame
         copied = self._context.options.images == "copy" and frame.read_image is not None
-        known = {key: v for key, v in frame.annotation.items() if key not in _OURS}
-        # Without an id its place was its id, and places move when a box goes.
-        boxes = [{"id": one.box.id, **one.box.given} for one in out.boxes]
+        given, ids = frame.given, frame.boxes.ids
+        known = {key: v for key, v in given.frame.items() if key not in _OURS}
+        # A box without an id is known by its place, which others' leaving would change.
+        rows = out.boxes.row.tolist()
+        boxes = [{"id": ids[row], **given.boxes[row]} for row in rows]
         line = {
             "key": frame.key,
             **({"image": self.image(out)} if copied else {}),
@@ -149,20 +191,3 @@ class ManifestWriter:
     def finish(self) -> None:
         """The manifest, now that it is complete."""
         self._context.sink(MANIFEST_NAME, self._lines.pieces())
-
-
-def _likeness(source: Source) -> Likeness:
-    path = source.path
-    if path.is_file():
-        return "none" if path.suffix.lower() == ".json" else "certain"
-    return "certain" if (path / MANIFEST_NAME).is_file() else "none"
-
-
-MANIFEST: Final = Format(
-    name="manifest",
-    title="Unghost's own manifest",
-    likeness=_likeness,
-    read=read_manifest,
-    write=partial(write_labels, new_writer=ManifestWriter),
-    options=FRAME_OPTIONS,
-)

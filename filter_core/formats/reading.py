@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.json_text import read_json
@@ -32,7 +32,7 @@ class FrameSource:
     ----------
     key : str
         Names the frame; may contain ``/``.
-    annotation : dict or None
+    annotation : mapping or None
         As `filter_core.annotation.parse_annotation` takes it; None if `problem`.
     image, segmentation : Path or None
     others : mapping of str to Path
@@ -42,7 +42,7 @@ class FrameSource:
     """
 
     key: str
-    annotation: dict[str, Any] | None
+    annotation: Mapping[str, object] | None
     image: Path | None = None
     segmentation: Path | None = None
     others: Mapping[str, Path] = field(default_factory=dict)
@@ -321,7 +321,7 @@ def _read(path: Path) -> dict[str, tuple[str, str | None]]:
     return named
 
 
-def _lines(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:
     with path.open("rb") as file:
         for number, line in enumerate(
             iter(lambda: file.readline(MAX_LABEL_BYTES), b"")
@@ -350,7 +350,7 @@ def read_columns(words: Sequence[str], at: str) -> list[float]:
     return numbers
 
 
-SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
+_SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
 
 _BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
 
@@ -364,7 +364,7 @@ def band_folders(root: Path) -> list[Path]:
 
 def segmentation_folder(root: Path) -> Path | None:
     """The folder of the segmentations, if it has one of the usual names."""
-    candidates = (root / name for name in SEGMENTATION_FOLDERS)
+    candidates = (root / name for name in _SEGMENTATION_FOLDERS)
     return next((path for path in candidates if path.is_dir()), None)
 
 
@@ -372,7 +372,7 @@ def frame_of(
     files: FrameFiles,
     images: Path,
     segmentations: Path | None,
-    annotation: dict[str, object] | None,
+    annotation: Mapping[str, object] | None,
     problem: FilterError | None,
 ) -> FrameSource:
     """A frame from the names of its files."""

@@ -1,11 +1,13 @@
 """The formats that there are, and the one way to read and to write them.
 
-A new format is a module that declares its `Format`, and a line of `FORMATS` here.
+A new format is a module that declares its `Format`, and a line of `FORMATS` here; its
+row in docs/formats.md is written by ``tools/reference.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -28,7 +30,7 @@ from filter_core.formats.export import (
 from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
 from filter_core.formats.label_studio import LABEL_STUDIO
-from filter_core.formats.manifest import MANIFEST, MANIFEST_NAME
+from filter_core.formats.manifest import MANIFEST
 from filter_core.formats.reading import FrameSet, ReadOptions
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
@@ -109,10 +111,9 @@ def detect_layout(source: Path) -> str:
         raise LayoutError(
             f"{source.name}: could be {' or '.join(found)}; name the layout"
         )
+    *first, last = (one.recognised_by for one in _RECOGNITION if one.likeness)
     raise LayoutError(
-        f"{source.name}: no layout recognised; expected {MANIFEST_NAME}, carlasimu's "
-        "labels/labelNN/ or label/, YOLO's labels with data.yaml or classes.txt, "
-        "KITTI's label_2/, Pascal VOC's .xml files, or a COCO .json file"
+        f"{source.name}: no layout recognised; expected {', '.join(first)}, or {last}"
     )
 
 
@@ -159,7 +160,7 @@ def write_export(
     """
     write = format_of(name, options).write
     assert write is not None, "format_of gives formats that can be written"
-    return write(frames, sink, head, options)
+    return write(frames, sink, replace(head, format=name), options)
 
 
 def format_of(name: str, options: ExportOptions) -> Format:

@@ -1,22 +1,37 @@
-"""The books of an export: every box that went in is accounted for in manifest.json."""
+"""The counts of an export: every box that went in is accounted for in manifest.json."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Final, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
-from filter_core.formats.export import ExportBox, ExportError, ExportFrame, ExportHead
+import numpy as np
+
+from filter_core.formats.export import ExportError, ExportFrame, ExportHead
 from filter_core.formats.files import Spool
+from filter_core.types import VERDICTS, Answer, DecidedBoxes, IntArray
 
-Counts: TypeAlias = dict[str, Any]
+Counts: TypeAlias = dict[str, dict[str, int] | dict[str, dict[str, int]]]
 """Frames and boxes in and out, as ``manifest.json`` has them."""
 
 _FATES: Final = ("in", "out", "dontcare", "dropped", "clipped")
 
-_MARKS: Final = ("kept", "rejected", "unmeasured", "unsure", "lossy")
+_MARKS: Final = (*(verdict.value for verdict in VERDICTS), "unsure", "lossy")
+
+
+class Change(NamedTuple):
+    """What became of a box that did not go out as it is.
+
+    `fate` is ``dontcare`` (it went out as a region to be ignored), ``dropped`` (it did
+    not go out) or ``clipped`` (it went out, cut by the image's border).
+    """
+
+    row: int
+    fate: Literal["dontcare", "dropped", "clipped"]
+    reason: str
 
 
 class ExportTally:
@@ -28,8 +43,9 @@ class ExportTally:
     def __init__(self, head: ExportHead) -> None:
         self._head = head
         self._classes = head.classes
-        self._known = frozenset(head.classes)
-        self._count = {name: Counter[str]() for name in (*_FATES, *_MARKS)}
+        self._number = {name: number for number, name in enumerate(head.classes)}
+        count = len(head.classes)
+        self._count = {name: np.zeros(count, np.int64) for name in (*_FATES, *_MARKS)}
         self._reasons: Counter[str] = Counter()
         self._frames: Counter[str] = Counter()
         self._rectangles: Counter[str] = Counter()
@@ -54,7 +70,7 @@ class ExportTally:
         self._frames["in"] += 1
         if part:
             self._frames[part] += 1
-        if not frame.boxes:
+        if not len(frame.boxes):
             self._frames["without_boxes"] += 1
 
     def image_missing(self) -> None:
@@ -65,64 +81,68 @@ class ExportTally:
         """Note a frame whose files could not be named as it is."""
         self._renamed.add({"frame": key, "file": file})
 
-    def box(self, box: ExportBox) -> None:
-        """Note a box that came in.
+    def came(self, frame: ExportFrame) -> IntArray:
+        """Note the boxes of a frame; the place of each one's class in the list, (N,).
 
         Raises
         ------
         ExportError
-            Its class is not in the list of classes, whose order is frozen.
+            A class is not in the list of classes, whose order is frozen.
         """
-        name = box.class_name
-        if name not in self._known:
-            raise ExportError(
-                f"box {box.id!r}: class {name!r} is not among the classes of the "
-                f"export: {', '.join(self._classes)}"[:300],
-                code="unknown_class",
-            )
-        self._count["in"][name] += 1
-        self._count[box.verdict][name] += 1
-        for mark in ("unsure", "lossy"):
-            self._count[mark][name] += bool(getattr(box, f"is_{mark}"))
+        boxes = frame.boxes
+        places = [self._number.get(name, -1) for name in boxes.class_names]
+        number = np.array(places, np.int64)[boxes.class_index]
+        if (number < 0).any():
+            raise self._unknown_class(boxes, int(np.argmin(number)))
+        self._add("in", number)
+        verdict = boxes.effective
+        for code, name in enumerate(VERDICTS):
+            self._add(name.value, number[verdict == code])
+        self._add("unsure", number[boxes.answer == Answer.UNSURE])
+        self._add("lossy", number[boxes.lossy])
+        return number
 
-    def written(
-        self, frame: ExportFrame, box: ExportBox, *, clipped: bool, rectangle: str = ""
+    def _unknown_class(self, boxes: DecidedBoxes, row: int) -> ExportError:
+        return ExportError(
+            f"box {boxes.ids[row]!r}: class {boxes.class_name(row)!r} is not among the "
+            f"classes of the export: {', '.join(self._classes)}"[:300],
+            code="unknown_class",
+        )
+
+    def _add(self, name: str, number: IntArray) -> None:
+        self._count[name] += np.bincount(number, minlength=len(self._classes))
+
+    def written(self, number: IntArray, rectangles: Sequence[str] = ()) -> None:
+        """Note boxes that went out, by the places of their classes.
+
+        `rectangles` say which of a box's rectangles it was, if any.
+        """
+        self._add("out", number)
+        for name, boxes in Counter(rectangles).items():
+            self._rectangles[name] += boxes if name else 0
+
+    def changed(
+        self, frame: ExportFrame, number: Sequence[int], changes: Sequence[Change]
     ) -> None:
-        """Note a box that went out, and whether the image's border cut it.
-
-        `rectangle` says which of the box's rectangles it was.
-        """
-        self._count["out"][box.class_name] += 1
-        self._rectangles[rectangle] += bool(rectangle)
-        if clipped:
-            self._change("clipped", frame, box, "beyond_image")
-
-    def dont_care(self, frame: ExportFrame, box: ExportBox, reason: str) -> None:
-        """Note a box that went out as a region to be ignored, and why."""
-        self._reasons[reason] += 1
-        self._change("dontcare", frame, box, reason)
-
-    def dropped(self, frame: ExportFrame, box: ExportBox, reason: str) -> None:
-        """Note a box that did not go out, and why."""
-        self._reasons[reason] += 1
-        self._change("dropped", frame, box, reason)
+        """Note what became of boxes of a frame, by the places of their classes."""
+        ids = frame.boxes.ids
+        for place, (row, fate, reason) in zip(number, changes, strict=True):
+            self._count[fate][place] += 1
+            if fate != "clipped":
+                self._reasons[reason] += 1
+            self._changed.add(
+                {
+                    "frame": frame.key,
+                    "box": ids[row],
+                    "class": self._classes[place],
+                    "fate": fate,
+                    "reason": reason,
+                }
+            )
 
     def banded(self, band: str, boxes: int) -> None:
         """Note how many boxes of a frame are in a distance band."""
         self._bands[band] += boxes
-
-    def _change(
-        self, fate: str, frame: ExportFrame, box: ExportBox, reason: str
-    ) -> None:
-        self._count[fate][box.class_name] += 1
-        row = {
-            "frame": frame.key,
-            "box": box.id,
-            "class": box.class_name,
-            "fate": fate,
-            "reason": reason,
-        }
-        self._changed.add(row)
 
     def counts(self) -> Counts:
         """All counts, after checking that nothing was lost on the way.
@@ -134,12 +154,12 @@ class ExportTally:
         """
         self._refuse_mismatch()
         per_class = {
-            name: {what: self._count[what][name] for what in self._count}
-            for name in self._classes
+            name: {what: int(count[place]) for what, count in self._count.items()}
+            for place, name in enumerate(self._classes)
         }
         counts: Counts = {
             "frames": dict(sorted(self._frames.items())),
-            "boxes": {what: count.total() for what, count in self._count.items()},
+            "boxes": {what: int(count.sum()) for what, count in self._count.items()},
             "classes": per_class,
             "not_kept_by_reason": dict(sorted(self._reasons.items())),
         }
@@ -149,13 +169,13 @@ class ExportTally:
 
     def _refuse_mismatch(self) -> None:
         expected_boxes = self._head.expected_boxes
-        total = self._count["in"].total()
+        total = int(self._count["in"].sum())
         if expected_boxes is not None and total != expected_boxes:
             raise ExportError(
                 f"expected {expected_boxes} boxes, found {total}", code="count_mismatch"
             )
-        for name in self._classes:
-            came, *fates = (self._count[fate][name] for fate in _FATES[:4])
+        for place, name in enumerate(self._classes):
+            came, *fates = (int(self._count[fate][place]) for fate in _FATES[:4])
             if came != sum(fates):
                 raise ExportError(
                     f"class {name!r}: {came} boxes in, but {fates[0]} out, {fates[1]} "
@@ -163,16 +183,13 @@ class ExportTally:
                     code="count_mismatch",
                 )
 
-    def manifest(
-        self, name: str, more: Mapping[str, object] | None = None
-    ) -> Iterator[bytes]:
+    def manifest(self, more: Mapping[str, object] | None = None) -> Iterator[bytes]:
         """``manifest.json`` in pieces: the head, the counts, every changed box.
 
-        `name` is the export's format, `more` what that format has to say. Raises as
-        `counts`.
+        `more` is what the format has to say. Raises as `counts`.
         """
         body = {
-            "format": name,
+            "format": self._head.format,
             **self._head.facts,
             "class_names": list(self._classes),
             **(more or {}),

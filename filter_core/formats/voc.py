@@ -2,6 +2,11 @@
 
 Files come from strangers, so they are read with defusedxml, and their depth and number
 of elements have limits.
+
+References
+----------
+.. [1] Everingham and Winn, "The PASCAL VOC2012 development kit", section 7,
+   http://host.robots.ox.ac.uk/pascal/VOC/voc2012/htmldoc/
 """
 
 from __future__ import annotations
@@ -9,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final, Protocol
 
@@ -17,8 +21,15 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import element
-from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
+from filter_core.formats.format import (
+    LABEL_NEEDS,
+    LABEL_OPTIONS,
+    Format,
+    Likeness,
+    Source,
+)
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFiles,
@@ -35,50 +46,71 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
+    ChosenBox,
     ExportContext,
-    OutBox,
     OutFrame,
     Traits,
-    write_labels,
 )
 
-_CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
+VOC: Final = Format(
+    name="voc",
+    title="Pascal VOC",
+    holds=(
+        "rectangles in whole pixels from 1, both ends included: `Annotations/`, "
+        "`JPEGImages/`, `ImageSets/Main/`"
+    ),
+    recognised_by="Pascal VOC's .xml files",
+    needs=LABEL_NEEDS,
+    options=LABEL_OPTIONS | {"bands", "rejected"},
+)
 
-_KEPT: Final = ("pose", "truncated", "difficult", "occluded")
 
-_MAX_SIDE: Final = 1 << 16
-
-_MAX_DEPTH: Final = 32
-
-_MAX_ELEMENTS: Final = 500_000
+@VOC.recogniser
+def _likeness(source: Source) -> Likeness:
+    found = any(name.lower().endswith(".xml") for name in source.label_files)
+    return "possible" if found else "none"
 
 
-class Element(Protocol):
-    """What is used of an XML element."""
-
-    tag: str
-
-    def find(self, path: str, /) -> Element | None:
-        """The first child of this name."""
-
-    def findtext(self, path: str, /) -> str | None:
-        """The text of the first child of this name."""
-
-    def iter(self, tag: str, /) -> Iterator[Element]:
-        """All elements of this name below this one."""
+@VOC.reader
+def read_voc_folder(root: Path, options: ReadOptions) -> FrameSet:
+    """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
+    tags = options.segmentation or segmentation_folder(root)
+    folders = _VocFolders(root, options.labels or root, tags)
+    skip = [*([tags] if tags else []), *band_folders(root)]
+    frames, unmatched = match(
+        walk(folders.labels, (".xml",), skip),
+        walk(root, IMAGE_SUFFIXES, skip),
+        walk(tags, IMAGE_SUFFIXES) if tags else (),
+    )
+    named = with_keys(root, frames)
+    return FrameSet(
+        layout="voc",
+        frames=lambda: _read_frames(folders, named),
+        count=len(frames),
+        unmatched=unmatched,
+    )
 
 
 @dataclass(frozen=True)
-class _Tree:
-    """A parsed file: its root, its name, and the line that each element starts on."""
+class _VocFolders:
+    images: Path
+    labels: Path
+    segmentations: Path | None
 
-    name: str
-    root: Element
-    lines: dict[Element, int]
 
-    def error(self, at: Element, expected: str, found: str) -> LayoutError:
-        return LayoutError(
-            f"{self.name}, line {self.lines[at]}: expected {expected}, found {found}"
+def _read_frames(
+    folders: _VocFolders, frames: Sequence[FrameFiles]
+) -> Iterator[FrameSource]:
+    for files in frames:
+        annotation: dict[str, object] | None = None
+        problem: FilterError | None = None
+        try:
+            content = read_label_bytes(folders.labels / files.label, files.label)
+            annotation = read_voc(content, files.label)
+        except FilterError as exc:
+            problem = exc
+        yield frame_of(
+            files, folders.images, folders.segmentations, annotation, problem
         )
 
 
@@ -93,8 +125,8 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
     Raises
     ------
     LayoutError
-        Not XML, with a DTD or entities, without end, or not VOC; names file, line, what
-        was expected and what was found.
+        Not XML, XML with a DTD, with entities or beyond the limits, or not VOC; names
+        file, line, what was expected and what was found.
     """
     tree = _parse(content, name)
     if tree.root.tag != "annotation":
@@ -120,32 +152,38 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
     return annotation
 
 
-class _TooMuchXml(ValueError):
-    """More of it than any file of boxes has."""
+class _Element(Protocol):
+    """What is used of an XML element."""
+
+    tag: str
+
+    def find(self, path: str, /) -> _Element | None:
+        """The first child of this name."""
+
+    def findtext(self, path: str, /) -> str | None:
+        """The text of the first child of this name."""
+
+    def iter(self, tag: str, /) -> Iterator[_Element]:
+        """All elements of this name below this one."""
 
 
-class _LineParser(DefusedXMLParser):
-    """Notes the line of each element, which errors are to name."""
+@dataclass(frozen=True)
+class _Tree:
+    """A parsed file: its root, its name, and the line that each element starts on."""
 
-    def __init__(self) -> None:
-        super().__init__(forbid_dtd=True)
-        self.lines: dict[Element, int] = {}
-        self._depth = 0
+    name: str
+    root: _Element
+    lines: dict[_Element, int]
 
-    def _start(self, tag: str, attributes: list[str]) -> Element:
-        self._depth += 1
-        if self._depth > _MAX_DEPTH or len(self.lines) == _MAX_ELEMENTS:
-            raise _TooMuchXml(
-                f"at most {_MAX_ELEMENTS} elements in {_MAX_DEPTH} levels are read"
-            )
-        started: Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
-        self.lines[started] = self.parser.CurrentLineNumber
-        return started
+    def error(self, at: _Element, expected: str, found: str) -> LayoutError:
+        return LayoutError(
+            f"{self.name}, line {self.lines[at]}: expected {expected}, found {found}"
+        )
 
-    def _end(self, tag: str) -> Element:
-        self._depth -= 1
-        ended: Element = super()._end(tag)  # type: ignore[misc]  # stubs
-        return ended
+
+_MAX_DEPTH: Final = 32
+
+_MAX_ELEMENTS: Final = 500_000
 
 
 def _parse(content: bytes, name: str) -> _Tree:
@@ -165,14 +203,45 @@ def _parse(content: bytes, name: str) -> _Tree:
     return _Tree(name, root, parser.lines)
 
 
-def _corners(tree: _Tree, one: Element) -> list[float]:
+class _TooMuchXml(ValueError):
+    """XML that is deeper, or has more elements, than any file of boxes."""
+
+
+class _LineParser(DefusedXMLParser):
+    """Notes the line of each element, which errors are to name."""
+
+    def __init__(self) -> None:
+        super().__init__(forbid_dtd=True)
+        self.lines: dict[_Element, int] = {}
+        self._depth = 0
+
+    def _start(self, tag: str, attributes: list[str]) -> _Element:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH or len(self.lines) == _MAX_ELEMENTS:
+            raise _TooMuchXml(
+                f"at most {_MAX_ELEMENTS} elements in {_MAX_DEPTH} levels are read"
+            )
+        started: _Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
+        self.lines[started] = self.parser.CurrentLineNumber
+        return started
+
+    def _end(self, tag: str) -> _Element:
+        self._depth -= 1
+        ended: _Element = super()._end(tag)  # type: ignore[misc]  # stubs
+        return ended
+
+
+_CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
+
+
+def _corners(tree: _Tree, one: _Element) -> list[float]:
     rectangle = one.find("bndbox")
     if rectangle is None:
         raise tree.error(one, "<bndbox> in the object", "none")
     return [_number(tree, rectangle, key) for key in _CORNERS]
 
 
-def _number(tree: _Tree, parent: Element, key: str) -> float:
+def _number(tree: _Tree, parent: _Element, key: str) -> float:
     text = _text(tree, parent, key)
     try:
         number = float(text)
@@ -185,73 +254,38 @@ def _number(tree: _Tree, parent: Element, key: str) -> float:
     return number
 
 
-def _side(tree: _Tree, size: Element, key: str) -> int:
-    number = _number(tree, size, key)
-    if not 0 <= number <= _MAX_SIDE or number != int(number):
-        raise tree.error(size, f"a whole <{key}> up to {_MAX_SIDE}", f"{number:g}")
-    return int(number)
-
-
-def _text(tree: _Tree, parent: Element, key: str) -> str:
+def _text(tree: _Tree, parent: _Element, key: str) -> str:
     text = (parent.findtext(key) or "").strip()
     if not text:
         raise tree.error(parent, f"<{key}> in <{parent.tag}>", "nothing")
     return text
 
 
-def _kept(one: Element) -> Iterator[tuple[str, object]]:
+def _is_whole(corners: list[float]) -> bool:
+    return all(number.is_integer() for number in corners)
+
+
+_KEPT: Final = ("pose", "truncated", "difficult", "occluded")
+
+
+def _kept(one: _Element) -> Iterator[tuple[str, object]]:
     for key in _KEPT:
         text = (one.findtext(key) or "").strip()
         if text:
             yield key, int(text) if text in ("0", "1") else text
 
 
-def _is_whole(corners: list[float]) -> bool:
-    return all(number.is_integer() for number in corners)
+_MAX_SIDE: Final = 1 << 16
 
 
-@dataclass(frozen=True)
-class _VocFolders:
-    images: Path
-    labels: Path
-    segmentations: Path | None
+def _side(tree: _Tree, size: _Element, key: str) -> int:
+    number = _number(tree, size, key)
+    if not 0 <= number <= _MAX_SIDE or number != int(number):
+        raise tree.error(size, f"a whole <{key}> up to {_MAX_SIDE}", f"{number:g}")
+    return int(number)
 
 
-def read_voc_folder(root: Path, options: ReadOptions) -> FrameSet:
-    """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
-    tags = options.segmentation or segmentation_folder(root)
-    folders = _VocFolders(root, options.labels or root, tags)
-    skip = [*([tags] if tags else []), *band_folders(root)]
-    frames, unmatched = match(
-        walk(folders.labels, (".xml",), skip),
-        walk(root, IMAGE_SUFFIXES, skip),
-        walk(tags, IMAGE_SUFFIXES) if tags else (),
-    )
-    named = with_keys(root, frames)
-    return FrameSet(
-        layout="voc",
-        frames=lambda: _read_frames(folders, named),
-        count=len(frames),
-        unmatched=unmatched,
-    )
-
-
-def _read_frames(
-    folders: _VocFolders, frames: Sequence[FrameFiles]
-) -> Iterator[FrameSource]:
-    for files in frames:
-        annotation: dict[str, object] | None = None
-        problem: FilterError | None = None
-        try:
-            content = read_label_bytes(folders.labels / files.label, files.label)
-            annotation = read_voc(content, files.label)
-        except FilterError as exc:
-            problem = exc
-        yield frame_of(
-            files, folders.images, folders.segmentations, annotation, problem
-        )
-
-
+@VOC.label_writer
 class VocWriter:
     """Writes ``Annotations/STEM.xml``, ``JPEGImages/STEM.png`` and ``ImageSets/Main``.
 
@@ -259,14 +293,9 @@ class VocWriter:
     a frame without boxes has its file too. What a VOC file said of pose, truncation,
     difficulty and occlusion is given back; else a box that the image's border cuts is
     truncated. Boxes to ignore are difficult, which VOC's scoring leaves out.
-
-    References
-    ----------
-    .. [1] Everingham and Winn, "The PASCAL VOC2012 development kit", section 7,
-       http://host.robots.ox.ac.uk/pascal/VOC/voc2012/htmldoc/
     """
 
-    traits: ClassVar[Traits] = Traits("voc", keys=True, flat=True)
+    traits: ClassVar[Traits] = Traits(keys=True, flat=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -291,32 +320,6 @@ class VocWriter:
         self._context.sink("labelmap.txt", [_label_map(self._context.head.classes)])
 
 
-def whole_pixels(
-    xyxy: tuple[float, float, float, float], wh: tuple[int, int]
-) -> list[int]:
-    """``xmin ymin xmax ymax``: the nearest whole pixels, from 1, both ends included.
-
-    There is at least one. The last pixel of the image is its width and height, so
-    nothing lies beyond.
-    """
-    low, high = [], []
-    for axis, side in enumerate(wh):
-        start, stop = (math.floor(xyxy[edge] + 0.5) for edge in (axis, axis + 2))
-        if stop == start:
-            # Too thin to have a pixel of its own: the one that its middle is in.
-            start = min(math.floor((xyxy[axis] + xyxy[axis + 2]) / 2), side - 1)
-            stop = start + 1
-        low.append(start + 1)
-        high.append(stop)
-    return [*low, *high]
-
-
-def _label_map(classes: Sequence[str]) -> bytes:
-    """The classes as CVAT and Datumaro want them, which else know VOC's twenty."""
-    lines = ["# label:color_rgb:parts:actions", *(f"{name}:::" for name in classes)]
-    return "".join(f"{line}\n" for line in lines).encode("utf-8", "replace")
-
-
 def _lines(out: OutFrame) -> Iterator[str]:
     width, height = out.frame.wh
     yield "<annotation>"
@@ -329,12 +332,12 @@ def _lines(out: OutFrame) -> Iterator[str]:
     )
     yield "  <segmented>0</segmented>"
     for one in out.boxes:
-        yield from _object(one, out.frame.wh)
+        yield from _object(one, out.frame)
     yield "</annotation>"
 
 
-def _object(one: OutBox, wh: tuple[int, int]) -> Iterator[str]:
-    given = one.box.given
+def _object(one: ChosenBox, frame: ExportFrame) -> Iterator[str]:
+    given = frame.given.boxes[one.row]
     flags = {
         "pose": given.get("pose", "Unspecified"),
         "truncated": given.get("truncated", int(one.is_cut)),
@@ -342,27 +345,35 @@ def _object(one: OutBox, wh: tuple[int, int]) -> Iterator[str]:
         "occluded": given.get("occluded", 0),
     }
     yield "  <object>"
-    yield f"    {element('name', one.box.class_name)}"
+    yield f"    {element('name', frame.boxes.class_name(one.row))}"
     for key, value in flags.items():
         yield f"    {element(key, value)}"
     yield "    <bndbox>"
-    keys = ("xmin", "ymin", "xmax", "ymax")
-    for key, value in zip(keys, whole_pixels(one.xyxy, wh), strict=True):
+    for key, value in zip(_CORNERS, whole_pixels(one.xyxy, frame.wh), strict=True):
         yield f"      {element(key, value)}"
     yield "    </bndbox>"
     yield "  </object>"
 
 
-def _likeness(source: Source) -> Likeness:
-    found = any(name.lower().endswith(".xml") for name in source.label_files)
-    return "possible" if found else "none"
+def whole_pixels(xyxy: Sequence[float], wh: tuple[int, int]) -> list[int]:
+    """``xmin ymin xmax ymax``: the nearest whole pixels, from 1, both ends included.
+
+    A rectangle has at least one pixel. The last pixel of the image has its width and
+    height as numbers, so no corner lies beyond it.
+    """
+    low, high = [], []
+    for axis, side in enumerate(wh):
+        start, stop = (math.floor(xyxy[edge] + 0.5) for edge in (axis, axis + 2))
+        if stop == start:
+            # Rounding left no pixel: take the one that the middle is in.
+            start = min(math.floor((xyxy[axis] + xyxy[axis + 2]) / 2), side - 1)
+            stop = start + 1
+        low.append(start + 1)
+        high.append(stop)
+    return [*low, *high]
 
 
-VOC: Final = Format(
-    name="voc",
-    title="Pascal VOC",
-    likeness=_likeness,
-    read=read_voc_folder,
-    write=partial(write_labels, new_writer=VocWriter),
-    options=LABEL_OPTIONS | {"bands", "rejected"},
-)
+def _label_map(classes: Sequence[str]) -> bytes:
+    """The classes, for CVAT and Datumaro, which otherwise know VOC's own twenty."""
+    lines = ["# label:color_rgb:parts:actions", *(f"{name}:::" for name in classes)]
+    return "".join(f"{line}\n" for line in lines).encode("utf-8", "replace")

@@ -1,66 +1,57 @@
 """What all formats of labels share: which boxes go out, where, and under which names.
 
 `write_labels` takes frames one at a time, chooses and clips their boxes, splits them
-into parts and distance bands and keeps the books; a format's `LabelWriter` is given
+into parts and distance bands and counts them; a format's `LabelWriter` is given
 what is left to write.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Final, Protocol, TypeAlias
+from typing import ClassVar, Final, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from filter_core.formats.export import (
     IMAGE_SUFFIX,
-    ExportBox,
     ExportFrame,
     ExportHead,
     ExportOptions,
-    Rectangle,
     Sink,
 )
 from filter_core.formats.files import FileNames, Spool, json_bytes
 from filter_core.formats.reading import KEYS_NAME
-from filter_core.formats.tally import Counts, ExportTally
-
-_RECTANGLES: Final = {
-    "visible": ("xyxy",),
-    "amodal": ("amodal_xyxy", "xyxy"),
-    "tight": ("tight_xyxy", "visible_xyxy", "xyxy"),
-}
-"""The keys of a decision in which a rectangle is looked for."""
-
-_NOWHERE: Final = (0.0, 0.0, 0.0, 0.0)
+from filter_core.formats.tally import Change, Counts, ExportTally
+from filter_core.types import (
+    KEPT,
+    REJECTED,
+    UNMEASURED,
+    BoolArray,
+    BoxesXYXY,
+    DecidedBoxes,
+    FloatArray,
+    IntArray,
+)
 
 _LEAST_SIDE: Final = 0.01
 """Pixels; what is thinner would vanish when a format rounds it."""
 
+_LEAST_CUT: Final = 1e-9
+"""Share of a box: what is cut at all is cut by more than nothing."""
 
-@dataclass(frozen=True)
-class OutBox:
-    """One box as it is written.
 
-    Attributes
-    ----------
-    box : ExportBox
-    number : int
-        The place of its class in the frozen list.
-    xyxy : (4,) px
-        Inside the image.
-    cut : float
-        Share of the rectangle that lies beyond the image, 0..1.
-    ignored : bool
-        A region that training and scoring are to ignore, and no object.
-    """
+class ChosenBox(NamedTuple):
+    """One box as it is written; see `ChosenBoxes`."""
 
-    box: ExportBox
+    row: int
     number: int
-    xyxy: tuple[float, float, float, float]
-    cut: float = 0.0
-    ignored: bool = False
+    xyxy: list[float]
+    cut: float
+    ignored: bool
 
     @property
     def is_cut(self) -> bool:
@@ -68,13 +59,54 @@ class OutBox:
         return self.cut > 0
 
 
-@dataclass(frozen=True)
-class Traits:
-    """What sets a format apart from others.
+@dataclass(frozen=True, eq=False)
+class ChosenBoxes:
+    """The M boxes of a frame that are written, in the order they came.
 
     Attributes
     ----------
-    name : str
+    row : (M,) int64
+        The place of each in its frame, whose other columns it leads to.
+    number : (M,) int64
+        The place of its class in the frozen list.
+    xyxy : (M, 4) float64, px
+        Inside the image.
+    cut : (M,) float64
+        Share of the rectangle that lies beyond the image, 0..1.
+    ignored : (M,) bool
+        A region that training and scoring are to ignore, and no object.
+    """
+
+    row: IntArray
+    number: IntArray
+    xyxy: BoxesXYXY
+    cut: FloatArray
+    ignored: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def __getitem__(self, some: BoolArray) -> ChosenBoxes:
+        return ChosenBoxes(
+            row=self.row[some],
+            number=self.number[some],
+            xyxy=self.xyxy[some],
+            cut=self.cut[some],
+            ignored=self.ignored[some],
+        )
+
+    def __iter__(self) -> Iterator[ChosenBox]:
+        columns = (self.row, self.number, self.xyxy, self.cut, self.ignored)
+        lists = (column.tolist() for column in columns)
+        return map(ChosenBox, *lists)
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What sets a format of labels apart from others.
+
+    Attributes
+    ----------
     crowds : bool
         It can say that a box stands for many objects at once. In other formats a crowd
         is no object to learn from, and is left out.
@@ -86,20 +118,17 @@ class Traits:
         Its readers do not look into sub-folders.
     """
 
-    name: str
     crowds: bool = False
     unplaced: bool = False
     keys: bool = False
     flat: bool = False
 
 
-class BoxChooser:
-    """Chooses the boxes of each frame and keeps the books on all of them.
+class _BoxChooser:
+    """Chooses the boxes of each frame and counts what became of all of them.
 
     Parameters
     ----------
-    classes : sequence of str
-        In their frozen order.
     options : ExportOptions
     tally : ExportTally
     traits : Traits
@@ -107,104 +136,154 @@ class BoxChooser:
     """
 
     def __init__(
-        self,
-        classes: Sequence[str],
-        options: ExportOptions,
-        tally: ExportTally,
-        traits: Traits,
+        self, options: ExportOptions, tally: ExportTally, traits: Traits
     ) -> None:
-        self._number = {name: index for index, name in enumerate(classes)}
         self._options = options
         self._tally = tally
         self._traits = traits
 
-    def choose(self, frame: ExportFrame) -> list[OutBox]:
+    def choose(self, frame: ExportFrame) -> ChosenBoxes:
         """The boxes of one frame that are written, in the order they came."""
-        chosen = (self._choose(frame, box) for box in frame.boxes)
-        return [one for one in chosen if one is not None]
-
-    def _choose(self, frame: ExportFrame, box: ExportBox) -> OutBox | None:
-        self._tally.box(box)
-        reason, ignorable = self._reason_to_drop(box)
-        key, xyxy = self._rectangle(box)
-        inside = clipped(xyxy or _NOWHERE, frame.wh)
-        if reason is None and not (_has_extent(inside) or self._traits.unplaced):
-            reason = str(box.decision["reason"]) if xyxy is None else "degenerate"
-            ignorable = False
-        if reason is not None and not (
-            ignorable and self._options.rejected == "dontcare" and _has_extent(inside)
-        ):
-            self._tally.dropped(frame, box, reason)
-            return None
-        out = OutBox(
-            box=box,
-            number=self._number[box.class_name],
-            xyxy=inside,
-            cut=_cut(box, xyxy or _NOWHERE, frame.wh),
-            ignored=reason is not None,
+        boxes, options = frame.boxes, self._options
+        number = self._tally.came(frame)
+        crowd = self._crowd(frame)
+        wanted, ignorable = self._wanted(boxes, crowd)
+        whole, used = _rectangles(boxes, options.boxes)
+        inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
+        placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
+        out = wanted & placed | wanted & self._traits.unplaced
+        ignored = ignorable & placed & (options.rejected == "dontcare")
+        row = np.flatnonzero(out | ignored)
+        chosen = ChosenBoxes(
+            row=row,
+            number=number[row],
+            xyxy=inside[row],
+            cut=_cut(frame, row),
+            ignored=ignored[row],
         )
-        if reason is not None:
-            self._tally.dont_care(frame, box, reason)
-        else:
-            self._tally.written(frame, box, clipped=out.is_cut, rectangle=key)
-        return out
+        self._tally.written(number[out], used[out].tolist())
+        cut = np.zeros(len(boxes), np.bool_)
+        cut[row] = chosen.cut > 0
+        changed = np.flatnonzero(cut | ~out)
+        self._tally.changed(
+            frame,
+            number[changed].tolist(),
+            [
+                Change(each, "clipped", "beyond_image")
+                if out[each]
+                else Change(
+                    each,
+                    "dontcare" if ignored[each] else "dropped",
+                    self._reason(boxes, each, wanted=wanted[each], crowd=crowd[each]),
+                )
+                for each in changed.tolist()
+            ],
+        )
+        return chosen
 
-    def _rectangle(self, box: ExportBox) -> tuple[str, Rectangle | None]:
-        for key in _RECTANGLES[self._options.boxes]:
-            xyxy = box.rectangle(key)
-            if xyxy is not None:
-                used = "visible" if key == "xyxy" else key.removesuffix("_xyxy")
-                return used, xyxy
-        return "", None
+    def _crowd(self, frame: ExportFrame) -> BoolArray:
+        """(N,): boxes that stand for many objects, where a format cannot say so."""
+        if self._traits.crowds:
+            return np.zeros(len(frame.boxes), np.bool_)
+        return frame.given.is_crowd(len(frame.boxes))
 
-    def _reason_to_drop(self, box: ExportBox) -> tuple[str | None, bool]:
-        """Why a box is no object of the export, and whether it is one to ignore."""
-        if box.is_crowd and not self._traits.crowds:
-            return "crowd", True
-        include = self._options.include
-        if include == "all":
-            return None, False
-        verdict = box.verdict if include == "effective" else box.decision["verdict"]
-        if verdict == "kept":
-            return None, False
-        if verdict == "unmeasured" and self._options.include_unmeasured:
-            return None, False
-        by_person = include == "effective" and box.is_reviewed
-        reason = "rejected_by_person" if by_person else str(box.decision["reason"])
-        return reason, verdict == "rejected"
+    def _wanted(
+        self, boxes: DecidedBoxes, crowd: BoolArray
+    ) -> tuple[BoolArray, BoolArray]:
+        """(N,): objects of the export; what else can be a region to ignore."""
+        if self._options.include == "all":
+            return ~crowd, crowd
+        verdict = self._verdict(boxes)
+        wanted = verdict == KEPT
+        if self._options.include_unmeasured:
+            wanted |= verdict == UNMEASURED
+        return wanted & ~crowd, crowd | (verdict == REJECTED)
+
+    def _verdict(self, boxes: DecidedBoxes) -> NDArray[np.uint8]:
+        effective = self._options.include == "effective"
+        return boxes.effective if effective else boxes.verdict
+
+    def _reason(
+        self, boxes: DecidedBoxes, row: int, *, wanted: bool, crowd: bool
+    ) -> str:
+        """Why a box is no object of the export."""
+        if crowd:
+            return "crowd"
+        if wanted:
+            # It has no rectangle, or one without extent.
+            absent = np.isnan(_rectangles(boxes[row : row + 1], self._options.boxes)[0])
+            return boxes.reason_label(row) if absent.any() else "degenerate"
+        by_person = self._options.include == "effective" and boxes.is_reviewed[row]
+        return "rejected_by_person" if by_person else boxes.reason_label(row)
 
 
-def clipped(xyxy: Rectangle, wh: tuple[int, int]) -> tuple[float, float, float, float]:
-    """A rectangle cut to the image; a side may be left without extent."""
-    width, height = wh
-    x_min, x_max = (min(max(float(xyxy[i]), 0.0), float(width)) for i in (0, 2))
-    y_min, y_max = (min(max(float(xyxy[i]), 0.0), float(height)) for i in (1, 3))
-    return x_min, y_min, x_max, y_max
+def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
+    """(N, 4): the rectangles that were asked for, or the next best; which (N,) it is.
+
+    NaN rows and empty names where there is none.
+    """
+    columns = {
+        "visible": (boxes.xyxy,),
+        "amodal": (boxes.amodal_xyxy, boxes.xyxy),
+        "tight": (boxes.tight_xyxy, boxes.visible_xyxy, boxes.xyxy),
+    }[which]
+    xyxy, *others = columns
+    known = ~np.isnan(xyxy[:, 0])
+    used = np.where(known, which, "")
+    for other in others:
+        found = ~known & ~np.isnan(other[:, 0])
+        xyxy = np.where(found[:, None], other, xyxy)
+        used = np.where(found, "visible", used)
+        known |= found
+    return xyxy, used
 
 
-def _cut(box: ExportBox, xyxy: Rectangle, wh: tuple[int, int]) -> float:
-    """Share of the whole rectangle beyond the image; above 0 if anything is."""
-    whole = box.rectangle("amodal_xyxy") or box.given_xyxy or xyxy
-    inside = clipped(whole, wh)
-    if list(inside) == list(whole):
-        return 0.0
+def clipped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
+    """(N, 4): rectangles cut to the image; a side may be left without extent."""
+    # Not np.clip: whether a zero has a sign must not depend on the processor.
+    size = np.array([*wh, *wh], np.float64)
+    above = np.where(xyxy < 0.0, 0.0, xyxy)
+    inside: BoxesXYXY = np.where(above > size, size, above)
+    return inside
+
+
+def _cut(frame: ExportFrame, row: IntArray) -> FloatArray:
+    """(M,): shares of whole rectangles beyond the image; above 0 if anything is.
+
+    The annotation is only asked for boxes that end at the border: what was corrected
+    to lie inside ends there.
+    """
+    boxes, (width, height) = frame.boxes, frame.wh
+    whole, corrected = boxes.amodal_xyxy[row], boxes.xyxy[row]
+    given = np.isnan(whole[:, 0])
+    x_min, y_min, x_max, y_max = corrected.T
+    within = (x_min > 0) & (y_min > 0) & (x_max < width) & (y_max < height)
+    cut = np.zeros(len(row))
+    asked = np.flatnonzero(given & ~within)
+    if len(asked):
+        whole[asked] = frame.given.rectangles(row[asked].tolist())
+    beyond = np.flatnonzero(~(given & within))
+    if not len(beyond):
+        return cut
+    whole = whole[beyond]
+    inside = clipped(whole, frame.wh)
     area = _area(whole)
-    left = _area(inside) / area if area > 0 else 0.0
-    return min(max(1.0 - left, 1e-9), 1.0)
+    left = np.divide(_area(inside), area, out=np.zeros(len(area)), where=area > 0)
+    share = np.minimum(np.maximum(1.0 - left, _LEAST_CUT), 1.0)
+    cut[beyond] = np.where((inside == whole).all(axis=1), 0.0, share)
+    return cut
 
 
-def _has_extent(xyxy: Rectangle) -> bool:
-    return min(xyxy[2] - xyxy[0], xyxy[3] - xyxy[1]) >= _LEAST_SIDE
-
-
-def _area(xyxy: Rectangle) -> float:
-    return float(max(xyxy[2] - xyxy[0], 0.0) * max(xyxy[3] - xyxy[1], 0.0))
+def _area(xyxy: BoxesXYXY) -> FloatArray:
+    sides = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 0.0)
+    area: FloatArray = sides[:, 0] * sides[:, 1]
+    return area
 
 
 PARTS: Final = ("train", "val")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OutFrame:
     """One frame as it is written.
 
@@ -216,14 +295,14 @@ class OutFrame:
     part : ``train`` or ``val``
     stem : str
         A path without suffix, different for every frame of the export.
-    boxes : sequence of OutBox
+    boxes : ChosenBoxes
     """
 
     frame: ExportFrame
     number: int
     part: str
     stem: str
-    boxes: Sequence[OutBox]
+    boxes: ChosenBoxes
 
     @property
     def suffix(self) -> str:
@@ -334,8 +413,7 @@ class _Run:
         self, context: ExportContext, writer: LabelWriter, tally: ExportTally
     ) -> None:
         self.context, self.writer, self.tally = context, writer, tally
-        classes, options = context.head.classes, context.options
-        self.chooser = BoxChooser(classes, options, tally, writer.traits)
+        self.chooser = _BoxChooser(context.options, tally, writer.traits)
         self.names = FileNames(flat=writer.traits.flat)
         self.keys = context.spool()
         self.count = 0
@@ -355,7 +433,7 @@ class _Run:
     def finish(self) -> Counts:
         if self.writer.traits.keys:
             self.context.sink(KEYS_NAME, self.keys.pieces())
-        manifest = self.tally.manifest(self.writer.traits.name, self._facts())
+        manifest = self.tally.manifest(self._facts())
         self.context.sink("manifest.json", manifest)
         return self.tally.counts()
 
@@ -374,7 +452,9 @@ class _Run:
 
     def _write_band(self, band: int, out: OutFrame) -> None:
         name = band_name(band)
-        near = [one for one in out.boxes if is_within(one, band)]
+        distance = out.frame.boxes.distance[out.boxes.row]
+        # One of unknown distance is in every band.
+        near = out.boxes[~(distance > band)]
         self.tally.banded(name, len(near))
         self.writer.labels(name, replace(out, boxes=near))
 
@@ -391,9 +471,3 @@ class _Run:
 def band_name(band: int) -> str:
     """The folder of a distance band, as carlasimu calls it."""
     return f"label{band}"
-
-
-def is_within(out: OutBox, band: int) -> bool:
-    """Whether a box is in a band; one of unknown distance is in every band."""
-    distance = out.box.distance
-    return distance is None or distance <= band

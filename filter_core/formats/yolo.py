@@ -2,21 +2,32 @@
 
 Images and labels may lie in parallel folders, in any nesting, or in one folder. Lines
 with four columns, raw centres in pixels as in carlasimu's sample, are read as well.
+
+References
+----------
+.. [1] Ultralytics, "Object detection datasets overview",
+   https://docs.ultralytics.com/datasets/detect/
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final
 
+import numpy as np
 import yaml
 
 from filter_core.config.file import parse_yaml
 from filter_core.errors import ConfigError, FilterError, LayoutError
-from filter_core.formats.format import LABEL_OPTIONS, Format, Likeness, Source
+from filter_core.formats.format import (
+    LABEL_NEEDS,
+    LABEL_OPTIONS,
+    Format,
+    Likeness,
+    Source,
+)
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFiles,
@@ -34,19 +45,63 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
+    ChosenBoxes,
     ExportContext,
-    OutBox,
     OutFrame,
     Traits,
-    write_labels,
 )
+
+YOLO: Final = Format(
+    name="yolo",
+    title="YOLO (Ultralytics)",
+    holds=(
+        "`class cx cy w h` as shares of the image's size, a label file for each "
+        "image (an empty one for an empty frame); `images/train/`, `images/val/`, "
+        "and `data.yaml` with `train`, `val` and `names`, as Ultralytics reads them"
+    ),
+    recognised_by="YOLO's labels with data.yaml or classes.txt",
+    needs=LABEL_NEEDS,
+    options=LABEL_OPTIONS | {"bands"},
+)
+
+
+@YOLO.recogniser
+def _likeness(source: Source) -> Likeness:
+    labels = (name for name in source.label_files if name.lower().endswith(".txt"))
+    labelled = any(map(_is_label, labels))
+    return "possible" if labelled and _class_list(source.path) else "none"
+
+
+_CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
+
+_TEXTS_AT_THE_TOP: Final = frozenset(
+    {
+        "labelmap.txt",
+        "readme.txt",
+        "requirements.txt",
+        "train.txt",
+        "val.txt",
+        "test.txt",
+    }
+)
+"""Lists of files and notes that lie beside a dataset; deeper down, such a name is a
+frame's."""
+
+
+def _is_label(name: str) -> bool:
+    """Whether a text file, relative to the dataset, holds boxes."""
+    folder, _, base = name.lower().rpartition("/")
+    if folder.split("/")[0] == "imagesets":
+        return False
+    return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
+
 
 _YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
 
 _TEXT_LISTS: Final = ("classes.txt", "labels.txt", "obj.names")
 
 
-def find_class_list(root: Path) -> str | None:
+def _class_list(root: Path) -> str | None:
     """The folder's file that lists classes, relative to it, if there is one.
 
     Some tools put it among the labels.
@@ -56,7 +111,24 @@ def find_class_list(root: Path) -> str | None:
     return next((name for name in places if (root / name).is_file()), None)
 
 
-def yolo_classes(root: Path) -> tuple[str, ...]:
+@YOLO.reader
+def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
+    """The frames of a YOLO folder; errors as `_yolo_classes` and per frame."""
+    classes = tuple(options.classes or _yolo_classes(root))
+    tags = options.segmentation or segmentation_folder(root)
+    folders = LabelFolders(
+        images=root,
+        labels=options.labels or root,
+        segmentations=tags,
+        classes=classes,
+        default_class=options.default_class,
+    )
+    skip = [*([tags] if tags else []), *band_folders(root)]
+    labels = (name for name in walk(folders.labels, (".txt",), skip) if _is_label(name))
+    return frame_set("yolo", folders, labels)
+
+
+def _yolo_classes(root: Path) -> tuple[str, ...]:
     """Class names from ``data.yaml`` or from a text file with one name per line.
 
     Raises
@@ -64,7 +136,7 @@ def yolo_classes(root: Path) -> tuple[str, ...]:
     LayoutError
         There is no such file, or it holds something else.
     """
-    name = find_class_list(root)
+    name = _class_list(root)
     if name is None:
         raise LayoutError(
             f"expected the class names in one of {', '.join(_YAML_LISTS)} or "
@@ -78,10 +150,10 @@ def yolo_classes(root: Path) -> tuple[str, ...]:
     except ConfigError as exc:
         raise LayoutError(f"{name}: {exc.detail}") from exc
     names = document.get("names") if isinstance(document, Mapping) else None
-    return _ordered(names, f"{name}, names")
+    return ordered_names(names, f"{name}, names")
 
 
-def _ordered(names: object, at: str) -> tuple[str, ...]:
+def ordered_names(names: object, at: str) -> tuple[str, ...]:
     """Names in the order of their numbers, which must be 0, 1, 2 and so on."""
     if isinstance(names, Mapping):
         numbered = list(names.items())
@@ -99,14 +171,55 @@ def _ordered(names: object, at: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-_WITH_CONFIDENCE: Final = 6
+@dataclass(frozen=True)
+class LabelFolders:
+    """Where a YOLO-like layout keeps its files, and what its numbers mean."""
 
-_YOLO_COLUMNS: Final = (5, _WITH_CONFIDENCE)
+    images: Path
+    labels: Path
+    segmentations: Path | None
+    classes: tuple[str, ...]
+    default_class: str = "unknown"
 
-_RAW_COLUMNS: Final = 4
+
+def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:
+    """Frames of label files in YOLO's or carlasimu's form."""
+    tags = folders.segmentations
+    frames, unmatched = match(
+        labels,
+        walk(folders.images, IMAGE_SUFFIXES, [tags] if tags else []),
+        walk(tags, IMAGE_SUFFIXES) if tags else (),
+    )
+    named = with_keys(folders.images, frames)
+    return FrameSet(
+        layout=layout,
+        frames=lambda: _read_frames(folders, named),
+        classes=folders.classes,
+        count=len(frames),
+        unmatched=unmatched,
+    )
 
 
-def read_label_lines(
+def _read_frames(
+    folders: LabelFolders, frames: Sequence[FrameFiles]
+) -> Iterator[FrameSource]:
+    for files in frames:
+        annotation: dict[str, object] | None = None
+        problem: FilterError | None = None
+        try:
+            text = read_label_text(folders.labels / files.label, files.label)
+            boxes = _read_label_lines(
+                text, files.label, folders.classes, folders.default_class
+            )
+            annotation = {"boxes": boxes}
+        except FilterError as exc:
+            problem = exc
+        yield frame_of(
+            files, folders.images, folders.segmentations, annotation, problem
+        )
+
+
+def _read_label_lines(
     text: str, name: str, classes: Sequence[str], default_class: str
 ) -> list[dict[str, object]]:
     """The boxes of one label file, as annotations.
@@ -135,6 +248,13 @@ def read_label_lines(
             at = f"{name}, line {number}"
             boxes.append(_read_line(columns, at, classes, default_class))
     return boxes
+
+
+_WITH_CONFIDENCE: Final = 6
+
+_YOLO_COLUMNS: Final = (5, _WITH_CONFIDENCE)
+
+_RAW_COLUMNS: Final = 4
 
 
 def _read_line(
@@ -166,101 +286,7 @@ def _class_name(word: str, at: str, classes: Sequence[str]) -> str:
     )
 
 
-_CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
-
-_TEXTS_AT_THE_TOP: Final = frozenset(
-    {
-        "labelmap.txt",
-        "readme.txt",
-        "requirements.txt",
-        "train.txt",
-        "val.txt",
-        "test.txt",
-    }
-)
-"""Lists of files and notes that lie beside a dataset; deeper down, such a name is a
-frame's."""
-
-
-@dataclass(frozen=True)
-class LabelFolders:
-    """Where a YOLO-like layout keeps its files, and what its numbers mean."""
-
-    images: Path
-    labels: Path
-    segmentations: Path | None
-    classes: tuple[str, ...]
-    default_class: str = "unknown"
-
-
-def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
-    """The frames of a YOLO folder; errors as `yolo_classes` and per frame."""
-    classes = tuple(options.classes or yolo_classes(root))
-    tags = options.segmentation or segmentation_folder(root)
-    folders = LabelFolders(
-        images=root,
-        labels=options.labels or root,
-        segmentations=tags,
-        classes=classes,
-        default_class=options.default_class,
-    )
-    skip = [*([tags] if tags else []), *band_folders(root)]
-    labels = (name for name in walk(folders.labels, (".txt",), skip) if is_label(name))
-    return frame_set("yolo", folders, labels)
-
-
-def is_label(name: str) -> bool:
-    """Whether a text file, relative to the dataset, holds boxes."""
-    folder, _, base = name.lower().rpartition("/")
-    if folder.split("/")[0] == "imagesets":
-        return False
-    return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
-
-
-def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:
-    """Frames of label files in YOLO's or carlasimu's form."""
-    tags = folders.segmentations
-    frames, unmatched = match(
-        labels,
-        walk(folders.images, IMAGE_SUFFIXES, [tags] if tags else []),
-        walk(tags, IMAGE_SUFFIXES) if tags else (),
-    )
-    named = with_keys(folders.images, frames)
-    return FrameSet(
-        layout=layout,
-        frames=lambda: _read_frames(folders, named),
-        classes=folders.classes,
-        count=len(frames),
-        unmatched=unmatched,
-    )
-
-
-def _read_frames(
-    folders: LabelFolders, frames: Sequence[FrameFiles]
-) -> Iterator[FrameSource]:
-    for files in frames:
-        annotation: dict[str, object] | None = None
-        problem: FilterError | None = None
-        try:
-            text = read_label_text(folders.labels / files.label, files.label)
-            boxes = read_label_lines(
-                text, files.label, folders.classes, folders.default_class
-            )
-            annotation = {"boxes": boxes}
-        except FilterError as exc:
-            problem = exc
-        yield frame_of(
-            files, folders.images, folders.segmentations, annotation, problem
-        )
-
-
-_DECIMALS: Final = 8
-"""Finer than a thousandth of a pixel in the largest image."""
-
-_HALF_UNITS: Final = 10**_DECIMALS // 2
-"""Edges lie on every second unit of the last digit: centres are whole units then."""
-
-
+@YOLO.label_writer
 class YoloWriter:
     """Writes ``images/PART/STEM.png``, ``labels/PART/STEM.txt`` and ``data.yaml``.
 
@@ -272,14 +298,9 @@ class YoloWriter:
     Lines are ``class cx cy w h`` as shares of the frame's own size, of the rectangle
     clipped to the image. ``data.yaml`` has no ``path``, which would be joined to a
     folder of the user's settings.
-
-    References
-    ----------
-    .. [1] Ultralytics, "Object detection datasets overview",
-       https://docs.ultralytics.com/datasets/detect/
     """
 
-    traits: ClassVar[Traits] = Traits("yolo", keys=True, flat=True)
+    traits: ClassVar[Traits] = Traits(keys=True, flat=True)
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
@@ -292,7 +313,7 @@ class YoloWriter:
     def labels(self, band: str, out: OutFrame) -> None:
         """One label file."""
         self._parts.add(out.part)
-        lines = "".join(_line(one, out.frame.wh) for one in out.boxes)
+        lines = "".join(_lines(out.boxes, out.frame.wh))
         folder = band or "labels"
         self._context.sink(f"{folder}/{out.part}/{out.stem}.txt", [lines.encode()])
 
@@ -302,44 +323,33 @@ class YoloWriter:
         self._context.sink("data.yaml", [text])
 
 
-def _line(out: OutBox, wh: tuple[int, int]) -> str:
-    x_min, y_min, x_max, y_max = out.xyxy
-    columns = zip(_share(x_min, x_max, wh[0]), _share(y_min, y_max, wh[1]), strict=True)
-    shares = [share for column in columns for share in column]
-    return f"{out.number} {' '.join(f'{share:.{_DECIMALS}f}' for share in shares)}\n"
+_DECIMALS: Final = 8
+"""Finer than a thousandth of a pixel in the largest image."""
+
+_HALF_UNITS: Final = 10**_DECIMALS // 2
+"""Edges are rounded to two units of the last decimal, so that centres are exact."""
+
+_LINE: Final = f"%d {' '.join([f'%.{_DECIMALS}f'] * 4)}\n"
 
 
-def _share(low: float, high: float, side: int) -> tuple[float, float]:
-    """Centre and extent as shares of a side, so rounded that both edges are exact.
+def _lines(boxes: ChosenBoxes, wh: tuple[int, int]) -> Iterator[str]:
+    """Centres and extents as shares of the sides, so rounded that edges are exact.
 
-    Rounded by themselves, a centre and an extent can reach beyond the image by their
-    last digit, and whoever reads, clips and writes them again would get other digits.
+    If centre and extent were rounded each by itself, their edges could lie beyond the
+    image by the last digit; who reads and clips them would then write other digits.
     """
-    first, last = (round(edge / side * _HALF_UNITS) for edge in (low, high))
-    return (first + last) / 2 / _HALF_UNITS, (last - first) / _HALF_UNITS
+    edges = np.rint(boxes.xyxy / np.array([*wh, *wh]) * _HALF_UNITS)
+    low, high = edges[:, :2], edges[:, 2:]
+    shares = np.hstack([(low + high) / 2, high - low]) / _HALF_UNITS
+    numbered = zip(boxes.number.tolist(), shares.tolist(), strict=True)
+    return (_LINE % (number, *share) for number, share in numbered)
 
 
 def _data_yaml(classes: Sequence[str], parts: set[str]) -> bytes:
-    # A part without a frame would be a folder that is not there, and no training.
+    # Ultralytics needs both folders; a part without frames would have none.
     only = next(iter(parts)) if len(parts) == 1 else None
     document = {
         **{part: f"images/{only or part}" for part in PARTS},
         "names": dict(enumerate(classes)),
     }
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode()
-
-
-def _likeness(source: Source) -> Likeness:
-    labels = (name for name in source.label_files if name.lower().endswith(".txt"))
-    labelled = any(map(is_label, labels))
-    return "possible" if labelled and find_class_list(source.path) else "none"
-
-
-YOLO: Final = Format(
-    name="yolo",
-    title="YOLO (Ultralytics)",
-    likeness=_likeness,
-    read=read_yolo,
-    write=partial(write_labels, new_writer=YoloWriter),
-    options=LABEL_OPTIONS | {"bands"},
-)

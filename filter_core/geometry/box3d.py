@@ -28,7 +28,7 @@ EDGES: Final = np.array(
 """(12, 2): pairs of corners that differ in one sign."""
 
 _SHAPE_TOLERANCE: Final = 1e-3
-"""Share of a box's size by which float32 corners may miss a parallelepiped."""
+"""How far corners may deviate from a parallelepiped, as a share of the box's size."""
 
 
 def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
@@ -67,15 +67,15 @@ def in_carla_order(vertices: ArrayLike) -> FloatArray:
     Returns
     -------
     (N, 8, 3) float64
-        Always a new array. Axes and signs are one consistent choice, not the
-        original's, so only the *edges* can be relied on. Eight points that are no box
-        in any order stay as they are.
+        Always a new array. Which edge of the box becomes which axis is arbitrary, so
+        only the *edges* can be relied on. Eight points that are no box in any order
+        stay as they are.
 
     Notes
     -----
-    Opposite corners share the centre; of the three pairs that remain, the choice of
-    one corner each whose edges from the first corner add up to the diagonal are its
-    neighbours. Exact for every parallelepiped.
+    Lines between opposite corners meet in the centre, which gives four pairs. The
+    neighbours of the first corner are one corner of each other pair: those whose
+    vectors from it add up to the diagonal. Exact for every parallelepiped.
     """
     boxes = np.array(as_vertices(vertices))
     for index in np.flatnonzero(~_is_in_order(boxes)):
@@ -128,13 +128,13 @@ def _reordered(corners: FloatArray) -> FloatArray:
 
 
 def _opposite_corners(corners: FloatArray) -> list[int]:
-    """For each corner the one through the centre."""
+    """The opposite corner of each corner."""
     mirrored = 2 * corners.mean(axis=0) - corners
     gaps = np.linalg.norm(mirrored[:, None] - corners[None], axis=2)
     opposite = [-1] * 8
     for i in range(8):
         if opposite[i] < 0:
-            # Each is taken once: corners of a flat box coincide and could be mixed up.
+            # Each corner is taken once, since corners of a flat box coincide.
             free = [j for j in range(8) if j != i and opposite[j] < 0]
             opposite[i] = min(free, key=lambda j: float(gaps[i, j]))
             opposite[opposite[i]] = i

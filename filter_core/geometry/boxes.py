@@ -1,8 +1,8 @@
-"""Rectangles in pixels: their five forms, Algorithm 1, and the pixels they touch.
+"""Rectangles in pixels: five notations, correction (Algorithm 1), pixels they touch.
 
-Boxes come in as they were written; `to_xyxy` makes corners of them, `correct_xyxy`
-clamps these to the image and says which boxes cannot be measured, and `pixel_bounds`
-gives the pixels that the others touch. No 3D here.
+`to_xyxy` converts rectangles from the notation they were given in, `correct_xyxy`
+clamps them to the image and says which cannot be measured, and `pixel_bounds` gives
+the pixels that the others touch. No 3D here.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _TO_XYXY: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
 }
 
 FORMS: Final = tuple(_TO_XYXY)
-"""The five ways in which a rectangle can be given."""
+"""The notations in which a rectangle can be given."""
 
 
 def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
@@ -53,8 +53,8 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
     form : {"xyxy", "xyxyn", "xywh", "cxcywh", "cxcywhn"}
         Trailing ``n``: shares of the image's width and height instead of pixels.
     values : (N, 4)
-        Anything numpy turns into float64. Inverted and non-finite boxes pass through:
-        `correct_xyxy` is where they are judged.
+        Anything numpy converts to float64. Inverted and non-finite boxes are not
+        refused here but by `correct_xyxy`.
     wh : (width, height) of the image, px
 
     Returns
@@ -84,7 +84,7 @@ def correct_xyxy(
     Parameters
     ----------
     xyxy : (N, 4), px
-        As given: may hang out of the image, be inverted, or have no extent.
+        As given: may reach out of the image, be inverted, or have no area.
     wh : (width, height) of the image, px
     profile : {"paper", "carlasimu"}
 
@@ -126,16 +126,16 @@ def correct_xyxy(
     corrected: BoxesXYXY = np.minimum(np.maximum(boxes, 0.0), limit)
     extent = corrected[:, 2:] - corrected[:, :2]
     area = extent[:, 0] * extent[:, 1]
-    published = profile == "carlasimu"
-    outside = _is_outside(boxes, wh, published=published)
+    as_carlasimu = profile == "carlasimu"
+    outside = _is_outside(boxes, wh, as_carlasimu=as_carlasimu)
     degenerate = (extent[:, 0] <= 0) | (extent[:, 1] <= 0)
     covers = np.zeros(len(boxes), dtype=np.bool_)
-    if published:
-        # Two slivers can multiply to exactly 0.0, which the code tests for.
+    if as_carlasimu:
+        # The area of a sliver can underflow to 0, which the published code tests for.
         degenerate |= area == 0
         covers = area >= wh[0] * wh[1]
 
-    # Written from the last rule to the first: several times cheaper than np.select.
+    # The first rule is written last, so it wins; much faster than np.select.
     state = np.full(len(boxes), BoxState.MEASURABLE, np.uint8)
     state[covers] = BoxState.COVERS_IMAGE
     state[degenerate] = BoxState.DEGENERATE
@@ -157,11 +157,11 @@ def _refuse_non_finite(boxes: FloatArray) -> None:
 
 
 def _is_outside(
-    boxes: FloatArray, wh: tuple[int, int], *, published: bool
+    boxes: FloatArray, wh: tuple[int, int], *, as_carlasimu: bool
 ) -> BoolArray:
     x_min, y_min, x_max, y_max = boxes.T
     width, height = wh
-    right_of_image = x_min >= width if published else x_min > width
+    right_of_image = x_min >= width if as_carlasimu else x_min > width
     outside: BoolArray = right_of_image | (y_min > height) | (x_max < 0) | (y_max < 0)
     return outside
 

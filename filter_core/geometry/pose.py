@@ -1,8 +1,8 @@
-"""Positions and rotations in CARLA's left-handed world, and how people write them.
+"""Positions and rotations in CARLA's left-handed world, and reading them from JSON.
 
-Metres and degrees; x forward, y right, z up. A `Transform` and the functions that end
-in ``matrices`` are the mathematics; `as_transform` and ``read_...`` take the objects
-and lists that annotations write, and note every fault in them.
+Metres and degrees; x forward, y right, z up. `Transform` and the functions that end in
+``matrices`` do the mathematics; `as_transform` and the ``read_...`` functions read the
+objects and lists that annotations contain, and report every fault in them.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Transform:
         return _invert_rigid(self.matrix)
 
     def as_dict(self) -> dict[str, float]:
-        """The transform as an object of six numbers, as answers give it."""
+        """Its six numbers by their names, ready for JSON."""
         names = (*_VECTOR_KEYS, *_ROTATION_KEYS)
         return dict(zip(names, (*self.location, *self.rotation), strict=True))
 
@@ -78,7 +78,7 @@ def rotation_matrices(rotations: ArrayLike) -> FloatArray:
     Returns
     -------
     (N, 3, 3) float64
-        Turns local vectors into the world's; determinant +1.
+        Map local vectors to world vectors; determinant +1.
 
     References
     ----------
@@ -117,7 +117,7 @@ def _invert_rigid(matrix: FloatArray) -> FloatArray:
 
 
 def as_transform(value: TransformLike) -> Transform:
-    """A `Transform`, or an object that says the same.
+    """A `Transform` from itself or from an object that describes it.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """3D boxes as the camera sees them: rectangles, edges to draw, distances.
 
-Corners in metres and a camera come in, rectangles in pixels come out. A box that
-reaches behind the camera is clipped by the near plane before anything is divided by its
-depth, and all clipping is exact, so that a rectangle is as small as what it surrounds.
-`BoxGeometry` holds the results for all boxes of a frame, 2D ones included.
+`project_boxes` takes corners in metres and a camera, and returns rectangles and edges
+in pixels. A box that reaches behind the camera is clipped by the near plane before
+dividing by depth. All clipping is exact: rectangles are as small as possible.
+`BoxGeometry` holds the results for all boxes of a frame, 2D boxes included.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NEAR_PLANE: Final = 0.1
 _MODES: Final = ("clipped", "naive")
 
 _NAIVE_START: Final = 10_000.0
-"""px; the paper's code starts its minimum here, and its maximum at the negative."""
+"""px; where the paper's code starts its minimum; its maximum starts at minus this."""
 
 _NAIVE_LIMIT: Final = 1e9
 """px; keeps the rectangle finite when a corner lies exactly in the camera's plane."""
@@ -81,14 +81,14 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class BoxGeometry:
-    """N boxes, usually all of a frame, in their image; NaN is what is not known.
+    """N boxes, usually all of a frame, in their image; NaN where unknown.
 
     Attributes
     ----------
     xyxy : (N, 4) float64, px
-        What the filter corrects and measures: the rectangle as given; of a 3D box what
-        the projection makes of it, and a rectangle outside of the image where the
-        camera sees nothing. NaN rows if loaded, see `loaded`.
+        What the filter corrects and measures: the rectangle as given, or as projected
+        from a 3D box; a rectangle outside of the image if the camera sees nothing of
+        it. NaN rows if made by `loaded`.
     amodal_xyxy, visible_xyxy : (N, 4) float64, px
         Of 3D boxes, before and after clipping to the image; NaN rows for 2D boxes and
         where there is nothing.
@@ -97,7 +97,7 @@ class BoxGeometry:
     distance : (N,) float64, metres
         As given, else from the camera to the 3D box's centre, else NaN.
     vertices : (N, 8, 3) float64, metres
-        World corners of 3D boxes; NaN rows for 2D boxes, and if loaded.
+        World corners of 3D boxes; NaN rows for 2D boxes, or if made by `loaded`.
     """
 
     xyxy: BoxesXYXY
@@ -117,9 +117,9 @@ class BoxGeometry:
         visible_xyxy: BoxesXYXY,
         edges: list[FloatArray | None],
     ) -> BoxGeometry:
-        """What was stored of N boxes: what decisions show, and NaN for all else.
+        """N boxes with what the service stores of them; NaN for everything else.
 
-        The NaN arrays are read-only and need no memory, however many boxes there are.
+        The NaN arrays are read-only broadcast arrays, which take no memory.
         """
         count = len(edges)
         return cls(
@@ -146,7 +146,7 @@ def project_boxes(
         ``clipped``: the shape is clipped by the near plane and the image *before*
         minimum and maximum. ``naive``: the paper's minimum and maximum over the eight
         projected corners without a test of their depth; a corner behind the camera
-        makes a beam of it.
+        can stretch the rectangle across the image.
 
     Returns
     -------
@@ -224,7 +224,7 @@ def _row_or_none(row: FloatArray) -> FloatArray | None:
 
 
 def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
-    """Points whose convex hull is what a camera without borders sees of each box.
+    """Points whose convex hull is each box in the image plane, beyond the image too.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def _clamped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
 
 
 def _clipped_edges(image_points: FloatArray, wh: tuple[int, int]) -> list[FloatArray]:
-    """For each box, (E, 4) px: what the image shows of its twelve edges."""
+    """For each box, (E, 4) px: the parts of its twelve edges inside the image."""
     u, v, depth = np.moveaxis(image_points, -1, 0)
     planes = [depth - NEAR_PLANE, u, wh[0] * depth - u, v, wh[1] * depth - v]
     distance = np.stack(planes, axis=-1)
@@ -317,7 +317,7 @@ def _clipped_edges(image_points: FloatArray, wh: tuple[int, int]) -> list[FloatA
     step = image_points[:, second][inside] - start
     ends = [start + share[inside, None] * step for share in (enter, leave)]
     lines = np.concatenate([end[:, :2] / end[:, 2:] for end in ends], axis=1)
-    # Rounding can leave a clipped end a hair outside.
+    # Rounding can leave a clipped end slightly outside.
     lines = lines.clip(0.0, [*wh, *wh])
     return np.split(lines, np.cumsum(inside.sum(axis=1))[:-1]) if len(inside) else []
 
@@ -368,7 +368,7 @@ def _cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:
 
 
 def _hull_bounds_in_image(points: FloatArray, wh: tuple[int, int]) -> FloatArray:
-    """The smallest rectangles around what the image shows of convex shapes.
+    """The smallest rectangles around the parts of convex shapes inside the image.
 
     Parameters
     ----------
@@ -379,13 +379,13 @@ def _hull_bounds_in_image(points: FloatArray, wh: tuple[int, int]) -> FloatArray
     Returns
     -------
     (N, 4) float64 ``xyxy``, px
-        NaN rows where the image shows nothing.
+        NaN rows for shapes outside the image.
 
     Notes
     -----
-    What remains of a convex shape between the image's top and bottom has an interval
-    of x, and over each x of it some point within; so clamping that interval to the
-    image's width is exact. Likewise for y. No hull has to be built.
+    The part of a convex shape between the image's top and bottom covers one interval
+    of x without gaps, so clamping the interval to the image's width is exact; likewise
+    for y. No hull has to be built.
     """
     x_low, x_high = _range_in_strip(points, axis=0, limit=wh[1])
     y_low, y_high = _range_in_strip(points, axis=1, limit=wh[0])

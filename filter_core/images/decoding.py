@@ -12,8 +12,8 @@ row, are added up here. Where rows depend on those above them, as CARLA's
 ``save_to_disk`` writes them, OpenCV gets the same PNG with its pixels uncompressed.
 
 Any other file goes to OpenCV as it is, once it is known that a PNG inflates to no more
-than its header says. Whoever decodes a file, its pixels are the same,
-and the same files are accepted and refused as by OpenCV alone.
+than its header says. Apart from PNGs that inflate to more, the same files are accepted
+and refused as by OpenCV alone, and their pixels are the same.
 
 References
 ----------
@@ -26,7 +26,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias, cast
+from typing import Final, cast
 
 import cv2
 import numpy as np
@@ -35,6 +35,7 @@ from zlib_ng import zlib_ng
 
 from filter_core.errors import ImageError
 from filter_core.images.header import ImageHeader
+from filter_core.images.pixels import ChannelOrder
 from filter_core.images.png import (
     AROUND_BODY,
     END_CHUNK,
@@ -42,8 +43,6 @@ from filter_core.images.png import (
     pixel_parts,
     read_png,
 )
-
-ColorOrder: TypeAlias = Literal["rgb", "bgr"]
 
 # Alpha says nothing about a tag, and a rotation in EXIF is not the camera's.
 _FLAGS: Final = {
@@ -59,7 +58,7 @@ _CONVERSIONS: Final = {
 
 
 def decode_color(
-    content: bytes, header: ImageHeader, order: ColorOrder
+    content: bytes, header: ImageHeader, order: ChannelOrder
 ) -> NDArray[np.uint8] | None:
     """(H, W, 3) uint8 in the given order of channels; None if it is damaged.
 
@@ -79,11 +78,11 @@ def decode_color(
     return _by_opencv(png.uncompressed(), header, _FLAGS[order])
 
 
-def _in_order(pixels: NDArray[np.uint8], order: ColorOrder) -> NDArray[np.uint8]:
+def _in_order(pixels: NDArray[np.uint8], order: ChannelOrder) -> NDArray[np.uint8]:
     conversion = _CONVERSIONS.get((pixels.shape[-1], order))
     if conversion is None:
         return pixels
-    return cast("NDArray[np.uint8]", cv2.cvtColor(pixels, conversion))
+    return np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)
 
 
 def decode_image(

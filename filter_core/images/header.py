@@ -28,7 +28,7 @@ _JPEG_MODELS: Final[dict[int, ColorModel]] = {1: "grey", 3: "rgb", 4: "cmyk"}
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image file promises to contain.
+    """What an image file says that it contains.
 
     Attributes
     ----------

@@ -13,13 +13,16 @@ how long they are; one pixel of each is looked up and counts for the whole run.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.types import BoolArray, IntArray, Mask
+
+ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
+"""Of three colour channels, in an array or in a file."""
 
 Codes: TypeAlias = NDArray[np.uint8]
 """Small numbers for colours: of some pixels, or a table of those of all 2^24."""
@@ -143,20 +146,20 @@ def count_codes(pixels: NDArray[np.uint8], table: Codes) -> IntArray:
     is looked up and counts for the whole run. Images without runs are looked up whole.
     """
     counts = np.zeros(256, dtype=np.int64)
-    values: list[NDArray[Any]] = []
+    codes: list[Codes] = []
     lengths: list[IntArray] = []
     for strip in _strips(pixels):
         ends = run_ends(strip)
         if len(ends) * _SHORTEST_MEAN_RUN > len(strip):
             counts += np.bincount(codes_of(strip, table), minlength=256)
         else:
-            values.append(strip[ends])
+            codes.append(codes_of(strip[ends], table))
             lengths.append(run_lengths(ends))
-    if values:
-        found: PixelValues = np.concatenate(values)
-        codes = codes_of(found, table)
+    if codes:
         # Weights are float64: exact for whole numbers of pixels.
-        weighed = np.bincount(codes, weights=np.concatenate(lengths), minlength=256)
+        weighed = np.bincount(
+            np.concatenate(codes), weights=np.concatenate(lengths), minlength=256
+        )
         counts += weighed.astype(np.int64)
     return counts
 
@@ -212,12 +215,12 @@ def _codes_counted(counts: IntArray) -> list[int]:
     return [int(code) for code in np.flatnonzero(counts)]
 
 
-def run_ends(flat: NDArray[Any], stops: IntArray | None = None) -> IntArray:
+def run_ends(flat: PixelValues, stops: IntArray | None = None) -> IntArray:
     """The index of the last element of each run of equal elements.
 
     Parameters
     ----------
-    flat : (N,) of integers
+    flat : (N,) of values
     stops : ascending indexes, optional
         A run also ends before each of these; 0 is none.
 

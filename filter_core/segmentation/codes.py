@@ -15,16 +15,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.images.pixels import Codes, PixelValues, codes_of, values_of
+from filter_core.images.pixels import (
+    ChannelOrder,
+    Codes,
+    PixelValues,
+    codes_of,
+    values_of,
+)
 from filter_core.segmentation.palettes import FAMILIES, RGB, palette_of
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
-
-ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
 
 ORDERS: Final[tuple[ChannelOrder, ...]] = ("rgb", "bgr")
 
@@ -34,7 +38,7 @@ NO_FAMILY: Final = 0
 _N_COLORS: Final = 1 << 24
 
 COLOR_BITS: Final = _N_COLORS - 1
-"""What of a pixel's value is its packed colour; the upper byte is alpha."""
+"""The bits of a pixel's value that are its packed colour; above them is alpha."""
 
 
 def packed(rgb: RGB, order: ChannelOrder = "rgb") -> int:

@@ -1,4 +1,4 @@
-"""The door to segmentations: a file or an array of tags in, a `Segmentation` out.
+"""Reading segmentations: a file or an array of tags in, a `Segmentation` out.
 
 `read_segmentation` reads an image file of any form that CARLA or its users write, by
 what is known of it (`SegmentationOptions`) and what its colours show, or refuses it and
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Final, Literal, Protocol, TypeAlias
 
 import cv2
 import numpy as np
@@ -23,14 +23,14 @@ from filter_core.images.header import (
     read_image_header,
     require_size,
 )
-from filter_core.images.pixels import count_codes, occurring_codes
+from filter_core.images.pixels import ChannelOrder, count_codes, occurring_codes
 from filter_core.segmentation.codes import (
     NO_FAMILY,
-    ChannelOrder,
     Segmentation,
     exact_codes,
 )
 from filter_core.segmentation.palettes import (
+    FAMILIES,
     PAPER_TABLE,
     UnknownVersion,
     family_of_version,
@@ -47,6 +47,15 @@ from filter_core.segmentation.tags import (
 )
 from filter_core.types import TagImage
 
+PALETTES: Final = ("auto", *FAMILIES)
+"""What can be said of a segmentation's tag family."""
+
+Encoding: TypeAlias = Literal["auto", "palette", "raw"]
+
+OrderOfChannels: TypeAlias = Literal["auto", "rgb", "bgr"]
+
+Lossy: TypeAlias = Literal["refuse", "nearest"]
+
 _FIELDS = ("palette", "encoding", "channel_order", "lossy")
 
 
@@ -56,11 +65,11 @@ class NamesReading(Protocol):
     @property
     def palette(self) -> str: ...
     @property
-    def encoding(self) -> str: ...
+    def encoding(self) -> Encoding: ...
     @property
-    def channel_order(self) -> str: ...
+    def channel_order(self) -> OrderOfChannels: ...
     @property
-    def lossy_segmentation(self) -> str: ...
+    def lossy_segmentation(self) -> Lossy: ...
 
 
 @dataclass(frozen=True)
@@ -80,22 +89,21 @@ class SegmentationOptions:
     """
 
     palette: str = "auto"
-    encoding: Literal["auto", "palette", "raw"] = "auto"
-    channel_order: Literal["auto", "rgb", "bgr"] = "auto"
-    lossy: Literal["refuse", "nearest"] = "refuse"
+    encoding: Encoding = "auto"
+    channel_order: OrderOfChannels = "auto"
+    lossy: Lossy = "refuse"
     carla_version: str | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def named_by(cls, source: NamesReading) -> SegmentationOptions:
         """What a configuration or a dataset says, whose words have been checked."""
-        words: dict[str, Any] = {
-            "palette": source.palette,
-            "encoding": source.encoding,
-            "channel_order": source.channel_order,
-            "lossy": source.lossy_segmentation,
-        }
-        return cls(**words)
+        return cls(
+            palette=source.palette,
+            encoding=source.encoding,
+            channel_order=source.channel_order,
+            lossy=source.lossy_segmentation,
+        )
 
     @classmethod
     def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
@@ -112,24 +120,32 @@ class SegmentationOptions:
             ``segmentation_contradiction``, naming both, if two of them differ.
         """
         unset = cls()
-        chosen: dict[str, str] = {}
+        by = dict.fromkeys(_FIELDS, unset)
         sources: dict[str, str] = {}
         for source, layer in layers.items():
             for name in _FIELDS:
                 value = getattr(layer, name)
                 if value == getattr(unset, name):
                     continue
-                if chosen.setdefault(name, value) != value:
+                if name not in sources:
+                    sources[name], by[name] = source, layer
+                elif getattr(by[name], name) != value:
                     raise contradiction(
-                        f"{sources[name]} says {name} {chosen[name]}, "
+                        f"{sources[name]} says {name} {getattr(by[name], name)}, "
                         f"{source} says {value}"
                     )
-                sources.setdefault(name, source)
         version = next(
             (layer.carla_version for layer in layers.values() if layer.carla_version),
             None,
         )
-        return cls(**chosen, carla_version=version, sources=sources)  # type: ignore[arg-type]  # each value comes from the field of its name
+        return cls(
+            palette=by["palette"].palette,
+            encoding=by["encoding"].encoding,
+            channel_order=by["channel_order"].channel_order,
+            lossy=by["lossy"].lossy,
+            carla_version=version,
+            sources=sources,
+        )
 
 
 def read_segmentation(

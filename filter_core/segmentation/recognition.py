@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from filter_core.errors import SegmentationError
+from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import (
     KNOWN_COLORS,
     ORDERS,
-    ChannelOrder,
     tags_of_codes,
     unpacked,
 )
@@ -65,7 +65,7 @@ class Named:
         return (self.sources or {}).get(what, "the caller")
 
     def allows(self, reading: Reading) -> bool:
-        """Whether nothing that was named speaks against this reading."""
+        """Whether this reading agrees with all that was named."""
         return self.family in (None, reading.family) and self.order in (
             None,
             reading.order,

@@ -20,11 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.errors import SegmentationError
-from filter_core.images.pixels import Codes, codes_of, count_codes, values_of
+from filter_core.images.pixels import (
+    ChannelOrder,
+    Codes,
+    codes_of,
+    count_codes,
+    values_of,
+)
 from filter_core.segmentation.codes import (
     COLOR_BITS,
     NO_FAMILY,
-    ChannelOrder,
     PixelCodes,
     Segmentation,
     exact_codes,
@@ -51,7 +56,7 @@ from filter_core.segmentation.recognition import (
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
 _MAX_SENSELESS_PERCENT: Final = 1.0
-"""An image with a larger share of colours or tags of no family is not believed."""
+"""An image with a larger share of colours or tags of no family is refused."""
 
 _LOSSY_FLOOR_PERCENT: Final = 0.1
 """A lossy colour must cover this much to count: blends at edges imitate others."""
@@ -171,7 +176,7 @@ def _unknown_notes(
 
 
 def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation:
-    """A segmentation whose colours have suffered: each pixel by the nearest colour.
+    """A segmentation whose colours a lossy format changed: by the nearest colour.
 
     Parameters
     ----------

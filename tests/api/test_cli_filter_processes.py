@@ -17,8 +17,8 @@ from filter_core.config.filter import FilterConfig
 from filter_core.formats.registry import read_source
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
-from unghost.cli import filter_work
-from unghost.cli.filter_work import FEWEST_FRAMES, FEWEST_PROCESSES, decided_lines
+from unghost.cli import filter_local
+from unghost.cli.filter_local import FEWEST_FRAMES, FEWEST_PROCESSES, decided_lines
 
 DONE, REFUSED = 0, 1
 WORKERS = FEWEST_PROCESSES
@@ -70,7 +70,7 @@ def test_processes_write_what_threads_write(tmp_path, monkeypatch):
     config = FilterConfig.from_mapping({"threshold_small_box": 30})
     by_threads = list(decided_lines(found, config, WORKERS))
 
-    monkeypatch.setattr(filter_work, "FEWEST_FRAMES", 1)
+    monkeypatch.setattr(filter_local, "FEWEST_FRAMES", 1)
     by_processes = list(decided_lines(found, config, WORKERS))
 
     assert by_processes == by_threads
@@ -123,7 +123,7 @@ def test_frames_that_end_a_process_are_named(marked, tmp_path):
 
 
 def test_who_stops_listening_is_not_worked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(filter_work, "FEWEST_FRAMES", 1)
+    monkeypatch.setattr(filter_local, "FEWEST_FRAMES", 1)
     found, read = read_source(many(tmp_path, 5000)), []
 
     def frames():

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from unghost.capture.errors import ScenarioError
+from unghost.capture.simulator import ScenarioError
 
 CALM = {"frames": 1, "camera": {"width": 48, "height": 32}, "walkers": {}}
 

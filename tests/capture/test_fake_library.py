@@ -9,14 +9,15 @@ import carla
 import pytest
 
 from tests.capture.fake_carla.library import FAKES, VALUES
+from unghost.capture import simulator as known
 from unghost.capture.blueprints import NUMBERS
-from unghost.capture.carla_words import (
+from unghost.capture.rig import BLUEPRINTS
+from unghost.capture.simulator import (
     MAP_LAYERS,
     VEHICLE_LIGHTS,
     WEATHER_PARAMETERS,
     WEATHER_PRESETS,
 )
-from unghost.capture.rig import BLUEPRINTS
 
 # What the fakes have for the tests alone, beside what the library has.
 OWN = {
@@ -31,8 +32,39 @@ def public(thing):
     return {name for name in {*dir(thing), *fields} if not name.startswith("_")}
 
 
-PROTOCOLS = ("__iter__", "__len__", "__getitem__")
+OPERATORS = ("__iter__", "__len__", "__getitem__")
 """What makes a `for` and a `[0]` work; the library's texts say nothing of them."""
+PROTOCOLS = {
+    known.Vector: ("Location", "Vector3D"),
+    known.Turn: ("Rotation",),
+    known.Pose: ("Transform",),
+    known.Box: ("BoundingBox",),
+    known.Attribute: ("ActorAttribute",),
+    known.Blueprint: ("ActorBlueprint",),
+    known.BlueprintLibrary: ("BlueprintLibrary",),
+    known.Actor: ("Actor",),
+    known.Vehicle: ("Vehicle",),
+    known.WalkerController: ("WalkerAIController",),
+    known.TrafficLight: ("TrafficLight",),
+    known.Sensor: ("Sensor",),
+    known.Measurement: ("SensorData",),
+    known.Image: ("Image",),
+    known.PointCloud: ("LidarMeasurement", "SemanticLidarMeasurement"),
+    known.Detection: ("RadarDetection",),
+    known.RadarScan: ("RadarMeasurement",),
+    known.ActorList: ("ActorList",),
+    known.ActorSnapshot: ("ActorSnapshot",),
+    known.Timestamp: ("Timestamp",),
+    known.Snapshot: ("WorldSnapshot",),
+    known.EnvironmentObject: ("EnvironmentObject",),
+    known.Settings: ("WorldSettings",),
+    known.Map: ("Map",),
+    known.World: ("World",),
+    known.GlassWorld: ("World",),
+    known.TrafficManager: ("TrafficManager",),
+    known.Client: ("Client",),
+}
+"""The library's classes that each protocol describes."""
 METHODS = [
     (name, method)
     for name, cls in FAKES.items()
@@ -48,9 +80,61 @@ def test_the_real_class_has_everything_the_fake_has(name):
 
 @pytest.mark.parametrize("name", FAKES)
 def test_what_the_fake_lets_one_go_through_the_library_does_as_well(name):
-    offered = {one for one in PROTOCOLS if hasattr(FAKES[name], one)}
+    offered = {one for one in OPERATORS if hasattr(FAKES[name], one)}
 
-    assert offered <= {one for one in PROTOCOLS if hasattr(getattr(carla, name), one)}
+    assert offered <= {one for one in OPERATORS if hasattr(getattr(carla, name), one)}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "name"),
+    [(protocol, name) for protocol, names in PROTOCOLS.items() for name in names],
+)
+def test_the_real_class_has_every_member_that_its_protocol_names(protocol, name):
+    members = {*vars(protocol), *getattr(protocol, "__annotations__", {})}
+    used = {one for one in members if not one.startswith("_")}
+    used |= members & {*OPERATORS}
+
+    assert used
+    assert used <= set(dir(getattr(carla, name)))
+
+
+def test_every_protocol_of_a_class_is_compared_with_it():
+    described = {
+        one
+        for one in vars(known).values()
+        if getattr(one, "_is_protocol", False) and one.__module__ == known.__name__
+    }
+    by_hand = {
+        *(known.AttributeType, known.AttachmentTypes, known.Labels, known.Commands),
+        *(known.Carla, known.Response),
+    }
+
+    assert described - by_hand == {*PROTOCOLS}
+
+
+def test_the_module_and_its_enumerations_have_what_their_protocols_name():
+    assert set(known.Carla.__annotations__) <= set(dir(carla))
+    assert set(known.AttachmentTypes.__annotations__) <= set(dir(carla.AttachmentType))
+    assert set(known.Labels.__annotations__) <= set(dir(carla.CityObjectLabel))
+    assert set(known.Commands.__annotations__) <= set(dir(carla.command))
+    assert "error" in dir(carla.command.Response)
+    assert "name" in dir(carla.ActorAttributeType)
+
+
+@pytest.mark.parametrize(
+    ("kind", "own"),
+    [
+        (known.Vehicle, "Vehicle"),
+        (known.WalkerController, "WalkerAIController"),
+        (known.TrafficLight, "TrafficLight"),
+        (known.Sensor, "Sensor"),
+    ],
+)
+def test_the_kinds_of_actors_are_told_apart(kind, own):
+    names = ("Vehicle", "Walker", "WalkerAIController", "TrafficLight", "Sensor")
+
+    assert [name for name in names if issubclass(getattr(carla, name), kind)] == [own]
+    assert [name for name in names if issubclass(FAKES[name], kind)] == [own]
 
 
 def test_kinds_of_attributes_are_named_as_the_library_names_them():

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from tests.capture.fake_carla.simulator import at
-from unghost.capture.errors import CaptureError
+from unghost.capture.simulator import CaptureError
 
 
 def frames(stage):

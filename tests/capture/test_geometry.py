@@ -11,9 +11,9 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.pose import Transform
 from unghost.capture.objects import Named, SeenObject, local_box
-from unghost.capture.poses import as_transform
 from unghost.capture.rig import pose_of
-from unghost.capture.scenario_parts import Mount
+from unghost.capture.scenario import Mount
+from unghost.capture.simulator import as_transform
 from unghost.capture.traffic import light_state
 from unghost.capture.weather import as_numbers, parameters
 

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from unghost.capture.errors import CaptureError
+from unghost.capture.simulator import CaptureError
 
 CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
 
@@ -90,3 +90,19 @@ def test_another_scenario_does_not_go_on_in_the_same_folder(stage):
         stage.capture(**CALM, seed=5)
 
     assert len(frames(stage)) == 3
+
+
+@pytest.mark.parametrize(
+    ("ego", "words"),
+    [
+        ({"autopilot": True}, "no vehicle: it cannot drive"),
+        ({"autopilot": False, "lights": ["Fog"]}, "no vehicle: it has no lights"),
+    ],
+)
+def test_what_only_a_vehicle_can_do_is_refused_for_other_blueprints(stage, ego, words):
+    walker = {"blueprint": "walker.pedestrian.0001", "spawn_point": 0}
+
+    with pytest.raises(CaptureError, match=words):
+        stage.capture(**CALM, ego={**walker, **ego})
+
+    assert stage.left_behind() == {}

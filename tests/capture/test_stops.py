@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from unghost.capture.errors import SimulatorAway
+from unghost.capture.simulator import SimulatorAway
 
 CALM = {"frames": 3, "camera": {"width": 48, "height": 32}}
 TICK = 12

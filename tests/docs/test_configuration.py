@@ -7,13 +7,20 @@ import yaml
 from app.settings import Settings
 from filter_core.config.filter import FilterConfig
 from tests.docs.documents import blocks, read
-from tools.reference import PARTS, part_pattern, settings_table
+from tools.reference import (
+    PARTS,
+    configuration_table,
+    part_pattern,
+    settings_table,
+)
 
 
-def test_the_first_example_is_the_default_configuration():
-    example = yaml.safe_load(blocks(read("docs/configuration.md"), "yaml")[0])
+def test_the_table_has_every_key_and_its_default():
+    rows = [row.split(" | ") for row in configuration_table()][2:]
 
-    assert example == FilterConfig().as_dict()
+    assert {row[0].strip("|` "): yaml.safe_load(row[1].strip("`")) for row in rows} == (
+        FilterConfig().as_dict()
+    )
 
 
 def test_every_example_is_a_valid_configuration():

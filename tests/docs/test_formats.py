@@ -7,27 +7,49 @@ from typing import get_args
 
 import pytest
 
-from app.schemas.runs import ExportIn, ExportOptions
-from filter_core.formats.registry import LAYOUTS
+from filter_core.formats.registry import FORMATS, LAYOUTS
 from tests.docs.documents import read
+from tools.reference import part_pattern
+from unghost.wire.runs import ExportIn, ExportOptions
 
-COMING_IN, GOING_OUT = read("docs/formats.md").split("## What goes out")
-
-
-def rows(text, header):
-    """First cells of the table below a header row that starts so."""
-    table = text.split(f"| {header} |")[1].split("\n\n")[0]
-    return re.findall(r"^\| `([\w-]+)` \|", table, re.MULTILINE)
+DOCUMENT = read("docs/formats.md")
+_, GOING_OUT = DOCUMENT.split("## What goes out")
 
 
-def test_every_layout_is_described():
-    assert rows(COMING_IN, "layout") == [name for name in LAYOUTS if name != "auto"]
+def rows_with(column):
+    """First cells of the rows of the table of formats that have something there."""
+    part = part_pattern("formats").search(DOCUMENT)
+    assert part is not None
+    header, _, *rows = (line.strip("| ").split(" | ") for line in part[2].splitlines())
+    assert header == [
+        "format",
+        "title",
+        "what it holds",
+        "read, recognised by",
+        "written",
+    ]
+    at = header.index(column)
+    padded = ([*row, *[""] * len(header)] for row in rows)
+    return [row[0].strip("`") for row in padded if row[at].strip()]
 
 
-def test_every_export_format_is_described():
+def test_the_table_has_every_layout():
+    found = rows_with("read, recognised by")
+
+    assert found == [name for name in LAYOUTS if name != "auto"]
+
+
+def test_the_table_has_every_format_that_the_api_exports():
     formats = get_args(ExportIn.model_fields["format"].annotation)
 
-    assert rows(GOING_OUT, "format") == list(formats)
+    assert rows_with("written") == list(formats)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_says_what_it_holds(name):
+    assert FORMATS[name].title
+    assert FORMATS[name].holds
+    assert "|" not in FORMATS[name].holds + FORMATS[name].recognised_by
 
 
 @pytest.mark.parametrize("option", ExportOptions.model_fields)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from app.schemas.runs import ExportOut, RunOut
 from tests.api import archives
 from tests.hostile.openapi_cases import DATASET, SCHEMA, populate
+from unghost.wire.runs import Export, Run
 
 pytestmark = pytest.mark.long
 
@@ -63,8 +63,8 @@ def test_files_and_parts_of_them_are_documented(api, ids, path, headers, status)
 @pytest.mark.parametrize(
     ("path", "name", "model"),
     [
-        ("/runs/{run_id}/events", "run_id", RunOut),
-        ("/exports/{export_id}/events", "export_id", ExportOut),
+        ("/runs/{run_id}/events", "run_id", Run),
+        ("/exports/{export_id}/events", "export_id", Export),
     ],
 )
 def test_a_stream_of_events_is_documented_event_by_event(api, ids, path, name, model):

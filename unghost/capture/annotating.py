@@ -1,36 +1,54 @@
-"""The annotation of one recorded tick: camera, sensors, boxes, and its story."""
+"""The annotation of one recorded tick: camera, sensors, boxes, and how it came about.
+
+CARLA says twice where a sensor stood: in its measurement and in the world's snapshot.
+Both are stored; which one the boxes are projected with depends on CARLA's version.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Final
 
 import numpy as np
 
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.pose import Transform, Triple
 from filter_core.types import FloatArray
-from unghost.capture.actor_boxes import ActorBoxes
-from unghost.capture.map_boxes import map_boxes, without_duplicates
+from unghost.capture.boxes import ActorBoxes, map_boxes, without_duplicates
+from unghost.capture.folder import MANIFEST_KEYS, FrameRecord
 from unghost.capture.objects import SeenObject
-from unghost.capture.poses import SensorPose, as_transform, sensor_pose
 from unghost.capture.rig import RunningSensor, main_camera
 from unghost.capture.session import Session
-from unghost.capture.simulator import Actor, Measurement, Snapshot
+from unghost.capture.simulator import (
+    Actor,
+    Measurement,
+    Snapshot,
+    as_image,
+    as_transform,
+    has_wrong_metadata,
+)
 from unghost.capture.weather import as_numbers
 
-_POINT_SENSORS = {
-    "semantic_lidar": "lidar",
-    "lidar": "lidar_intensity",
-    "radar": "radar",
-}
+_POINT_SENSORS: Final = ("semantic_lidar", "lidar", "radar")
+_MAX_SHIFT_M: Final = 0.01
+_MAX_TURN_DEG: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """Everything that was measured at one tick."""
+    """Everything that was measured at one tick.
+
+    Attributes
+    ----------
+    snapshot : Snapshot
+    measured : mapping
+        What each sensor measured, by its name.
+    before, after : Snapshot or None
+        Of the ticks beside it, where the images may show one of these instead.
+    """
 
     snapshot: Snapshot
     measured: Mapping[str, Measurement]
@@ -40,7 +58,18 @@ class Moment:
 
 @dataclass(eq=False)
 class Annotator:
-    """Makes annotations of moments; counts what got no box, and why."""
+    """Makes annotations of moments; counts what got no box, and why.
+
+    Attributes
+    ----------
+    session : Session
+    ego : Actor
+    sensors : sequence of RunningSensor
+    left_out : Counter
+        Objects without a box, by reason, summed over all frames.
+    poses_differ : int
+        Frames whose image said another camera pose than the world did.
+    """
 
     session: Session
     ego: Actor
@@ -57,30 +86,47 @@ class Annotator:
         )
         self._static_centres = _centres(self._static)
 
-    def annotate(self, moment: Moment) -> dict[str, Any]:
-        """The frame's annotation."""
+    def annotate(
+        self, moment: Moment, *, captured_at: str, missed_before: int
+    ) -> FrameRecord:
+        """The frame's line in the manifest.
+
+        Parameters
+        ----------
+        moment : Moment
+        captured_at : str
+            ISO 8601, UTC.
+        missed_before : int
+            Ticks of this capture that could not be recorded so far.
+        """
         session, camera = self.session, self.session.scenario.camera
         poses = self._poses(moment)
         main = poses[main_camera(session.scenario)]
         self.poses_differ += main.differs
-        shown = moment.measured[main_camera(session.scenario)]
+        shown = as_image(moment.measured[main_camera(session.scenario)])
         return {
             "carla_version": session.server_version,
             "map": session.map_name,
             "weather": as_numbers(session.world.get_weather()),
             "camera": {
-                "width": int(shown.width),
-                "height": int(shown.height),
+                "width": shown.width,
+                "height": shown.height,
                 "fov": camera.fov,
                 "transform": main.used.as_dict(),
             },
             "sensors": {
-                called: {"transform": poses[name].used.as_dict()}
-                for name, called in _POINT_SENSORS.items()
+                MANIFEST_KEYS[name]: {"transform": poses[name].used.as_dict()}
+                for name in _POINT_SENSORS
                 if name in poses
             },
             "boxes": self._boxes(moment.snapshot, main.used),
-            "extra": {"capture": self._story(moment, main)},
+            "extra": {
+                "capture": {
+                    **self._story(moment, main),
+                    "missed_before": missed_before,
+                }
+            },
+            "captured_at": captured_at,
         }
 
     def _poses(self, moment: Moment) -> dict[str, SensorPose]:
@@ -92,9 +138,9 @@ class Annotator:
             for one in self.sensors
         }
 
-    def _boxes(self, snapshot: Snapshot, camera: Transform) -> list[dict[str, Any]]:
+    def _boxes(self, snapshot: Snapshot, camera: Transform) -> list[dict[str, object]]:
         rules = self.session.scenario.boxes
-        actors = self._actors.seen(snapshot, int(self.ego.id), self.left_out)
+        actors = self._actors.seen(snapshot, self.ego.id, self.left_out)
         taken = _centres(actors)
         static = without_duplicates(
             self._static, self._static_centres, taken, self.left_out
@@ -108,11 +154,11 @@ class Annotator:
                 self.left_out["out_of_range"] += 1
         return found
 
-    def _story(self, moment: Moment, main: SensorPose) -> dict[str, Any]:
+    def _story(self, moment: Moment, main: SensorPose) -> dict[str, object]:
         snapshot, session = moment.snapshot, self.session
-        story: dict[str, Any] = {
-            "frame": int(snapshot.frame),
-            "elapsed_s": round(float(snapshot.timestamp.elapsed_seconds), 6),
+        story: dict[str, object] = {
+            "frame": snapshot.frame,
+            "elapsed_s": round(snapshot.timestamp.elapsed_seconds, 6),
             "client_version": session.client_version,
             "poses": {
                 "image": main.measured.as_dict(),
@@ -126,14 +172,14 @@ class Annotator:
                 story[name] = self._neighbour(other)
         return story
 
-    def _neighbour(self, snapshot: Snapshot) -> dict[str, Any]:
+    def _neighbour(self, snapshot: Snapshot) -> dict[str, object]:
         """Poses one tick earlier or later, to find a lag of the images offline."""
         camera = main_camera(self.session.scenario)
         sensor = next(one.actor.id for one in self.sensors if one.name == camera)
         actors = {
             str(one.id): as_transform(one.get_transform()).as_dict()
             for one in snapshot
-            if int(one.id) in self._actors.known_ids
+            if one.id in self._actors.known_ids
         }
         return {"camera": self._pose_in(snapshot, sensor), "actors": actors}
 
@@ -154,3 +200,44 @@ def _distances(objects: Sequence[SeenObject], camera: Transform) -> list[float]:
     centres = _corners(objects).mean(axis=1)
     metres: list[float] = np.linalg.norm(centres - camera.location, axis=1).tolist()
     return metres
+
+
+@dataclass(frozen=True)
+class SensorPose:
+    """Where a sensor stood, as its measurement says and as the snapshot says.
+
+    Attributes
+    ----------
+    measured, snapshot : Transform
+        `snapshot` is what the actor says where the snapshot does not have it.
+    used : Transform
+        The one to project with.
+    """
+
+    measured: Transform
+    snapshot: Transform
+    used: Transform
+
+    @property
+    def differs(self) -> bool:
+        """Whether they are further apart than rounding explains."""
+        return differs(self.measured, self.snapshot)
+
+
+def sensor_pose(
+    measurement: Measurement, sensor: Actor, snapshot: Snapshot, version: str
+) -> SensorPose:
+    """The poses of a sensor at one tick; which one is used depends on the version."""
+    measured = as_transform(measurement.transform)
+    found = snapshot.find(sensor.id)
+    there = as_transform((sensor if found is None else found).get_transform())
+    used = there if has_wrong_metadata(version) else measured
+    return SensorPose(measured, there, used)
+
+
+def differs(one: Transform, other: Transform) -> bool:
+    """Further apart than a centimetre, or turned by more than a tenth of a degree."""
+    if math.dist(one.location, other.location) > _MAX_SHIFT_M:
+        return True
+    turns = zip(one.rotation, other.rotation, strict=True)
+    return any(abs((a - b + 180) % 360 - 180) > _MAX_TURN_DEG for a, b in turns)

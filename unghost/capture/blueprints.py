@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from typing import Final
 
 from filter_core.values import nearest
-from unghost.capture.errors import ScenarioError
-from unghost.capture.scenario_parts import AttributeValue, Generation, Wheels
-from unghost.capture.simulator import Blueprint, World
+from unghost.capture.scenario import AttributeValue, Generation, Wheels
+from unghost.capture.simulator import Blueprint, ScenarioError, World
 
 NUMBERS: Final = frozenset({"Int", "Float"})
 """Kinds of attributes whose text has to be a number."""

@@ -1,4 +1,9 @@
-"""carlasimu's seven YAML files as one scenario."""
+"""The seven YAML files of the program carlasimu, as one scenario.
+
+Every key is either taken over, named in a note, or refused: nothing is passed over in
+silence. The file that a fault is in is known, because each is converted, and the
+scenario checked, by itself.
+"""
 
 from __future__ import annotations
 
@@ -11,39 +16,19 @@ import yaml
 
 from filter_core.classes import class_of
 from filter_core.values import nearest
-from unghost.capture.carla_words import MAP_LAYERS, VEHICLE_LIGHTS
-from unghost.capture.carlasimu_sensors import sensors_of
-from unghost.capture.carlasimu_values import (
-    list_of,
-    mapping_of,
-    number_of,
-    refuse_unknown,
-)
-from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import parse_scenario, read_yaml
+from unghost.capture.simulator import (
+    LENS_ATTRIBUTES,
+    MAP_LAYERS,
+    VEHICLE_LIGHTS,
+    ScenarioError,
+)
 
 _TOP: Final = "sitting"
 """carlasimu's own spelling of the key that everything stands under."""
-FILES: Final = (
-    "data.yaml",
-    "sensors.yaml",
-    "weather.yaml",
-    "mapLayer.yaml",
-    "boundingBox.yaml",
-    "vehicles_name.yaml",
-    "color_segmentation.yaml",
-)
 _LAYERS: Final = {"building": "Buildings"}
-_DATA_KEYS: Final = frozenset(
-    {
-        "host", "port", "tm_port", "asynch", "hybrid", "no_rendering", "synchronous",
-        "apply_settings", "safe", "filterv", "filterw", "number_of_wheels",
-        "generationv", "generationw", "number_of_vehicles", "number_of_walkers",
-        "car_lights_on", "hero", "respawn", "global_distance_to_leading_vehicle",
-        "physics_mode", "physics_radius", "light_state", "seed", "seedw", "set_timeout",
-        "wait_for_tick", "fixed_delta_seconds",
-    }
-)  # fmt: skip
+"""Layers that have another name in mapLayer.yaml than in CARLA."""
+# Keys of data.yaml, and where their values belong.
 _PLAIN: Final = {
     "host": "host",
     "port": "port",
@@ -64,20 +49,43 @@ _VEHICLES: Final = {
     "safe": "safe",
     "car_lights_on": "automatic_lights",
 }
+_WALKERS: Final = {"filterw": "filter", "seedw": "seed"}
+_GAITS: Final = {"stand": "standing", "walk": "walking", "run": "running"}
 _WITHOUT_MEANING: Final = ("apply_settings", "hero", "physics_mode", "wait_for_tick")
+_DATA_KEYS: Final = frozenset(
+    {
+        *_PLAIN, *_MANAGER, *_VEHICLES, *_WALKERS, *_WITHOUT_MEANING,
+        "number_of_wheels", "generationv", "generationw", "number_of_walkers",
+        "light_state", "asynch", "synchronous", "no_rendering",
+    }
+)  # fmt: skip
+# Keys of boundingBox.yaml.
+_RECORDED: Final = {
+    "cam_rgb": ("rgb", True),
+    "image_segmentation": ("segmentation", True),
+    "depth_image_sensor": ("depth", False),
+    "lidar_sensor": ("lidar", False),
+    "radar_sensor": ("radar", False),
+}
+"""The sensor that a part is about, and whether it is recorded by default."""
 _BOX_KEYS: Final = frozenset(
     {
-        "cam_rgb", "image_segmentation", "radar_sensor", "lidar_sensor",
-        "depth_image_sensor", "fiter_boundinbox", "threshold_small_box", "size_big_box",
+        *_RECORDED, "fiter_boundinbox", "threshold_small_box", "size_big_box",
         "threshold_big_box", "time_screen_shot",
     }
 )  # fmt: skip
-
-
-_SENSOR_PARTS: Final = (
-    *("cam_rgb", "image_segmentation", "radar_sensor", "lidar_sensor"),
-    "depth_image_sensor",
-)
+# Keys of sensors.yaml.
+_NAMES: Final = {
+    "rgb_camera": "rgb",
+    "semantic_segmentation_camera": "segmentation",
+    "depth_camera": "depth",
+    "lidar_sensor": "lidar",
+    "semantic_lidar": "semantic_lidar",
+    "radar_sensor": "radar",
+}
+_CAMERAS: Final = ("rgb_camera", "semantic_segmentation_camera", "depth_camera")
+_SHARED: Final = {"image_size_x": "width", "image_size_y": "height", "fov": "fov"}
+_NOT_ATTRIBUTES: Final = frozenset({"location", "sensor_tick", *_SHARED})
 
 
 @dataclass
@@ -108,14 +116,14 @@ def convert_carlasimu(folder: Path) -> Conversion:
     ScenarioError
         No such file at all, an unknown key (names the nearest), or a wrong value.
     """
-    found = {name: _read(folder / name) for name in FILES if (folder / name).is_file()}
-    if not found:
-        raise ScenarioError(f"{folder.name}: none of {', '.join(FILES)} is there")
+    there = [name for name in _CONVERTERS if (folder / name).is_file()]
+    if not there:
+        raise ScenarioError(f"{folder.name}: none of {', '.join(_CONVERTERS)} is there")
+    found = {name: _read(folder / name) for name in there}
     result = Conversion()
-    for name in FILES:
-        if name in found:
-            _CONVERTERS[name](found[name], result)
-            parse_scenario(result.scenario, name)
+    for name, given in found.items():
+        _CONVERTERS[name](given, result)
+        parse_scenario(result.scenario, name)
     return result
 
 
@@ -124,11 +132,11 @@ def _read(path: Path) -> Mapping[str, Any]:
     inner = document.get(_TOP) if isinstance(document, Mapping) else None
     if not isinstance(inner, Mapping):
         raise ScenarioError(f"{path.name}: expected keys under {_TOP!r}")
-    return mapping_of(inner, path.name)
+    return _mapping(inner, path.name)
 
 
 def _data(given: Mapping[str, Any], result: Conversion) -> None:
-    refuse_unknown(given, _DATA_KEYS, "data.yaml")
+    _refuse_unknown(given, _DATA_KEYS, "data.yaml")
     scenario = result.scenario
     scenario.update(_taken(given, _PLAIN))
     scenario["traffic_manager"] = _taken(given, _MANAGER)
@@ -136,7 +144,7 @@ def _data(given: Mapping[str, Any], result: Conversion) -> None:
     for name, key in (("number_of_wheels", "wheels"), ("generationv", "generation")):
         if name in given:
             vehicles[key] = _number_or_all(given[name])
-    lights = mapping_of(given.get("light_state"), "data.yaml: light_state")
+    lights = _mapping(given.get("light_state"), "data.yaml: light_state")
     vehicles["lights"] = _lights(lights)
     scenario["vehicles"] = vehicles
     scenario["walkers"] = _walkers(given)
@@ -150,14 +158,13 @@ def _data(given: Mapping[str, Any], result: Conversion) -> None:
 
 
 def _walkers(given: Mapping[str, Any]) -> dict[str, Any]:
-    walkers = _taken(given, {"filterw": "filter", "seedw": "seed"})
+    walkers = _taken(given, _WALKERS)
     if "generationw" in given:
         walkers["generation"] = _number_or_all(given["generationw"])
     at = "data.yaml: number_of_walkers"
-    counts = mapping_of(given.get("number_of_walkers"), at)
-    names = {"stand": "standing", "walk": "walking", "run": "running"}
-    refuse_unknown(counts, frozenset(names), at)
-    return {**walkers, **_taken(counts, names)}
+    counts = _mapping(given.get("number_of_walkers"), at)
+    _refuse_unknown(counts, frozenset(_GAITS), at)
+    return {**walkers, **_taken(counts, _GAITS)}
 
 
 def _lights(states: Mapping[str, Any]) -> list[str]:
@@ -177,29 +184,97 @@ def _number_or_all(value: object) -> object:
     return int(text) if text.isdecimal() else text
 
 
+def _sensors(given: Mapping[str, Any], result: Conversion) -> None:
+    result.scenario.update(_camera_and_sensors(given, result.notes))
+
+
+def _camera_and_sensors(given: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
+    """`camera` and `sensors` of a scenario, from what stands in sensors.yaml."""
+    _refuse_unknown(given, frozenset(_NAMES), "sensors.yaml")
+    given = {
+        name: _mapping(one, f"sensors.yaml: {name}") for name, one in given.items()
+    }
+    nothing: Mapping[str, Any] = {}
+    first = next((given[name] for name in _CAMERAS if name in given), nothing)
+    lens = _lens(first)
+    for name in _CAMERAS:
+        other = given.get(name)
+        if other is not None and _geometry(other) != _geometry(first):
+            notes.append(
+                f"sensors.yaml: {name} differs from the other cameras; all cameras "
+                "share one size, place and lens here"
+            )
+    camera = {ours: first[name] for name, ours in _SHARED.items() if name in first}
+    camera |= {"mount": mount} if (mount := _mount(first, "camera")) else {}
+    camera |= {"lens": lens} if lens else {}
+    return {
+        "camera": camera,
+        "sensors": {
+            _NAMES[name]: _sensor(name, one, notes) for name, one in given.items()
+        },
+    }
+
+
+def _geometry(camera: Mapping[str, Any]) -> tuple[object, ...]:
+    sizes = tuple(camera.get(name) for name in _SHARED)
+    return (*sizes, camera.get("location"), _lens(camera))
+
+
+def _lens(camera: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in camera.items() if name in LENS_ATTRIBUTES}
+
+
+def _mount(sensor: Mapping[str, Any], name: str) -> dict[str, float]:
+    location = sensor.get("location")
+    if location is None:
+        return {}
+    at = f"sensors.yaml: {name}.location"
+    if not isinstance(location, list) or len(location) != 2:
+        raise ScenarioError(f"{at}: expected x and z")
+    return {"x": _number(location[0], at), "z": _number(location[1], at)}
+
+
+def _sensor(name: str, sensor: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
+    if sensor.get("sensor_tick"):
+        notes.append(
+            f"sensors.yaml: {name}.sensor_tick is not used: it drifts against the "
+            "world's ticks; interval_s says when a frame is recorded"
+        )
+    lens = _lens(sensor) if name in _CAMERAS else {}
+    attributes = {
+        key: value
+        for key, value in sensor.items()
+        if key not in _NOT_ATTRIBUTES and key not in lens
+    }
+    if name in _CAMERAS:
+        return {"attributes": attributes}
+    mount = _mount(sensor, name)
+    return {**({"mount": mount} if mount else {}), "attributes": attributes}
+
+
 def _weather(given: Mapping[str, Any], result: Conversion) -> None:
     numbers = {
-        name: number_of(value, f"weather.yaml: {name}") for name, value in given.items()
+        name: _number(value, f"weather.yaml: {name}") for name, value in given.items()
     }
     result.scenario["weather"] = {"parameters": numbers}
 
 
 def _map_layers(given: Mapping[str, Any], result: Conversion) -> None:
     known = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
-    refuse_unknown(given, frozenset(known), "mapLayer.yaml")
+    _refuse_unknown(given, frozenset(known), "mapLayer.yaml")
     # A layer that is there already need not be loaded.
     off = {known[name]: False for name, wanted in given.items() if wanted is False}
     result.scenario["map_layers"] = off
 
 
 def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
-    refuse_unknown(given, _BOX_KEYS, "boundingBox.yaml")
+    _refuse_unknown(given, _BOX_KEYS, "boundingBox.yaml")
     parts = {
-        name: mapping_of(given.get(name), f"boundingBox.yaml: {name}")
-        for name in _SENSOR_PARTS
+        name: _mapping(given.get(name), f"boundingBox.yaml: {name}")
+        for name in _RECORDED
     }
     camera, scenario = parts["cam_rgb"], result.scenario
-    actors = mapping_of(camera.get("actors"), "boundingBox.yaml: cam_rgb.actors")
+    actors = _mapping(camera.get("actors"), "boundingBox.yaml: cam_rgb.actors")
     scenario["boxes"] = {
         **_taken(
             camera, {"min_distance": "min_distance", "max_distance": "max_distance"}
@@ -211,15 +286,8 @@ def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
     scenario.update(_taken(camera, {"num_image": "frames"}))
     scenario.update(_taken(given, {"time_screen_shot": "interval_s"}))
     sensors = scenario.setdefault("sensors", {})
-    wanted = {
-        "rgb": ("cam_rgb", True),
-        "segmentation": ("image_segmentation", True),
-        "depth": ("depth_image_sensor", False),
-        "lidar": ("lidar_sensor", False),
-        "radar": ("radar_sensor", False),
-    }
-    for name, (theirs, default) in wanted.items():
-        if not parts[theirs].get("save_to_file", default):
+    for part, (name, default) in _RECORDED.items():
+        if not parts[part].get("save_to_file", default):
             sensors[name] = False
     sensors["semantic_lidar"] = False
     result.notes.append(
@@ -232,7 +300,7 @@ def _vehicles(given: Mapping[str, Any], result: Conversion) -> None:
     named = {
         str(blueprint): name
         for name, blueprints in given.items()
-        for blueprint in list_of(blueprints, f"vehicles_name.yaml: {name}")
+        for blueprint in _list(blueprints, f"vehicles_name.yaml: {name}")
     }
     own = {
         blueprint: name
@@ -250,10 +318,6 @@ def _colors(given: Mapping[str, Any], result: Conversion) -> None:
     )
 
 
-def _sensors(given: Mapping[str, Any], result: Conversion) -> None:
-    result.scenario.update(sensors_of(given, result.notes))
-
-
 def _taken(given: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """Values under our names; an empty one (`seed:`) is as by default."""
     return {
@@ -261,6 +325,45 @@ def _taken(given: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]
         for theirs, ours in names.items()
         if given.get(theirs) is not None
     }
+
+
+def _mapping(value: object, at: str) -> Mapping[str, Any]:
+    """Keys and values; none if nothing is given."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise _wrong(at, "keys and values", value)
+    return {str(key): one for key, one in value.items()}
+
+
+def _list(value: object, at: str) -> list[Any]:
+    """A list; an empty one if nothing is given."""
+    if value is None:
+        return []
+    if not isinstance(value, list):
+        raise _wrong(at, "a list", value)
+    return value
+
+
+def _number(value: object, at: str) -> float:
+    """A number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _wrong(at, "a number", value)
+    return float(value)
+
+
+def _refuse_unknown(given: Mapping[str, Any], known: frozenset[str], at: str) -> None:
+    """`ScenarioError` for the first key that carlasimu does not have."""
+    for key in given:
+        if key not in known:
+            raise ScenarioError(
+                f"{at}: {key}: unknown key; the nearest valid key is "
+                f"{nearest(key, known)!r}"
+            )
+
+
+def _wrong(at: str, expected: str, value: object) -> ScenarioError:
+    return ScenarioError(f"{at}: expected {expected}, found {repr(value)[:60]}")
 
 
 _CONVERTERS: Final[Mapping[str, Callable[[Mapping[str, Any], Conversion], None]]] = {
@@ -272,3 +375,4 @@ _CONVERTERS: Final[Mapping[str, Callable[[Mapping[str, Any], Conversion], None]]
     "vehicles_name.yaml": _vehicles,
     "color_segmentation.yaml": _colors,
 }
+"""What makes of each file a part of the scenario, in the order of its keys."""

@@ -1,37 +1,89 @@
-"""The folder of a capture: files, its manifest, and what makes it go on later."""
+"""The folder of a capture: its files, its manifest, and what lets it go on later.
+
+Images become PNG files without losing a bit of what they mean, points of LiDAR and
+radar binary PLY files. A frame is in the manifest once all its files are whole and
+durable, so a capture that was cut off goes on where it ended.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, TypedDict
 
-from filter_core.formats.manifest import MANIFEST_NAME
-from unghost.capture.errors import CaptureError
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.formats.manifest import MANIFEST_NAME, SEMANTIC_LIDAR_POINT
+from unghost.capture.simulator import (
+    CaptureError,
+    Image,
+    Measurement,
+    PointCloud,
+    RadarScan,
+    as_image,
+)
 
 CAPTURE_NAME: Final = "capture.json"
 _SAME: Final = ("scenario_digest", "carla_version", "map")
-_FOLDERS: Final[Mapping[str, str]] = {
-    "image": "rgb",
+MANIFEST_KEYS: Final[Mapping[str, str]] = {
+    "rgb": "image",
     "segmentation": "segmentation",
     "instances": "instances",
     "depth": "depth",
-    "lidar": "semantic_lidar",
-    "lidar_intensity": "lidar",
+    "semantic_lidar": "lidar",
+    "lidar": "lidar_intensity",
     "radar": "radar",
 }
+"""What a manifest calls the file of each sensor; its folder is called as the sensor."""
+_RED = 2
+"""In memory a pixel is blue, green, red, alpha."""
+Table = NDArray[np.void]
+"""A structured array, one row per point."""
+LIDAR: Final = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+RADAR: Final = np.dtype(
+    [
+        (name, "<f4")
+        for name in ("x", "y", "z", "velocity", "azimuth", "altitude", "depth")
+    ]
+)
+_PLY_NAMES: Final = {"f": "float", "u": "uint"}
+
+
+class FrameRecord(TypedDict):
+    """A frame's line in the manifest, but for its key and its files.
+
+    `filter_core.annotation.parsing` reads it; ``extra`` holds what nothing reads.
+    """
+
+    carla_version: str
+    map: str
+    weather: Mapping[str, float]
+    camera: Mapping[str, object]
+    sensors: Mapping[str, object]
+    boxes: Sequence[Mapping[str, object]]
+    extra: dict[str, object]
+    captured_at: str
 
 
 class CaptureFolder:
-    """Frames on the disk: a frame is in the manifest once all its files are whole."""
+    """Frames on the disk.
+
+    Attributes
+    ----------
+    path : Path
+    keys : list of str
+        Of the frames that are there, in the manifest's order.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.keys: list[str] = []
 
-    def open(self, about: Mapping[str, Any]) -> None:
+    def open(self, about: Mapping[str, object]) -> None:
         """Begin a capture here, or go on with the one that is here.
 
         Raises
@@ -53,23 +105,31 @@ class CaptureFolder:
             # Without a frame there is nothing that a mended scenario could not fit.
             self.describe(about)
 
-    def describe(self, about: Mapping[str, Any]) -> None:
+    def describe(self, about: Mapping[str, object]) -> None:
         """Write what the capture is, whole or not at all."""
         content = json.dumps(about, indent=2, ensure_ascii=False) + "\n"
         _write_whole(self.path / CAPTURE_NAME, content.encode())
 
     def add(
-        self, key: str, files: Mapping[str, tuple[str, bytes]], frame: dict[str, Any]
+        self, key: str, files: Mapping[str, tuple[str, bytes]], frame: FrameRecord
     ) -> None:
-        """Store a frame: first its files, then its line."""
+        """Store a frame: first its files, then its line.
+
+        Parameters
+        ----------
+        key : str
+        files : mapping
+            Suffix and content by the sensor's name, as `encode` gives them.
+        frame : FrameRecord
+        """
         stem = f"{len(self.keys):06d}"
         paths = {}
-        for kind, (suffix, content) in files.items():
-            name = f"{_FOLDERS[kind]}/{stem}{suffix}"
+        for sensor, (suffix, content) in files.items():
+            name = f"{sensor}/{stem}{suffix}"
             target = self.path / name
             target.parent.mkdir(exist_ok=True)
             _write_whole(target, content)
-            paths[kind] = name
+            paths[MANIFEST_KEYS[sensor]] = name
         # The manifest has one place for points, and that is for those with tags.
         more = paths.pop("lidar_intensity", None)
         if more is not None:
@@ -77,14 +137,14 @@ class CaptureFolder:
         self._append({"key": key, **paths, **frame})
         self.keys.append(key)
 
-    def _append(self, line: Mapping[str, Any]) -> None:
+    def _append(self, line: Mapping[str, object]) -> None:
         text = json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"
         with (self.path / MANIFEST_NAME).open("ab") as file:
             file.write(text.encode())
             file.flush()
             os.fsync(file.fileno())
 
-    def _read_about(self) -> dict[str, Any] | None:
+    def _read_about(self) -> dict[str, object] | None:
         path = self.path / CAPTURE_NAME
         if not path.exists():
             return None
@@ -95,7 +155,9 @@ class CaptureFolder:
         is_ours = isinstance(known, dict) and set(_SAME) <= set(known)
         return known if is_ours else None
 
-    def _require_same(self, known: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    def _require_same(
+        self, known: Mapping[str, object], new: Mapping[str, object]
+    ) -> None:
         for name in _SAME:
             if known.get(name) != new.get(name):
                 what = "scenario" if name == "scenario_digest" else name
@@ -129,3 +191,87 @@ def _write_whole(target: Path, content: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     partial.replace(target)
+
+
+def encode(sensor: str, measured: Measurement) -> tuple[str, bytes]:
+    """What the sensor of this name measured, as a file: its suffix and its content."""
+    to_points = POINTS.get(sensor)
+    if to_points is None:
+        return ".png", png(sensor, as_image(measured))
+    return ".ply", ply(to_points(measured))
+
+
+def png(name: str, image: Image) -> bytes:
+    """The image of the camera `name` as a PNG file.
+
+    The segmentation's tags are its red channel alone, written as one grey channel; the
+    others are written in true RGB order: depth and instance ids are three bytes.
+    """
+    pixels = _pixels(image)
+    plane = pixels[..., _RED] if name == "segmentation" else pixels[..., :3]
+    done, encoded = cv2.imencode(".png", np.ascontiguousarray(plane))
+    if not done:
+        raise CaptureError(f"{name}: the image could not be written as PNG")
+    return encoded.tobytes()
+
+
+def _pixels(image: Image) -> NDArray[np.uint8]:
+    flat = np.frombuffer(image.raw_data, np.uint8)
+    return flat.reshape(image.height, image.width, 4)
+
+
+def ply(table: Table) -> bytes:
+    """A structured array as PLY 1.0, little-endian."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    header += [
+        f"property {_PLY_NAMES[table.dtype[name].kind]} {name}"
+        for name in table.dtype.names or ()
+    ]
+    return "\n".join([*header, "end_header", ""]).encode("ascii") + table.tobytes()
+
+
+def lidar_points(measurement: Measurement) -> Table:
+    """x, y, z in the sensor's axes, metres, and the intensity."""
+    return _rows(measurement, LIDAR)
+
+
+def semantic_lidar_points(measurement: Measurement) -> Table:
+    """x, y, z, the cosine of the incident angle, the object and its tag."""
+    return _rows(measurement, SEMANTIC_LIDAR_POINT)
+
+
+def radar_points(measurement: Measurement) -> Table:
+    """What the radar measured, and x, y, z computed from it, in the sensor's axes.
+
+    The detections are asked for by name: descriptions of their order in memory
+    disagree with each other.
+    """
+    if not isinstance(measurement, RadarScan):
+        raise CaptureError("the library gives something that is no radar scan")
+    measured = np.array(
+        [(d.velocity, d.azimuth, d.altitude, d.depth) for d in measurement],
+        dtype=np.float64,
+    ).reshape(-1, 4)
+    velocity, azimuth, altitude, depth = measured.T
+    table = np.empty(len(measured), RADAR)
+    table["x"] = depth * np.cos(altitude) * np.cos(azimuth)
+    table["y"] = depth * np.cos(altitude) * np.sin(azimuth)
+    table["z"] = depth * np.sin(altitude)
+    columns = {"velocity": velocity, "azimuth": azimuth}
+    for name, column in {**columns, "altitude": altitude, "depth": depth}.items():
+        table[name] = column
+    return table
+
+
+def _rows(measurement: Measurement, row: np.dtype[np.void]) -> Table:
+    if not isinstance(measurement, PointCloud):
+        raise CaptureError("the library gives something that is no cloud of points")
+    return np.frombuffer(measurement.raw_data, row)
+
+
+POINTS: Final[Mapping[str, Callable[[Measurement], Table]]] = {
+    "lidar": lidar_points,
+    "semantic_lidar": semantic_lidar_points,
+    "radar": radar_points,
+}
+"""How the sensors without images become tables."""

@@ -1,14 +1,39 @@
-"""An object that may get a box: who it is, where, and how large."""
+"""An object that may get a box: what it is, where it is, and how large.
+
+CARLA's boxes are sometimes wrong. The functions `checked_...` know its defects, kind of
+object by kind: they repair a box, mark it, or return None for one that means nothing.
+All of it works on numbers; no simulator is asked.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 from filter_core.geometry.pose import Transform, Triple
-from unghost.capture.box_checks import LocalBox
-from unghost.capture.poses import rounded
-from unghost.capture.simulator import Box, Vector
+from unghost.capture.simulator import Box, Vector, rounded
+
+_LEAST_M, _MOST_M = 0.05, 15.0
+"""Half sizes that a vehicle or a person can have."""
+_FARTHEST_M: Final = 3.0
+"""How far a box's centre can be from its actor's origin, seen from above."""
+_TWO_WHEELERS: Final[Mapping[str, Triple]] = {
+    "bicycle": (0.82, 0.30, 0.85),
+    "motorcycle": (1.10, 0.40, 0.75),
+}
+"""Half sizes for the blueprints whose own are zero up to CARLA 0.9.16."""
+_PARKED_CAR: Final[Triple] = (2.3, 0.95, 0.75)
+"""Half sizes of a parked car whose own are impossible."""
+_PART_HALF_HEIGHT_M: Final = 0.5
+"""What is lower is a part of a parked vehicle."""
+_BUTTON_HALF_HEIGHT_M: Final = 0.2
+"""What is lower is the button of a pedestrians' light."""
+_SLIM_HALF_M, _WIDENED_HALF_M = 0.1, 0.2
+"""The head of a light that is slimmer than the first gets the second."""
+_CAPSULE_M: Final = 1e-3
+"""Differences that rounding explains, where a walker's box is a collision capsule."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +48,14 @@ class Named:
         ``actor``, ``environment``, ``light`` or ``level``: which call gave the box.
     class_name : str or None
         None: nothing maps the blueprint, `type_id` stands for it.
+    type_id, base_type : str or None
+        As CARLA's blueprint has them.
+    semantic_tags : tuple of int
+        Tags that the simulator says the object has.
+    instance_id : int or None
+        What the instance camera shows for it, 16 bits.
+    more : mapping
+        Further notes for the annotation.
     """
 
     id: str
@@ -32,7 +65,37 @@ class Named:
     base_type: str | None = None
     semantic_tags: tuple[int, ...] = ()
     instance_id: int | None = None
-    more: dict[str, Any] = field(default_factory=dict)
+    more: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LocalBox:
+    """Centre, half sizes and turn of a box, and what was done to it.
+
+    Attributes
+    ----------
+    location, extent : (x, y, z), metres
+    rotation : (pitch, yaw, roll), degrees
+    flags : tuple of str
+    given : pair of (x, y, z), or None
+        Centre and half sizes as CARLA gave them, where they were changed.
+    """
+
+    location: Triple
+    extent: Triple
+    rotation: Triple = (0.0, 0.0, 0.0)
+    flags: tuple[str, ...] = ()
+    given: tuple[Triple, Triple] | None = None
+
+    def changed(self, flag: str, **parts: Triple) -> LocalBox:
+        """Another location, extent or rotation, and a word for why."""
+        given = self.given or (self.location, self.extent)
+        flags = (*self.flags, flag)
+        return replace(self, flags=flags, given=given, **parts)
+
+    def marked(self, flag: str) -> LocalBox:
+        """The same box with a word about it."""
+        return replace(self, flags=(*self.flags, flag))
 
 
 @dataclass(frozen=True)
@@ -53,8 +116,17 @@ class SeenObject:
 
     def as_annotation(
         self, distance: float, bands: tuple[float, ...]
-    ) -> dict[str, Any]:
-        """The box as the manifest has it."""
+    ) -> dict[str, object]:
+        """The box as the manifest has it.
+
+        Parameters
+        ----------
+        distance : float
+            From the camera to the box's centre, metres.
+        bands : tuple of float
+            Upper ends of distance ranges, metres, rising; the first one that holds the
+            box is noted.
+        """
         named = self.named
         names = {
             "id": named.id,
@@ -64,7 +136,7 @@ class SeenObject:
             "instance_id": named.instance_id,
         }
         band = next((edge for edge in bands if distance <= edge), None)
-        notes: dict[str, Any] = {
+        notes: dict[str, object] = {
             "source": named.source,
             "semantic_tags": list(named.semantic_tags) or None,
             "band": band,
@@ -81,7 +153,7 @@ class SeenObject:
             "extra": _present(notes),
         }
 
-    def _box3d(self) -> dict[str, Any]:
+    def _box3d(self) -> dict[str, object]:
         pitch, yaw, roll = self.box.rotation
         pose = {} if self.pose is None else {"transform": self.pose.as_dict()}
         return {
@@ -107,9 +179,84 @@ def xyz(vector: Triple) -> dict[str, float]:
     return dict(zip("xyz", vector, strict=True))
 
 
+def _present(values: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def checked_vehicle(box: LocalBox, base_type: str, *, repair: bool) -> LocalBox | None:
+    """A vehicle's box; a two-wheeler's impossible one is replaced, others are None."""
+    if is_sane(box):
+        return box
+    usual = _TWO_WHEELERS.get(base_type)
+    if usual is None or not repair:
+        return None
+    return box.changed(
+        "default_size",
+        extent=usual,
+        location=(0.0, 0.0, usual[2]),
+        rotation=(0.0, 0.0, 0.0),
+    )
+
+
+def checked_walker(box: LocalBox, widen_m: float) -> LocalBox | None:
+    """A walker's box; a collision capsule is marked and widened, sideways alone."""
+    if not is_sane(box):
+        return None
+    x, y, z = box.extent
+    if abs(x - y) > _CAPSULE_M or math.hypot(*box.location) > _CAPSULE_M:
+        return box
+    marked = box.marked("capsule")
+    if widen_m == 0:
+        return marked
+    return marked.changed("widened", extent=(x + widen_m, y + widen_m, z))
+
+
+def checked_prop(box: LocalBox) -> LocalBox:
+    """A parked car that is a prop; its own turn is wrong in CARLA 0.9.15."""
+    straight = box.changed("straightened", rotation=(0.0, 0.0, 0.0))
+    if is_sane(straight) and straight.extent[2] >= _PART_HALF_HEIGHT_M:
+        return straight
+    place = (0.0, 0.0, _PARKED_CAR[2])
+    return straight.changed("default_size", extent=_PARKED_CAR, location=place)
+
+
+def checked_parked(box: LocalBox, class_name: str) -> LocalBox | None:
+    """A parked vehicle of the map, in the world's frame; parts of one are None."""
+    if any(half < 0 for half in box.extent):
+        # The mesh was mirrored.
+        x, y, z = (abs(half) for half in box.extent)
+        pitch, yaw, roll = box.rotation
+        turned = (pitch, (yaw + 360) % 360 - 180, roll)
+        box = box.changed("mirrored", extent=(x, y, z), rotation=turned)
+    if not is_sane(replace(box, location=(0.0, 0.0, 0.0))):
+        return None
+    if class_name in _TWO_WHEELERS or box.extent[2] >= _PART_HALF_HEIGHT_M:
+        return box
+    return None
+
+
+def checked_light(box: LocalBox) -> LocalBox | None:
+    """The box of a traffic light's head; pedestrians' buttons are None."""
+    x, y, z = (abs(half) for half in box.extent)
+    if not all(map(math.isfinite, (*box.location, x, y, z))):
+        return None
+    if z < _BUTTON_HALF_HEIGHT_M or max(x, y, z) > _MOST_M:
+        return None
+    if min(x, y) >= _SLIM_HALF_M:
+        return box
+    wide = tuple(_WIDENED_HALF_M if half < _SLIM_HALF_M else half for half in (x, y))
+    return box.changed("thickened", extent=(wide[0], wide[1], z))
+
+
+def is_sane(box: LocalBox) -> bool:
+    """Whether the box can be one of a vehicle or a person."""
+    numbers = (*box.location, *box.extent, *box.rotation)
+    if not all(math.isfinite(number) for number in numbers):
+        return False
+    if any(not _LEAST_M <= half <= _MOST_M for half in box.extent):
+        return False
+    return math.hypot(box.location[0], box.location[1]) <= _FARTHEST_M
+
+
 def _triple(vector: Vector) -> Triple:
     return rounded(vector.x), rounded(vector.y), rounded(vector.z)
-
-
-def _present(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if value is not None}

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from unghost.capture.rig import BLUEPRINTS, CAMERAS, wanted_sensors
-from unghost.capture.scenario import Scenario
-from unghost.capture.scenario_parts import Weather
+from unghost.capture.scenario import Scenario, Weather
 
 _BYTES_PER_PIXEL: Final[Mapping[str, float]] = {
     "rgb": 2.0,
@@ -28,7 +27,7 @@ class Plan:
     """A capture in rows of what and how."""
 
     rows: tuple[tuple[str, str], ...]
-    record: dict[str, Any]
+    record: dict[str, object]
 
 
 def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:

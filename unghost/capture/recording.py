@@ -1,51 +1,55 @@
-"""One capture from the first tick to the last frame."""
+"""One capture, from the first tick to the last frame: the loop around all the rest."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from unghost.capture.annotating import Annotator, Moment
-from unghost.capture.errors import CaptureError, SimulatorAway
-from unghost.capture.folder import CaptureFolder
-from unghost.capture.image_files import png
-from unghost.capture.point_files import POINTS, ply
-from unghost.capture.poses import has_wrong_metadata
-from unghost.capture.rig import CAMERAS, RunningSensor, prepare_rig, start_rig
+from unghost.capture.folder import CaptureFolder, encode
+from unghost.capture.rig import (
+    Missed,
+    RunningSensor,
+    collect,
+    drain,
+    prepare_rig,
+    start_rig,
+)
 from unghost.capture.scenario import Scenario
-from unghost.capture.session import Note, Session, open_session
+from unghost.capture.session import (
+    Note,
+    Session,
+    StopRequest,
+    listening_for_stop,
+    open_session,
+)
 from unghost.capture.simulator import (
+    CaptureError,
     Carla,
     Client,
-    Measurement,
+    SimulatorAway,
     Snapshot,
     answers,
     connect,
+    has_wrong_metadata,
 )
-from unghost.capture.stopping import StopRequest, listening_for_stop
-from unghost.capture.synchroniser import Missed, collect, drain
-from unghost.capture.traffic import choose_cast, spawn
+from unghost.capture.traffic import choose_traffic, spawn
 from unghost.capture.weather import WeatherPlan
 
 Advance = Callable[[int, "int | None"], None]
 
 _MOST_MISSED: Final = 20
+"""Ticks in a row without a complete frame that end the capture."""
 _SETTLING_TICKS: Final = 10
 """After another preset the exposure of the cameras needs so long."""
 _STILL_THERE_S: Final = 5.0
 _ANOTHER_CLIENT: Final = "another client ticked the world"
-_KINDS: Final[Mapping[str, str]] = {
-    "rgb": "image",
-    "semantic_lidar": "lidar",
-    "lidar": "lidar_intensity",
-}
-"""What a sensor is called in the manifest, where that is another word."""
 
 
 @dataclass
@@ -75,9 +79,9 @@ class Recorded:
     walkers: int = 0
     poses_differ: int = 0
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """The counts as an object."""
-        plain = {**vars(self)}
+        plain: dict[str, object] = {**vars(self)}
         return {**plain, "missed": dict(self.missed), "left_out": dict(self.left_out)}
 
 
@@ -140,7 +144,7 @@ def _compare_versions(session: Session) -> None:
         )
 
 
-def _about(session: Session) -> dict[str, Any]:
+def _about(session: Session) -> dict[str, object]:
     return {
         "unghost": metadata.version("unghost"),
         "carla_version": session.server_version,
@@ -172,10 +176,10 @@ class _Recorder:
         before = self._recorded.frames
         session.seed += before
         # All of it is checked before any of it is spawned.
-        cast, rig = choose_cast(session), prepare_rig(session)
+        kinds, rig = choose_traffic(session), prepare_rig(session)
         weather = WeatherPlan(session)
         weather.set(self._recorded.frames)
-        spawned = spawn(session, cast, self._stop)
+        spawned = spawn(session, kinds, self._stop)
         self._recorded.vehicles = spawned.vehicles
         self._recorded.walkers = spawned.walkers
         self._sensors = start_rig(session, rig, spawned.ego)
@@ -241,15 +245,18 @@ class _Recorder:
     def _store(
         self, annotator: Annotator, moment: Moment, encoders: ThreadPoolExecutor
     ) -> None:
-        frame = annotator.annotate(moment)
         now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-        frame["captured_at"] = now.replace("+00:00", "Z")
-        frame["extra"]["capture"]["missed_before"] = self._recorded.missed.total()
-        encoded = encoders.map(_encoded, moment.measured.items())
+        frame = annotator.annotate(
+            moment,
+            captured_at=now.replace("+00:00", "Z"),
+            missed_before=self._recorded.missed.total(),
+        )
+        measured = moment.measured
+        encoded = encoders.map(encode, measured.keys(), measured.values())
         # The scenario is in it: captures of one map may go into one dataset.
         take = f"{self._session.map_name}/{self._session.scenario.digest[:8]}"
         key = f"{take}/{len(self._folder.keys):06d}"
-        self._folder.add(key, dict(encoded), frame)
+        self._folder.add(key, dict(zip(measured, encoded, strict=True)), frame)
         if annotator.poses_differ and not self._recorded.poses_differ:
             self._session.note(
                 "an image says another camera pose than the world does; both are stored"
@@ -257,11 +264,3 @@ class _Recorder:
         self._recorded.poses_differ = annotator.poses_differ
         self._recorded.added += 1
         self._recorded.frames += 1
-
-
-def _encoded(item: tuple[str, Measurement]) -> tuple[str, tuple[str, bytes]]:
-    name, measured = item
-    kind = _KINDS.get(name, name)
-    if name in CAMERAS:
-        return kind, (".png", png(name, measured))
-    return kind, (".ply", ply(POINTS[name](measured)))

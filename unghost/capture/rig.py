@@ -1,22 +1,36 @@
-"""The sensors on the ego vehicle: one place for all cameras, one queue for each."""
+"""The sensors on the ego vehicle, and what all of them measured at one tick.
+
+All cameras sit at one place, so that they see the same pixel by pixel. Each sensor
+delivers into a queue of its own, from a thread of the library; `collect` takes from all
+queues the measurements of one tick, or none: frames of different moments never meet.
+"""
 
 from __future__ import annotations
 
 import queue
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 from unghost.capture.blueprints import find_blueprint, set_attributes
-from unghost.capture.scenario import Scenario
-from unghost.capture.scenario_parts import (
+from unghost.capture.scenario import (
     AttributeValue,
     CameraSensor,
     Mount,
     RangeSensor,
+    Scenario,
 )
 from unghost.capture.session import Session
-from unghost.capture.simulator import Actor, Blueprint, Carla, Measurement, Pose
+from unghost.capture.simulator import (
+    Actor,
+    Blueprint,
+    CaptureError,
+    Carla,
+    Measurement,
+    Pose,
+    Sensor,
+)
 
 BLUEPRINTS: Final[Mapping[str, str]] = {
     "rgb": "sensor.camera.rgb",
@@ -31,6 +45,11 @@ BLUEPRINTS: Final[Mapping[str, str]] = {
 _TURNING: Final = ("lidar", "semantic_lidar")
 """By default one turn per tick: with fewer, a measurement is a part of the circle."""
 CAMERAS: Final = ("rgb", "segmentation", "instances", "depth")
+"""The sensors that deliver images; the others deliver points."""
+_LOOK_EVERY_S: Final = 0.2
+"""How long a request to stop may go unnoticed while a sensor is waited for."""
+NO_DATA: Final = "sent nothing in time"
+FROM_LATER: Final = "sent a later tick"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +122,8 @@ def start_rig(
             one.blueprint, pose_of(carla, one.mount), ego, carla.AttachmentType.Rigid
         )
         sensor = RunningSensor(one.name, session.own(actor))
+        if not isinstance(actor, Sensor):
+            raise CaptureError(f"{one.blueprint.id} is no sensor")
         session.at_end(f"stop the sensor {one.name}", actor.stop)
         # Called in a thread of the library: it must do nothing but put.
         actor.listen(sensor.inbox.put)
@@ -114,3 +135,82 @@ def pose_of(carla: Carla, mount: Mount) -> Pose:
     """A `carla.Transform` of a mount."""
     location = carla.Location(mount.x, mount.y, mount.z)
     return carla.Transform(location, carla.Rotation(mount.pitch, mount.yaw, mount.roll))
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Why a tick is not complete: a stable word, and the sensor."""
+
+    reason: str
+    sensor: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.sensor} {self.reason}" if self.sensor else self.reason
+
+
+def collect(
+    sensors: Sequence[RunningSensor],
+    frame: int,
+    wait_s: float,
+    *,
+    check: Callable[[], None],
+) -> dict[str, Measurement] | Missed:
+    """What every sensor measured at one tick.
+
+    Older measurements are thrown away: they are late ones of ticks before. A newer one
+    means that this tick's was lost.
+
+    Parameters
+    ----------
+    sensors : sequence of RunningSensor
+    frame : int
+        The tick, as `carla.World.tick` counts.
+    wait_s : float
+        Shared by all sensors.
+    check : callable
+        Called while the time passes; it may raise.
+
+    Returns
+    -------
+    dict or Missed
+        The measurements by the sensors' names, or which sensor failed first, and how.
+    """
+    deadline = time.monotonic() + wait_s
+    taken: dict[str, Measurement] = {}
+    for sensor in sensors:
+        found = _take(sensor, frame, deadline, check)
+        if isinstance(found, Missed):
+            return found
+        taken[sensor.name] = found
+    return taken
+
+
+def _take(
+    sensor: RunningSensor, frame: int, deadline: float, check: Callable[[], None]
+) -> Measurement | Missed:
+    while True:
+        check()
+        left = max(0.0, deadline - time.monotonic())
+        wait = min(left, _LOOK_EVERY_S)
+        try:
+            found = (
+                sensor.inbox.get(timeout=wait) if left else sensor.inbox.get_nowait()
+            )
+        except queue.Empty:
+            if left > wait:
+                continue
+            return Missed(NO_DATA, sensor.name)
+        if found.frame == frame:
+            return found
+        if found.frame > frame:
+            return Missed(FROM_LATER, sensor.name)
+
+
+def drain(sensors: Sequence[RunningSensor]) -> None:
+    """Throw away what has arrived: images of ticks that are not recorded."""
+    for sensor in sensors:
+        while True:
+            try:
+                sensor.inbox.get_nowait()
+            except queue.Empty:
+                break

@@ -1,21 +1,84 @@
-"""A world in synchronous mode that is put back as it was, whatever happens."""
+"""A world that is put back as it was, whatever ends the capture.
+
+`open_session` switches the scenario's map to synchronous mode and notes, with each
+change, how to undo it; when its block ends, all of it is undone, after errors and
+signals too. Signals (Ctrl-C, a polite kill, a closed terminal) therefore end nothing by
+themselves: `listening_for_stop` makes them a request that is looked at between two
+acts, and `shielded` lets them wait while the world is put back.
+"""
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from types import FrameType
 from typing import Final
 
 from filter_core.values import nearest
-from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import Scenario
-from unghost.capture.simulator import Actor, Carla, Client, Snapshot, World
-from unghost.capture.stopping import shielded
+from unghost.capture.simulator import (
+    Actor,
+    Carla,
+    Client,
+    GlassWorld,
+    ScenarioError,
+    Snapshot,
+    World,
+)
 
 Note = Callable[[str], None]
+"""Tells a person something that does not end the capture."""
 _BATCH: Final = 100
+"""Actors that are destroyed by one call."""
+_SIGNALS: Final = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+    if hasattr(signal, name)
+)
+_HANG_UP: Final = getattr(signal, "SIGHUP", None)
+
+
+@contextmanager
+def open_session(
+    carla: Carla, client: Client, scenario: Scenario, note: Note
+) -> Iterator[Session]:
+    """The scenario's map in synchronous mode, until the block ends.
+
+    Afterwards the settings are those of before, the traffic manager is asynchronous
+    again, and every actor that was spawned is gone: after an error and Ctrl-C too.
+
+    Raises
+    ------
+    ScenarioError
+        The map is unknown; names the nearest.
+    """
+    before = client.get_world().get_settings()
+    if before.synchronous_mode:
+        note("the world is in synchronous mode already: does another client tick it?")
+    world = _world(client, scenario)
+    session = Session(
+        carla=carla,
+        client=client,
+        world=world,
+        scenario=scenario,
+        note=note,
+        server_version=client.get_server_version(),
+        client_version=client.get_client_version(),
+        map_name=world.get_map().name.rsplit("/", 1)[-1],
+        seed=scenario.seed,
+    )
+    try:
+        session.at_end("restore the settings", lambda: world.apply_settings(before))
+        _synchronise(session)
+        session.at_end("destroy the actors", session.destroy_actors)
+        yield session
+    finally:
+        with shielded():
+            session.put_back()
 
 
 @dataclass(eq=False)
@@ -51,7 +114,7 @@ class Session:
 
     def own(self, actor: Actor) -> Actor:
         """An actor that this capture spawned and will destroy."""
-        self._actors.append(int(actor.id))
+        self._actors.append(actor.id)
         return actor
 
     def at_end(self, what: str, step: Callable[[], object]) -> None:
@@ -61,9 +124,9 @@ class Session:
     def tick(self) -> Snapshot | None:
         """The world one tick later; None if somebody else ticked it, too."""
         before = self.frame
-        self.frame = int(self.world.tick(self.scenario.timeout_s))
+        self.frame = self.world.tick(self.scenario.timeout_s)
         snapshot = self.world.get_snapshot()
-        alone = before in (0, self.frame - 1) and int(snapshot.frame) == self.frame
+        alone = before in (0, self.frame - 1) and snapshot.frame == self.frame
         return snapshot if alone else None
 
     def put_back(self) -> None:
@@ -104,50 +167,11 @@ class Session:
                     self._say(f"an actor could not be destroyed: {answer.error}")
 
 
-@contextmanager
-def open_session(
-    carla: Carla, client: Client, scenario: Scenario, note: Note
-) -> Iterator[Session]:
-    """The scenario's map in synchronous mode, until the block ends.
-
-    Afterwards the settings are those of before, the traffic manager is asynchronous
-    again, and every actor that was spawned is gone: after an error and Ctrl-C too.
-
-    Raises
-    ------
-    ScenarioError
-        The map is unknown; names the nearest.
-    """
-    before = client.get_world().get_settings()
-    if before.synchronous_mode:
-        note("the world is in synchronous mode already: does another client tick it?")
-    world = _world(client, scenario)
-    session = Session(
-        carla=carla,
-        client=client,
-        world=world,
-        scenario=scenario,
-        note=note,
-        server_version=str(client.get_server_version()),
-        client_version=str(client.get_client_version()),
-        map_name=str(world.get_map().name).rsplit("/", 1)[-1],
-        seed=scenario.seed,
-    )
-    try:
-        session.at_end("restore the settings", lambda: world.apply_settings(before))
-        _synchronise(session)
-        session.at_end("destroy the actors", session.destroy_actors)
-        yield session
-    finally:
-        with shielded():
-            session.put_back()
-
-
 def _world(client: Client, scenario: Scenario) -> World:
     world = client.get_world()
-    if scenario.map is None or _same_map(str(world.get_map().name), scenario.map):
+    if scenario.map is None or _same_map(world.get_map().name, scenario.map):
         return world
-    maps = [str(name) for name in client.get_available_maps()]
+    maps = list(client.get_available_maps())
     if not any(_same_map(name, scenario.map) for name in maps):
         short = nearest(scenario.map, [name.rsplit("/", 1)[-1] for name in maps])
         raise ScenarioError(
@@ -200,7 +224,63 @@ def _choose_glass(session: Session) -> None:
     see_through = session.scenario.see_through_glass
     if see_through is None:
         return
-    if not hasattr(session.world, "set_annotations_traverse_translucency"):
+    world = session.world
+    if isinstance(world, GlassWorld):
+        world.set_annotations_traverse_translucency(see_through)
+    else:
         session.note("see_through_glass: only CARLA 0.9.16 can choose; left as it is")
+
+
+class StopRequest:
+    """Whether somebody wants the capture to end."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if somebody asked; called between two acts."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+    def take(self, _number: int, _frame: FrameType | None) -> None:
+        """However many signals come, they wait for the next `check`."""
+        self.asked = True
+
+
+@contextmanager
+def listening_for_stop() -> Iterator[StopRequest]:
+    """Signals become requests: an actor is never spawned without being noted down."""
+    request = StopRequest()
+    if threading.current_thread() is not threading.main_thread():
+        yield request
         return
-    session.world.set_annotations_traverse_translucency(see_through)
+    before = [(each, signal.signal(each, request.take)) for each in _wanted()]
+    try:
+        yield request
+    finally:
+        for each, handler in before:
+            signal.signal(each, handler)
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Signals wait until the block is done: nothing may cut short the putting back."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    missed: list[int] = []
+    before = [
+        (each, signal.signal(each, lambda number, _: missed.append(number)))
+        for each in _wanted()
+    ]
+    try:
+        yield
+    finally:
+        for each, handler in before:
+            signal.signal(each, handler)
+
+
+def _wanted() -> list[signal.Signals]:
+    # Who starts a capture with `nohup` wants it to outlive the terminal.
+    kept = signal.SIG_IGN if _HANG_UP is None else signal.getsignal(_HANG_UP)
+    return [each for each in _SIGNALS if each != _HANG_UP or kept is not signal.SIG_IGN]

@@ -1,22 +1,430 @@
-"""The one place that imports CARLA's client library, and names for its objects."""
+"""CARLA's client library as this package knows it.
+
+The library is an optional dependency whose versions differ, so protocols describe the
+members that are used, and nothing else of it is relied on. `load_carla` has the only
+``import carla``. Beside them stands what is known of CARLA without a simulator: the
+words that a scenario may use, how its values become numbers, and what can go wrong.
+"""
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Final, Protocol, TypeAlias, runtime_checkable
 
-from unghost.capture.errors import CaptureError, SimulatorAway
+from filter_core.geometry.pose import Transform
 
-# The library is an extra and its types differ between versions: these are words.
-Carla: TypeAlias = Any
-Client: TypeAlias = Any
-World: TypeAlias = Any
-Actor: TypeAlias = Any
-Blueprint: TypeAlias = Any
-Snapshot: TypeAlias = Any
-Measurement: TypeAlias = Any
-Box: TypeAlias = Any
-Pose: TypeAlias = Any
-Vector: TypeAlias = Any
+WEATHER_PARAMETERS: Final = (
+    "cloudiness",
+    "precipitation",
+    "precipitation_deposits",
+    "wind_intensity",
+    "sun_azimuth_angle",
+    "sun_altitude_angle",
+    "fog_density",
+    "fog_distance",
+    "fog_falloff",
+    "wetness",
+    "scattering_intensity",
+    "mie_scattering_scale",
+    "rayleigh_scattering_scale",
+    "dust_storm",
+)
+WEATHER_PRESETS: Final = (
+    "Default", "ClearNight", "ClearNoon", "ClearSunset", "CloudyNight", "CloudyNoon",
+    "CloudySunset", "DustStorm", "HardRainNight", "HardRainNoon", "HardRainSunset",
+    "MidRainSunset", "MidRainyNight", "MidRainyNoon", "SoftRainNight", "SoftRainNoon",
+    "SoftRainSunset", "WetCloudyNight", "WetCloudyNoon", "WetCloudySunset", "WetNight",
+    "WetNoon", "WetSunset",
+)  # fmt: skip
+VEHICLE_LIGHTS: Final = (
+    "Position", "LowBeam", "HighBeam", "Brake", "RightBlinker", "LeftBlinker",
+    "Reverse", "Fog", "Interior", "Special1", "Special2", "All",
+)  # fmt: skip
+MAP_LAYERS: Final = (
+    "Buildings", "Decals", "Foliage", "Ground", "ParkedVehicles", "Particles", "Props",
+    "StreetLights", "Walls", "All",
+)  # fmt: skip
+LENS_ATTRIBUTES: Final = (
+    "lens_circle_falloff",
+    "lens_circle_multiplier",
+    "lens_k",
+    "lens_kcube",
+    "lens_x_size",
+    "lens_y_size",
+)
+"""What bends the picture; `lens_flare_intensity` only adds light to it."""
+
+_WRONG_METADATA: Final = ((0, 9, 14), (0, 9, 15))
+"""Their images can carry the pose of another tick than the one they show."""
+_DIGITS: Final = 6
+
+
+class CaptureError(Exception):
+    """A capture cannot begin or go on; the text says why."""
+
+
+class ScenarioError(CaptureError):
+    """A scenario is wrong, or does not fit the simulator; nothing was spawned."""
+
+
+class SimulatorAway(CaptureError):
+    """No simulator answers at the address."""
+
+
+class Vector(Protocol):
+    """`carla.Location` and `carla.Vector3D`: metres."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Turn(Protocol):
+    """`carla.Rotation`: degrees."""
+
+    pitch: float
+    yaw: float
+    roll: float
+
+
+class Pose(Protocol):
+    """`carla.Transform`."""
+
+    @property
+    def location(self) -> Vector: ...
+    @property
+    def rotation(self) -> Turn: ...
+
+
+class Box(Protocol):
+    """`carla.BoundingBox`; `extent` are half sizes."""
+
+    @property
+    def location(self) -> Vector: ...
+    @property
+    def extent(self) -> Vector: ...
+    @property
+    def rotation(self) -> Turn: ...
+
+
+class AttributeType(Protocol):
+    """`carla.ActorAttributeType`, named ``Int``, ``Float``, ``Bool`` and so on."""
+
+    @property
+    def name(self) -> str: ...
+
+
+class Attribute(Protocol):
+    """`carla.ActorAttribute`: one setting of a blueprint."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def type(self) -> AttributeType: ...
+    @property
+    def recommended_values(self) -> Sequence[str]: ...
+    def as_int(self) -> int: ...
+    def as_str(self) -> str: ...
+
+
+class Blueprint(Protocol):
+    """`carla.ActorBlueprint`: what can be spawned, with its attributes."""
+
+    @property
+    def id(self) -> str: ...
+    def has_attribute(self, name: str, /) -> bool: ...
+    def get_attribute(self, name: str, /) -> Attribute: ...
+    def set_attribute(self, name: str, value: str, /) -> None: ...
+    def __iter__(self) -> Iterator[Attribute]: ...
+
+
+class BlueprintLibrary(Protocol):
+    """`carla.BlueprintLibrary`."""
+
+    def find(self, name: str, /) -> Blueprint: ...
+    def filter(self, pattern: str, /) -> BlueprintLibrary: ...
+    def __iter__(self) -> Iterator[Blueprint]: ...
+
+
+class Actor(Protocol):
+    """`carla.Actor`: anything that was spawned or that the map placed.
+
+    From 0.9.16 on `bounding_box` asks the simulator, and raises RuntimeError for an
+    actor that is gone. Older versions do not have `is_dormant`: see `is_dormant`.
+    """
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def type_id(self) -> str: ...
+    @property
+    def attributes(self) -> Mapping[str, str]: ...
+    @property
+    def semantic_tags(self) -> Iterable[int]: ...
+    @property
+    def bounding_box(self) -> Box: ...
+    def get_transform(self) -> Pose: ...
+
+
+@runtime_checkable
+class Vehicle(Protocol):
+    """What an actor of the class `carla.Vehicle` can do beside the others."""
+
+    def set_autopilot(self, enabled: bool, port: int, /) -> None: ...
+    def set_light_state(self, state: object, /) -> None: ...
+
+
+@runtime_checkable
+class WalkerController(Protocol):
+    """What an actor of the class `carla.WalkerAIController` can do."""
+
+    def start(self) -> None: ...
+    def stop(self) -> None: ...
+    def go_to_location(self, destination: Vector, /) -> None: ...
+    def set_max_speed(self, speed: float, /) -> None: ...
+
+
+@runtime_checkable
+class TrafficLight(Protocol):
+    """What an actor of the class `carla.TrafficLight` can do."""
+
+    def get_light_boxes(self) -> Iterable[Box]: ...
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """What an actor of the class `carla.Sensor` can do."""
+
+    def listen(self, callback: Callable[[Measurement], None], /) -> None: ...
+    def stop(self) -> None: ...
+
+
+class Measurement(Protocol):
+    """`carla.SensorData`: what a sensor measured at one tick."""
+
+    @property
+    def frame(self) -> int: ...
+    @property
+    def transform(self) -> Pose: ...
+
+
+@runtime_checkable
+class Image(Protocol):
+    """What `carla.Image` has: pixels of four bytes each, blue, green, red, alpha.
+
+    `raw_data` is a view of memory that lives as long as the image.
+    """
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def raw_data(self) -> memoryview: ...
+
+
+@runtime_checkable
+class PointCloud(Protocol):
+    """What both kinds of LiDAR measurement have: rows of 4-byte numbers."""
+
+    @property
+    def raw_data(self) -> memoryview: ...
+
+
+class Detection(Protocol):
+    """`carla.RadarDetection`: metres, radians, and metres per second."""
+
+    velocity: float
+    azimuth: float
+    altitude: float
+    depth: float
+
+
+@runtime_checkable
+class RadarScan(Protocol):
+    """What `carla.RadarMeasurement` has."""
+
+    def __iter__(self) -> Iterator[Detection]: ...
+
+
+class ActorList(Protocol):
+    """`carla.ActorList`."""
+
+    def filter(self, pattern: str, /) -> ActorList: ...
+    def __iter__(self) -> Iterator[Actor]: ...
+
+
+class ActorSnapshot(Protocol):
+    """`carla.ActorSnapshot`: an actor at one tick."""
+
+    @property
+    def id(self) -> int: ...
+    def get_transform(self) -> Pose: ...
+
+
+class Timestamp(Protocol):
+    """`carla.Timestamp`."""
+
+    @property
+    def elapsed_seconds(self) -> float: ...
+
+
+class Snapshot(Protocol):
+    """`carla.WorldSnapshot`: where all actors were at one tick."""
+
+    @property
+    def frame(self) -> int: ...
+    @property
+    def timestamp(self) -> Timestamp: ...
+    def find(self, actor_id: int, /) -> ActorSnapshot | None: ...
+    def __iter__(self) -> Iterator[ActorSnapshot]: ...
+
+
+class EnvironmentObject(Protocol):
+    """`carla.EnvironmentObject`: a thing of the map, its box in the world."""
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def bounding_box(self) -> Box: ...
+
+
+class Settings(Protocol):
+    """`carla.WorldSettings`; a copy, which `World.apply_settings` puts into force."""
+
+    synchronous_mode: bool
+    no_rendering_mode: bool
+    fixed_delta_seconds: float | None
+
+
+class Map(Protocol):
+    """`carla.Map`; its name may have folders before it."""
+
+    @property
+    def name(self) -> str: ...
+    def get_spawn_points(self) -> Iterable[Pose]: ...
+
+
+class World(Protocol):
+    """`carla.World`; each call waits for the simulator, RuntimeError if it is gone.
+
+    Weather, map layers and labels only pass through: they are plain objects here.
+    """
+
+    def get_settings(self) -> Settings: ...
+    def apply_settings(self, settings: Settings, seconds: float = ..., /) -> int: ...
+    def tick(self, seconds: float, /) -> int: ...
+    def get_snapshot(self) -> Snapshot: ...
+    def get_map(self) -> Map: ...
+    def get_weather(self) -> object: ...
+    def set_weather(self, weather: object, /) -> None: ...
+    def load_map_layer(self, layer: object, /) -> None: ...
+    def unload_map_layer(self, layer: object, /) -> None: ...
+    def get_blueprint_library(self) -> BlueprintLibrary: ...
+    def spawn_actor(
+        self,
+        blueprint: Blueprint,
+        pose: Pose,
+        attach_to: Actor | None,
+        attachment: object,
+        /,
+    ) -> Actor: ...
+    def try_spawn_actor(
+        self, blueprint: Blueprint, pose: Pose, attach_to: Actor | None = ..., /
+    ) -> Actor | None: ...
+    def get_actors(self) -> ActorList: ...
+    def get_environment_objects(
+        self, label: object, /
+    ) -> Iterable[EnvironmentObject]: ...
+    def get_level_bbs(self, label: object, /) -> Iterable[Box]: ...
+    def get_random_location_from_navigation(self) -> Vector | None: ...
+    def set_pedestrians_seed(self, seed: int, /) -> None: ...
+    def set_pedestrians_cross_factor(self, share: float, /) -> None: ...
+
+
+@runtime_checkable
+class GlassWorld(Protocol):
+    """What worlds can do beside that from 0.9.16 on."""
+
+    def set_annotations_traverse_translucency(self, enabled: bool, /) -> None: ...
+
+
+class TrafficManager(Protocol):
+    """`carla.TrafficManager`: drives vehicles that are on autopilot."""
+
+    def set_synchronous_mode(self, enabled: bool, /) -> None: ...
+    def set_random_device_seed(self, seed: int, /) -> None: ...
+    def set_global_distance_to_leading_vehicle(self, metres: float, /) -> None: ...
+    def global_percentage_speed_difference(self, percent: float, /) -> None: ...
+    def set_respawn_dormant_vehicles(self, enabled: bool, /) -> None: ...
+    def set_hybrid_physics_mode(self, enabled: bool, /) -> None: ...
+    def set_hybrid_physics_radius(self, metres: float, /) -> None: ...
+    def update_vehicle_lights(self, vehicle: Actor, enabled: bool, /) -> None: ...
+
+
+class Response(Protocol):
+    """`carla.command.Response`; `error` is empty if the command was carried out."""
+
+    @property
+    def error(self) -> str: ...
+
+
+class Client(Protocol):
+    """`carla.Client`: the connection to a simulator."""
+
+    def set_timeout(self, seconds: float, /) -> None: ...
+    def get_server_version(self) -> str: ...
+    def get_client_version(self) -> str: ...
+    def get_available_maps(self) -> Iterable[str]: ...
+    def get_world(self) -> World: ...
+    def load_world(self, name: str, /) -> World: ...
+    def get_trafficmanager(self, port: int, /) -> TrafficManager: ...
+    def apply_batch_sync(
+        self, commands: Sequence[object], do_tick: bool, /
+    ) -> Iterable[Response]: ...
+
+
+_Client: TypeAlias = Client
+
+
+class AttachmentTypes(Protocol):
+    """`carla.AttachmentType`."""
+
+    Rigid: object
+
+
+class Labels(Protocol):
+    """`carla.CityObjectLabel`; before 0.9.14 it has one label for all vehicles."""
+
+    TrafficLight: object
+
+
+class Commands(Protocol):
+    """`carla.command`."""
+
+    DestroyActor: Callable[[int], object]
+
+
+class Carla(Protocol):
+    """The module `carla`.
+
+    `VehicleLightState`, `WeatherParameters` and `MapLayer` have an attribute for each
+    of the words above.
+    """
+
+    Client: Callable[[str, int], _Client]
+    Location: Callable[[float, float, float], Vector]
+    Rotation: Callable[[float, float, float], Turn]
+    Transform: Callable[..., Pose]
+    WeatherParameters: Callable[[], object]
+    VehicleLightState: Callable[[int], object]
+    AttachmentType: AttachmentTypes
+    CityObjectLabel: Labels
+    MapLayer: object
+    command: Commands
 
 
 def load_carla() -> Carla:
@@ -34,7 +442,8 @@ def load_carla() -> Carla:
             "capture needs CARLA's client library: pip install 'unghost[carla]', or "
             f"carla in the version of your simulator ({error})"
         ) from error
-    return carla
+    library: Carla = carla
+    return library
 
 
 def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
@@ -63,3 +472,40 @@ def answers(client: Client, timeout_s: float) -> bool:
     except RuntimeError:
         return False
     return True
+
+
+def as_image(measurement: Measurement) -> Image:
+    """What a camera measured; `CaptureError` if it is no image."""
+    if not isinstance(measurement, Image):
+        raise CaptureError("the library gives something that is no image")
+    return measurement
+
+
+def is_dormant(actor: Actor) -> bool:
+    """Whether a large map has put the actor to sleep: nothing of it is drawn then."""
+    return bool(getattr(actor, "is_dormant", False))
+
+
+def version_numbers(version: str) -> tuple[int, ...]:
+    """``0.9.15-12-gabc`` as ``(0, 9, 15)``."""
+    found = re.match(r"\D*(\d+(?:\.\d+)*)", version)
+    return tuple(int(part) for part in found[1].split(".")) if found else ()
+
+
+def has_wrong_metadata(version: str) -> bool:
+    """Whether images of this simulator may carry the pose of another tick."""
+    return version_numbers(version)[:3] in _WRONG_METADATA
+
+
+def as_transform(pose: Pose) -> Transform:
+    """A `carla.Transform` as numbers."""
+    location, rotation = pose.location, pose.rotation
+    return Transform(
+        (rounded(location.x), rounded(location.y), rounded(location.z)),
+        (rounded(rotation.pitch), rounded(rotation.yaw), rounded(rotation.roll)),
+    )
+
+
+def rounded(value: float) -> float:
+    """A float32 of the library, without digits that mean nothing."""
+    return round(float(value), _DIGITS)

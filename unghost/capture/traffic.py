@@ -15,19 +15,38 @@ from unghost.capture.blueprints import (
     set_attributes,
     with_wheels,
 )
-from unghost.capture.errors import CaptureError, ScenarioError
-from unghost.capture.session import Session
-from unghost.capture.simulator import Actor, Blueprint, Carla, Pose
-from unghost.capture.stopping import StopRequest
+from unghost.capture.session import Session, StopRequest
+from unghost.capture.simulator import (
+    Actor,
+    Blueprint,
+    CaptureError,
+    Carla,
+    Pose,
+    ScenarioError,
+    Vehicle,
+    WalkerController,
+)
 
 _SAFE_BASE_TYPES: Final = frozenset({"car"})
+"""Vehicles that seldom cause accidents: what `vehicles.safe` lets through."""
 _TRIES: Final = 5
 """Places on the sidewalk that are tried for one walker."""
 
 
 @dataclass(frozen=True, eq=False)
-class Cast:
-    """The blueprints that a scenario means; every key of it has been checked."""
+class TrafficKinds:
+    """The blueprints that a scenario means; every key of it has been checked.
+
+    Attributes
+    ----------
+    ego : Blueprint
+    vehicles, walkers : sequence of Blueprint
+        Those to choose from; empty if none is wanted.
+    spawn_points : sequence of Pose
+        The map's own, in its order.
+    controller : Blueprint or None
+        Of what leads a walker, None if there are no walkers.
+    """
 
     ego: Blueprint
     vehicles: Sequence[Blueprint]
@@ -45,7 +64,7 @@ class Spawned:
     walkers: int
 
 
-def choose_cast(session: Session) -> Cast:
+def choose_traffic(session: Session) -> TrafficKinds:
     """The blueprints of a scenario; `ScenarioError` before anything is spawned."""
     world, scenario = session.world, session.scenario
     ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
@@ -66,7 +85,7 @@ def choose_cast(session: Session) -> Cast:
     if people.count:
         walkers = choose_blueprints(world, people.filter, people.generation, "walkers")
         controller = find_blueprint(world, "controller.ai.walker", "walkers")
-    return Cast(ego, _vehicles(session), walkers, points, controller)
+    return TrafficKinds(ego, _vehicles(session), walkers, points, controller)
 
 
 def _vehicles(session: Session) -> list[Blueprint]:
@@ -85,30 +104,30 @@ def _vehicles(session: Session) -> list[Blueprint]:
 
 def _base_type(blueprint: Blueprint) -> str:
     has = blueprint.has_attribute("base_type")
-    return str(blueprint.get_attribute("base_type").as_str()) if has else ""
+    return blueprint.get_attribute("base_type").as_str() if has else ""
 
 
-def spawn(session: Session, cast: Cast, stop: StopRequest) -> Spawned:
+def spawn(session: Session, kinds: TrafficKinds, stop: StopRequest) -> Spawned:
     """Put everybody into the world; the same seed tries the same places."""
     dice = random.Random(session.seed)
     manager = session.client.get_trafficmanager(_port(session))
     manager.set_random_device_seed(session.seed)
-    points = list(cast.spawn_points)
+    points = list(kinds.spawn_points)
     chosen = session.scenario.ego.spawn_point
     dice.shuffle(points)
-    ego = _spawn_ego(session, cast, points, chosen)
-    count = _spawn_vehicles(session, cast, (points, dice), stop)
-    people = _spawn_walkers(session, cast, dice, stop)
+    ego = _spawn_ego(session, kinds, points, chosen)
+    count = _spawn_vehicles(session, kinds, (points, dice), stop)
+    people = _spawn_walkers(session, kinds, dice, stop)
     return Spawned(ego, count, people)
 
 
 def _spawn_ego(
-    session: Session, cast: Cast, points: list[Pose], chosen: int | None
+    session: Session, kinds: TrafficKinds, points: list[Pose], chosen: int | None
 ) -> Actor:
     plan = session.scenario.ego
-    places = points if chosen is None else [cast.spawn_points[chosen]]
+    places = points if chosen is None else [kinds.spawn_points[chosen]]
     for place in places:
-        ego = session.world.try_spawn_actor(cast.ego, place)
+        ego = session.world.try_spawn_actor(kinds.ego, place)
         if ego is not None:
             session.own(ego)
             if plan.autopilot:
@@ -121,7 +140,7 @@ def _spawn_ego(
 
 def _spawn_vehicles(
     session: Session,
-    cast: Cast,
+    kinds: TrafficKinds,
     places: tuple[list[Pose], random.Random],
     stop: StopRequest,
 ) -> int:
@@ -131,7 +150,7 @@ def _spawn_vehicles(
         stop.check()
         if count == wanted.count:
             break
-        blueprint = dice.choice(cast.vehicles)
+        blueprint = dice.choice(kinds.vehicles)
         randomise(blueprint, dice)
         vehicle = session.world.try_spawn_actor(blueprint, place)
         if vehicle is None:
@@ -150,13 +169,18 @@ def _port(session: Session) -> int:
     return session.scenario.traffic_manager.port
 
 
-def _drive(session: Session, vehicle: Actor) -> None:
-    vehicle.set_autopilot(True, _port(session))
+def _drive(session: Session, actor: Actor) -> None:
+    if not isinstance(actor, Vehicle):
+        raise CaptureError(f"{actor.type_id} is no vehicle: it cannot drive")
+    actor.set_autopilot(True, _port(session))
 
 
-def _light(session: Session, vehicle: Actor, names: Sequence[str]) -> None:
-    if names:
-        vehicle.set_light_state(light_state(session.carla, names))
+def _light(session: Session, actor: Actor, names: Sequence[str]) -> None:
+    if not names:
+        return
+    if not isinstance(actor, Vehicle):
+        raise CaptureError(f"{actor.type_id} is no vehicle: it has no lights")
+    actor.set_light_state(light_state(session.carla, names))
 
 
 def light_state(carla: Carla, names: Sequence[str]) -> object:
@@ -167,7 +191,7 @@ def light_state(carla: Carla, names: Sequence[str]) -> object:
 
 
 def _spawn_walkers(
-    session: Session, cast: Cast, dice: random.Random, stop: StopRequest
+    session: Session, kinds: TrafficKinds, dice: random.Random, stop: StopRequest
 ) -> int:
     plan, world = session.scenario.walkers, session.world
     if not plan.count:
@@ -186,11 +210,12 @@ def _spawn_walkers(
     count, walking = 0, []
     for gait in gaits:
         stop.check()
-        walker = _spawn_walker(session, dice.choice(cast.walkers))
+        walker = _spawn_walker(session, dice.choice(kinds.walkers))
         if walker is None:
             continue
         count += 1
-        controller = _spawn_controller(session, cast, walker) if gait else None
+        leader = kinds.controller if gait else None
+        controller = _spawn_controller(session, leader, walker)
         if controller is not None:
             walking.append((controller, _speed(walker, gait)))
     # Controllers find their walkers only after a tick.
@@ -215,13 +240,22 @@ def _spawn_walker(session: Session, blueprint: Blueprint) -> Actor | None:
     return None
 
 
-def _spawn_controller(session: Session, cast: Cast, walker: Actor) -> Actor | None:
+def _spawn_controller(
+    session: Session, blueprint: Blueprint | None, walker: Actor
+) -> WalkerController | None:
+    if blueprint is None:
+        return None
     place = session.carla.Transform()
-    controller = session.world.try_spawn_actor(cast.controller, place, walker)
-    return None if controller is None else session.own(controller)
+    actor = session.world.try_spawn_actor(blueprint, place, walker)
+    if actor is None:
+        return None
+    session.own(actor)
+    if not isinstance(actor, WalkerController):
+        raise CaptureError(f"{actor.type_id} cannot lead a walker")
+    return actor
 
 
-def _walk(session: Session, controller: Actor, speed: float) -> None:
+def _walk(session: Session, controller: WalkerController, speed: float) -> None:
     session.at_end("stop a walker", controller.stop)
     controller.start()
     destination = session.world.get_random_location_from_navigation()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
-from unghost.capture.carla_words import WEATHER_PARAMETERS
-from unghost.capture.scenario import Scenario
-from unghost.capture.scenario_parts import Weather
+from unghost.capture.scenario import Scenario, Weather
 from unghost.capture.session import Session
-from unghost.capture.simulator import Carla
+from unghost.capture.simulator import WEATHER_PARAMETERS, Carla
 
 _DIGITS: Final = 6
 
@@ -65,7 +64,7 @@ class WeatherPlan:
         return {**base, **weather_numbers(weather, index, scenario.frames)}
 
 
-def parameters(carla: Carla, numbers: dict[str, float]) -> object:
+def parameters(carla: Carla, numbers: Mapping[str, float]) -> object:
     """`carla.WeatherParameters` with these numbers."""
     weather = carla.WeatherParameters()
     for name, value in numbers.items():

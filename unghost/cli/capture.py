@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.exits import PARTLY, REFUSED, SERVER_AWAY, Refused
 from unghost.cli.options import ServerOptions
-from unghost.cli.push import PushOptions, ensure_dataset, send
-from unghost.cli.push_report import PushReport
+from unghost.cli.push import PushOptions, PushReport, ensure_dataset, send
+from unghost.cli.screen import SERVER_AWAY, Refused, partly_done
 
 if TYPE_CHECKING:
     from unghost.capture.recording import Recorded
@@ -67,18 +65,13 @@ class CaptureOptions(ServerOptions):
     ] = None
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "capture")(capture)
-
-
 def capture(options: CaptureOptions) -> None:
     """Record what a scenario says from a running CARLA simulator.
 
     Safe to interrupt and to repeat: the simulator is put back as it was, and the same
     command goes on. Exit code 69 if no simulator answers, or none does any more.
     """
-    from unghost.capture.errors import CaptureError, SimulatorAway
+    from unghost.capture.simulator import CaptureError, SimulatorAway
 
     try:
         _capture(options)
@@ -90,9 +83,9 @@ def capture(options: CaptureOptions) -> None:
 
 
 def _capture(options: CaptureOptions) -> None:
-    from unghost.capture.errors import ScenarioError
     from unghost.capture.plan import plan_of
     from unghost.capture.scenario import read_scenario
+    from unghost.capture.simulator import ScenarioError
 
     if options.from_carlasimu is not None:
         _convert(options.from_carlasimu, options)
@@ -113,7 +106,7 @@ def _capture(options: CaptureOptions) -> None:
     except ScenarioError as error:
         # Found by asking the simulator: told like those that the file alone shows.
         raise ScenarioError(f"{options.scenario.name}: {error}") from error
-    _tell(recorded, output, options)
+    _print_recorded(recorded, output, options)
     if options.push is not None:
         _push(output, options.push, options)
 
@@ -141,7 +134,7 @@ def _record(scenario: Scenario, output: Path, options: CaptureOptions) -> Record
             ) from None
 
 
-def _tell(recorded: Recorded, output: Path, options: CaptureOptions) -> None:
+def _print_recorded(recorded: Recorded, output: Path, options: CaptureOptions) -> None:
     screen = options.screen
     for reason, count in sorted(recorded.missed.items()):
         screen.note(f"ticks not recorded: {count}: {reason}")
@@ -182,4 +175,4 @@ def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
         send(client, pushing, found, report)
     report.print_summary(found.unmatched, dataset)
     if report.refused:
-        raise typer.Exit(PARTLY if report.succeeded else REFUSED)
+        raise partly_done(report.succeeded)

@@ -1,4 +1,4 @@
-"""`unghost worker`, `scheduler` and `certificates`: past one machine."""
+"""Several machines: `unghost worker`, `scheduler` and `certificates`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from typing import Annotated
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.data_options import DataFolder
-from unghost.cli.exits import Refused
-from unghost.cli.options import OutputOptions
-from unghost.cli.serve import settings_of
+from unghost.cli.options import DataFolder, OutputOptions, settings_of
+from unghost.cli.screen import refused_on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,13 +111,6 @@ class CertificatesOptions(OutputOptions):
     ] = 825
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    command(app, "worker")(worker)
-    command(app, "scheduler")(scheduler)
-    command(app, "certificates")(certificates)
-
-
 def worker(options: WorkerOptions) -> None:
     """Work on runs and exports of a service, for as long as its scheduler is there.
 
@@ -141,10 +131,8 @@ def worker(options: WorkerOptions) -> None:
     )
     configure_logging(settings.log_level, settings.log_format)
     place = Place(options.host, options.port, options.patience)
-    try:
+    with refused_on(UnusableEngine):
         status = Supervisor(settings, place).run()
-    except UnusableEngine as exc:
-        raise Refused(str(exc)) from exc
     raise typer.Exit(status)
 
 
@@ -167,10 +155,8 @@ def scheduler(options: SchedulerOptions) -> None:
         )
 
     shown = Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
-    try:
+    with refused_on(UnusableEngine):
         run_scheduler(options.host, options.port, shown, ready)
-    except UnusableEngine as exc:
-        raise Refused(str(exc)) from exc
 
 
 def certificates(options: CertificatesOptions) -> None:
@@ -181,9 +167,7 @@ def certificates(options: CertificatesOptions) -> None:
     from app.engine import UnusableEngine
     from app.engine.certificates import make_certificates
 
-    try:
+    with refused_on(UnusableEngine):
         made = make_certificates(options.folder, tuple(options.host), options.days)
-    except UnusableEngine as exc:
-        raise Refused(str(exc)) from exc
     for file in made:
         options.screen.record({"file": str(file)}, str(file))

@@ -1,29 +1,50 @@
-"""`unghost datasets`: what the server holds."""
+"""What the server holds: `unghost datasets`, and `unghost stats` of one of them."""
 
 from __future__ import annotations
 
-import typer
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
-from unghost.cli.command import command
-from unghost.cli.options import ServerOptions
-from unghost.results import Dataset
+from unghost.cli.options import DatasetName, ServerOptions
+from unghost.cli.screen import Screen, most_first
 
-_COLUMNS = ("dataset", "frames", "boxes", "kept", "rejected", "unmeasured", "to review")
+if TYPE_CHECKING:
+    from unghost.wire.datasets import Dataset, Stats
+
+_DATASET_COLUMNS: Final = (
+    "dataset",
+    "frames",
+    "boxes",
+    "kept",
+    "rejected",
+    "unmeasured",
+    "to review",
+)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "datasets")(datasets)
+_TOTALS: Final = (
+    "frames",
+    "boxes",
+    "kept",
+    "rejected",
+    "unmeasured",
+    "reviewed",
+    "to_review",
+    "unsure",
+    "conflicts",
+    "toss_ups",
+    "lossy",
+)
+
+
+_CLASS_COLUMNS: Final = ("class", "boxes", "kept", "rejected", "unmeasured", "% kept")
 
 
 def datasets(options: ServerOptions) -> None:
     """List the datasets with their counts."""
-    screen = options.screen
     with options.connect() as client:
-        found = list(client.datasets())
-    for dataset in found:
-        screen.record(dataset.raw)
-    screen.table(_COLUMNS, [_row(dataset) for dataset in found])
+        options.screen.listing(_DATASET_COLUMNS, client.datasets(), _row)
 
 
 def _row(dataset: Dataset) -> tuple[object, ...]:
@@ -37,3 +58,41 @@ def _row(dataset: Dataset) -> tuple[object, ...]:
         counts.unmeasured,
         counts.to_review,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatsOptions(ServerOptions):
+    """Options of `unghost stats`."""
+
+    dataset: DatasetName
+
+
+def stats(options: StatsOptions) -> None:
+    """Count a dataset's boxes by verdict, reason and class."""
+    with options.connect() as client:
+        numbers = client.stats(options.dataset)
+    options.screen.record(numbers.raw)
+    _print_stats(numbers, options.screen)
+
+
+def _print_stats(numbers: Stats, screen: Screen) -> None:
+    totals = [(name.replace("_", " "), getattr(numbers, name)) for name in _TOTALS]
+    screen.table(("dataset", "number"), totals)
+    screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
+    screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
+
+
+def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:
+    for reason, count in most_first(numbers.by_reason):
+        yield reason, count, _percent(count, numbers.boxes)
+
+
+def _classes(numbers: Stats) -> Iterator[tuple[object, ...]]:
+    for name, counts in numbers.by_class.items():
+        boxes = counts.kept + counts.rejected + counts.unmeasured
+        row = (boxes, counts.kept, counts.rejected, counts.unmeasured)
+        yield name, *row, _percent(counts.kept, boxes)
+
+
+def _percent(part: int, whole: int) -> float | None:
+    return round(100 * part / whole, 1) if whole else None

@@ -1,39 +1,59 @@
-"""`unghost evaluate`: which channel is right how often, on your own frames."""
+"""`unghost evaluate`: how often each kind of evidence is right, on your own frames.
+
+Printed as tables, drawn as a picture, and suggested as thresholds for each class.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
+from xml.sax.saxutils import escape
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.exits import PARTLY, REFUSED
-from unghost.cli.options import OutputOptions
-from unghost.cli.score_plot import f1_plot
-from unghost.cli.screen import Screen
-from unghost.cli.source_options import LocalFilterOptions
-from unghost.cli.sources import open_source, read_config
-from unghost.cli.suggested_thresholds import ThresholdsAsked
+from unghost.cli.options import OutputOptions, Words
+from unghost.cli.screen import Screen, partly_done, refusal
+from unghost.cli.sources import LocalFilterOptions, open_source, read_config
 
 if TYPE_CHECKING:
-    from filter_core.local import EvaluationTask
+    from filter_core.config.filter import FilterConfig
+    from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
+    from filter_core.local import EvaluationTask, KnownBoxes
 
-_COLUMNS = ("precision", "recall", "F1", "low", "high", "ghosts kept", "visible lost")
+
+_SCORE_COLUMNS: Final = (
+    "precision",
+    "recall",
+    "F1",
+    "low",
+    "high",
+    "ghosts kept",
+    "visible lost",
+)
 
 
-class Channel(str, Enum):
-    """What can be compared."""
+_THRESHOLD_COLUMNS: Final = (
+    "class",
+    "current",
+    "suggested",
+    "low",
+    "high",
+    "F1 now",
+    "F1 then",
+)
+_WIDTH, _ROW, _TITLES = 640, 34, 220
+_TOP, _BOTTOM = 28, 46
+_TICKS: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+Score = Mapping[str, Any]
 
-    SEMANTIC = "semantic"
-    ORDERED = "ordered"
-    DEPTH = "depth"
-    DEPTH_CENTER = "depth_center"
-    INSTANCE = "instance"
-    LIDAR = "lidar"
+
+def _channels() -> Iterable[str]:
+    from filter_core.evaluation.comparison import COMPARED
+
+    return COMPARED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +71,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         ),
     ] = None
     channel: Annotated[
-        list[Channel] | None,
+        list[str] | None,
         typer.Option(help="A channel to compare; may be repeated. Else all."),
+        Words(_channels),
     ] = None
     plot: Annotated[
         Path | None,
@@ -88,11 +109,6 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "evaluate")(evaluate)
-
-
 def evaluate(options: EvaluateOptions) -> None:
     """Compare the filter's channels with the truth, on a folder of frames.
 
@@ -105,48 +121,58 @@ def evaluate(options: EvaluateOptions) -> None:
 
     found = open_source(options.source, options)
     screen, task = options.screen, _task(options)
-    thresholds = ThresholdsAsked.of(options, task.config)
+    thresholds = _Thresholds.asked_for(options, task.config)
+
+    def collect(boxes: KnownBoxes) -> None:
+        if thresholds is not None:
+            thresholds.add(boxes)
+
     with screen.progress("evaluate", "frames") as advance:
         steps = iter(range(1, 1 << 62))
         evaluation, problems = evaluate_source(
             found,
             task,
             progress=lambda: advance(next(steps), found.count),
-            also=thresholds.add,
+            also=collect,
             workers=options.workers,
         )
     for problem in problems:
-        screen.note(f"refused: {problem['key']}: {problem['error']['detail']}")
+        screen.note(refusal(problem["key"], problem["error"]["detail"]))
     result = evaluation.as_dict()
-    screen.record(result | thresholds.as_dict())
-    print_evaluation(result, screen)
-    thresholds.finish(screen)
+    if thresholds is None:
+        screen.record(result)
+        _print_evaluation(result, screen)
+    else:
+        suggested = [one.as_dict() for one in thresholds.suggested]
+        screen.record({**result, "suggested": suggested})
+        _print_evaluation(result, screen)
+        thresholds.print_and_write(screen)
     if options.plot is not None:
         options.plot.write_text(f1_plot(list(result["channels"].items())), "utf-8")
     if problems:
-        raise typer.Exit(PARTLY if evaluation.frames else REFUSED)
+        raise partly_done(evaluation.frames)
 
 
 def _task(options: EvaluateOptions) -> EvaluationTask:
-    from filter_core.evaluation.comparison import COMPARED
     from filter_core.local import EvaluationTask, read_truth
 
-    chosen = tuple(one.value for one in options.channel or ())
     return EvaluationTask(
         config=read_config(options.config, options, options.screen),
         truth=None if options.truth is None else read_truth(options.truth),
-        channels=chosen or COMPARED,
+        channels=tuple(options.channel or _channels()),
     )
 
 
-def print_evaluation(result: dict[str, Any], screen: Screen) -> None:
+def _print_evaluation(result: dict[str, Any], screen: Screen) -> None:
     """One table of the channels, one by distance and one by class."""
     channels = result["channels"]
-    columns = ("channel", *_COLUMNS, "judged")
-    rows = [(name, *_row(one), one["judged"]) for name, one in channels.items()]
+    columns = ("channel", *_SCORE_COLUMNS, "judged")
+    rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
     screen.table(columns, rows)
     for key, title in (("by_distance", "metres"), ("by_class", "class")):
-        screen.table((title, "channel", *_COLUMNS), _parts(channels, key), tag=title)
+        screen.table(
+            (title, "channel", *_SCORE_COLUMNS), _parts(channels, key), tag=title
+        )
 
 
 def _parts(channels: dict[str, Any], key: str) -> Iterator[tuple[object, ...]]:
@@ -155,7 +181,7 @@ def _parts(channels: dict[str, Any], key: str) -> Iterator[tuple[object, ...]]:
     for part in names:
         for channel, each in parts.items():
             if part in each:
-                yield part, channel, *_row(each[part])
+                yield part, channel, *_score_row(each[part])
 
 
 def _named(parts: Any) -> Iterable[tuple[str, dict[str, Any]]]:  # noqa: ANN401  # JSON
@@ -164,7 +190,7 @@ def _named(parts: Any) -> Iterable[tuple[str, dict[str, Any]]]:  # noqa: ANN401 
     return [(one["band"], one) for one in parts]
 
 
-def _row(score: dict[str, Any]) -> tuple[object, ...]:
+def _score_row(score: dict[str, Any]) -> tuple[object, ...]:
     f1 = score["f1"] or {}
     shares = [
         (score["precision"] or {}).get("value"),
@@ -173,3 +199,113 @@ def _row(score: dict[str, Any]) -> tuple[object, ...]:
     ]
     rounded = (None if one is None else round(one, 3) for one in shares)
     return (*rounded, score["kept_hidden"], score["rejected_visible"])
+
+
+@dataclass
+class _Thresholds:
+    """Thresholds that the truth suggests: collects boxes, then prints and writes."""
+
+    collector: TruthCollector
+    goal: Goal
+    file: Path | None
+
+    @classmethod
+    def asked_for(
+        cls, options: EvaluateOptions, config: FilterConfig
+    ) -> _Thresholds | None:
+        """Those of the command line; None without `--suggest`."""
+        from filter_core.evaluation.thresholds import Goal, TruthCollector
+
+        if options.suggest:
+            goal = Goal() if options.recall is None else Goal("recall", options.recall)
+            return cls(TruthCollector(config), goal, options.config_out)
+        if options.recall is not None or options.config_out is not None:
+            raise typer.BadParameter("--recall and --config-out belong to --suggest")
+        return None
+
+    def add(self, boxes: KnownBoxes) -> None:
+        """Boxes of a frame."""
+        self.collector.add(boxes.evidence, boxes.visible)
+
+    @cached_property
+    def suggested(self) -> list[ClassSuggestion]:
+        """A threshold for each class that has boxes of both kinds."""
+        return self.collector.suggestions(self.goal)
+
+    def print_and_write(self, screen: Screen) -> None:
+        """The table, and the file if one was asked for."""
+        rows = map(_threshold_row, self.suggested)
+        screen.table(_THRESHOLD_COLUMNS, rows, tag="threshold")
+        if not self.suggested:
+            screen.note("no class has both visible and hidden boxes to suggest from")
+        if self.file is not None:
+            self.file.write_text(_yaml(self.collector.config, self.suggested), "utf-8")
+            screen.note(f"wrote {self.file}")
+
+
+def _threshold_row(one: ClassSuggestion) -> tuple[object, ...]:
+    found = one.found
+    scores = (found.at_current.f1, found.at_suggested.f1)
+    return (
+        one.class_name,
+        one.current,
+        found.threshold,
+        *(round(bound, 2) for bound in found.interval),
+        *(None if score is None else round(score, 3) for score in scores),
+    )
+
+
+def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
+    """Everything that the evaluation used, with the new thresholds."""
+    import yaml
+
+    from filter_core.evaluation.thresholds import with_thresholds
+
+    plain = with_thresholds(config, found).as_dict()
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+
+
+def f1_plot(rows: Sequence[tuple[str, Score]]) -> str:
+    """F1 of each channel with its 95 % interval, as an SVG document."""
+    known = [(title, score["f1"]) for title, score in rows if score["f1"] is not None]
+    lowest = min((score["low"] for _, score in known), default=0.0)
+    ticks = [tick for tick in _TICKS if tick >= lowest - 0.1]
+    height = _ROW * len(known) + _BOTTOM
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" '
+        'font-family="system-ui, sans-serif" font-size="13" role="img" '
+        'aria-label="F1 of each channel with its 95 % interval">',
+        f'<rect width="{_WIDTH}" height="{height}" fill="#ffffff"/>',
+        *(_plot_tick(tick, ticks[0], height) for tick in ticks),
+        *(
+            _plot_row(title, score, ticks[0], _TOP + _ROW * number)
+            for number, (title, score) in enumerate(known)
+        ),
+    ]
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _plot_x(value: float, lowest: float) -> float:
+    share = (value - lowest) / (1 - lowest)
+    return _TITLES + share * (_WIDTH - _TITLES - 30)
+
+
+def _plot_tick(tick: float, lowest: float, height: int) -> str:
+    x = f"{_plot_x(tick, lowest):.1f}"
+    return (
+        f'<line x1="{x}" x2="{x}" y1="10" y2="{height - 30}" stroke="#d9dee3"/>'
+        f'<text x="{x}" y="{height - 12}" text-anchor="middle" fill="#4a5560">'
+        f"{tick:.1f}</text>"
+    )
+
+
+def _plot_row(title: str, score: Mapping[str, float], lowest: float, y: int) -> str:
+    low, high = (_plot_x(score[end], lowest) for end in ("low", "high"))
+    return (
+        f'<text x="{_TITLES - 12}" y="{y + 4}" text-anchor="end" fill="#1d2429">'
+        f"{escape(title)}</text>"
+        f'<line x1="{low:.1f}" x2="{high:.1f}" y1="{y}" y2="{y}" stroke="#00735c" '
+        'stroke-width="3"/>'
+        f'<circle cx="{_plot_x(score["value"], lowest):.1f}" cy="{y}" r="5.5" '
+        'fill="#00735c"/>'
+    )

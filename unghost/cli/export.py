@@ -1,19 +1,81 @@
-"""`unghost export`: the clean labels as a file."""
+"""Labels as files: `unghost export` from a server, `unghost convert` without one."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.format_options import FORMATS_HELP, FormatOptions
-from unghost.cli.options import DatasetName, ServerOptions
-from unghost.cli.waiting import wait_for_export
-from unghost.client import Client
-from unghost.work_results import Export
+from unghost.cli.options import DatasetName, OutputOptions, ServerOptions, Words
+from unghost.cli.screen import Screen, partly_done, refusal
+from unghost.cli.sources import (
+    SegmentationReading,
+    SourceOptions,
+    not_matched,
+    open_source,
+    read_config,
+)
+
+if TYPE_CHECKING:
+    from filter_core.formats.export import ExportFrame
+    from filter_core.formats.export import ExportOptions as LabelOptions
+    from filter_core.formats.reading import FrameSet
+    from filter_core.local import LeftOut
+    from unghost.client.client import Client
+    from unghost.wire import Export
+
+
+_LISTS: Final = ("bands",)
+"""Options that take several values, separated by commas."""
+
+
+def _formats() -> Iterable[str]:
+    from filter_core.formats.registry import EXPORT_FORMATS
+
+    return EXPORT_FORMATS
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormatOptions:
+    """How to write a format."""
+
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--option",
+            "-O",
+            metavar="KEY=VALUE",
+            help="An option of the format, such as include=all, split=0.9 or "
+            "bands=50,100.",
+        ),
+    ] = None
+
+    @property
+    def given(self) -> dict[str, object]:
+        """The options by name."""
+        return dict(_pair(text) for text in self.option or ())
+
+
+def _pair(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not (key and equals):
+        raise typer.BadParameter(f"--option {text!r} is not of the form KEY=VALUE")
+    if key in _LISTS:
+        return key, [_value(part.strip()) for part in value.split(",") if part.strip()]
+    return key, _value(value)
+
+
+def _value(text: str) -> object:
+    """A number or a truth value where it reads like one, as in YAML."""
+    if text in ("true", "false"):
+        return text == "true"
+    try:
+        return float(text) if "." in text else int(text)
+    except ValueError:
+        return text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,15 +83,14 @@ class ExportOptions(ServerOptions, FormatOptions):
     """Options of `unghost export`."""
 
     dataset: DatasetName
-    format: Annotated[str, typer.Option("--format", help=FORMATS_HELP)]
+    format: Annotated[
+        str,
+        typer.Option("--format", help="{words}."),
+        Words(_formats, checked=False),
+    ]
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The file to write.", dir_okay=False)
     ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "export")(export)
 
 
 def export(options: ExportOptions) -> None:
@@ -44,6 +105,40 @@ def export(options: ExportOptions) -> None:
         done = wait_for_export(client, started, screen)
         _download(client, done, options)
     screen.record({**done.raw, "path": str(options.output)}, str(options.output))
+
+
+def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
+    """Follow an export until its file is ready, with a bar.
+
+    Interrupted, it is ended: nobody else asked for it.
+
+    Raises
+    ------
+    RunFailed
+        It did not succeed.
+    """
+    try:
+        with screen.progress(f"export {export.id}", "frames") as advance:
+            return client.wait_for_export(
+                export, progress=lambda state: advance(state.done, state.total)
+            )
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_cancel_interrupted(client, export)) from None
+
+
+def _cancel_interrupted(client: Client, export: Export) -> str:
+    import httpx
+
+    from unghost.client.errors import ApiError, Conflict
+
+    begin, again = f"interrupted; export {export.id}", "the same command makes it anew"
+    try:
+        client.cancel_export(export)
+    except Conflict:  # it was faster
+        return f"{begin} was over already, and {again}"
+    except (ApiError, httpx.TransportError):
+        return f"{begin} goes on at the server, and {again}"
+    return f"{begin} was cancelled; {again}"
 
 
 def _download(client: Client, done: Export, options: ExportOptions) -> None:
@@ -63,3 +158,131 @@ def _download(client: Client, done: Export, options: ExportOptions) -> None:
 def _kb(size_bytes: int) -> int:
     # Rounded up: the last one is reached with the last byte.
     return -(-size_bytes // 1000)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOptions):
+    """Options of `unghost convert`."""
+
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A folder in a recognised layout, a manifest.jsonl, or COCO's .json.",
+            exists=True,
+        ),
+    ]
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="FORMAT", help="{words}."),
+        Words(_formats, checked=False),
+    ]
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="The folder to make.", file_okay=False),
+    ]
+    filter: Annotated[
+        bool,
+        typer.Option(
+            "--filter",
+            help="Decide every box by the segmentations, and leave out what is "
+            "rejected; else every box is taken over.",
+        ),
+    ] = False
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A filter configuration (YAML) for --filter; else the defaults.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+
+
+def convert(options: ConvertOptions) -> None:
+    """Write the labels of a folder in another format, without a server.
+
+    With --filter, only the boxes that the filter keeps. The new folder appears when
+    all of it is written; its manifest.json names every box that was left out or cut.
+    Exit code 3 if some frames could not be read or matched; they are listed.
+    """
+    if options.config is not None and not options.filter:
+        raise typer.BadParameter("--config is for --filter")
+    from filter_core.formats.registry import format_of
+
+    # Before the folder is read, which may take long.
+    format_of(options.to, _label_options(options))
+    found = open_source(options.source, options)
+    progress = _Progress(options.screen)
+    counts = _write_labels(options, found, progress)
+    for file in found.unmatched:
+        options.screen.note(not_matched(file))
+    boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
+    frames = {"frames": progress.written, "failed": progress.failed}
+    options.screen.record(
+        {"output": str(options.output), **frames, "boxes": boxes},
+        f"{options.output}\t{progress.written} frames\t"
+        f"{boxes['out']} of {boxes['in']} boxes",
+    )
+    if progress.failed or found.unmatched:
+        raise partly_done(progress.written)
+
+
+def _label_options(options: ConvertOptions) -> LabelOptions:
+    from filter_core.formats.export import ExportOptions as LabelOptions
+
+    # Without the filter nothing is decided, and so nothing is left out.
+    taken_over = not options.filter and not options.to.startswith("decisions")
+    include = {"include": "all"} if taken_over else {}
+    return LabelOptions.from_mapping({**include, **options.given})
+
+
+def _write_labels(
+    options: ConvertOptions, found: FrameSet, progress: _Progress
+) -> Mapping[str, Any]:
+    from filter_core.formats.export import ExportHead
+    from filter_core.formats.files import folder_sink
+    from filter_core.formats.registry import format_of, write_export
+    from filter_core.local import class_order, export_sources
+
+    config = read_config(options.config, options, options.screen)
+    classes = found.classes or class_order(found)
+    options.screen.note(f"classes in this order: {', '.join(classes)}")
+    decided = {"config": config.digest} if options.filter else {}
+    facts = {"source": options.source.name, "layout": found.layout, **decided}
+    labels = _label_options(options)
+    needs = format_of(options.to, labels).needs
+    frames = export_sources(found, config, measure=options.filter, needs=needs)
+    with folder_sink(options.output) as sink:
+        return write_export(
+            options.to,
+            progress.watch(frames, found.count),
+            sink,
+            ExportHead(classes, facts),
+            labels,
+        )
+
+
+class _Progress:
+    """Passes on the frames that can be written; counts them, and lists the others."""
+
+    def __init__(self, screen: Screen) -> None:
+        self.screen = screen
+        self.written = 0
+        self.failed = 0
+
+    def watch(
+        self, frames: Iterable[ExportFrame | LeftOut], total: int | None
+    ) -> Iterator[ExportFrame]:
+        """The frames to be written, under a bar."""
+        from filter_core.formats.export import ExportFrame
+
+        with self.screen.progress("convert", "frames") as advance:
+            for frame in frames:
+                if isinstance(frame, ExportFrame):
+                    self.written += 1
+                    yield frame
+                else:
+                    self.failed += 1
+                    self.screen.note(refusal(frame.key, frame.problem.detail))
+                advance(self.written + self.failed, total)

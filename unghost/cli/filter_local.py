@@ -1,34 +1,53 @@
-"""`unghost filter`: the same filter on this machine alone, without a server."""
+"""`unghost filter`: every box of a folder decided on this machine, without a server."""
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, TypeAlias
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.exits import PARTLY, REFUSED
-from unghost.cli.filter_work import FrameLine, decided_lines
 from unghost.cli.options import OutputOptions
-from unghost.cli.push_report import without_key
-from unghost.cli.screen import Screen
-from unghost.cli.source_options import LocalFilterOptions
-from unghost.cli.sources import open_source, read_config
+from unghost.cli.screen import Refused, Screen, partly_done, refusal
+from unghost.cli.sources import (
+    LocalFilterOptions,
+    not_matched,
+    open_source,
+    read_config,
+)
 
 if TYPE_CHECKING:
-    from filter_core.formats.reading import Unmatched
+    from concurrent.futures import Future
+    from multiprocessing.context import BaseContext
 
-Write = Callable[[bytes], object]
+    from filter_core.config.filter import FilterConfig
+    from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
+    from filter_core.local import FrameOutcome
+
+
+Write: TypeAlias = Callable[[bytes], object]
 
 _STDOUT: Final = Path("-")
 _BUFFER_BYTES: Final = 1 << 20
 """A line is some twenty kilobytes: many of them in one write."""
+FEWEST_FRAMES: Final = 1000
+"""Fewer are decided before processes would have started."""
+FEWEST_PROCESSES: Final = 3
+"""Two threads wait for each other less than two processes cost."""
+_PART: Final = 8
+"""Frames that are handed to a process together."""
+_PARTS_AHEAD: Final = 4
+"""Per process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +66,6 @@ class FilterOptions(OutputOptions, LocalFilterOptions):
     ] = _STDOUT
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "filter")(filter_local)
-
-
 def filter_local(options: FilterOptions) -> None:
     """Decide every box of a folder here, without a server, on all cores.
 
@@ -67,10 +81,10 @@ def filter_local(options: FilterOptions) -> None:
         for line in tally.watch(decided, found.count):
             write(line.content)
     for file in found.unmatched:
-        tally.screen.note(f"not matched: {file.path}: {file.why}")
+        tally.screen.note(not_matched(file))
     tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched:
-        raise typer.Exit(PARTLY if tally.decided else REFUSED)
+        raise partly_done(tally.decided)
 
 
 def _spare_source(options: FilterOptions) -> None:
@@ -89,15 +103,15 @@ def _output(path: Path) -> Iterator[Write]:
         sys.stdout.buffer.flush()
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.part")
+    unfinished = path.with_name(f"{path.name}.part")
     try:
-        with partial.open("wb", buffering=_BUFFER_BYTES) as file:
+        with unfinished.open("wb", buffering=_BUFFER_BYTES) as file:
             yield file.write
-        partial.replace(path)
+        unfinished.replace(path)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {path} was not written") from None
     finally:
-        partial.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
 
 
 class _Tally:
@@ -122,8 +136,7 @@ class _Tally:
     def _add(self, line: FrameLine) -> None:
         if line.fault is not None:
             self.failed += 1
-            said = without_key(line.fault, line.key)
-            self.screen.note(f"refused: {line.key}: {said}")
+            self.screen.note(refusal(line.key, line.fault))
             return
         self.decided += 1
         self._boxes.update(line.verdicts)
@@ -140,3 +153,161 @@ class _Tally:
             left = [vars(file) for file in unmatched]
             record = {"output": str(output), **counts, "unmatched": left}
             self.screen.record(record, text)
+
+
+@dataclass(frozen=True)
+class FrameLine:
+    """A frame's line, how many of its boxes got which verdict, or what is wrong."""
+
+    key: str
+    content: bytes
+    verdicts: Counter[str] = field(default_factory=Counter)
+    fault: str | None = None
+
+
+def decided_lines(
+    found: FrameSet, config: FilterConfig, workers: int | None
+) -> Generator[FrameLine, None, None]:
+    """The lines of all frames, in their order; a bounded number is decided ahead.
+
+    Decoding releases Python's lock, describing decisions does not: threads wait for
+    each other, the longer the more there are. Processes do not, but take a second to
+    start and have to send lines, so threads do a few frames, or the work of two cores.
+
+    Parameters
+    ----------
+    found : FrameSet
+    config : FilterConfig
+    workers : int or None
+        Threads or processes; None: one for each core.
+
+    Yields
+    ------
+    FrameLine
+
+    Raises
+    ------
+    Refused
+        A process ended while it worked on frames, which are named.
+    """
+    count = workers or os.cpu_count() or 1
+    is_short = found.count is not None and found.count < FEWEST_FRAMES
+    if count < FEWEST_PROCESSES or is_short:
+        from filter_core.local import in_order
+
+        return in_order(partial(_line_of, config), found, workers)
+    return _by_processes(found, config, count)
+
+
+class _Part(NamedTuple):
+    keys: tuple[str, str]
+    lines: Future[list[FrameLine]]
+
+
+def _by_processes(
+    found: FrameSet, config: FilterConfig, count: int
+) -> Generator[FrameLine, None, None]:
+    from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
+
+    waiting: deque[_Part] = deque()
+    pool = ProcessPoolExecutor(count, _context(), _begin)
+    try:
+        for frames in _parts(found):
+            keys = frames[0].key, frames[-1].key
+            waiting.append(_Part(keys, pool.submit(_lines_of, config, frames)))
+            if len(waiting) >= count * _PARTS_AHEAD:
+                yield from waiting[0].lines.result()
+                waiting.popleft()
+        while waiting:
+            yield from waiting[0].lines.result()
+            waiting.popleft()
+    except BrokenProcessPool:
+        first, last = waiting[0].keys[0], waiting[-1].keys[1]
+        raise Refused(
+            f"a process ended while it worked on frames {first!r} to {last!r}: one of "
+            "them crashes a library, or memory has run out"
+        ) from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _parts(found: Iterable[FrameSource]) -> Iterator[list[FrameSource | FrameOutcome]]:
+    frames = map(_sendable, found)
+    while part := list(islice(frames, _PART)):
+        yield part
+
+
+def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
+    """A frame as another process can take it: errors cannot be sent as they are."""
+    from filter_core.errors import problem_of
+    from filter_core.local import FrameOutcome
+
+    if source.problem is None:
+        return source
+    return FrameOutcome(source.key, error=problem_of(source.problem))
+
+
+def _context() -> BaseContext:
+    """Processes that start from a clean one, where the system can fork; else anew."""
+    import multiprocessing
+    import multiprocessing.util
+
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    # Python 3.10.0 to 3.10.8 let every user of the machine talk to the process that
+    # forks (CVE-2022-42919), unless its socket is a file.
+    vars(multiprocessing.util)["abstract_sockets_supported"] = False
+    context = multiprocessing.get_context("forkserver")
+    # Imported once, and shared by all.
+    context.set_forkserver_preload(["filter_core.local", "pydantic"])
+    return context
+
+
+def _begin() -> None:
+    """In a process that has just started."""
+    import cv2
+
+    cv2.setNumThreads(1)  # the other cores have processes of their own
+    # Ctrl-C is the command's to hear: it lets the frames at hand be finished.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A command that is killed cannot tell its processes to end."""
+    import multiprocessing
+    from multiprocessing.connection import wait
+
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def _lines_of(
+    config: FilterConfig, frames: list[FrameSource | FrameOutcome]
+) -> list[FrameLine]:
+    return [_line_of(config, frame) for frame in frames]
+
+
+def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLine:
+    from filter_core.local import FrameOutcome, filter_one
+    from filter_core.segmentation.reading import SegmentationOptions
+
+    outcome = frame
+    if not isinstance(outcome, FrameOutcome):
+        outcome = filter_one(outcome, config, SegmentationOptions())
+    content = _encoder()(outcome.as_dict()) + b"\n"
+    if outcome.error is not None:
+        return FrameLine(outcome.key, content, fault=outcome.error["detail"])
+    verdicts = Counter(str(each["verdict"]) for each in outcome.decisions or ())
+    return FrameLine(outcome.key, content, verdicts)
+
+
+@cache
+def _encoder() -> Callable[[dict[str, Any]], bytes]:
+    """What makes the lines: a frame has some 700 values, so the encoder matters."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(dict[str, Any]).dump_json

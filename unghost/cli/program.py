@@ -2,38 +2,162 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
-from typing import Annotated, NoReturn
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from itertools import takewhile
+from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, TypeAlias
 
-import httpx
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from unghost.cli import (
-    audit,
-    backup,
-    capture,
-    cluster,
-    config,
-    convert,
-    datasets,
-    demo,
-    diff,
-    doctor,
-    evaluate,
-    export,
-    filter_local,
-    login,
-    push,
-    run,
-    serve,
-    stats,
-    token,
-)
-from unghost.cli.exits import INTERRUPTED, REFUSED, exit_code, explain
-from unghost.cli.screen import Screen
+from unghost.cli.options import Action, build_command
+from unghost.cli.screen import INTERRUPTED, REFUSED, SERVER_AWAY, USAGE, Refused, Screen
+
+if TYPE_CHECKING:
+    import httpx
+
+COMMANDS: Final = {
+    "serve": "serve:serve",
+    "login": "access:login",
+    "demo": "serve:demo",
+    "push": "push:push",
+    "filter": "filter_local:filter_local",
+    "run": "runs:run",
+    "wait": "runs:wait",
+    "cancel": "runs:cancel",
+    "stats": "datasets:stats",
+    "diff": "runs:diff",
+    "datasets": "datasets:datasets",
+    "export": "export:export",
+    "convert": "export:convert",
+    "evaluate": "evaluate:evaluate",
+    "audit": "access:audit",
+    "capture": "capture:capture",
+    "backup": "admin:backup",
+    "restore": "admin:restore",
+    "doctor": "admin:doctor",
+    "gc": "admin:gc",
+    "worker": "cluster:worker",
+    "scheduler": "cluster:scheduler",
+    "certificates": "cluster:certificates",
+}
+"""Every command and its function, in the order in which they are listed."""
+
+CONFIG_COMMANDS: Final = {
+    "show": "runs:show_config",
+    "set": "runs:set_config",
+    "diff": "runs:diff_config",
+}
+TOKEN_COMMANDS: Final = {
+    "create": "access:create_token",
+    "list": "access:list_tokens",
+    "revoke": "access:revoke_token",
+}
+
+
+Context: TypeAlias = Any
+"""That of click, which typer has from elsewhere in each version and does not export."""
+
+
+class LazyCommand(TyperCommand):
+    """A command that is imported when it is called or listed, and built when called.
+
+    So no command waits for what others import.
+    """
+
+    def __init__(self, name: str, function: str) -> None:
+        super().__init__(name)
+        self._function = function
+
+    @property
+    def action(self) -> Action:
+        """The function that does it, of one dataclass of options."""
+        module, _, name = self._function.partition(":")
+        action: Action = getattr(import_module(f"unghost.cli.{module}"), name)
+        return action
+
+    def build(self, *, with_help: bool = True) -> TyperCommand:
+        """The command with its options."""
+        return build_command(str(self.name), self.action, with_help=with_help)
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """The first sentence of its help, which needs no options."""
+        listed = TyperCommand(self.name, help=inspect.getdoc(self.action))
+        return listed.get_short_help_str(limit)
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: Context = None,
+        **extra: object,
+    ) -> Context:
+        """Read the arguments; from here on the command that was built acts."""
+        if _asks_for_help(args):
+            built = self.build()
+            context = typer.Context(built, info_name=info_name, parent=parent)
+            typer.echo(built.get_help(context))
+            raise typer.Exit
+        built = self.build(with_help=False)
+        return built.make_context(info_name, args, parent, **extra)
+
+
+class LazyGroup(TyperGroup):
+    """Commands that share a word, or all of them."""
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: Context = None,
+        **extra: object,
+    ) -> Context:
+        """Read the arguments up to the command, and pass on who asks for its help.
+
+        To read a single argument typer loads pydantic, which help does without.
+        """
+        if _asks_for_help(args) and args[0] in self.commands:
+            context = typer.Context(self, info_name=info_name, parent=parent)
+            return self.commands[args[0]].make_context(args[0], args[1:], context)
+        return super().make_context(info_name, args, parent, **extra)
+
+
+def _asks_for_help(args: list[str]) -> bool:
+    return "--help" in takewhile(lambda word: word != "--", args)
+
+
+def _lazily(functions: Mapping[str, str]) -> list[LazyCommand]:
+    return [LazyCommand(name, function) for name, function in functions.items()]
+
+
+class Program(LazyGroup):
+    """All commands, and two groups of commands."""
+
+    def __init__(self, **given: Any) -> None:  # noqa: ANN401  # what typer passes on
+        super().__init__(**given)
+        config = LazyGroup(
+            name="config",
+            help="Show, set or compare a dataset's configuration.",
+            commands=_lazily(CONFIG_COMMANDS),
+            no_args_is_help=True,
+            rich_markup_mode=None,
+        )
+        token = LazyGroup(
+            name="token",
+            help="Give people tokens and take them back; needs a token of an admin.",
+            commands=_lazily(TOKEN_COMMANDS),
+            no_args_is_help=True,
+            rich_markup_mode=None,
+        )
+        for command in (*_lazily(COMMANDS), config, token):
+            self.add_command(command)
+
 
 app = typer.Typer(
+    cls=Program,
     name="unghost",
     help="Finds the boxes that CARLA's camera cannot see, and says why.",
     epilog="Exit codes: 0 done, 1 refused, 2 usage, 3 partly done, 69 server away, "
@@ -42,15 +166,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-_GROUPS = (
-    *(serve, login, demo, push, filter_local, run, stats, diff),
-    *(datasets, export, convert, evaluate, audit, capture),
-    *(backup, doctor, cluster),
-)
-for group in _GROUPS:
-    group.register(app)
-app.add_typer(config.app, name="config")
-app.add_typer(token.app, name="token")
 
 
 def _print_version(wanted: bool) -> None:
@@ -87,7 +202,7 @@ def main() -> NoReturn:
         # The reader of our output has gone, as `| head` does: nobody to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(REFUSED)
-    except (Exception, httpx.TransportError) as error:
+    except Exception as error:
         code = exit_code(error)
         if code is None:
             raise
@@ -95,3 +210,62 @@ def main() -> NoReturn:
             Screen().note(f"unghost: {line}" if line[:1] != " " else line)
         sys.exit(code)
     sys.exit(0)
+
+
+_TOKEN_HINT: Final = (
+    "The token comes from --token, UNGHOST_TOKEN, or the data folder of a server on "
+    "this machine (UNGHOST_DATA, else ./unghost-data)."
+)
+
+
+def exit_code(error: Exception) -> int | None:
+    """The code for an error that has a message for people; None: it is a bug."""
+    # Imported when something has failed: commands that need no server or no library
+    # start without it.
+    import httpx
+
+    from unghost.client.discovery import BadServerUrl, ForeignServer
+    from unghost.client.errors import ApiError, DamagedDownload, RunFailed, Unavailable
+
+    if isinstance(error, httpx.TransportError | Unavailable):
+        return SERVER_AWAY
+    if isinstance(error, BadServerUrl):
+        return USAGE
+    refusals = (Refused, ApiError, RunFailed, DamagedDownload, ForeignServer, OSError)
+    if isinstance(error, refusals):
+        return REFUSED
+    from filter_core.errors import FilterError
+
+    return REFUSED if isinstance(error, FilterError) else None
+
+
+def explain(error: Exception) -> Iterator[str]:
+    """Lines for people; the first one says it all."""
+    import httpx
+
+    from unghost.client.errors import ApiError, Unauthorized
+
+    if isinstance(error, httpx.TransportError):
+        yield f"no answer from {_address(error)}: {str(error) or type(error).__name__}"
+        yield "Is the server running? `unghost serve` starts one."
+    elif isinstance(error, ApiError):
+        yield f"{error.detail} ({error.code})"
+        faults = error.errors
+        if len(faults) > 1 or any(one.detail not in error.detail for one in faults):
+            yield from (f"  {fault}" for fault in faults)
+            if error.more_errors:
+                yield f"  and {error.more_errors} more"
+        if isinstance(error, Unauthorized):
+            yield _TOKEN_HINT
+        if error.status >= 500 and error.request_id:
+            yield f"The server's log has more under request id {error.request_id}."
+    else:
+        yield str(error) or type(error).__name__
+
+
+def _address(error: httpx.TransportError) -> str:
+    try:
+        url = error.request.url
+    except RuntimeError:  # httpx: no request belongs to this error
+        return "the server"
+    return str(url.copy_with(path="/", query=None)).rstrip("/")

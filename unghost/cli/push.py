@@ -1,46 +1,47 @@
-"""`unghost push`: a folder of frames to the server."""
+"""`unghost push`: a folder of frames to the server, and what became of each frame."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.exits import PARTLY, REFUSED, Refused
 from unghost.cli.options import ServerOptions
-from unghost.cli.push_report import PushReport
-from unghost.cli.source_options import SegmentationReading, SourceOptions
-from unghost.cli.sources import open_source, outgoing
-from unghost.client import Client
-from unghost.errors import Conflict, NotFound
-from unghost.outgoing import Outcome
-from unghost.results import Dataset
+from unghost.cli.screen import Refused, Screen, partly_done, refusal
+from unghost.cli.sources import (
+    SegmentationReading,
+    SourceFolder,
+    SourceOptions,
+    not_matched,
+    open_source,
+    outgoing,
+)
 
 if TYPE_CHECKING:
-    from filter_core.formats.reading import FrameSet
+    from filter_core.formats.reading import FrameSet, Unmatched
+    from unghost.client.client import Client
+    from unghost.client.outgoing import NotSent, Outcome
+    from unghost.wire.datasets import Dataset
+
 
 _LOOKED_AT: Final = 500
 """Boxes without tags whose classes are named."""
+_LISTED: Final = 20
+"""Problems that are listed one by one, of each kind."""
+_OUTCOMES: Final = ("stored", "already_there", "refused")
+_VERDICTS: Final = ("kept", "rejected", "unmeasured")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
     """Options of `unghost push`."""
 
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SOURCE",
-            help="A folder in a recognised layout, or a manifest.jsonl.",
-            exists=True,
-        ),
-    ]
+    source: SourceFolder
     dataset: Annotated[
         str, typer.Option("--dataset", help="Where to; made if it is not there.")
     ]
@@ -54,11 +55,6 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
             help="Replace frames whose content changed, instead of refusing them.",
         ),
     ] = False
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "push")(push)
 
 
 def push(options: PushOptions) -> None:
@@ -76,13 +72,21 @@ def push(options: PushOptions) -> None:
             _note_unmapped(client, options)
     report.print_summary(found.unmatched, options.dataset)
     if report.refused or found.unmatched:
-        raise typer.Exit(PARTLY if report.succeeded else REFUSED)
+        raise partly_done(report.succeeded)
 
 
 def ensure_dataset(
     client: Client, name: str, options: Mapping[str, str], classes: Sequence[str]
 ) -> Dataset:
-    """The dataset, made if it is not there; its options must be the ones given."""
+    """The dataset, made if it is not there.
+
+    Raises
+    ------
+    Refused
+        It is there, with other options than those given.
+    """
+    from unghost.client.errors import Conflict, NotFound
+
     try:
         dataset = client.dataset(name)
     except NotFound:
@@ -104,9 +108,15 @@ def send(
     client: Client, options: PushOptions, found: FrameSet, report: PushReport
 ) -> None:
     """Send every frame, with a bar; an interruption says how far it came."""
+    sent = client.push(
+        options.dataset,
+        outgoing(found),
+        replace=options.replace,
+        connections=options.workers,
+    )
     with (
         options.screen.progress(f"push to {options.dataset}", "frames") as advance,
-        closing(_outcomes(client, options, found)) as outcomes,
+        closing(sent) as outcomes,
     ):
         try:
             for outcome in outcomes:
@@ -131,12 +141,118 @@ def _note_unmapped(client: Client, options: PushOptions) -> None:
     )
 
 
-def _outcomes(
-    client: Client, options: PushOptions, found: FrameSet
-) -> Generator[Outcome, None, None]:
-    return client.push(
-        options.dataset,
-        outgoing(found),
-        replace=options.replace,
-        connections=options.workers,
-    )
+class PushReport:
+    """Counts outcomes; tells each one as a JSON line, or all of them at the end.
+
+    Of the problems it keeps as many as it will list: there may be one per frame.
+    """
+
+    def __init__(self, screen: Screen) -> None:
+        self._screen = screen
+        self._verdicts: Counter[str] = Counter()
+        self._outcomes: Counter[str] = Counter()
+        self._problems: list[str] = []
+        self._changed = 0
+
+    @property
+    def seen(self) -> int:
+        """Frames that are done with, one way or the other."""
+        return self._outcomes.total()
+
+    @property
+    def refused(self) -> int:
+        """Frames that were not taken."""
+        return self._outcomes["refused"]
+
+    @property
+    def stored(self) -> int:
+        """Frames that are new."""
+        return self._outcomes["stored"]
+
+    @property
+    def succeeded(self) -> int:
+        """Frames that the server has."""
+        return self.seen - self.refused
+
+    def add(self, outcome: Outcome) -> None:
+        """Count an outcome."""
+        from unghost.client.errors import Conflict
+        from unghost.client.outgoing import NotSent, Sent
+
+        self._outcomes[outcome.word] += 1
+        if isinstance(outcome, Sent):
+            for verdict in _VERDICTS:
+                self._verdicts[verdict] += getattr(outcome.counts, verdict)
+        elif isinstance(outcome, NotSent):
+            self._changed += isinstance(outcome.error, Conflict)
+            if len(self._problems) < _LISTED:
+                self._problems.append(_line(outcome))
+        self._screen.record(_record(outcome))
+
+    def print_problems(self) -> None:
+        """The frames that were refused, one by one."""
+        self._print_some(self._problems, self.refused)
+        if self._changed:
+            # The server's words name a parameter that is no option here.
+            have = (
+                "1 frame has" if self._changed == 1 else f"{self._changed} frames have"
+            )
+            self._screen.note(f"{have} other content there; --replace stores it")
+
+    def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
+        """Say what happened; the problems one by one."""
+        self.print_problems()
+        self._print_some(map(not_matched, unmatched), len(unmatched))
+        self._screen.record(
+            {
+                "dataset": dataset,
+                **self.counts(),
+                "unmatched": [vars(file) for file in unmatched],
+            },
+            "\t".join(f"{count} {name}" for name, count in self.counts().items()),
+        )
+
+    def counts(self) -> dict[str, int]:
+        """Frames by outcome, then boxes by verdict."""
+        frames = {word: self._outcomes[word] for word in _OUTCOMES}
+        boxes = {verdict: self._verdicts[verdict] for verdict in _VERDICTS}
+        return frames | boxes
+
+    def _print_some(self, lines: Iterable[str], count: int) -> None:
+        for _, line in zip(range(_LISTED), lines, strict=False):
+            self._screen.note(line)
+        if count > _LISTED:
+            self._screen.note(f"... and {count - _LISTED} more (--json has all)")
+
+
+def _record(outcome: Outcome) -> dict[str, object]:
+    from unghost.client.errors import ApiError
+    from unghost.client.outgoing import NotSent
+
+    record: dict[str, object] = {"key": outcome.key, "outcome": outcome.word}
+    if not isinstance(outcome, NotSent):
+        return {**record, "frame_id": outcome.frame_id}
+    error = outcome.error
+    if isinstance(error, ApiError):
+        return {**record, "error": error.problem}
+    return {**record, "error": {"code": "unreadable", "detail": _detail(error)}}
+
+
+def _line(outcome: NotSent) -> str:
+    from unghost.client.errors import ApiError
+
+    error = outcome.error
+    line = refusal(outcome.key, _detail(error))
+    if not isinstance(error, ApiError):
+        return line
+    # A single fault is what the error itself says.
+    faults = error.errors if len(error.errors) > 1 else ()
+    more = [f"and {error.more_errors} more"] if error.more_errors else []
+    return "\n    ".join([line, *map(str, faults), *more])
+
+
+def _detail(error: Exception) -> str:
+    """The error's text, without the system's own number of it."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

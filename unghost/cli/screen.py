@@ -1,6 +1,7 @@
-"""What a command prints: data on stdout, everything else on stderr.
+"""What a command prints, and the exit codes: all that a program sees of a command.
 
-On a terminal there are bars and tables; elsewhere plain lines, one TAB between columns.
+Data goes to stdout, everything else to stderr. On a terminal there are bars and tables;
+elsewhere plain lines, one TAB between columns.
 """
 
 from __future__ import annotations
@@ -10,12 +11,56 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, TypeAlias
+from typing import Final, Protocol, TypeAlias, TypeVar
+
+import typer
 
 # Steps done so far, out of how many (None: not known).
 Advance: TypeAlias = Callable[[int, "int | None"], None]
 
+DONE: Final = 0
+REFUSED: Final = 1
+USAGE: Final = 2
+PARTLY: Final = 3
+SERVER_AWAY: Final = 69
+INTERRUPTED: Final = 130
+
 _LINE_EVERY_S: Final = 5.0
+
+
+class Refused(Exception):
+    """The command cannot do what was asked; the text says why."""
+
+
+@contextmanager
+def refused_on(*errors: type[Exception]) -> Iterator[None]:
+    """Take errors for the command's refusal: their text says why.
+
+    Raises
+    ------
+    Refused
+        In place of one of these errors.
+    """
+    try:
+        yield
+    except errors as exc:
+        raise Refused(str(exc)) from exc
+
+
+def partly_done(done: int) -> typer.Exit:
+    """The end of a command that could not do all: 3, or 1 if nothing was done."""
+    return typer.Exit(PARTLY if done else REFUSED)
+
+
+class Answer(Protocol):
+    """An object that came from the server."""
+
+    @property
+    def raw(self) -> Mapping[str, object]:
+        """Its JSON."""
+
+
+AnswerT = TypeVar("AnswerT", bound=Answer)
 
 
 class Screen:
@@ -24,7 +69,7 @@ class Screen:
     def __init__(self, *, as_json: bool = False) -> None:
         self.as_json = as_json
 
-    def record(self, record: Mapping[str, Any], text: str | None = None) -> None:
+    def record(self, record: Mapping[str, object], text: str | None = None) -> None:
         """One piece of data: a JSON line, or `text` for people (None: nothing)."""
         if self.as_json:
             _print(json.dumps(record, ensure_ascii=False))
@@ -56,6 +101,18 @@ class Screen:
             return
         _rich_table(columns, list(rows))
 
+    def listing(
+        self,
+        columns: Sequence[str],
+        answers: Iterable[AnswerT],
+        row: Callable[[AnswerT], Sequence[object]],
+    ) -> None:
+        """A table with a row for each answer; with `--json` a line for each."""
+        listed = list(answers)
+        for answer in listed:
+            self.record(answer.raw)
+        self.table(columns, map(row, listed))
+
     def note(self, text: str) -> None:
         """A line for people who watch; never data."""
         sys.stderr.write(f"{text}\n")
@@ -85,6 +142,19 @@ class Screen:
             self.note(f"{title}: {done}{of} {unit}, {rate:.1f} {unit}/s")
 
         return advance
+
+
+def most_first(counts: Mapping[str, int]) -> list[tuple[str, int]]:
+    """Names and how often they occur, the most frequent first."""
+    return sorted(counts.items(), key=lambda item: -item[1])
+
+
+def refusal(key: str, reason: str) -> str:
+    """The line for a frame that was refused; its key stands there once."""
+    rest = reason.removeprefix("frame ").removeprefix(key)
+    if rest[:1] in (":", ","):
+        reason = rest.lstrip(":, ")
+    return f"refused: {key}: {reason}"
 
 
 def _print(text: str) -> None:

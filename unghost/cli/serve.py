@@ -1,48 +1,35 @@
-"""`unghost serve`: the service and its review page, on this machine."""
+"""`unghost serve` and `unghost demo`: the service and its page, on this machine.
+
+The demo renders a street with ghost boxes and pushes it through the API, as anyone
+would, while the service runs.
+"""
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from unghost.cli.command import command
-from unghost.cli.exits import Refused
-from unghost.cli.login_page import LoginPage, remove_left_over
-from unghost.cli.options import OutputOptions
+from unghost.cli.access import remove_login_pages, show_login_page
+from unghost.cli.options import DataFolder, OutputOptions, settings_of
+from unghost.cli.push import PushReport, ensure_dataset
+from unghost.cli.screen import PARTLY, Screen, most_first, refused_on
+from unghost.cli.sources import SourceOptions, open_source, outgoing
 
 if TYPE_CHECKING:
     from app import startup
-    from app.settings import Settings
+    from unghost.client.client import Client
+    from unghost.wire.datasets import Stats
 
-DataFolder: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--data",
-        metavar="DIR",
-        help="Folder of the database and the files; else UNGHOST_DATA, "
-        "else ./unghost-data.",
-        file_okay=False,
-    ),
-]
-ConfigFile: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--config",
-        metavar="FILE",
-        help="A filter.yaml: the first configuration of every new dataset.",
-        dir_okay=False,
-    ),
-]
-Host: TypeAlias = Annotated[
-    str | None,
-    typer.Option(help="Address to listen on; else UNGHOST_HOST, else 127.0.0.1."),
-]
+_DEMO_DATA: Final = Path("demo-data")
+_DEMO_DATASET: Final = "demo"
+
 Port: TypeAlias = Annotated[
     int | None,
     typer.Option(
@@ -58,17 +45,23 @@ class ServeOptions(OutputOptions):
     """Options of `unghost serve`."""
 
     data: DataFolder = None
-    config: ConfigFile = None
-    host: Host = None
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            metavar="FILE",
+            help="A filter.yaml: the first configuration of every new dataset.",
+            dir_okay=False,
+        ),
+    ] = None
+    host: Annotated[
+        str | None,
+        typer.Option(help="Address to listen on; else UNGHOST_HOST, else 127.0.0.1."),
+    ] = None
     port: Port = None
     open: Annotated[
         bool, typer.Option("--open", help="Open the review page in the browser.")
     ] = False
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    command(app, "serve")(serve)
 
 
 def serve(options: ServeOptions) -> None:
@@ -77,26 +70,23 @@ def serve(options: ServeOptions) -> None:
 
     screen = options.screen
     settings = settings_of(
-        data=options.data,
-        config=options.config,
-        host=options.host,
-        port=options.port,
+        data=options.data, config=options.config, host=options.host, port=options.port
     )
-
     stop = threading.Event()
     opened: list[threading.Thread] = []
 
     def ready(link: startup.LoginLink) -> None:
-        remove_left_over(settings.data)
+        # Those of a service that was killed.
+        remove_login_pages(settings.data)
         found = {"login_link": link.url, "data": str(settings.data)}
         screen.record(found, startup.ready_text(link.url))
         if options.open:
-            page = LoginPage(link.url, settings.data)
-            opened.append(threading.Thread(target=_show, args=(page, link, stop)))
+            arguments = (link.url, settings.data, link.is_over, stop)
+            opened.append(threading.Thread(target=show_login_page, args=arguments))
             opened[0].start()
 
     try:
-        with told_when_unservable():
+        with refused_on(startup.CannotServe):
             startup.serve(settings, on_ready=ready)
     finally:
         stop.set()
@@ -104,39 +94,146 @@ def serve(options: ServeOptions) -> None:
             thread.join()
 
 
-def _show(page: LoginPage, link: startup.LoginLink, stop: threading.Event) -> None:
-    if page.show():
-        page.remove_when(link.is_over, stop)
-    page.remove()
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions(OutputOptions):
+    """Options of `unghost demo`."""
+
+    frames: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Frames to render.")
+    ] = 48
+    seed: Annotated[
+        int, typer.Option(min=0, help="Another seed gives another street.")
+    ] = 0
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            "--data",
+            metavar="DIR",
+            help="Folder of everything; else UNGHOST_DATA, else ./demo-data.",
+            file_okay=False,
+        ),
+    ] = None
+    port: Port = None
+    exit_when_ready: Annotated[
+        bool, typer.Option("--exit-when-ready", help="Stop as soon as all is there.")
+    ] = False
 
 
-@contextmanager
-def told_when_unservable() -> Iterator[None]:
-    """Say why the service cannot start; Refused."""
-    from app.startup import CannotServe
+def demo(options: DemoOptions) -> None:
+    """Render a small street with ghost boxes, filter it, and serve the review page.
 
-    try:
-        yield
-    except CannotServe as exc:
-        raise Refused(str(exc)) from exc
+    The street is rendered once and kept in the data folder. Serves until interrupted.
+    """
+    from app import startup
+
+    screen = options.screen
+    folder = options.data
+    if folder is None and "UNGHOST_DATA" not in os.environ:
+        folder = _DEMO_DATA
+    # One line per request would drown the bars; whoever wants them asks for them.
+    quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
+    settings = settings_of(data=folder, port=options.port, log_level=quiet)
+    with refused_on(startup.CannotServe):
+        startup.check_free(settings)  # rendering takes long
+    street = rendered_street(settings.data, options, screen)
+    filling = _Filling(
+        street, screen, settings.token_file, stop_when_done=options.exit_when_ready
+    )
+    with refused_on(startup.CannotServe):
+        startup.serve(
+            settings, on_ready=lambda link: filling.start(link.url.partition("/#")[0])
+        )
+    filling.raise_if_failed()
+    if filling.refused:
+        raise typer.Exit(PARTLY)
 
 
-def settings_of(**given: object) -> Settings:
-    """The environment's settings, with those on top that were given."""
-    from pydantic import ValidationError
+def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
+    """The folder of the street's frames, rendered unless that was done before."""
+    from app.storage import make_folder
+    from unghost.street.street import write_street
 
-    from app.settings import Settings
-    from app.validation_words import in_words
+    name = f"street-{options.seed}-{options.frames}"
+    folder = data / "demo" / name
+    if folder.exists():
+        return folder
+    # Renamed when it is complete: an interrupted rendering is never taken for one.
+    partial = folder.with_name(f"{name}.part")
+    make_folder(partial)  # the first to be made in the data folder, and that itself
+    with screen.progress("render the street", "frames") as advance:
+        write_street(
+            partial, frames=options.frames, seed=options.seed, progress=advance
+        )
+    partial.rename(folder)
+    return folder
 
-    chosen: dict[str, Any] = {
-        name: value for name, value in given.items() if value is not None
-    }
-    try:
-        return Settings(**chosen)
-    except ValidationError as exc:
-        faults = [
-            f"UNGHOST_{'_'.join(map(str, each['loc'])).upper()}: "
-            f"{in_words(each, show=True)}"
-            for each in exc.errors()
-        ]
-        raise typer.BadParameter("; ".join(faults)) from exc
+
+class _Filling:
+    """Pushes the street in a thread, since the main thread serves."""
+
+    def __init__(
+        self, street: Path, screen: Screen, token_file: Path, *, stop_when_done: bool
+    ) -> None:
+        self._street = street
+        self._screen = screen
+        self._token_file = token_file
+        self._stop_when_done = stop_when_done
+        self._error: Exception | None = None
+        self.refused = 0
+
+    def start(self, url: str) -> None:
+        """Begin; the server answers from now on."""
+        # A daemon: an interruption does not wait for frames that nobody wants.
+        threading.Thread(target=self._run, args=(url,), daemon=True).start()
+
+    def raise_if_failed(self) -> None:
+        """What went wrong, if something did."""
+        if self._error is not None:
+            raise self._error
+
+    def _run(self, url: str) -> None:
+        try:
+            self._fill(url)
+        except Exception as error:  # told by the main thread, which it ends
+            self._error = error
+        if self._error is not None or self._stop_when_done:
+            # As Ctrl-C does, which the server takes as the sign to end well.
+            signal.raise_signal(signal.SIGINT)
+
+    def _fill(self, url: str) -> None:
+        from unghost.client.client import Client
+
+        token = self._token_file.read_text(encoding="utf-8").strip()
+        with Client(url, token) as client:
+            report = self._push(client)
+            numbers = client.stats(_DEMO_DATASET)
+            # Made now: rendering and pushing may take longer than a link is good for.
+            login_link = f"{url}/#code={client.create_login_code().code}"
+        self.refused = report.refused
+        report.print_problems()
+        self._screen.record(
+            {"login_link": login_link, "dataset": _DEMO_DATASET, "stats": numbers.raw}
+        )
+        self._screen.table(("boxes", "verdict", "reason"), _reason_rows(numbers))
+        self._screen.text(
+            f"\nLog in with\n\n    {login_link}\n\n"
+            "The link works once, within ten minutes; `unghost login` prints another.\n"
+        )
+
+    def _push(self, client: Client) -> PushReport:
+        report = PushReport(Screen())
+        found = open_source(self._street, SourceOptions())
+        ensure_dataset(client, _DEMO_DATASET, {}, found.classes or ())
+        with self._screen.progress("filter the street", "frames") as advance:
+            for outcome in client.push(_DEMO_DATASET, outgoing(found)):
+                report.add(outcome)
+                advance(report.seen, found.count)
+        return report
+
+
+def _reason_rows(numbers: Stats) -> Iterator[tuple[object, ...]]:
+    from filter_core.types import Reason
+
+    verdicts = {reason.label: reason.verdict.value for reason in Reason}
+    for reason, count in most_first(numbers.by_reason):
+        yield count, verdicts.get(reason, ""), reason.replace("_", " ")

@@ -1,25 +1,163 @@
-"""Frames of a folder on this machine, found by the library's readers."""
+"""A folder of frames on this machine: how it is to be read, and its frames."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
-from unghost.cli.config_files import naming
-from unghost.cli.exits import Refused
-from unghost.outgoing import NotSent, OutgoingFrame
+import typer
+
+from unghost.cli.options import Words, error_context
+from unghost.cli.screen import Refused, Screen
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
-    from filter_core.formats.reading import FrameSet, FrameSource
-    from unghost.cli.screen import Screen
-    from unghost.cli.source_options import SegmentationReading, SourceOptions
+    from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
+    from unghost.client.outgoing import NotSent, OutgoingFrame
+
+SourceFolder: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A folder in a recognised layout, or a manifest.jsonl.",
+        exists=True,
+    ),
+]
+
+
+def _layouts() -> Iterable[str]:
+    from filter_core.formats.registry import LAYOUTS
+
+    return LAYOUTS
+
+
+def _words_of(key: str) -> Iterable[str]:
+    """What a configuration allows for one of its keys."""
+    from filter_core.config.filter import FilterConfig
+    from filter_core.config.keys import Words as AllowedWords
+    from filter_core.config.keys import keys_of
+
+    allowed = keys_of(FilterConfig)[key].allowed
+    assert isinstance(allowed, AllowedWords), f"{key} takes one of several words"
+    return allowed.words
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """How to read a folder of frames."""
+
+    layout: Annotated[
+        str,
+        typer.Option(metavar="LAYOUT", help="How the folder is laid out: {words}."),
+        Words(_layouts, checked=False),
+    ] = "auto"
+    segmentation: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the segmentations, if it is not the layout's own.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the labels, if it is not the layout's own.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None
+    classes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Names of the classes by number, separated by commas, if the folder "
+            "has no list of its own.",
+        ),
+    ] = None
+    default_class: Annotated[
+        str, typer.Option(metavar="NAME", help="Class of labels that carry none.")
+    ] = "unknown"
+
+    @property
+    def class_list(self) -> tuple[str, ...] | None:
+        """The names of the classes, if they were given."""
+        if self.classes is None:
+            return None
+        return tuple(name.strip() for name in self.classes.split(","))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentationReading:
+    """How segmentations are to be read, where their files do not tell."""
+
+    palette: Annotated[
+        str | None,
+        typer.Option(help="Tag family of the segmentations."),
+        Words(partial(_words_of, "palette")),
+    ] = None
+    encoding: Annotated[
+        str | None,
+        typer.Option(help="How they write tags."),
+        Words(partial(_words_of, "encoding")),
+    ] = None
+    channel_order: Annotated[
+        str | None,
+        typer.Option(help="Order of their colour channels."),
+        Words(partial(_words_of, "channel_order")),
+    ] = None
+    lossy_segmentation: Annotated[
+        str | None,
+        typer.Option(help="What to do with JPEG segmentations."),
+        Words(partial(_words_of, "lossy_segmentation")),
+    ] = None
+
+    @property
+    def reading(self) -> dict[str, str]:
+        """What was given, by the names that datasets and configurations use."""
+        given = {
+            "palette": self.palette,
+            "encoding": self.encoding,
+            "channel_order": self.channel_order,
+            "lossy_segmentation": self.lossy_segmentation,
+        }
+        return {name: word for name, word in given.items() if word is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalFilterOptions(SourceOptions, SegmentationReading):
+    """A folder, and how it is filtered on this machine."""
+
+    source: SourceFolder
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A filter configuration (YAML); else the defaults.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=256, help="Frames at the same time; else all cores."),
+    ] = None
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSet:
-    """The frames of a folder or a manifest; LayoutError if it is neither."""
+    """The frames of a folder or a file.
+
+    Raises
+    ------
+    LayoutError
+        It has none of the layouts, or not the one that was named.
+    Refused
+        It has no frames.
+    """
     from filter_core.formats.reading import ReadOptions
     from filter_core.formats.registry import read_source
 
@@ -31,10 +169,19 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     )
     found = read_source(path, options.layout, read)
     if found.count is None and found.layout == "manifest":
-        found = replace(found, count=_lines(path))
+        found = replace(found, count=_count_lines(path))
     if found.count == 0:
         raise Refused(f"no frames in {path.name} (layout {found.layout})")
     return found
+
+
+def _count_lines(source: Path) -> int:
+    """Frames of a manifest, for the bar: reading it costs little beside the images."""
+    from filter_core.formats.manifest import MANIFEST_NAME
+
+    manifest = source / MANIFEST_NAME if source.is_dir() else source
+    with manifest.open("rb") as lines:
+        return sum(1 for line in lines if line.strip())
 
 
 def read_config(
@@ -44,31 +191,27 @@ def read_config(
     from filter_core.config.file import load_config
     from filter_core.config.filter import FilterConfig
 
-    with naming(path):
+    with error_context(path):
         loaded = load_config(path.read_bytes() if path is not None else b"")
     if loaded.unused_keys:
         screen.note(f"not used here: {', '.join(loaded.unused_keys)}")
     return FilterConfig.from_mapping({**loaded.config.as_dict(), **reading.reading})
 
 
-def _lines(source: Path) -> int:
-    """Frames of a manifest, for the bar: reading it costs little beside the images."""
-    from filter_core.formats.manifest import MANIFEST_NAME
-
-    manifest = source / MANIFEST_NAME if source.is_dir() else source
-    with manifest.open("rb") as lines:
-        return sum(1 for line in lines if line.strip())
-
-
 def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]:
     """Frames as they are sent; one that cannot be read says why."""
+    from unghost.client.outgoing import NotSent, OutgoingFrame
+
     for frame in frames:
         if frame.problem is not None:
             yield NotSent(frame.key, frame.problem)
-        else:
-            yield OutgoingFrame(frame.key, frame.annotation or {}, _files(frame))
+            continue
+        files = {"image": frame.image, "segmentation": frame.segmentation}
+        files |= frame.others
+        there = {name: path for name, path in files.items() if path is not None}
+        yield OutgoingFrame(frame.key, frame.annotation or {}, there)
 
 
-def _files(frame: FrameSource) -> dict[str, Path]:
-    named = {"image": frame.image, "segmentation": frame.segmentation, **frame.others}
-    return {name: path for name, path in named.items() if path is not None}
+def not_matched(file: Unmatched) -> str:
+    """The line for a file that belongs to no frame."""
+    return f"not matched: {file.path}: {file.why}"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 
 import unghost
@@ -147,11 +145,3 @@ def test_people_can_be_the_truth_of_a_comparison(client, with_sensors):
     found = client.evaluations(with_sensors, truth="people")
 
     assert (found.truth, found.channels["semantic"].kept_visible) == ("people", 2)
-
-
-@pytest.mark.parametrize("name", ["quality", "evaluations"])
-def test_every_field_that_the_server_documents_has_a_name(client, filled, name):
-    found = getattr(client, name)(filled)
-
-    named = {field.name for field in dataclasses.fields(found)} - {"raw"}
-    assert set(found.raw) <= named

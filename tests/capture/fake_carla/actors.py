@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
 import carla
 
 from tests.capture.fake_carla.scene import Solid
+from unghost.capture.simulator import Box, Measurement, Vector
+
+if TYPE_CHECKING:
+    from tests.capture.fake_carla.simulator import Simulator
 
 SIZES = {
     "car": (2.4, 1.0, 0.75),
@@ -16,7 +23,15 @@ TAGS = {"car": 14, "bus": 16, "bicycle": 19, "walker": 12}
 
 
 class Actor:
-    def __init__(self, simulator, actor_id, type_id, attributes, pose, parent):
+    def __init__(
+        self,
+        simulator: Simulator,
+        actor_id: int,
+        type_id: str,
+        attributes: Mapping[str, str],
+        pose: carla.Transform,
+        parent: Actor | None,
+    ) -> None:
         self._simulator = simulator
         self.id, self.type_id, self.attributes = actor_id, type_id, attributes
         self.pose, self.parent = pose, parent
@@ -26,7 +41,7 @@ class Actor:
         self.semantic_tags = [TAGS[kind]] if kind in TAGS else []
 
     @property
-    def bounding_box(self):
+    def bounding_box(self) -> carla.BoundingBox:
         if self.id in self._simulator.faults.boxless or not self.is_alive:
             raise RuntimeError("trying to operate on a destroyed actor")
         x, y, z = SIZES.get(self.kind, (0.0, 0.0, 0.0))
@@ -36,7 +51,7 @@ class Actor:
         height = 0.0 if self.kind == "walker" else z
         return carla.BoundingBox(carla.Location(0, 0, height), carla.Vector3D(x, y, z))
 
-    def solid(self):
+    def solid(self) -> Solid | None:
         """What of it stops light, if anything."""
         if self.kind not in SIZES or self.is_dormant:
             return None
@@ -45,7 +60,7 @@ class Actor:
         pose = self.get_transform()
         return Solid(pose, centre, (x, y, z), TAGS[self.kind], self.id)
 
-    def get_transform(self):
+    def get_transform(self) -> carla.Transform:
         if self.parent is None:
             return carla.Transform(self.pose.location, self.pose.rotation)
         # All mounts of the tests are level and look forward.
@@ -57,26 +72,26 @@ class Actor:
             carla.Location(place.x, place.y, place.z), under.rotation
         )
 
-    def get_location(self):
+    def get_location(self) -> carla.Location:
         return self.get_transform().location
 
-    def destroy(self):
+    def destroy(self) -> bool:
         return self._simulator.remove(self.id)
 
 
 class Vehicle(Actor):
     autopilot = False
-    light_state = carla.VehicleLightState.NONE
+    light_state: object = carla.VehicleLightState.NONE
 
-    def set_autopilot(self, enabled=True, tm_port=8000):
+    def set_autopilot(self, enabled: bool = True, tm_port: int = 8000) -> None:
         assert tm_port in self._simulator.managers_synchronous
         self.autopilot = enabled
 
-    def set_light_state(self, light_state):
+    def set_light_state(self, light_state: object) -> None:
         assert isinstance(light_state, carla.VehicleLightState)
         self.light_state = light_state
 
-    def get_light_state(self):
+    def get_light_state(self) -> object:
         return self.light_state
 
 
@@ -88,42 +103,42 @@ class WalkerAIController(Actor):
     walking = False
     speed = 0.0
 
-    def start(self):
+    def start(self) -> None:
         self.walking = True
 
-    def stop(self):
+    def stop(self) -> None:
         self.walking = False
 
-    def go_to_location(self, destination):
+    def go_to_location(self, destination: Vector) -> None:
         assert self.walking
         assert isinstance(destination, carla.Location)
 
-    def set_max_speed(self, speed):
+    def set_max_speed(self, speed: float) -> None:
         self.speed = speed
 
 
 class TrafficLight(Actor):
-    heads = ()
+    heads: Sequence[Box] = ()
 
-    def get_light_boxes(self):
+    def get_light_boxes(self) -> list[Box]:
         if self._simulator.faults.no_light_boxes:
             raise RuntimeError("Actor could not be found in the registry")
         return list(self.heads)
 
 
 class Sensor(Actor):
-    _callback = None
+    _callback: Callable[[Measurement], None] | None = None
 
-    def listen(self, callback):
+    def listen(self, callback: Callable[[Measurement], None]) -> None:
         self._callback = callback
 
-    def stop(self):
+    def stop(self) -> None:
         self._callback = None
 
-    def is_listening(self):
+    def is_listening(self) -> bool:
         return self._callback is not None
 
-    def receive(self, measurement):
+    def receive(self, measurement: Measurement) -> None:
         """What the simulator calls; a sensor that was stopped stays silent."""
         callback = self._callback
         if callback is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 
 from carla import ActorAttributeType as Type
@@ -18,14 +19,16 @@ _LIDAR = {
 }  # fmt: skip
 
 
-def _vehicle(base_type, wheels="4", generation="2"):
+def _vehicle(
+    base_type: str, wheels: str = "4", generation: str = "2"
+) -> dict[str, str]:
     return {
         "base_type": base_type, "number_of_wheels": wheels, "generation": generation,
         "role_name": "autopilot", "color": "0,0,0",
     }  # fmt: skip
 
 
-BLUEPRINTS = {
+BLUEPRINTS: Mapping[str, Mapping[str, str]] = {
     "vehicle.tesla.model3": _vehicle("car"),
     "vehicle.lincoln.mkz_2020": _vehicle("car"),
     "vehicle.mitsubishi.fusorosa": _vehicle("bus", generation="1"),
@@ -59,43 +62,45 @@ _TYPES = {
 
 
 class ActorAttribute:
-    def __init__(self, name, value):
+    def __init__(self, name: str, value: str) -> None:
         self.id, self._value = name, value
         kinds = (kind for kind, names in _TYPES.items() if name in names)
         self.type = next(kinds, Type.Float)
         self.is_modifiable = name not in _MODIFIABLE_NOT
-        self.recommended_values = ["255,0,0", "0,0,255"] if name == "color" else []
+        self.recommended_values: list[str] = (
+            ["255,0,0", "0,0,255"] if name == "color" else []
+        )
 
-    def _of(self, kind):
+    def _of(self, kind: Type) -> str:
         """The text; like the library, an attribute of another kind does not say it."""
         if self.type != kind:
             raise RuntimeError(f"{self.id}: bad attribute cast: cannot convert")
         return self._value
 
-    def as_str(self):
+    def as_str(self) -> str:
         return self._of(Type.String)
 
-    def as_int(self):
+    def as_int(self) -> int:
         return int(self._of(Type.Int))
 
-    def as_float(self):
+    def as_float(self) -> float:
         return float(self._of(Type.Float))
 
-    def as_bool(self):
+    def as_bool(self) -> bool:
         return self._of(Type.Bool) == "true"
 
 
 class ActorBlueprint:
-    def __init__(self, type_id, attributes):
+    def __init__(self, type_id: str, attributes: Mapping[str, str]) -> None:
         self.id, self.attributes = type_id, dict(attributes)
 
-    def has_attribute(self, arg2):
+    def has_attribute(self, arg2: str) -> bool:
         return arg2 in self.attributes
 
-    def get_attribute(self, arg2):
+    def get_attribute(self, arg2: str) -> ActorAttribute:
         return ActorAttribute(arg2, self.attributes[arg2])
 
-    def set_attribute(self, arg2, arg3):
+    def set_attribute(self, arg2: str, arg3: str) -> None:
         if not isinstance(arg3, str):
             raise TypeError("values of attributes are texts")
         if arg2 not in self.attributes:
@@ -104,33 +109,33 @@ class ActorBlueprint:
             raise ValueError(f"{arg2}: read-only attribute")
         self.attributes[arg2] = arg3
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[ActorAttribute]:
         return iter([self.get_attribute(name) for name in self.attributes])
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.attributes)
 
 
 class BlueprintLibrary:
-    def __init__(self, blueprints=None):
+    def __init__(self, blueprints: list[ActorBlueprint] | None = None) -> None:
         made = [ActorBlueprint(name, each) for name, each in BLUEPRINTS.items()]
         self._blueprints = made if blueprints is None else blueprints
 
-    def find(self, id):
+    def find(self, id: str) -> ActorBlueprint:
         for blueprint in self._blueprints:
             if blueprint.id == id:
                 return blueprint
         raise IndexError(f"blueprint '{id}' not found")
 
-    def filter(self, wildcard_pattern):
+    def filter(self, wildcard_pattern: str) -> BlueprintLibrary:
         chosen = [b for b in self._blueprints if fnmatchcase(b.id, wildcard_pattern)]
         return BlueprintLibrary(chosen)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[ActorBlueprint]:
         return iter(self._blueprints)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._blueprints)
 
-    def __getitem__(self, arg2):
+    def __getitem__(self, arg2: int) -> ActorBlueprint:
         return self._blueprints[arg2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import types
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -10,62 +11,86 @@ import carla as real
 
 from tests.capture.fake_carla import actors, catalogue, measurements
 from tests.capture.fake_carla.simulator import Simulator
-
-VALUES = (
-    "AttachmentType", "BoundingBox", "CityObjectLabel", "Location", "MapLayer",
-    "RadarDetection", "Rotation", "Transform", "Vector3D", "VehicleLightState",
-    "WeatherParameters", "WorldSettings",
-)  # fmt: skip
-"""What the real library gives without a simulator."""
+from unghost.capture import simulator as known
 
 
-def as_library(simulator: Simulator) -> types.ModuleType:
+class Library(types.ModuleType):
+    """The module; what it has without a simulator is the real library's own."""
+
+    Client: Callable[[str, int], known.Client]
+    AttachmentType = real.AttachmentType
+    BoundingBox = real.BoundingBox
+    CityObjectLabel = real.CityObjectLabel
+    Location = real.Location
+    MapLayer = real.MapLayer
+    RadarDetection = real.RadarDetection
+    Rotation = real.Rotation
+    Transform = real.Transform
+    Vector3D = real.Vector3D
+    VehicleLightState = real.VehicleLightState
+    WeatherParameters = real.WeatherParameters
+    WorldSettings = real.WorldSettings
+    command = real.command
+
+    def __init__(self, simulator: Simulator) -> None:
+        super().__init__("carla")
+
+        class Bound(Client):
+            _simulator = simulator
+
+        self.Client = Bound
+
+
+def as_library(simulator: Simulator) -> Library:
     """What `import carla` finds; its client speaks to this simulator."""
-    module = types.ModuleType("carla")
-
-    class Bound(Client):
-        _simulator = simulator
-
-    values = {name: getattr(real, name) for name in VALUES}
-    for name, value in {**values, "command": real.command, "Client": Bound}.items():
-        setattr(module, name, value)
-    return module
+    library: known.Carla = Library(simulator)
+    assert isinstance(library, Library)
+    return library
 
 
 class Client:
     _simulator: Simulator
 
-    def __init__(self, host="127.0.0.1", port=2000, worker_threads=0):
+    def __init__(
+        self, host: str = "127.0.0.1", port: int = 2000, worker_threads: int = 0
+    ) -> None:
         self._port = port
 
-    def set_timeout(self, seconds):
+    def set_timeout(self, seconds: float) -> None:
         assert seconds > 0
 
-    def get_server_version(self):
+    def get_server_version(self) -> str:
         self._simulator.answer()
         return self._simulator.version
 
-    def get_client_version(self):
+    def get_client_version(self) -> str:
         return self._simulator.client_version
 
-    def get_world(self):
+    def get_world(self) -> World:
         return World(self._simulator)
 
-    def get_available_maps(self):
+    def get_available_maps(self) -> list[str]:
         return [f"/Game/Carla/Maps/{name}" for name in self._simulator.maps]
 
-    def load_world(self, map_name, reset_settings=True, map_layers=real.MapLayer.All):
+    def load_world(
+        self,
+        map_name: str,
+        reset_settings: bool = True,
+        map_layers: object = real.MapLayer.All,
+    ) -> World:
         self._simulator.map_name = f"Carla/Maps/{map_name}"
         return World(self._simulator)
 
-    def get_trafficmanager(self, port=8000):
+    def get_trafficmanager(self, port: int = 8000) -> TrafficManager:
         return TrafficManager(self._simulator, port)
 
-    def apply_batch_sync(self, commands, do_tick=False):
+    def apply_batch_sync(
+        self, commands: Sequence[object], do_tick: bool = False
+    ) -> list[Response]:
         self._simulator.answer()
         return [self._answer(command) for command in commands]
 
-    def _answer(self, command):
+    def _answer(self, command: real.command.DestroyActor) -> Response:
         assert isinstance(command, real.command.DestroyActor)
         gone = self._simulator.remove(command.actor_id)
         error = "" if gone else "unable to destroy actor: not found"
@@ -77,79 +102,79 @@ class Response:
     actor_id: int
     error: str
 
-    def has_error(self):
+    def has_error(self) -> bool:
         return bool(self.error)
 
 
 class TrafficManager:
-    def __init__(self, simulator, port):
+    def __init__(self, simulator: Simulator, port: int) -> None:
         self._simulator, self._port = simulator, port
         simulator.managers_synchronous.setdefault(port, False)
 
-    def get_port(self):
+    def get_port(self) -> int:
         return self._port
 
-    def set_synchronous_mode(self, mode_switch):
+    def set_synchronous_mode(self, mode_switch: bool) -> None:
         self._simulator.managers_synchronous[self._port] = mode_switch
 
-    def set_random_device_seed(self, value):
+    def set_random_device_seed(self, value: int) -> None:
         assert isinstance(value, int)
 
-    def set_global_distance_to_leading_vehicle(self, distance):
+    def set_global_distance_to_leading_vehicle(self, distance: float) -> None:
         assert distance >= 0
 
-    def global_percentage_speed_difference(self, percentage):
+    def global_percentage_speed_difference(self, percentage: float) -> None:
         assert percentage <= 100
 
-    def set_hybrid_physics_mode(self, enabled):
+    def set_hybrid_physics_mode(self, enabled: bool) -> None:
         assert isinstance(enabled, bool)
 
-    def set_hybrid_physics_radius(self, r):
+    def set_hybrid_physics_radius(self, r: float) -> None:
         assert r > 0
 
-    def set_respawn_dormant_vehicles(self, mode_switch):
+    def set_respawn_dormant_vehicles(self, mode_switch: bool) -> None:
         assert isinstance(mode_switch, bool)
 
-    def update_vehicle_lights(self, actor, do_update):
+    def update_vehicle_lights(self, actor: known.Actor, do_update: bool) -> None:
         assert isinstance(actor, actors.Vehicle)
 
 
 class Map:
-    def __init__(self, simulator):
+    def __init__(self, simulator: Simulator) -> None:
         self.name = simulator.map_name
         self._points = simulator.spawn_points
 
-    def get_spawn_points(self):
+    def get_spawn_points(self) -> list[known.Pose]:
         return list(self._points)
 
 
 class ActorList:
-    def __init__(self, found):
+    def __init__(self, found: Iterable[actors.Actor]) -> None:
         self._found = list(found)
 
-    def filter(self, wildcard_pattern):
+    def filter(self, wildcard_pattern: str) -> ActorList:
         return ActorList(
             a for a in self._found if fnmatchcase(a.type_id, wildcard_pattern)
         )
 
-    def find(self, id):
+    def find(self, id: int) -> actors.Actor | None:
         return next((a for a in self._found if a.id == id), None)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[actors.Actor]:
         return iter(self._found)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._found)
 
-    def __getitem__(self, arg2):
+    def __getitem__(self, arg2: int) -> actors.Actor:
         return self._found[arg2]
 
 
 class ActorSnapshot:
-    def __init__(self, actor):
+    def __init__(self, actor: actors.Actor) -> None:
         self.id, self._pose = actor.id, actor.get_transform()
 
-    def get_transform(self):
+    def get_transform(self) -> real.Transform:
         return self._pose
 
 
@@ -162,7 +187,7 @@ class Timestamp:
 
 
 class WorldSnapshot:
-    def __init__(self, simulator):
+    def __init__(self, simulator: Simulator) -> None:
         self.frame = simulator.frame
         self.id = 1
         delta = simulator.settings.fixed_delta_seconds or 0.05
@@ -174,16 +199,16 @@ class WorldSnapshot:
         )
         self._actors = {actor.id: ActorSnapshot(actor) for actor in there}
 
-    def find(self, actor_id):
+    def find(self, actor_id: int) -> ActorSnapshot | None:
         return self._actors.get(actor_id)
 
-    def has_actor(self, actor_id):
+    def has_actor(self, actor_id: int) -> bool:
         return actor_id in self._actors
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[ActorSnapshot]:
         return iter(self._actors.values())
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._actors)
 
 
@@ -199,49 +224,51 @@ class EnvironmentObject:
 class World:
     id = 1
 
-    def __init__(self, simulator):
+    def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
 
-    def get_settings(self):
+    def get_settings(self) -> real.WorldSettings:
         self._simulator.answer()
         return _copied(self._simulator.settings)
 
-    def apply_settings(self, settings, seconds=0.0):
+    def apply_settings(self, settings: known.Settings, seconds: float = 0.0) -> int:
         self._simulator.answer()
         self._simulator.settings = _copied(settings)
         return self._simulator.frame
 
-    def tick(self, seconds=0.0):
+    def tick(self, seconds: float = 0.0) -> int:
         if not self._simulator.settings.synchronous_mode:
             raise RuntimeError("tick in asynchronous mode")
         self._simulator.answer()
         return self._simulator.tick()
 
-    def get_snapshot(self):
+    def get_snapshot(self) -> WorldSnapshot:
         return WorldSnapshot(self._simulator)
 
-    def get_map(self):
+    def get_map(self) -> Map:
         return Map(self._simulator)
 
-    def get_weather(self):
+    def get_weather(self) -> object:
         return self._simulator.weather
 
-    def set_weather(self, arg2):
+    def set_weather(self, arg2: object) -> None:
         assert isinstance(arg2, real.WeatherParameters)
         self._simulator.answer()
         self._simulator.weather = arg2
 
-    def get_blueprint_library(self):
+    def get_blueprint_library(self) -> catalogue.BlueprintLibrary:
         return catalogue.BlueprintLibrary()
 
     def spawn_actor(
         self,
-        blueprint,
-        transform,
-        attach_to=None,
-        attachment_type=real.AttachmentType.Rigid,
-        bone="",
-    ):
+        blueprint: known.Blueprint,
+        transform: known.Pose,
+        attach_to: known.Actor | None = None,
+        attachment_type: object = real.AttachmentType.Rigid,
+        bone: str = "",
+    ) -> actors.Actor:
+        assert isinstance(blueprint, catalogue.ActorBlueprint)
+        assert attach_to is None or isinstance(attach_to, actors.Actor)
         solid = blueprint.id.startswith(("vehicle.", "walker."))
         if solid and self._simulator.is_taken(transform):
             raise RuntimeError("Spawn failed because of collision at spawn position")
@@ -250,30 +277,34 @@ class World:
 
     def try_spawn_actor(
         self,
-        blueprint,
-        transform,
-        attach_to=None,
-        attachment_type=real.AttachmentType.Rigid,
-        bone="",
-    ):
+        blueprint: known.Blueprint,
+        transform: known.Pose,
+        attach_to: known.Actor | None = None,
+        attachment_type: object = real.AttachmentType.Rigid,
+        bone: str = "",
+    ) -> actors.Actor | None:
         try:
             return self.spawn_actor(blueprint, transform, attach_to, attachment_type)
         except RuntimeError:
             return None
 
-    def get_actors(self):
+    def get_actors(self) -> ActorList:
         return ActorList(self._simulator.actors.values())
 
-    def get_actor(self, actor_id):
+    def get_actor(self, actor_id: int) -> actors.Actor | None:
         return self._simulator.actors.get(actor_id)
 
-    def get_environment_objects(self, object_type=real.CityObjectLabel.Any):
+    def get_environment_objects(
+        self, object_type: object = real.CityObjectLabel.Any
+    ) -> list[EnvironmentObject]:
         return [o for o in self._simulator.environment if o.type == object_type]
 
-    def get_level_bbs(self, bb_type=real.CityObjectLabel.Any):
+    def get_level_bbs(
+        self, bb_type: object = real.CityObjectLabel.Any
+    ) -> list[known.Box]:
         return list(self._simulator.level_boxes)
 
-    def get_random_location_from_navigation(self):
+    def get_random_location_from_navigation(self) -> real.Location | None:
         places = self._simulator.sidewalk
         if places:
             # In turn, as if by chance.
@@ -281,20 +312,20 @@ class World:
             return places[-1]
         return None
 
-    def set_pedestrians_seed(self, seed):
+    def set_pedestrians_seed(self, seed: int) -> None:
         self._simulator.pedestrian_seed = seed
 
-    def set_pedestrians_cross_factor(self, percentage):
+    def set_pedestrians_cross_factor(self, percentage: float) -> None:
         assert 0 <= percentage <= 1
 
-    def load_map_layer(self, map_layers):
+    def load_map_layer(self, map_layers: object) -> None:
         self._simulator.layers_off.remove(str(map_layers))
 
-    def unload_map_layer(self, map_layers):
+    def unload_map_layer(self, map_layers: object) -> None:
         self._simulator.layers_off.append(str(map_layers))
 
 
-def _copied(settings):
+def _copied(settings: known.Settings) -> real.WorldSettings:
     """Settings are values: what a client changes is its own copy."""
     copy = real.WorldSettings()
     for name in _SETTINGS:
@@ -307,7 +338,9 @@ _SETTINGS = (
     "max_substep_delta_time", "max_substeps", "max_culling_distance",
     "deterministic_ragdolls", "tile_stream_distance", "actor_active_distance",
 )  # fmt: skip
-FAKES = {
+VALUES = tuple(name for name in vars(Library) if not name.startswith("_"))
+"""What the fake library takes from the real one."""
+FAKES: Mapping[str, type] = {
     "Client": Client,
     "World": World,
     "WorldSnapshot": WorldSnapshot,

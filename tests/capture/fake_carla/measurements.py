@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
@@ -10,6 +11,7 @@ import carla
 import numpy as np
 
 from tests.capture.fake_carla.scene import FAR_M, cast, rays
+from unghost.capture.simulator import Detection
 
 _COLORS = {1: (128, 64, 128), 3: (70, 70, 70), 11: (70, 130, 180), 12: (220, 20, 60)}
 
@@ -43,19 +45,19 @@ class Shot:
 
 class Image(Shot):
     @property
-    def width(self):
+    def width(self) -> int:
         return int(self.attributes["image_size_x"])
 
     @property
-    def height(self):
+    def height(self) -> int:
         return int(self.attributes["image_size_y"])
 
     @property
-    def fov(self):
+    def fov(self) -> float:
         return float(self.attributes["fov"])
 
     @cached_property
-    def raw_data(self):
+    def raw_data(self) -> memoryview:
         # All cameras of a tick sit at one place: what they see is computed once.
         with self.shared.lock:
             key = (self.width, self.height, self.fov, *self._pose.get_matrix()[0])
@@ -86,7 +88,7 @@ class LidarMeasurement(Shot):
     """A ring of beams; semantic or not."""
 
     @cached_property
-    def raw_data(self):
+    def raw_data(self) -> memoryview:
         turn = np.radians(np.arange(0, 360, 3.0))
         tilt = np.radians(np.linspace(-20, 0, 8))
         t, e = np.meshgrid(turn, tilt)
@@ -119,14 +121,14 @@ class RadarMeasurement(Shot):
         (4.0, 0.0, 0.1, 50.0),
     )
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Detection]:
         for velocity, azimuth, altitude, depth in self._detections:
             found = carla.RadarDetection()
             found.velocity, found.azimuth = velocity, azimuth
             found.altitude, found.depth = altitude, depth
             yield found
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._detections)
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
 import carla
 
@@ -19,6 +20,10 @@ from tests.capture.fake_carla.actors import (
 )
 from tests.capture.fake_carla.measurements import MEASUREMENTS, Image, Shared
 from tests.capture.fake_carla.scene import Solid
+from unghost.capture.simulator import Measurement
+
+if TYPE_CHECKING:
+    from tests.capture.fake_carla.library import EnvironmentObject
 
 _CLASSES = (
     ("vehicle.", Vehicle),
@@ -76,7 +81,7 @@ class Simulator:
         self.frame, self.ticks, self.next_id = 1000, 0, 20
         self.speed = 0.0
         self.actors: dict[int, Actor] = {}
-        self.environment: list[object] = []
+        self.environment: list[EnvironmentObject] = []
         self.level_boxes: list[carla.BoundingBox] = []
         self.solids: list[Solid] = []
         self.spawn_points: list[carla.Transform] = []
@@ -85,18 +90,24 @@ class Simulator:
         self.pedestrian_seed: int | None = None
         self.spawned: list[str] = []
         self.unanswered = 0
-        self._held: list[tuple[Sensor, object]] = []
-        self._mail: SimpleQueue[tuple[Sensor, object] | None] = SimpleQueue()
+        self._held: list[tuple[Sensor, Measurement]] = []
+        self._mail: SimpleQueue[tuple[Sensor, Measurement] | None] = SimpleQueue()
         self._postman = threading.Thread(target=self._deliver, daemon=True)
         self._postman.start()
 
-    def answer(self):
+    def answer(self) -> None:
         """What every request waits for."""
         if self.faults.gone:
             self.unanswered += 1
             raise RuntimeError("time-out while waiting for the simulator")
 
-    def add(self, type_id, attributes, pose, parent=None):
+    def add(
+        self,
+        type_id: str,
+        attributes: Mapping[str, str],
+        pose: carla.Transform,
+        parent: Actor | None = None,
+    ) -> Actor:
         """A new actor."""
         made = next(cls for start, cls in _CLASSES if type_id.startswith(start))
         self.next_id += 1
@@ -105,7 +116,7 @@ class Simulator:
         self.spawned.append(type_id)
         return actor
 
-    def is_taken(self, pose):
+    def is_taken(self, pose: carla.Transform) -> bool:
         """Whether a vehicle or walker stands there already."""
         return any(
             actor.get_transform().location.distance(pose.location) < 0.5
@@ -113,7 +124,7 @@ class Simulator:
             if actor.type_id.startswith(("vehicle.", "walker."))
         )
 
-    def remove(self, actor_id):
+    def remove(self, actor_id: int) -> bool:
         """Whether there was such an actor; it is gone."""
         actor = self.actors.pop(actor_id, None)
         if actor is None:
@@ -121,7 +132,7 @@ class Simulator:
         actor.is_alive = False
         return True
 
-    def tick(self):
+    def tick(self) -> int:
         """One step: things move, then every sensor measures."""
         self.ticks += 1
         self.faults.on_tick(self, self.ticks)

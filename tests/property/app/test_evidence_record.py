@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from app.db.evidence_record import (
+    CHANNEL_NUMBERS,
     NUMBERS,
     Geometry,
+    RecordLayout,
+    pack_channels,
     pack_geometry,
     pack_numbers,
     pack_tag_counts,
     to_evidence,
+    unpack_channels,
     unpack_geometry,
     unpack_numbers,
     unpack_tag_counts,
 )
-from filter_core.types import N_TAGS, Evidence
+from filter_core.types import N_TAGS, ChannelNumbers, Evidence, NumberColumn
 
-SCALARS = [name for name in NUMBERS.names or () if name not in ("class_id", "xyxy")]
+SCALARS = [name for name in NUMBERS.columns if name not in ("class_id", "xyxy")]
 LIMITS = {"state": (0, 3), "accept_mask": (0, 2**30), "measured": (False, True)}
 CLASSES = ("car", "truck", "walker")
 RECTANGLES = st.one_of(
@@ -34,7 +41,7 @@ def evidences(draw) -> Evidence:
     count = draw(st.integers(0, 6))
 
     def column(name):
-        dtype = NUMBERS[name]
+        dtype = NUMBERS.dtype[name]
         return draw(arrays.arrays(dtype, count))
 
     index = draw(arrays.arrays(np.int32, count, elements=st.integers(0, 2)))
@@ -43,9 +50,19 @@ def evidences(draw) -> Evidence:
     return Evidence(class_names=CLASSES, class_index=index, xyxy=xyxy, **columns)
 
 
+@st.composite
+def channel_numbers(draw) -> ChannelNumbers:
+    numbers = ChannelNumbers.absent(draw(st.integers(0, 4)))
+    for spec in fields(ChannelNumbers):
+        column = getattr(numbers, spec.name)
+        stored = CHANNEL_NUMBERS.dtype[spec.name].base
+        column[:] = draw(arrays.arrays(stored, column.shape))
+    return numbers
+
+
 @given(evidences(), st.permutations([3, 17, 400]))
 def test_numbers_come_back(evidence, class_ids):
-    record = unpack_numbers([pack_numbers(evidence, class_ids)])
+    record = unpack_numbers([pack_numbers(evidence, class_ids)], [len(evidence)])
 
     back = to_evidence(record, CLASSES, class_ids)
 
@@ -57,10 +74,64 @@ def test_numbers_come_back(evidence, class_ids):
 def test_frames_one_after_the_other_are_one_array(frames):
     packed = [pack_numbers(frame, [1, 2, 3]) for frame in frames]
 
-    together = unpack_numbers(packed)
+    together = unpack_numbers(packed, list(map(len, frames)))
 
     assert together.tobytes() == b"".join(packed)
     assert len(together) == sum(map(len, frames))
+
+
+@given(st.lists(st.one_of(st.none(), channel_numbers()), min_size=1, max_size=4))
+def test_numbers_of_channels_come_back_and_those_of_other_frames_are_missing(frames):
+    counts = [2 if frame is None else len(frame) for frame in frames]
+    packed = [pack_channels(frame) for frame in frames]
+
+    back = unpack_channels(packed, counts)
+
+    if back is None:
+        assert not any(packed)
+        return
+    parts = [ChannelNumbers.absent(2) if one is None else one for one in frames]
+    for spec in fields(ChannelNumbers):
+        column = getattr(back, spec.name)
+        expected = np.concatenate([getattr(part, spec.name) for part in parts])
+        np.testing.assert_array_equal(column, expected)
+        assert column.dtype == expected.dtype
+
+
+@given(st.lists(channel_numbers(), min_size=1, max_size=4), st.integers(0, 3))
+def test_records_are_read_after_a_column_was_added(frames, newer_from):
+    today = CHANNEL_NUMBERS
+    newest = max(column.since for column in today.columns.values())
+    added = NumberColumn("points near it", "points", "i8", -1, since=newest + 1)
+    later = RecordLayout({"points_near": added, **today.columns})
+    counts = [len(frame) for frame in frames]
+    packed = [pack_channels(frame) or b"" for frame in frames]
+    for place in range(newer_from, len(frames)):
+        record = np.full(counts[place], 5, later.dtype)
+        for name in today.columns:
+            record[name] = getattr(frames[place], name)
+        packed[place] = record.tobytes()
+
+    read = later.read(packed, counts)
+
+    assert later.dtype.names == (*(today.dtype.names or ()), "points_near")
+    expected = np.repeat(
+        [-1 if place < newer_from else 5 for place in range(len(frames))], counts
+    )
+    np.testing.assert_array_equal(read["points_near"], expected)
+    for name in today.columns:
+        column = np.concatenate([getattr(frame, name) for frame in frames])
+        np.testing.assert_array_equal(read[name], column)
+
+
+@pytest.mark.parametrize("length", [0, 1, 91, 93, 184])
+def test_records_of_no_known_layout_are_refused(length):
+    columns = {"xyxy": NumberColumn("", "px", "f8", np.nan, width=4)}
+    columns |= {f"count_{one}": NumberColumn("", "px", "i8", -1) for one in range(7)}
+    layout = RecordLayout(columns | {"last": NumberColumn("", "px", "i4", -1)})
+
+    with pytest.raises(ValueError, match=f"92 bytes for 1 boxes, found {length} bytes"):
+        layout.read([bytes(length)], [1])
 
 
 @given(

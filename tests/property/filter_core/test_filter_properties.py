@@ -133,15 +133,19 @@ def test_every_number_of_a_decision_is_consistent(tags, boxes, config):
     result = filter_frame({"carla_version": "0.9.15", "boxes": boxes}, tags, config)
 
     for one in result.decisions:
-        if one["threshold"] is None:
-            assert one["margin"] is None
-            assert not one["toss_up"]
+        match, threshold, margin = (
+            one["match_percent"],
+            one["threshold"],
+            one["margin"],
+        )
+        if threshold is None or match is None or margin is None:
+            assert (threshold, margin, one["toss_up"]) == (None, None, False)
         else:
-            assert one["margin"] == one["match_percent"] - one["threshold"]
-            assert (one["verdict"] == "kept") == (one["margin"] >= 0)
+            assert margin == match - threshold
+            assert (one["verdict"] == "kept") == (margin >= 0)
         if one["box_pixels"]:
-            share = 100 * one["matched_pixels"] / one["box_pixels"]
-            assert one["match_percent"] == pytest.approx(share)
+            share = 100 * (one["matched_pixels"] or 0) / one["box_pixels"]
+            assert match == pytest.approx(share)
         assert sum(hider["percent"] for hider in one["hidden_by"]) <= 100 + 1e-9
 
 

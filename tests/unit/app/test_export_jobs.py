@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from typing import get_args
 
+import numpy as np
 import pytest
 
 from app.repositories.datasets import DatasetRepository
@@ -13,7 +15,9 @@ from app.services.export_frames import ExportFrames
 from app.services.export_jobs import job_of, make_export, start_exports
 from app.services.exports import ExportRequest, cancel_export, request_export
 from filter_core.formats.export import ExportHead, ExportOptions
+from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
+from filter_core.types import VERDICTS
 from tests.api import frames as scene
 from tests.services import Street, running_services
 
@@ -78,51 +82,61 @@ def test_the_same_state_gives_the_same_bytes_in_another_service(form, tmp_path):
     assert digests[2] == digests[3]
 
 
-LABELS = [name for name in EXPORT_FORMATS if not FORMATS[name].whole_decisions]
-
-
-@pytest.mark.parametrize("form", LABELS)
-def test_labels_are_written_from_decisions_without_their_sentences(street, form):
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_a_format_says_all_that_it_needs(street, form):
     with street.context.database.read() as session:
         dataset = street.row(session)
-        written = []
-        for whole in (True, False):
-            frames = ExportFrames(
-                street.context.storage.read, session, dataset, whole_decisions=whole
+        classes = tuple(DatasetRepository(session).classes(dataset.id))
+        written = [
+            files_of(
+                form,
+                ExportFrames(street.context.storage.read, session, dataset, needs),
+                classes,
             )
-            written.append(
-                files_of(
-                    form, frames, tuple(DatasetRepository(session).classes(dataset.id))
-                )
-            )
+            for needs in (FORMATS[form].needs, get_args(Need))
+        ]
 
     assert written[0] == written[1]
 
 
-def test_a_decision_for_labels_is_a_part_of_the_whole_one(street):
+def test_labels_say_what_whole_decisions_say(street):
     with street.context.database.read() as session:
-        whole, brief = (
-            [
-                dict(box.decision)
-                for frame in ExportFrames(
-                    street.context.storage.read,
-                    session,
-                    street.row(session),
-                    whole_decisions=each,
-                )
-                for box in frame.boxes
-            ]
-            for each in (True, False)
+        frames = list(
+            ExportFrames(
+                street.context.storage.read, session, street.row(session), ["decisions"]
+            )
         )
 
-    assert brief == [
-        {key: full[key] for key in part}
-        for full, part in zip(whole, brief, strict=True)
+    for frame in frames:
+        boxes, whole = frame.boxes, frame.decisions
+        rows = range(len(boxes))
+        told = {
+            "id": boxes.ids,
+            "class": [boxes.class_name(row) for row in rows],
+            "verdict": [VERDICTS[code].value for code in boxes.verdict],
+            "effective_verdict": [boxes.effective_verdict(row) for row in rows],
+            "reason": [boxes.reason_label(row) for row in rows],
+            "lossy": boxes.lossy.tolist(),
+            "occluded": boxes.occlusion.tolist(),
+            "xyxy": plain(boxes.xyxy),
+            "amodal_xyxy": plain(boxes.amodal_xyxy),
+            "visible_xyxy": plain(boxes.visible_xyxy),
+            "tight_xyxy": plain(boxes.tight_xyxy),
+            "distance": plain(boxes.distance),
+            "match_percent": plain(boxes.match_percent),
+        }
+        assert told == {key: [one[key] for one in whole] for key in told}
+        reviewed = [bool(one["review"]) for one in whole]
+        assert (boxes.answer > 0).tolist() == reviewed
+    assert sum(len(frame.boxes) for frame in frames) > 0
+
+
+def plain(column):
+    """Values as JSON has them: nothing where there is NaN."""
+    return [
+        None if np.isnan(value).any() else value.tolist()
+        for value in np.asarray(column)
     ]
-    assert all("explanation" in one for one in whole)
-    assert not any(
-        {"explanation", "hidden_by", "accepted_tags"} & set(one) for one in brief
-    )
 
 
 def files_of(form, frames, classes):

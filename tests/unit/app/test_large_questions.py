@@ -22,6 +22,7 @@ from filter_core.evaluation.thresholds import Goal
 from tests.api import frames as scene
 from tests.api.test_channels import sensors
 from tests.unit.filter_core.evidence.test_channels import ANNOTATION, cube
+from unghost.wire.runs import Diff
 
 FRAMES = 9
 MOST_BOXES = 40
@@ -94,7 +95,7 @@ def test_a_preview_that_counts_again_does_so_in_parts(by_tags):
     question = previewed({"classes": {"car": {"accept": ["Sky"]}}})
     whole = asked(by_tags, 10**6, question)
 
-    assert whole["flips"]["total"] == 2 * FRAMES
+    assert whole.flips.total == 2 * FRAMES
     assert asked(by_tags, 16, question) == whole
 
 
@@ -103,11 +104,11 @@ def test_what_is_asked_here_has_something_to_answer(street):
         name: asked(street, 10**6, question) for name, question in QUESTIONS.items()
     }
 
-    assert found["preview"]["flips"]["total"] > 4
-    assert found["evaluation by instances"]["frames"] == FRAMES
-    assert found["evaluation by people"]["boxes"] == 3
-    assert found["quality by instances"]["confusion"]["kept_reject"] > 0
-    assert sum(map(sum, found["histogram"]["classes"].values())) == 5 * FRAMES
+    assert found["preview"].flips.total > 4
+    assert found["evaluation by instances"].frames == FRAMES
+    assert found["evaluation by people"].boxes == 3
+    assert found["quality by instances"].confusion.kept_reject > 0
+    assert sum(map(sum, found["histogram"].classes.values())) == 5 * FRAMES
 
 
 @pytest.mark.parametrize("config", [STRICTER, {"profile": "carlasimu"}])
@@ -117,20 +118,19 @@ def test_runs_differ_in_parts_as_in_the_whole_on_every_page(street, config):
     second = street.run({**config, "min_visible_pixels": 400}, activate=False).id
 
     def pages(context, session, _):
-        found: list[dict[str, Any]] = []
+        found: list[Diff] = []
         cursor = None
         while cursor is not None or not found:
             runs = compared_runs(session, second, first)
             found.append(run_diff(context, session, runs, DiffPage(10, cursor)))
-            cursor = found[-1]["next_cursor"]
+            cursor = found[-1].next_cursor
         return found
 
     whole = asked(street, 10**6, pages)
 
     assert len(whole) > 1
-    assert (
-        len({flip["box_id"] for page in whole for flip in page["items"]})
-        == (whole[0]["total"])
+    assert len({flip.box_id for page in whole for flip in page.items}) == (
+        whole[0].total
     )
     assert asked(street, MOST_BOXES, pages) == whole
 
@@ -146,7 +146,7 @@ def test_classes_of_a_comparison_stand_in_their_order_in_parts_as_well(services)
 
     def classes(context, session, _):
         runs = compared_runs(session, second, first)
-        return list(run_diff(context, session, runs, DiffPage(10, None))["by_class"])
+        return list(run_diff(context, session, runs, DiffPage(10, None)).by_class)
 
     assert asked(street, 10**6, classes) == ["car", "truck"]
     assert asked(street, 1, classes) == ["car", "truck"]

@@ -143,7 +143,7 @@ def test_two_runs_compare_and_an_export_is_written(services):
         export = request_export(services.context, session, street.row(session), wanted)
     street.wait(run.id)
 
-    assert (diff["total"], diff["kept_to_rejected"]) == (1, 1)
+    assert (diff.total, diff.kept_to_rejected) == (1, 1)
     with services.context.database.read() as session:
         found = ExportRepository(session).with_id(export.id)
         assert (found.state, found.done, found.total) == ("done", 1, 1)

@@ -248,7 +248,7 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
 
     carry_out(replace(services.context, numbers=Watched()), run_id)
 
-    assert {(run["state"], run["done"]) for run in seen} == {("running", 1)}
+    assert {(run.state, run.done) for run in seen} == {("running", 1)}
     assert services.context.engine.reported(job_of(run_id)) == 0
 
 

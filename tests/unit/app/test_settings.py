@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from uvicorn.middleware.proxy_headers import _TrustedHosts
 
 from app.settings import Settings
-from unghost.cli.serve import settings_of
+from unghost.cli.options import settings_of
 
 
 def test_without_variables_it_serves_this_machine_only():

@@ -7,9 +7,10 @@ import json
 import pytest
 
 from filter_core.config.filter import FilterConfig
+from filter_core.formats.export import ExportFrame
 from filter_core.formats.reading import FrameSource
 from filter_core.formats.registry import read_source
-from filter_core.local import filter_one, filter_source
+from filter_core.local import export_sources, filter_one, filter_source
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png
 from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
@@ -152,3 +153,20 @@ def test_a_channel_reads_the_files_that_it_needs(tmp_path):
     assert outcome("depth")["decisions"][1]["reason"] == "hidden_by_depth"
     assert outcome("auto")["decisions"][1]["reason"] == "hidden_by_instance"
     assert "PLY or NPY" in outcome("lidar")["error"]["detail"]
+
+
+def test_a_decision_that_nothing_was_measured_for_says_so_in_its_sentence_as_well():
+    boxes = [
+        {"class": "zebra", "xyxy": [10, 10, 60, 40]},
+        {"class": "car", "xyxy": [10, 10, 60, 40], "distance": 90},
+    ]
+    camera = {"width": 200, "height": 100, "fov": 90}
+    source = FrameSource("a", annotation={"boxes": boxes, "camera": camera})
+    config = FilterConfig(max_distance=50)
+
+    (frame,) = export_sources([source], config, needs={"decisions"})
+
+    assert isinstance(frame, ExportFrame)
+    for decision in frame.decisions:
+        assert decision["reason"] == "no_segmentation"
+        assert str(decision["explanation"]).startswith("unmeasured: ")

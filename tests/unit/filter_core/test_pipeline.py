@@ -8,42 +8,13 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.record import Decision
 from filter_core.errors import AnnotationErrors, ImageSizeMismatch, SegmentationError
 from filter_core.pipeline import FrameOptions, filter_frame
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.unit.filter_core.formats.folders import painted, png, street
 
-KEYS = [
-    "id",
-    "frame",
-    "class",
-    "verdict",
-    "reason",
-    "explanation",
-    "evidence",
-    "match_percent",
-    "threshold",
-    "margin",
-    "toss_up",
-    "large",
-    "matched_pixels",
-    "box_pixels",
-    "area_percent",
-    "crowding",
-    "explained_by",
-    "hidden_by",
-    "lossy",
-    "distance",
-    "xyxy",
-    "amodal_xyxy",
-    "visible_xyxy",
-    "tight_xyxy",
-    "visible_pixels",
-    "occluded",
-    "truncated",
-    "edges",
-    "config",
-]
+KEYS = list(Decision.__annotations__)
 
 
 def annotation(*boxes, **more):
@@ -88,6 +59,16 @@ def test_a_decision_has_the_keys_of_the_api_and_its_numbers():
     }
 
 
+def test_decisions_are_composed_once_when_they_are_asked_for():
+    result = filter_frame(annotation(CAR, GHOST), painted(street()))
+
+    before = set(vars(result))
+    first = result.decisions
+
+    assert set(vars(result)) - before == {"decisions"}
+    assert result.decisions is first
+
+
 def test_decisions_are_plain_json():
     outside = {"class": "car", "xyxy": [900, 0, 950, 20]}
     result = filter_frame(annotation(CAR, GHOST, outside), painted(street()))
@@ -126,7 +107,7 @@ def test_without_a_segmentation_nothing_is_measured():
         "no_segmentation",
     )
     assert decision["match_percent"] is decision["threshold"] is None
-    assert decision["matched_pixels"] is decision["evidence"] is None
+    assert (decision["matched_pixels"], decision["evidence"]) == (None, None)
     assert decision["xyxy"] == [10, 10, 50, 40]
     assert result.measured.segmentation is None
 
@@ -236,7 +217,7 @@ def test_a_3d_box_comes_with_its_rectangles_and_edges():
     (decision,) = result.decisions
     assert decision["distance"] == pytest.approx(10)
     assert decision["xyxy"] == decision["visible_xyxy"] == [35, 25, 45, 35]
-    assert len(decision["edges"]) == 12
+    assert len(decision["edges"] or ()) == 12
     geometry = result.measured.geometry
     assert geometry.xyxy.tolist() == [[35, 25, 45, 35]]
     assert geometry.distance.tolist() == [pytest.approx(10)]

@@ -12,6 +12,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 COUNTS = {"kept": 1, "rejected": 2, "unmeasured": 3}
+FRAME = {
+    "id": 7,
+    "key": "a",
+    "dataset": "town",
+    "created_at": "2026-01-01T00:00:00Z",
+    "counts": {"boxes": 6, **COUNTS, "reviewed": 0, "to_review": 5},
+}
 
 
 @dataclass(frozen=True)
@@ -19,11 +26,12 @@ class Turn:
     """How one request is answered; without anything said, as it should be.
 
     `lines`: the connection ends after so many. `refusal`: status, code, headers.
-    `end`: what the last line says beside its counts.
+    `decisions`: of each frame. `end`: what the last line says beside its counts.
     """
 
     lines: int | None = None
     refusal: tuple[int, str, dict[str, str]] | None = None
+    decisions: object = field(default_factory=lambda: COUNTS)
     end: dict[str, Any] = field(default_factory=dict)
 
 
@@ -95,7 +103,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_PUT(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
         self.owner.put.append(self.path)
-        self._answer(201, {"frame": {"id": 7, "key": "a", "counts": COUNTS}}, {})
+        self._answer(201, {"frame": FRAME}, {})
 
     def handle_expect_100(self) -> bool:
         turn = self.owner.turns[0] if self.owner.turns else Turn()
@@ -132,7 +140,7 @@ class _Handler(BaseHTTPRequestHandler):
                 return
             self.owner.taken.append(frame)
             line = {"key": frame.key, "status": 201, "frame_id": number}
-            self._line({**line, "decisions": COUNTS})
+            self._line({**line, "decisions": turn.decisions})
         self._line({"end": True, **turn.end})
         self.wfile.write(b"0\r\n\r\n")
 

@@ -6,8 +6,8 @@ import stat
 
 import pytest
 
-from unghost.cli.demo import DemoOptions, rendered_street
 from unghost.cli.screen import Screen
+from unghost.cli.serve import DemoOptions, rendered_street
 
 
 @pytest.mark.long

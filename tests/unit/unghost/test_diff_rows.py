@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from unghost.cli.diff import rows_of
-from unghost.work_results import Diff
+from unghost import Diff
+from unghost.cli.runs import rows_of
 
 ANSWER = {
     "run": 2,

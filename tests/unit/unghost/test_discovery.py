@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from unghost import find_server
-from unghost.discovery import BadServerUrl, server_note
+from unghost.client.discovery import BadServerUrl, server_note
 
 LOCAL = "http://127.0.0.1:8000"
 

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from datetime import datetime, timezone
 
 import httpx
 import pytest
 
 from tests.unit.unghost.conftest import QUICK, Reply
 from unghost import DamagedDownload, Export
-from unghost.retry import PATIENCE
+from unghost.client.call import PATIENCE
 
 CONTENT = bytes(range(256)) * 40
 EXPORT = Export(
     id=5,
+    dataset="town",
+    format="yolo",
+    options={},
     state="done",
+    total=9,
+    done=9,
     sha256=hashlib.sha256(CONTENT).hexdigest(),
     size_bytes=len(CONTENT),
+    created_at=datetime(2026, 1, 1, tzinfo=timezone.utc),
 )
 
 

@@ -6,9 +6,10 @@ import httpx
 import pytest
 
 from filter_core.errors import LayoutError
-from unghost import errors
-from unghost.cli.exits import Refused, exit_code, explain
-from unghost.discovery import BadServerUrl, ForeignServer
+from unghost.cli.program import exit_code, explain
+from unghost.cli.screen import Refused
+from unghost.client import errors
+from unghost.client.discovery import BadServerUrl, ForeignServer
 
 REQUEST = httpx.Request("GET", "http://127.0.0.1:8000/api/v1/datasets?limit=1")
 PROBLEM = {

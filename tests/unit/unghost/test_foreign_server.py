@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from unghost import Client
-from unghost.discovery import ForeignServer, server_note
-from unghost.duplex import Duplex
-from unghost.transport import Call
+from unghost.client.call import Call, nothing
+from unghost.client.discovery import ForeignServer, server_note
+from unghost.client.duplex import Duplex
 
 OWNER = 1000
 NOBODY = 65534
@@ -111,7 +111,7 @@ def noted(url: str, token_file: Path) -> None:
 
 def ask(url: str, token: str | None = None) -> None:
     with Client(url, token) as client:
-        client._transport.send(Call("GET", "/"))
+        client._transport.send(Call("GET", "/", nothing))
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0", "::"])
@@ -205,11 +205,11 @@ def test_a_client_that_goes_on_looks_again_when_it_connects(token_file, listen):
     noted(url, token_file)
 
     with Client(url) as client:
-        client._transport.send(Call("GET", "/"))
+        client._transport.send(Call("GET", "/", nothing))
         assert own.heard() == ["Bearer secret"]
         other = listen(NOBODY, port=own.port)
         with pytest.raises(ForeignServer):
-            client._transport.send(Call("GET", "/"))
+            client._transport.send(Call("GET", "/", nothing))
         with pytest.raises(ForeignServer):
             Duplex(client._transport.endpoint("/")).begin("text/plain", 1)
 

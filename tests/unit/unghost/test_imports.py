@@ -24,10 +24,32 @@ def test_importing_the_client_loads_neither_the_server_nor_pixels():
 
 
 def test_the_command_line_starts_without_them_too():
-    assert modules_after("import unghost.cli").isdisjoint(HEAVY)
+    loaded = modules_after("import unghost.cli")
+
+    assert loaded.isdisjoint({*HEAVY, "filter_core", "httpx", "unghost.client"})
 
 
 def test_every_public_name_is_there():
     modules_after(
         "import unghost; [getattr(unghost, name) for name in unghost.__all__]"
     )
+
+
+def test_importing_the_package_loads_nothing_of_it():
+    loaded = modules_after("import unghost, unghost.wire.words")
+
+    assert {name for name in loaded if name.startswith("unghost")} == {
+        "unghost",
+        "unghost.wire",
+        "unghost.wire.words",
+    }
+    assert loaded.isdisjoint({*HEAVY, "httpx", "typer"})
+
+
+def test_the_wire_loads_neither_a_connection_nor_the_library():
+    loaded = modules_after(
+        "from unghost import wire; [getattr(wire, n) for n in dir(wire)]"
+    )
+
+    assert "pydantic" in loaded
+    assert loaded.isdisjoint({"httpx", "filter_core", "unghost.client", "app"})

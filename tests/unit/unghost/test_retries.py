@@ -10,9 +10,11 @@ import pytest
 
 from tests.unit.unghost.conftest import QUICK, Reply, json_reply, problem
 from unghost import Client, RetryPolicy, Unavailable
-from unghost.retry import retry_after_s
+from unghost.client.errors import retry_after_s
 
-RUN = {"id": 1, "state": "queued"}
+RUN = {"id": 1, "dataset": "town", "kind": "decide", "state": "queued", "config": ""}
+RUN |= {"activate": False, "total": 9, "done": 0, "changed": 0, "created_by": "ada"}
+RUN |= {"created_at": "2026-01-01T00:00:00Z"}
 
 
 def test_an_answer_that_is_busy_is_asked_again(scripted, client):

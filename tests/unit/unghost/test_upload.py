@@ -9,7 +9,15 @@ import pytest
 
 from tests.unit.unghost.batch_server import BatchServer, Turn
 from tests.unit.unghost.conftest import QUICK
-from unghost import Client, Conflict, NotSent, OutgoingFrame, Sent, Unauthorized
+from unghost import (
+    Client,
+    Conflict,
+    NotSent,
+    OutgoingFrame,
+    Sent,
+    Unauthorized,
+    UnexpectedAnswer,
+)
 
 BOX = {"class": "car", "xyxy": [0, 0, 1, 1]}
 
@@ -140,6 +148,16 @@ def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
     batches.turns = [Turn(end={"problem": {"status": 409, "code": "odd"}})]
 
     with pytest.raises(Conflict):
+        list(client.push("town", many(1)))
+
+
+@pytest.mark.parametrize("decisions", [None, {}, "many"])
+def test_a_line_that_cannot_be_read_is_no_answer_of_the_service(
+    batches, client, decisions
+):
+    batches.turns = [Turn(decisions=decisions)]
+
+    with pytest.raises(UnexpectedAnswer, match="has a line that cannot be read"):
         list(client.push("town", many(1)))
 
 

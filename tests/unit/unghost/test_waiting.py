@@ -10,12 +10,15 @@ import pytest
 
 from tests.unit.unghost.conftest import QUICK, Reply, json_reply, problem
 from unghost import Client, Export, Run
+from unghost.cli.export import wait_for_export
+from unghost.cli.runs import wait_for_run
 from unghost.cli.screen import Screen
-from unghost.cli.waiting import wait_for_export, wait_for_run
-from unghost.retry import PATIENCE
+from unghost.client.call import PATIENCE
 
-EXPORT = {"id": 4, "dataset": "town", "state": "done", "total": 9, "done": 9}
-RUN = {"id": 21, "dataset": "town", "state": "running", "total": 9, "done": 3}
+JOB = {"dataset": "town", "total": 9, "created_at": "2026-01-01T00:00:00Z"}
+EXPORT = {**JOB, "id": 4, "state": "done", "done": 9, "format": "yolo", "options": {}}
+RUN = {**JOB, "id": 21, "state": "running", "done": 3, "kind": "decide"}
+RUN |= {"config": "", "activate": False, "changed": 0, "created_by": "ada"}
 
 
 class Impatient(Screen):

@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from filter_core.config.filter import (
-    CONFIG_KEYS,
     INHERIT,
     ClassConfig,
     ConfigChange,
     DecideConfig,
     FilterConfig,
     diff_configs,
+    schema_of,
 )
+from filter_core.config.keys import CHANNELS, SEMANTIC, NumberRange, count, keys_of
+from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
+from filter_core.types import ChannelNumbers
+from tests.unit.filter_core.evidence.evidence_of import evidence_of
+
+NUMBERS = [
+    name
+    for name, key in keys_of(ClassConfig).items()
+    if isinstance(key.allowed, NumberRange)
+]
 
 
 def test_every_key_has_its_documented_default():
@@ -42,12 +54,69 @@ def test_every_key_has_its_documented_default():
     }
 
 
+def test_keys_are_shown_in_the_order_that_readers_know():
+    assert list(FilterConfig().as_dict()) == [
+        "profile",
+        "threshold_small_box",
+        "size_big_box",
+        "threshold_big_box",
+        "min_visible_pixels",
+        "min_distance",
+        "max_distance",
+        "evidence",
+        "projection",
+        "depth_tolerance",
+        "ordered_min_pixels",
+        "lidar_min_points",
+        "palette",
+        "encoding",
+        "channel_order",
+        "lossy_segmentation",
+        "classes",
+    ]
+
+
 def test_the_digest_never_changes_for_the_same_configuration():
     """Stored with every run: another value would orphan every stored decision."""
     digest = "02b9fd0b"
 
     assert FilterConfig().digest.startswith(digest)
     assert len(FilterConfig().digest) == 64
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WithLaterKey(FilterConfig):
+    """The keys of today and one that was added after digests had been stored."""
+
+    min_side: int = count(
+        2, "pixels", "Shortest side.", evidence=(SEMANTIC,), later=True
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WithFirstKey(FilterConfig):
+    """The keys of today and one that is hashed from the beginning."""
+
+    min_side: int = count(2, "pixels", "Shortest side.", evidence=(SEMANTIC,))
+
+
+@pytest.mark.parametrize(
+    "keys", [{}, {"max_distance": 80, "classes": {"van": {"min_visible_pixels": 2}}}]
+)
+def test_a_later_key_leaves_the_digests_of_stored_configurations_as_they_are(keys):
+    stored = FilterConfig.from_mapping(keys)
+
+    assert WithLaterKey.from_mapping(keys).digest == stored.digest
+    assert WithLaterKey.from_mapping({**keys, "min_side": 2.0}).digest == stored.digest
+    assert WithFirstKey.from_mapping(keys).digest != stored.digest
+
+
+def test_a_later_key_counts_in_the_digest_as_soon_as_it_is_not_its_default():
+    digests = {WithLaterKey(min_side=side).digest for side in (2, 3, 4)}
+
+    assert len(digests) == 3
+    assert WithLaterKey(min_side=3).digest == WithFirstKey(min_side=3).digest
+    assert WithLaterKey().as_dict()["min_side"] == 2
 
 
 def test_ten_and_ten_point_zero_are_one_configuration():
@@ -185,8 +254,10 @@ def test_thresholds_are_a_class_s_own_or_the_common_ones():
 
 
 def test_a_configuration_has_the_keys_of_both_parts_in_one_order():
-    assert FilterConfig.keys() == CONFIG_KEYS
-    assert set(CONFIG_KEYS) - set(DecideConfig.keys()) == {
+    all_keys, deciding = FilterConfig.keys(), DecideConfig.keys()
+
+    assert tuple(key for key in all_keys if key in deciding) == deciding
+    assert set(all_keys) - set(deciding) == {
         "projection",
         "palette",
         "encoding",
@@ -230,6 +301,142 @@ def test_a_difference_names_every_key_that_changed():
 )
 def test_a_configuration_says_which_channels_it_decides_by(evidence, channels):
     assert FilterConfig(evidence=evidence).channels == channels
+
+
+def other_than(default, allowed):
+    if isinstance(allowed, NumberRange):
+        return (default or 0) + 4
+    return next(word for word in reversed(allowed.words) if word != default)
+
+
+OTHER = {
+    name: other_than(key.default, key.allowed)
+    for name, key in keys_of(FilterConfig).items()
+}
+"""A value beside the default, for every key."""
+
+
+@pytest.mark.parametrize("name", keys_of(FilterConfig))
+def test_a_key_says_whether_images_may_have_to_be_read_again(name):
+    before = FilterConfig(evidence="depth")
+    after = FilterConfig.from_mapping({**before.as_dict(), name: OTHER[name]})
+
+    needs_pixels = after.measuring().pixel_digest != before.measuring().pixel_digest
+
+    assert keys_of(FilterConfig)[name].needs_pixels == needs_pixels
+
+
+def test_accept_says_that_images_may_have_to_be_read_again():
+    before = FilterConfig(evidence="depth")
+    after = replace(before, classes={"van": ClassConfig(accept=("Car",))})
+
+    assert keys_of(ClassConfig)["accept"].needs_pixels
+    assert after.measuring().pixel_digest != before.measuring().pixel_digest
+
+
+def boxes_of_all_sorts():
+    """Numbers of every channel around every default, for 500 boxes."""
+    random = np.random.default_rng(0)
+    rows = range(500)
+    counts = random.integers(0, 12, (4, len(rows)))
+    evidence = evidence_of(
+        [
+            {
+                "match_percent": random.uniform(0, 60),
+                "area_percent": random.uniform(0, 100),
+                "matched_pixels": int(random.integers(0, 12)),
+            }
+            for _ in rows
+        ]
+    )
+    channels = replace(
+        ChannelNumbers.absent(len(rows)),
+        owned_pixels=counts[0],
+        explained_by=random.integers(-1, 1, len(rows)),
+        depth_pixels=counts[1],
+        center_gap=random.uniform(-5, 5, len(rows)),
+        instance_pixels=counts[2],
+        lidar_points=counts[3],
+    )
+    return replace(evidence, channels=channels)
+
+
+@pytest.mark.parametrize("channel", [SEMANTIC, *CHANNELS])
+@pytest.mark.parametrize(
+    "name", [name for name, key in keys_of(FilterConfig).items() if key.evidence]
+)
+def test_a_key_says_which_channels_read_it(name, channel):
+    boxes = boxes_of_all_sorts()
+    before = FilterConfig(evidence=channel)
+    after = FilterConfig.from_mapping({**before.as_dict(), name: OTHER[name]})
+
+    decided = (
+        decide(boxes, before).reason.tolist() != decide(boxes, after).reason.tolist()
+    )
+    measured = before.measuring().digest != after.measuring().digest
+
+    assert (channel in keys_of(FilterConfig)[name].evidence) == (decided or measured)
+
+
+EVERY_KEY = {
+    **OTHER,
+    "classes": {"van": {**dict.fromkeys(NUMBERS, 5), "accept": ["Car", 14]}},
+}
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        {},
+        FilterConfig().as_dict(),
+        EVERY_KEY,
+        {"classes": None},
+        {"max_distance": None, "classes": {"van": {"max_distance": None}}},
+    ],
+)
+def test_the_schema_takes_what_is_a_configuration(raw):
+    FilterConfig.from_mapping(raw)
+
+    assert Draft202012Validator(schema_of(FilterConfig)).is_valid(raw)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        {"treshold_small_box": 1},
+        {"threshold_small_box": 101},
+        {"threshold_small_box": -1},
+        {"threshold_small_box": True},
+        {"threshold_small_box": "10"},
+        {"threshold_small_box": None},
+        {"min_visible_pixels": 1.5},
+        {"max_distance": 10**400},
+        {"profile": "papr"},
+        {"classes": []},
+        {"classes": {"car": 3}},
+        {"classes": {"car": {"profile": "paper"}}},
+        {"classes": {"a/b": {"size_big_box": 300}}},
+        {"classes": {"van": {"accept": []}}},
+        {"classes": {"van": {"accept": [30]}}},
+        {"classes": {"": {}}},
+        [],
+    ],
+)
+def test_the_schema_refuses_what_is_none(raw):
+    with pytest.raises(ConfigError):
+        FilterConfig.from_mapping(raw)
+
+    assert not Draft202012Validator(schema_of(FilterConfig)).is_valid(raw)
+
+
+def test_the_schema_of_the_part_that_decides_has_no_other_keys():
+    schema = schema_of(DecideConfig)
+    properties = schema["properties"]
+
+    Draft202012Validator.check_schema(schema)
+    assert {name: one["default"] for name, one in properties.items()} == (
+        DecideConfig().as_dict()
+    )
 
 
 def test_the_pointer_to_a_long_key_says_that_it_goes_on():

@@ -57,7 +57,7 @@ VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
                 match_percent=10,
                 threshold=10,
                 accepted=("Car",),
-                published=True,
+                as_carlasimu=True,
             ),
             "rejected: 10 % of its pixels are Car, more than 10 % are needed",
         ),

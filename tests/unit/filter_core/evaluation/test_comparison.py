@@ -7,7 +7,6 @@ import numpy as np
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS
 from filter_core.evaluation.comparison import Evaluation
-from filter_core.evidence.channels import SensorFiles
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png
 from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
@@ -18,7 +17,7 @@ TRUTH = np.array([True, False])
 def measured(*kinds):
     tags, metres, ids = scene()
     contents = {"depth": depth_png(metres), "instances": instance_png(tags, ids)}
-    files = SensorFiles({kind: contents[kind] for kind in kinds})
+    files = {kind: contents[kind] for kind in kinds}
     config = FilterConfig().measuring().with_channels(CHANNELS)
     options = FrameOptions(sensors=files)
     return read_and_measure(ANNOTATION, tags, config, options).evidence

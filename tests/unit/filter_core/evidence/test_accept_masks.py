@@ -8,7 +8,7 @@ import pytest
 from filter_core.evidence.instances import InstanceImage, group_pixels
 from filter_core.evidence.lidar import LidarPoints, points_inside
 from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
-from filter_core.evidence.silhouettes import accepted_pixels, silhouettes
+from filter_core.evidence.silhouettes import accepted_pixels, frame_silhouettes
 from filter_core.geometry.pose import Transform
 from filter_core.segmentation.reading import segmentation_from_tags
 from filter_core.types import FrameBoxes
@@ -68,7 +68,9 @@ def test_histograms_that_are_counted_again(mask, expected):
 
 def test_pixels_of_silhouettes(mask, expected):
     boxes = one_box_per_tag(mask)
-    outlines = silhouettes(boxes.xyxy, np.full((256, 8, 3), np.nan), None, (256, 1))
+    outlines = frame_silhouettes(
+        boxes.xyxy, np.full((256, 8, 3), np.nan), None, (256, 1)
+    )
 
     found = accepted_pixels(outlines, segmentation().codes, boxes.accept_mask)
 

@@ -10,11 +10,18 @@ import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import STRONGEST_FIRST
-from filter_core.errors import ImageError
-from filter_core.evidence.channels import SensorFiles
+from filter_core.config.measure import MeasureConfig
+from filter_core.decisions.record import Decision
+from filter_core.errors import ImageError, ImageTooLarge
+from filter_core.evidence.channels import Sensors, measure_evidence
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
-from filter_core.types import NOT_MEASURED
+from filter_core.segmentation.reading import segmentation_from_tags
+from filter_core.types import NOT_MEASURED, FrameBoxes
+from tests.pictures import png
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png
+from tests.unit.filter_core.evidence.test_lidar import npy
 
 CAR, ROAD = 14, 1
 WIDTH, HEIGHT = 160, 120
@@ -57,9 +64,9 @@ def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tags, metres, ids
 
 
-def decided(evidence: str, **contents: bytes) -> list[dict]:
+def decided(evidence: str, **contents: bytes) -> list[Decision]:
     tags, _, _ = scene()
-    options = FrameOptions(sensors=SensorFiles(contents))
+    options = FrameOptions(sensors=contents)
     return filter_frame(
         ANNOTATION, tags, FilterConfig(evidence=evidence), options
     ).decisions
@@ -144,7 +151,7 @@ def test_a_channel_without_its_file_leaves_the_box_to_the_segmentation():
 
 def test_instances_alone_are_enough():
     options = FrameOptions(
-        image_wh=(WIDTH, HEIGHT), sensors=SensorFiles({"instances": instance_file()})
+        image_wh=(WIDTH, HEIGHT), sensors={"instances": instance_file()}
     )
 
     result = filter_frame(ANNOTATION, None, FilterConfig(evidence="instance"), options)
@@ -194,7 +201,7 @@ def test_one_pixel_is_enough_where_nothing_nearer_explains_it(
 
 def test_equal_digests_refuse_or_pass_over_the_same_depth_image():
     grey = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
-    options = FrameOptions(sensors=SensorFiles({"depth": grey}))
+    options = FrameOptions(sensors={"depth": grey})
     first, second = (
         FilterConfig(evidence=name).measuring().with_channels(STRONGEST_FIRST)
         for name in ("auto", "depth")
@@ -211,3 +218,84 @@ def test_equal_digests_refuse_or_pass_over_the_same_depth_image():
         assert found[0] is not None
         assert numbers.owned_pixels.tolist() == found[0].owned_pixels.tolist()
         assert (numbers.depth_pixels == NOT_MEASURED).all()
+
+
+def test_boxes_can_be_measured_without_an_annotation():
+    tags, _, _ = scene()
+    boxes = FrameBoxes.of(
+        [[60, 40, 100, 80], [65, 45, 95, 75], [0, 0, 9, 9]],
+        ["car"] * 3,
+        {"car": 1 << CAR},
+        (WIDTH, HEIGHT),
+        distance=[NEAR, FAR, np.nan],
+    )
+    sensors = Sensors(
+        segmentation=segmentation_from_tags(tags, "carla-0.9.14"),
+        contents={"depth": depth_file(), "instances": instance_file()},
+    )
+
+    evidence = measure_evidence(
+        boxes, sensors, MeasureConfig(channels=("ordered", "depth", "instance"))
+    )
+
+    found = evidence.channels
+    assert found is not None
+    assert evidence.matched_pixels.tolist() == [38 * 38, 30 * 30, 0]
+    assert found.owned_pixels.tolist() == [38 * 38, 0, NOT_MEASURED]
+    assert found.explained_by.tolist() == [NOT_MEASURED, 0, NOT_MEASURED]
+    assert found.instance_pixels.tolist() == [38 * 38, 0, 0]
+    # There is no camera, and no box has corners.
+    assert found.depth_pixels.tolist() == [NOT_MEASURED] * 3
+
+
+def test_what_was_left_out_of_boxes_is_not_measured():
+    tags, _, _ = scene()
+    boxes = FrameBoxes.of(
+        [[60, 40, 100, 80]] * 2, ["car"] * 2, {"car": 1 << CAR}, (WIDTH, HEIGHT), [9, 9]
+    )
+    sensors = Sensors(
+        segmentation=segmentation_from_tags(tags, "carla-0.9.14"),
+        camera=Camera.from_fov(WIDTH, HEIGHT, 90, Transform()),
+        lidar=Transform(),
+        contents={
+            "depth": depth_file(),
+            "lidar": npy(np.array([[9.0, 0.0, 0.0, 1.0, 7.0, CAR]])),
+        },
+    )
+    config = MeasureConfig(channels=("ordered", "depth", "depth_center", "lidar"))
+
+    found = measure_evidence(boxes, sensors, config).channels
+
+    assert found is not None
+    assert found.explained_by.tolist() == [NOT_MEASURED, 0]
+    # None of them has corners, so none has a depth or a volume.
+    assert found.depth_pixels.tolist() == [NOT_MEASURED] * 2
+    assert np.isnan(found.center_gap).all()
+    assert found.lidar_points.tolist() == [NOT_MEASURED] * 2
+
+
+def test_channels_look_at_a_rectangle_that_hangs_out_as_it_was_corrected():
+    tags = np.full((HEIGHT, WIDTH), CAR, np.uint8)
+    boxes = FrameBoxes.of(
+        [[-40, -40, 20, 10]], ["car"], {"car": 1 << CAR}, (WIDTH, HEIGHT), distance=[9]
+    )
+    sensors = Sensors(segmentation=segmentation_from_tags(tags, "carla-0.9.14"))
+
+    evidence = measure_evidence(boxes, sensors, MeasureConfig(channels=("ordered",)))
+
+    assert evidence.channels is not None
+    assert evidence.channels.owned_pixels.tolist() == [20 * 10]
+
+
+@pytest.mark.parametrize("kind", ["segmentation", "depth", "instances"])
+def test_a_picture_larger_than_any_may_be_is_refused_unread(kind):
+    tags, _, _ = scene()
+    contents = {"depth": depth_file(), "instances": instance_file()}
+    given = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags
+    options = FrameOptions(
+        sensors={kind: contents[kind]} if kind in contents else {},
+        max_side=WIDTH - 1,
+    )
+
+    with pytest.raises(ImageTooLarge, match=f"may exceed {WIDTH - 1}"):
+        filter_frame(ANNOTATION, given, FilterConfig(evidence="auto"), options)

@@ -10,7 +10,7 @@ from filter_core.errors import ImageError, ImageSizeMismatch
 from filter_core.evidence.depth import (
     center_gaps,
     depth_interval,
-    measure_depth,
+    fill_depth,
     read_depth,
     tight_rectangle,
 )
@@ -66,7 +66,7 @@ def test_only_accepted_pixels_at_the_boxs_own_depth_count():
     accepted = np.array([[True, True, True, True, False]])
     numbers = ChannelNumbers.absent(1)
 
-    measure_depth(
+    fill_depth(
         numbers,
         [AcceptedPixels(Silhouette(0, 0, 0, 5, 1), accepted)],
         depth,
@@ -82,7 +82,7 @@ def test_a_box_without_an_interval_is_not_measured():
     depth = read_depth(depth_png(np.ones((1, 1))))
     numbers = ChannelNumbers.absent(1)
 
-    measure_depth(
+    fill_depth(
         numbers,
         [AcceptedPixels(Silhouette(0, 0, 0, 1, 1), np.ones((1, 1), bool))],
         depth,

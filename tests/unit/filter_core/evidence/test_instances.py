@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from filter_core.errors import ImageError
 from filter_core.evidence.instances import (
-    InstanceBoxes,
-    measure_instances,
+    fill_instances,
     read_instances,
 )
-from filter_core.evidence.silhouettes import silhouettes
-from filter_core.types import ChannelNumbers
+from filter_core.evidence.silhouettes import frame_silhouettes
+from filter_core.types import ChannelNumbers, FrameBoxes
 from tests.shared_data import shared
 from tests.unit.filter_core.evidence.scene import instance_png
 
@@ -24,17 +25,12 @@ CARS = 1 << CAR
 def measured(tags, ids, xyxy, *, distance=None, accept=CARS, given=None):
     """The numbers of some boxes in one instance image."""
     image = read_instances(instance_png(tags, ids))
-    boxes = np.array(xyxy, np.float64)
-    count = len(boxes)
+    count = len(xyxy)
+    boxes = FrameBoxes.of(xyxy, ["car"] * count, {"car": accept}, image.wh, distance)
+    boxes = replace(boxes, instance_id=np.array(given or [-1] * count, np.int64))
     numbers = ChannelNumbers.absent(count)
-    wanted = InstanceBoxes(
-        boxes,
-        np.full(count, accept, np.int64),
-        np.full(count, np.nan) if distance is None else np.array(distance, np.float64),
-        np.array(given or [-1] * count, np.int64),
-    )
-    solid = np.full((count, 8, 3), np.nan)
-    measure_instances(numbers, image, wanted, silhouettes(boxes, solid, None, image.wh))
+    outlines = frame_silhouettes(boxes.xyxy, boxes.vertices, None, image.wh)
+    fill_instances(numbers, image, boxes, outlines)
     return numbers
 
 

@@ -90,6 +90,7 @@ def test_every_form_gives_the_same_points(content):
         (header("latin", 0), "format ascii or binary"),
         (header("ascii", 0).replace(b"ObjTag", b"Label2"), "column objtag"),
         (npy(TABLE)[:-3], "whole NumPy array"),
+        (npy(TABLE)[: -TABLE.nbytes - 12], "found a header that is cut off"),
         (npy(np.array([{"a": 1}], object)), "whole NumPy array"),
         (npy(np.zeros((4, 3))), "6 columns"),
         (npy(np.full((1, 6), np.nan)), "finite"),

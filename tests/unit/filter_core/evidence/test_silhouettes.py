@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from filter_core.evidence.silhouettes import centred_pixels, silhouettes, touched_pixels
+from filter_core.evidence.silhouettes import (
+    centred_pixels,
+    frame_silhouettes,
+    touched_pixels,
+)
 
 DIAMOND = [(2, 0), (4, 2), (2, 4), (0, 2)]
 RECTANGLE = [(1.5, 0.5), (3.2, 0.5), (3.2, 2), (1.5, 2)]
@@ -53,8 +57,8 @@ def test_centres_are_looked_at_in_rectangles_too_but_only_if_asked():
     boxes = np.array([[1.6, 0.2, 3.4, 1.0]])
     flat = np.full((1, 8, 3), np.nan)
 
-    (plain,) = silhouettes(boxes, flat, None, (5, 2))
-    (asked,) = silhouettes(boxes, flat, None, (5, 2), centres=True)
+    (plain,) = frame_silhouettes(boxes, flat, None, (5, 2))
+    (asked,) = frame_silhouettes(boxes, flat, None, (5, 2), centres=True)
 
     assert plain.centred is None
     assert asked.centred is not None

@@ -2,36 +2,59 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from filter_core.annotation.frame import GEOMETRIES
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
+from filter_core.formats.export import (
+    ExportFrame,
+    ExportHead,
+    ExportOptions,
+    GivenAnnotation,
+)
 from filter_core.formats.registry import FORMATS, read_source, write_export
 from filter_core.local import LeftOut, class_order, export_sources
+from filter_core.types import Answer, DecidedBoxes, Reason
 from tests.unit.filter_core.formats.folders import png, write_files
 
 CLASSES = ("car", "traffic light", "walker")
 WH = (100, 80)
+OUTSIDE = (-2, -2, -1, -1)
+REASONS = {
+    "kept": Reason.VISIBLE,
+    "rejected": Reason.BELOW_THRESHOLD,
+    "unmeasured": Reason.NO_SEGMENTATION,
+}
 HEAD = ExportHead(CLASSES, {"dataset": "d", "config": "0" * 64})
 
 
+@dataclass(frozen=True)
+class MadeBox:
+    """A box that a frame can be made of: its whole decision, and how it came."""
+
+    decision: dict[str, Any]
+    given: dict[str, Any]
+
+
 def box(number, xyxy=(10, 20, 30, 60), verdict="kept", class_name="car", **more):
-    """A box with its decision; `given` is its annotation."""
+    """A box with its decision; `given` is what its annotation has beside."""
     given = more.pop("given", {})
-    vertices = more.pop("vertices", None)
+    if not given.keys() & GEOMETRIES:
+        given = {"xyxy": list(xyxy or OUTSIDE), **given}
     decision = {
         "id": str(number),
         "class": class_name,
         "verdict": verdict,
-        "reason": "visible" if verdict == "kept" else "below_threshold",
+        "reason": REASONS[verdict].label,
         "xyxy": None if xyxy is None else list(xyxy),
         "distance": None,
         **more,
     }
-    annotation = {"class": class_name, "xyxy": xyxy and list(xyxy), **given}
-    return ExportBox(decision, given=annotation, vertices=vertices)
+    return MadeBox(decision, {"class": class_name, **given})
 
 
 @lru_cache
@@ -40,10 +63,47 @@ def black(wh):
     return png(np.zeros((wh[1], wh[0], 3), np.uint8))
 
 
-def frame(key, *boxes, wh=WH, **more):
-    """A frame with a black image."""
+def frame(key, *boxes, wh=WH, annotation=None, **more):
+    """A frame with a black image; `annotation` is what it has beside its boxes."""
     image = black(wh)
-    return ExportFrame(key, wh, boxes, **{"read_image": lambda: image, **more})
+    whole = {**(annotation or {}), "boxes": [one.given for one in boxes]}
+    return ExportFrame(
+        key=key,
+        wh=wh,
+        boxes=columns([one.decision for one in boxes]),
+        given=GivenAnnotation(lambda: whole, wh),
+        decisions=[one.decision for one in boxes],
+        **{"read_image": lambda: image, **more},
+    )
+
+
+def columns(decisions):
+    """Decisions, each a dict, as the columns that labels are written from."""
+    names = tuple({one["class"]: None for one in decisions})
+
+    def numbers(name, dtype=np.float64, absent=np.nan):
+        values = (one.get(name) for one in decisions)
+        return np.array([absent if each is None else each for each in values], dtype)
+
+    def rectangles(name):
+        return numbers(name, absent=(np.nan,) * 4).reshape(-1, 4)
+
+    said = [(one.get("review") or {}).get("verdict", "none") for one in decisions]
+    return DecidedBoxes(
+        ids=[one["id"] for one in decisions],
+        class_names=names,
+        class_index=np.array([names.index(one["class"]) for one in decisions], int),
+        reason=np.array([Reason.from_label(one["reason"]) for one in decisions], "u1"),
+        answer=np.array([Answer[each.upper()] for each in said], np.uint8),
+        lossy=numbers("lossy", bool, absent=False),
+        xyxy=rectangles("xyxy"),
+        amodal_xyxy=rectangles("amodal_xyxy"),
+        visible_xyxy=rectangles("visible_xyxy"),
+        tight_xyxy=rectangles("tight_xyxy"),
+        distance=numbers("distance"),
+        match_percent=numbers("match_percent"),
+        occlusion=numbers("occluded", np.int64, absent=3),
+    )
 
 
 def export(name, frames, head=HEAD, **options):
@@ -62,7 +122,8 @@ def export(name, frames, head=HEAD, **options):
 def convert(name, folder, layout="auto", **options):
     """A folder into files of a format, every box taken over."""
     found = read_source(folder, layout)
-    made = list(export_sources(found, FilterConfig(), workers=1))
+    needs = FORMATS[name].needs
+    made = list(export_sources(found, FilterConfig(), needs=needs, workers=1))
     problems = [one for one in made if isinstance(one, LeftOut)]
     assert not problems, problems[0].problem
     head = ExportHead(found.classes or class_order(found))

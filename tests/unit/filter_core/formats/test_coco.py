@@ -181,7 +181,8 @@ def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatc
         with file.open("rb") as opened:
             items = list(coco_index.read_object(opened, "x"))
         found = [
-            coco_index.load(content.encode()[one.start : one.end], "x") for one in items
+            coco_index.decode_value(content.encode()[one.start : one.end], "x")
+            for one in items
         ]
         assert found == [123456, *images]
 

@@ -20,15 +20,12 @@ from filter_core.formats.format import Format
 from filter_core.formats.registry import (
     EXPORT_FORMATS,
     FORMATS,
-    LAYOUTS,
     format_of,
     read_source,
     write_export,
 )
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 from tests.unit.filter_core.formats.folders import write_files
-from unghost.cli.format_options import FORMATS as NAMES_ON_THE_COMMAND_LINE
-from unghost.cli.source_options import LAYOUTS as LAYOUTS_ON_THE_COMMAND_LINE
 
 
 def street(count, boxes=10, **more):
@@ -44,11 +41,6 @@ def street(count, boxes=10, **more):
             for each in range(boxes)
         ]
         yield frame(f"town/{number:06}", *made, map=f"Town{number % 3}", **more)
-
-
-def test_the_command_line_names_every_format_and_layout():
-    assert EXPORT_FORMATS == NAMES_ON_THE_COMMAND_LINE
-    assert LAYOUTS == LAYOUTS_ON_THE_COMMAND_LINE
 
 
 def test_every_module_of_a_format_is_in_the_list():

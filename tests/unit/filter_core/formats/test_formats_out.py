@@ -11,7 +11,6 @@ import yaml
 from filter_core.formats.files import number_text
 from filter_core.formats.kitti import kitti_types
 from filter_core.formats.voc import whole_pixels
-from filter_core.geometry.camera import Camera
 from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
 
 HERE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}
@@ -76,9 +75,8 @@ def test_coco_keeps_what_a_coco_file_said_besides():
 def test_coco_carries_3d_boxes_and_cameras():
     corners = [[float(n), 0.0, 1.0] for n in range(8)]
     camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HERE}
-    solid = box(0, given={"vertices": corners, "xyxy": None})
-    stands = Camera.from_fov(100, 80, 90.0, HERE)
-    one = frame("a", solid, annotation={"camera": camera}, camera=stands)
+    solid = box(0, given={"vertices": corners})
+    one = frame("a", solid, annotation={"camera": camera})
 
     files = export("coco", [one], split=1.0)
     made = document(files, "annotations/instances_train.json")
@@ -125,6 +123,19 @@ def test_kitti_takes_the_occlusion_that_depth_measured():
 
     line = files["training/label_2/000000.txt"].decode().split()
     assert line[2] == "2"
+
+
+def test_kitti_ignores_what_others_keep_under_its_keys():
+    """Both keys are free for everybody, so what stands there need not be KITTI's."""
+    given = {"kitti": {"alpha": "north", "dimensions": ["a", "b", "c"]}}
+    beside = {"dontcare": [["left", "top", "right", "bottom"], [1, 2, 3, 4]]}
+    made = frame("a", box(0, given=given), annotation=beside)
+
+    files = export("kitti", [made], split=1.0)
+
+    car, region = files["training/label_2/000000.txt"].decode().splitlines()
+    assert car.split()[3] == "-10.00"
+    assert region.startswith("DontCare -1 -1 -10.00 1.00 2.00 3.00 4.00 ")
 
 
 def test_kitti_types_are_words_of_their_own():
@@ -242,7 +253,7 @@ def test_a_manifest_gives_back_what_came_but_the_rejected():
         "image": "images/a/b.png",
         "weather": {"fog_density": 2.0},
         "mine": 1,
-        "boxes": [dict(one.given)],
+        "boxes": [one.given],
     }
     assert files["images/a/b.png"].startswith(b"\x89PNG")
 

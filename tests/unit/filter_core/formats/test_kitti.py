@@ -113,9 +113,10 @@ def test_a_car_that_drives_ahead_has_kitti_s_heading():
 
 
 def test_3d_columns_and_calibration_come_from_the_camera():
-    camera = Camera.from_fov(100, 80, 90.0, HIGH)
-    solid = box(0, vertices=AHEAD)
-    files = export("kitti", [frame("a", solid, camera=camera)], split=1.0)
+    camera = {"width": 100, "height": 80, "fov": 90.0, "transform": HIGH}
+    solid = box(0, given={"vertices": AHEAD.tolist()})
+    one = frame("a", solid, annotation={"camera": camera})
+    files = export("kitti", [one], split=1.0)
 
     columns = files["training/label_2/000000.txt"].decode().split()
     assert columns[8:11] == ["1.60", "2.00", "4.00"]

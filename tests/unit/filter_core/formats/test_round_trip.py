@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.export import ExportBox, ExportFrame, ExportHead, ExportOptions
+from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.registry import read_source, write_export
 from filter_core.geometry.boxes import to_xyxy
-from filter_core.local import filter_source
+from filter_core.local import export_sources
 from tests.unit.filter_core.formats.folders import painted, street, write_files
 
 CAR = (10.25, 10.5, 50, 40)
@@ -18,11 +18,7 @@ LABELS = "0 0.3765625 0.42083333 0.496875 0.49166667\n1 0.8125 0.79 0.125 0.25\n
 def filtered_folder(source):
     """The frames of a folder as the local filter leaves them, ready for export."""
     frames = read_source(source)
-    outcomes = filter_source(frames, FilterConfig())
-    for frame, outcome in zip(frames, outcomes, strict=True):
-        boxes = [ExportBox(one) for one in outcome.decisions or ()]
-        read = frame.image.read_bytes if frame.image else None
-        yield ExportFrame(frame.key, (80, 60), boxes, read_image=read)
+    return export_sources(frames, FilterConfig(), measure=True)
 
 
 def test_what_is_kept_comes_back_where_it_was(tmp_path):
@@ -46,7 +42,9 @@ def test_what_is_kept_comes_back_where_it_was(tmp_path):
     found = {frame.key: frame for frame in again}
     assert sorted(found) == ["a/1.5", "straße 7"]
     for frame in found.values():
-        (box,) = (frame.annotation or {})["boxes"]
+        boxes = (frame.annotation or {})["boxes"]
+        assert isinstance(boxes, list)
+        (box,) = boxes
         assert box["class"] == "car"
         xyxy = to_xyxy("cxcywhn", [box["cxcywhn"]], (80, 60))
         np.testing.assert_allclose(xyxy, [CAR], atol=1e-5)

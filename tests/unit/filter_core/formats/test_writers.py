@@ -8,35 +8,25 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from filter_core.formats.decisions import write_decisions
 from filter_core.formats.export import (
-    ExportBox,
     ExportError,
-    ExportFrame,
     ExportHead,
     ExportOptions,
 )
 from filter_core.formats.files import file_stem
 from filter_core.formats.registry import write_export
 from filter_core.formats.writing import split_of
+from tests.unit.filter_core.formats import exporting
 
 HEAD = ExportHead(("car", "traffic light"), {"dataset": "d", "config": "0" * 64})
 
 
 def box(number, verdict="kept", xyxy=(10, 20, 30, 60), **more):
-    decision = {
-        "id": str(number),
-        "class": "car",
-        "verdict": verdict,
-        "reason": "visible" if verdict == "kept" else "below_threshold",
-        "xyxy": None if xyxy is None else list(xyxy),
-        **more,
-    }
-    return ExportBox(decision)
+    return exporting.box(number, xyxy, verdict, **more)
 
 
 def frame(key, *boxes, **more):
-    return ExportFrame(key, (100, 80), boxes, map="Town01", **more)
+    return exporting.frame(key, *boxes, **{"map": "Town01", "read_image": None, **more})
 
 
 def export(frames, head=HEAD, **options):
@@ -109,7 +99,7 @@ def test_boxes_are_clipped_before_they_are_normalised():
 
 
 def test_a_rectangle_that_was_cut_on_the_way_in_counts_as_clipped():
-    cut = replace(box(0, xyxy=(0, 0, 30, 60)), given_xyxy=(-5, -5, 30, 60))
+    cut = box(0, xyxy=(0, 0, 30, 60), given={"xyxy": [-5, -5, 30, 60]})
 
     counts = manifest_of(export([frame("7", cut)], images="none"))["counts"]
 
@@ -251,14 +241,14 @@ def test_decisions_are_one_line_per_frame_in_order():
     def sink(name, pieces):
         files[name] = b"".join(pieces)
 
-    write_decisions(iter(frames), sink, HEAD)
+    write_export("decisions-jsonl", iter(frames), sink, HEAD, ExportOptions())
 
     lines = [json.loads(line) for line in files["decisions.jsonl"].splitlines()]
     assert lines == [
         {
             "key": "b",
             "palette": "carla-0.9.14",
-            "decisions": [dict(box(0).decision)],
+            "decisions": [box(0).decision],
         },
         {"key": "a", "palette": None, "decisions": []},
     ]

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from unghost.capture.box_checks import (
+from unghost.capture.objects import (
     LocalBox,
     checked_light,
     checked_parked,

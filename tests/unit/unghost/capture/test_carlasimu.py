@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from unghost.capture.carlasimu import convert_carlasimu
-from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import parse_scenario
+from unghost.capture.simulator import ScenarioError
 
 CAMERA = {
     "fov": 100.0,

@@ -4,11 +4,21 @@ import json
 
 import pytest
 
-from unghost.capture.errors import CaptureError
-from unghost.capture.folder import CaptureFolder
+from unghost.capture.folder import CaptureFolder, FrameRecord
+from unghost.capture.simulator import CaptureError
 
 ABOUT = {"scenario_digest": "d", "carla_version": "0.9.16", "map": "Town01"}
-FILES = {"image": (".png", b"picture"), "lidar_intensity": (".ply", b"points")}
+FILES = {"rgb": (".png", b"picture"), "lidar": (".ply", b"points")}
+FRAME: FrameRecord = {
+    "carla_version": "0.9.16",
+    "map": "Town01",
+    "weather": {},
+    "camera": {},
+    "sensors": {},
+    "boxes": [],
+    "extra": {},
+    "captured_at": "2026-01-01T00:00:00Z",
+}
 
 
 @pytest.fixture
@@ -46,7 +56,7 @@ def test_a_folder_goes_on_behind_its_last_whole_line(folder):
 
     again = CaptureFolder(folder.path)
     again.open(ABOUT)
-    again.add("Town01/000001", FILES, {"extra": {}})
+    again.add("Town01/000001", FILES, FRAME)
 
     assert [line["key"] for line in lines(again)] == ["Town01/000000", "Town01/000001"]
 

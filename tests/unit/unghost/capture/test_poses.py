@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 
 from filter_core.geometry.pose import Transform
-from unghost.capture.poses import differs, has_wrong_metadata, version_numbers
+from unghost.capture.annotating import differs
+from unghost.capture.simulator import has_wrong_metadata, version_numbers
 
 
 @pytest.mark.parametrize(

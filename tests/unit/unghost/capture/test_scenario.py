@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from unghost.capture.errors import ScenarioError
 from unghost.capture.scenario import Scenario, parse_scenario, read_scenario
+from unghost.capture.simulator import ScenarioError
 
 WRONG = [
     (

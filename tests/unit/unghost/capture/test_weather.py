@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from unghost.capture.scenario_parts import Sweep, Weather
+from unghost.capture.scenario import Sweep, Weather
 from unghost.capture.weather import preset_of, weather_numbers
 
 

@@ -1,0 +1,183 @@
+"""Answers on datasets, frames and boxes have every field, and the client reads each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.api import archives, frames
+from tests.api.client.test_answers import assert_answered_by, said
+from tests.servers import RunningServer
+from unghost import wire
+
+BASE = "/api/v1"
+UNSEEN = {"seen_revision": 0}
+
+
+@pytest.fixture
+def http(server: RunningServer) -> Iterator[httpx.Client]:
+    with httpx.Client(
+        base_url=server.url + BASE, headers=server.headers, trust_env=False, timeout=60
+    ) as client:
+        yield client
+
+
+@pytest.fixture
+def queued(http: httpx.Client, dataset: str) -> str:
+    """A dataset with a frame that says all it can, another, and a refused one."""
+    seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
+    archive = [
+        *archives.frame("a", number=0, **seen),
+        *archives.frame("b", number=1),
+        *archives.frame("c", boxes=[{"id": 1}]),
+    ]
+    told = http.post(
+        f"/datasets/{dataset}/batches",
+        content=archives.packed(archive),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    assert told.is_success, told.text
+    return dataset
+
+
+def box_ids(http: httpx.Client, dataset: str) -> list[int]:
+    listed = said(http.get("/boxes", params={"dataset": dataset, "sort": "id"}))
+    return [box["box_id"] for box in listed["items"]]
+
+
+def test_datasets_and_what_is_counted_are_answered_in_full(http, queued):
+    place = f"/datasets/{queued}"
+
+    assert_answered_by(wire.Dataset, said(http.get(place)))
+    changed = said(http.patch(place, json={"description": "a street"}))
+    assert_answered_by(wire.Dataset, changed)
+    assert_answered_by(wire.Page[wire.Dataset], said(http.get("/datasets")))
+    assert_answered_by(wire.Stats, said(http.get(f"{place}/stats")))
+    assert_answered_by(wire.Histogram, said(http.get(f"{place}/histogram")))
+    refused = said(http.get(f"{place}/problems"))
+    assert_answered_by(wire.Page[wire.RefusedFrame], refused)
+    assert [frame["key"] for frame in refused["items"]] == ["run/c"]
+
+
+def test_boxes_are_answered_in_full(http, queued):
+    first, second = box_ids(http, queued)[:2]
+    said(http.post(f"/boxes/{first}/reviews", json={"verdict": "keep", **UNSEEN}))
+
+    listed = said(http.get("/boxes", params={"dataset": queued, "count": "true"}))
+    assert_answered_by(wire.BoxPage, listed)
+    uncounted = said(http.get("/boxes", params={"dataset": queued}))
+    assert_answered_by(wire.Page[wire.Decision], uncounted)
+    assert_answered_by(wire.Box, said(http.get(f"/boxes/{first}")))
+    assert_answered_by(wire.Box, said(http.get(f"/boxes/{second}")))
+    queue = said(http.post(f"/datasets/{queued}/queue", json={}))
+    assert_answered_by(wire.Queue, queue)
+    assert queue["items"]
+
+
+def test_answers_of_people_are_answered_in_full(http, queued):
+    first, second, third = box_ids(http, queued)[:3]
+    body = {"verdict": "keep", "comment": "it is there", **UNSEEN}
+    review = said(http.post(f"/boxes/{first}/reviews", json=body))
+    many = {"dataset": queued, "box_ids": [first, second, third], "verdict": "reject"}
+    batch = said(http.post("/reviews/bulk", json=many))
+
+    assert_answered_by(wire.Review, review)
+    assert_answered_by(wire.ReviewBatch, batch)
+    assert batch["stale"] == [first]
+    undone = said(http.post(f"/review-batches/{batch['id']}/undo"))
+    assert_answered_by(wire.UndoneBatch, undone)
+
+
+def test_each_kind_of_entry_of_a_history_has_its_keys(http, client, queued):
+    box = box_ids(http, queued)[0]
+    said(http.post(f"/boxes/{box}/reviews", json={"verdict": "clear", **UNSEEN}))
+    client.wait(
+        client.start_run(queued, {"min_visible_pixels": 100_000}, activate=True)
+    )
+
+    raw = said(http.get(f"/boxes/{box}/history"))
+
+    history = wire.History.model_validate(raw)
+    assert history.model_dump(mode="json", exclude_unset=True) == raw
+    assert wire.History.read(raw) == history
+    decided = {"kind", "at", "verdict", "run", "config", "reason"} | {
+        "match_percent",
+        "threshold",
+    }
+    answered = {"kind", "at", "verdict", "revision", "reviewer", "comment"} | {
+        "batch",
+        "carried_from",
+    }
+    assert [set(entry) for entry in raw["items"]] == [
+        decided | {"activated"},
+        answered,
+        decided,
+    ]
+    assert {*decided, *answered, "activated"} == {*wire.HistoryEntry.model_fields}
+
+
+def test_frames_are_answered_in_full(http, client, queued):
+    listed = said(http.get(f"/datasets/{queued}/frames"))
+    assert_answered_by(wire.Page[wire.FrameSummary], listed)
+    for summary in listed["items"]:
+        frame = said(http.get(f"/frames/{summary['id']}"))
+        assert_answered_by(wire.Frame, frame)
+        assert frame["boxes"]
+    asked = {"keys": ["run/a", "run/b", "z"]}
+    known = said(http.post(f"/datasets/{queued}/known-frames", json=asked))
+    assert_answered_by(wire.KnownFrames, known)
+    assert [frame["key"] for frame in known["items"]] == ["run/a", "run/b"]
+
+
+@pytest.mark.parametrize("created", [True, False])
+def test_an_upload_is_answered_in_full(http, dataset, created):
+    form = {
+        "annotation": ("a.json", frames.as_json(frames.annotation())),
+        "image": ("a.png", frames.image()),
+        "segmentation": ("b.png", frames.segmentation()),
+    }
+    place = f"/datasets/{dataset}/frames/a"
+    answers = [http.put(place, files=form) for _ in range(1 if created else 2)]
+
+    assert answers[-1].status_code == (201 if created else 200)
+    stored = said(answers[-1])
+    assert_answered_by(wire.StoredFrame, stored)
+    assert wire.StoredFrame.answered(stored, created=created).created is created
+
+
+def test_lines_of_a_batch_are_answered_in_full(http, dataset):
+    told = http.post(
+        f"/datasets/{dataset}/batches",
+        content=archives.packed(
+            [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
+        ),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    stored, refused, end = map(json.loads, told.text.splitlines())
+
+    line = wire.BatchLine.model_validate(stored)
+    assert line.model_dump(mode="json", exclude={"problem"}) == stored
+    line = wire.BatchLine.model_validate(refused)
+    assert line.model_dump(mode="json", exclude={"problem"}) == {
+        key: refused[key] for key in refused if key != "problem"
+    }
+    assert line.problem is not None
+    assert (line.status, line.problem.status) == (422, 422)
+    assert wire.BatchLine.read(refused) == line
+    last = wire.BatchEnd.model_validate(end)
+    assert last.model_dump(mode="json", exclude={"problem"}) == end
+    assert (last.frames, last.stored, last.refused) == (2, 1, 1)
+
+
+def test_after_an_answer_was_taken_back_its_revision_goes_on(client, filled):
+    box = next(client.boxes(filled))
+    client.review(box.box_id, "keep", seen_revision=box.revision)
+    client.review(box.box_id, "clear", seen_revision=1)
+
+    cleared = client.box(box.box_id)
+
+    assert (cleared.review, cleared.revision) == (None, 2)
+    assert client.review(box.box_id, "reject", seen_revision=2).revision == 3

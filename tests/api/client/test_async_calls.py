@@ -1,0 +1,74 @@
+"""The same descriptions of calls serve a client whose methods are awaited."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import TypeVar
+
+import httpx
+import pytest
+
+import unghost
+from tests.servers import RunningServer
+from unghost import wire
+from unghost.client.api import Api
+from unghost.client.call import Call, Listing, query_of
+from unghost.client.errors import error_of
+
+T = TypeVar("T")
+
+
+class AsyncClient(Api):
+    """Sends calls that have no body, once."""
+
+    def __init__(self, http: httpx.AsyncClient) -> None:
+        self._http = http
+
+    async def _send(self, call: Call[T]) -> T:
+        params = query_of(call.params)
+        response = await self._http.request(call.method, call.path, params=params)
+        if response.is_success:
+            return call.read(response)
+        raise error_of(response)
+
+    async def _pages(self, listing: Listing[T]) -> AsyncIterator[T]:
+        cursor: str | None = None
+        while True:
+            page = await self._send(listing.page(cursor))
+            for item in page.items:
+                yield item
+            cursor = page.next_cursor
+            if cursor is None:
+                return
+
+
+@asynccontextmanager
+async def connected(server: RunningServer) -> AsyncIterator[AsyncClient]:
+    headers = {"Authorization": f"Bearer {server.token}"}
+    async with httpx.AsyncClient(base_url=server.url, headers=headers) as http:
+        yield AsyncClient(http)
+
+
+def test_a_call_is_awaited(server, client, filled):
+    async def ask() -> unghost.Dataset:
+        async with connected(server) as asking:
+            dataset: unghost.Dataset = await asking.dataset(filled)
+            with pytest.raises(unghost.NotFound):
+                await asking.dataset("nowhere")
+            return dataset
+
+    assert asyncio.run(ask()) == client.dataset(filled)
+
+
+def test_a_list_is_iterated_over_pages(server, client, filled):
+    async def ask() -> list[wire.FrameSummary]:
+        async with connected(server) as asking:
+            frames: AsyncIterator[wire.FrameSummary] = asking.frames(filled, limit=2)
+            return [frame async for frame in frames]
+
+    found = asyncio.run(ask())
+
+    assert len(found) == 3
+    assert found == list(client.frames(filled))

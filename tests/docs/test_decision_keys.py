@@ -1,0 +1,108 @@
+"""Every definition of a decision has the keys of the library's, and the same types."""
+
+from __future__ import annotations
+
+import re
+import types
+from typing import Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+
+import pytest
+from pydantic import BaseModel
+
+from app.resources import static_dir
+from app.services.boxes import NeighbouredDecision
+from app.services.decisions import StoredDecision
+from filter_core.decisions.explain import HiddenBy
+from filter_core.decisions.record import Decision
+from filter_core.formats.decisions import COLUMNS
+from filter_core.pipeline import SegmentationReport
+from tests.docs.documents import read
+from unghost.wire import boxes, frames
+
+# A table of plain values has corners for rectangles, and leaves out what is nested.
+NOT_IN_TABLES = {
+    "id",  # the column is called box
+    "explanation",
+    "evidence",
+    "xyxy",
+    "amodal_xyxy",
+    "visible_xyxy",
+    "tight_xyxy",
+    "visible_pixels",
+    "occluded",
+    "truncated",
+    "edges",
+}
+
+
+def schema_of(model: type[BaseModel]) -> dict[str, object]:
+    """Its keys on the wire, and the type of each."""
+    return {
+        field.alias or name: plain(field.annotation)
+        for name, field in model.model_fields.items()
+    }
+
+
+def plain(kind: object) -> object:
+    """A type as the wire has it: models are objects, and a choice is what it is of."""
+    if get_origin(kind) is Literal:
+        (one,) = {type(value) for value in get_args(kind)}
+        return one
+    if get_origin(kind) in (Union, types.UnionType):
+        return frozenset(plain(part) for part in get_args(kind))
+    if get_origin(kind) in (list, tuple):
+        return (list, plain(get_args(kind)[0]))
+    if is_typeddict(kind):
+        return tuple(sorted(typed_keys(kind).items(), key=str))
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return tuple(sorted(schema_of(kind).items(), key=str))
+    return kind
+
+
+def typed_keys(kind: object) -> dict[str, object]:
+    return {name: plain(hint) for name, hint in get_type_hints(kind).items()}
+
+
+def test_the_service_answers_the_types_of_the_library():
+    answered = schema_of(boxes.Decision)
+
+    found = {name: answered.get(name) for name in Decision.__annotations__}
+    assert found == typed_keys(Decision)
+
+
+@pytest.mark.parametrize(
+    ("composed", "answered"),
+    [(StoredDecision, boxes.Decision), (NeighbouredDecision, boxes.Box)],
+)
+def test_what_the_service_composes_is_what_it_says_it_answers(composed, answered):
+    assert typed_keys(composed) == schema_of(answered)
+
+
+def test_the_page_names_no_key_that_is_not_answered():
+    text = (static_dir() / "js" / "types.js").read_text()
+    block = re.search(r"@typedef {object} Decision\n(.*?)\*/", text, re.DOTALL)
+    assert block is not None
+
+    named = set(re.findall(r"@property {.*} \[?(\w+)\]?", block[1]))
+
+    assert {"id", "class", "verdict", "hidden_by"} <= named
+    assert named <= set(StoredDecision.__annotations__)
+
+
+def test_tables_have_a_column_for_every_plain_value():
+    assert set(Decision.__annotations__) - set(COLUMNS) == NOT_IN_TABLES
+
+
+def test_every_key_is_explained():
+    section = read("docs/api.md").split("## A decision")[1].split("## ")[0]
+    explained = set(re.findall(r"`(\w+)`", section))
+
+    assert set(StoredDecision.__annotations__) - explained == set()
+
+
+def test_what_hides_a_box_has_the_same_keys_everywhere():
+    assert typed_keys(HiddenBy) == schema_of(boxes.HiddenBy)
+
+
+def test_what_was_recognised_has_the_same_keys_everywhere():
+    assert typed_keys(SegmentationReport) == schema_of(frames.SegmentationReport)

@@ -1,0 +1,105 @@
+"""Options take the words of the library, which is loaded when it is needed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from app.security import Role
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import Words, keys_of
+from filter_core.evaluation.comparison import COMPARED
+from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
+from tests.unit.unghost.test_imports import HEAVY
+from unghost.cli.program import app
+from unghost.cli.sources import SegmentationReading, SourceOptions
+
+
+def run(*words):
+    return CliRunner().invoke(app, words, env={"COLUMNS": "300"})
+
+
+def allowed(key):
+    words = keys_of(FilterConfig)[key].allowed
+    assert isinstance(words, Words)
+    return words.words
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "words"),
+    [
+        (["filter", "."], "--palette", allowed("palette")),
+        (["convert", "."], "--encoding", allowed("encoding")),
+        (["push", "."], "--channel-order", allowed("channel_order")),
+        (["filter", "."], "--lossy-segmentation", allowed("lossy_segmentation")),
+        (["evaluate", "."], "--channel", COMPARED),
+        (["token", "create", "ada"], "--role", [role.value for role in Role]),
+    ],
+)
+def test_an_option_takes_the_words_of_the_table_that_owns_them(command, option, words):
+    shown = run(*command, "--help")
+    refused = run(*command, option, "nonsense")
+
+    assert "|".join(words) in shown.output
+    assert refused.exit_code == 2
+    assert option in refused.output
+    assert re.findall(r"'(.*?)'", refused.output.partition("is not one of")[2]) == [
+        *words
+    ]
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("filter", LAYOUTS),
+        ("push", LAYOUTS),
+        ("convert", LAYOUTS),
+        ("convert", EXPORT_FORMATS),
+        ("export", EXPORT_FORMATS),
+    ],
+)
+def test_help_lists_every_layout_and_format(command, words):
+    listed = f"{', '.join(words[:-1])} or {words[-1]}."
+
+    assert listed in " ".join(run(command, "--help").output.split())
+
+
+@pytest.mark.parametrize(
+    "words", ["--help", "stats --help", "export street --format yolo --output a.zip"]
+)
+def test_a_command_that_measures_nothing_starts_without_the_library(words, tmp_path):
+    program = (
+        "import sys; from typer.testing import CliRunner; "
+        "from unghost.cli.program import app; "
+        f"CliRunner().invoke(app, {words.split()}); print(*sys.modules)"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", program],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        # Nobody answers there.
+        env={"HOME": str(tmp_path), "UNGHOST_SERVER": "http://127.0.0.1:1"},
+    )
+
+    # Typer itself reads arguments with pydantic.
+    assert set(answer.stdout.split()).isdisjoint({*HEAVY} - {"pydantic"})
+
+
+def test_only_what_was_given_is_passed_on():
+    given = SegmentationReading(palette="carla-0.9.14", lossy_segmentation=None)
+
+    assert given.reading == {"palette": "carla-0.9.14"}
+
+
+def test_class_names_are_separated_by_commas():
+    assert SourceOptions(classes="car, traffic light").class_list == (
+        "car",
+        "traffic light",
+    )
+    assert SourceOptions().class_list is None

@@ -1,0 +1,151 @@
+"""Answers are checked where they are built, and not where they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime, timedelta, timezone
+from typing import Literal
+
+import pytest
+from pydantic import AwareDatetime, Field, ValidationError
+
+from unghost.wire.model import (
+    Fault,
+    MissingKey,
+    Page,
+    Problem,
+    RequestModel,
+    ResponseModel,
+)
+
+
+class Wheel(ResponseModel):
+    """A part of a part."""
+
+    side: Literal["left", "right"]
+
+
+class Car(ResponseModel):
+    """One of everything that an answer can hold."""
+
+    id: int
+    class_name: str = Field(alias="class")
+    owner: str | None
+    built_at: AwareDatetime | None = None
+    wheels: tuple[Wheel, ...] = ()
+    by_name: Mapping[str, Wheel] = Field(default_factory=dict)
+
+
+class Order(RequestModel):
+    """What is asked for."""
+
+    cars: int = 1
+
+
+CAR = {"id": 7, "class": "bus", "owner": None}
+
+
+def test_what_lies_in_an_answer_becomes_models():
+    car = Car.read({**CAR, "wheels": [{"side": "left"}], "by_name": {"a": {"side": 1}}})
+
+    assert car.wheels == (Wheel(side="left"),)
+    assert isinstance(car.by_name["a"], Wheel)
+
+
+def test_a_page_reads_its_items():
+    page = Page[Car].read({"items": [CAR], "next_cursor": "x"})
+
+    assert page.items[0].class_name == "bus"
+    assert page.next_cursor == "x"
+
+
+def test_null_is_absent_where_there_is_a_default():
+    assert Car.read({**CAR, "wheels": None, "by_name": None}) == Car.read(CAR)
+
+
+@pytest.mark.parametrize("key", ["id", "class", "owner"])
+def test_a_key_that_is_needed_is_named(key):
+    raw = {name: value for name, value in CAR.items() if name != key}
+
+    with pytest.raises(MissingKey, match=f"Car lacks '{key}'"):
+        Car.read(raw)
+
+
+def test_null_is_no_value_of_a_key_that_is_needed():
+    with pytest.raises(MissingKey, match="Car lacks 'id'"):
+        Car.read({**CAR, "id": None})
+
+
+def test_words_of_a_newer_service_pass():
+    assert Wheel.read({"side": "spare"}).side == "spare"  # type: ignore[comparison-overlap]  # mypy believes the words
+
+
+def test_unknown_keys_stay_in_raw_and_do_not_count():
+    newer = Car.read({**CAR, "colour": "red"})
+
+    assert newer.raw["colour"] == "red"
+    assert newer == Car.read(CAR)
+    assert newer != Car.read({**CAR, "id": 8})
+    assert "colour" not in repr(newer)
+
+
+def test_answers_without_mappings_can_be_members_of_sets():
+    first, second = Wheel.read({"side": "left", "size": 3}), Wheel(side="left")
+
+    assert {first, second} == {first}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["2026-01-01T00:00:00.5Z", "2026-01-01t00:00:00.5z", "2026-01-01T01:00:00.5+01:00"],
+)
+def test_times_are_read_in_every_form_of_the_rfc(text):
+    noon = datetime(2026, 1, 1, tzinfo=timezone.utc)
+
+    assert Car.read({**CAR, "built_at": text}).built_at == noon + timedelta(seconds=0.5)
+
+
+def test_what_is_no_time_is_named():
+    with pytest.raises(ValueError, match="expected a time of RFC 3339, found 'soon'"):
+        Car.read({**CAR, "built_at": "soon"})
+
+
+def test_answers_are_frozen():
+    with pytest.raises(ValidationError, match="frozen"):
+        Car.read(CAR).id = 8  # type: ignore[misc]  # that is what is tested
+
+
+def test_the_service_builds_by_names_and_is_checked():
+    assert Car(id=7, class_name="bus", owner=None) == Car.read(CAR)
+    with pytest.raises(ValidationError):
+        Wheel(side="spare")
+
+
+def test_answers_are_written_under_the_keys_of_the_wire():
+    written = Car.read(CAR).model_dump(exclude_defaults=True)
+
+    assert written == {"id": 7, "class": "bus", "owner": None}
+
+
+def test_the_schema_says_that_every_key_is_there_and_no_defaults():
+    schema = Car.model_json_schema(mode="serialization")
+
+    assert schema["required"] == [*CAR, "built_at", "wheels", "by_name"]
+    assert "default" not in str(schema)
+
+
+def test_unknown_keys_of_a_request_are_refused():
+    with pytest.raises(ValidationError, match="bikes"):
+        Order.model_validate({"cars": 1, "bikes": 2})
+
+
+def test_a_problem_has_its_faults():
+    raw = {"code": "invalid_request", "detail": "d", "errors": [{"pointer": "/a"}]}
+
+    with pytest.raises(MissingKey, match="Fault lacks 'code'"):
+        Problem.read(raw)
+    fault = {"pointer": "/a", "code": "missing", "detail": "expected a value"}
+    assert str(Problem.read({**raw, "errors": [fault]}).errors[0]) == (
+        "/a: expected a value"
+    )
+    assert str(Fault(pointer="", code="c", detail="d")) == "d"

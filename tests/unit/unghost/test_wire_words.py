@@ -1,0 +1,51 @@
+"""The wire's words are those of the library's and of the service's own tables."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import pytest
+
+from app.repositories.box_filter import REVIEW_STATES
+from app.repositories.totals import STATES
+from app.routes.frame_pictures import FileKind
+from app.security import Role
+from app.services.drawing import LayerName
+from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.decisions.record import OcclusionLevel
+from filter_core.formats import export
+from filter_core.formats.registry import EXPORT_FORMATS
+from filter_core.segmentation import reading
+from filter_core.types import Answer, Verdict
+from unghost.wire import runs, words
+
+
+@pytest.mark.parametrize(
+    ("hint", "table"),
+    [
+        (words.Verdict, [one.value for one in Verdict]),
+        (words.Answer, [*(one.name.lower() for one in Answer if one), "clear"]),
+        (words.ReviewState, REVIEW_STATES),
+        (words.EvidenceKind, (SEMANTIC, *CHANNELS)),
+        (words.OcclusionLevel, get_args(OcclusionLevel)),
+        (words.FileKind, [one.value for one in FileKind]),
+        (words.Layer, get_args(LayerName)),
+        (words.Palette, reading.PALETTES),
+        (words.Encoding, get_args(reading.Encoding)),
+        (words.ChannelOrder, get_args(reading.OrderOfChannels)),
+        (words.LossyPolicy, get_args(reading.Lossy)),
+        (words.JobState, STATES),
+        (words.ExportFormat, EXPORT_FORMATS),
+        (words.Include, get_args(export.Include)),
+        (words.RejectedBoxes, get_args(export.Rejected)),
+        (words.Rectangle, get_args(export.Boxes)),
+        (words.Images, get_args(export.Images)),
+        (words.Role, [one.value for one in Role]),
+    ],
+)
+def test_words_are_those_of_the_table(hint, table):
+    assert get_args(hint) == tuple(table)
+
+
+def test_an_export_has_as_many_bands_as_the_library_takes():
+    assert (runs.MAX_BAND, runs.MAX_BANDS) == (export.MAX_BAND, export.MAX_BANDS)

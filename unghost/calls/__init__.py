@@ -1,1 +1,0 @@
-"""The methods of `Client`, one module per resource of the API."""

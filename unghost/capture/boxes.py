@@ -1,0 +1,251 @@
+"""The boxes of a world: those of its actors, and those that the map brings.
+
+This module asks the simulator, `objects` judges what it answers. Actors (vehicles,
+walkers, parked cars that are props) move, so their poses come from each tick's
+snapshot; what else there is to know of an actor is asked for once. Parked vehicles and
+traffic lights of the map stand still and are asked for once, in the world's frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from filter_core.classes import class_of
+from filter_core.geometry.pose import Triple
+from unghost.capture.objects import (
+    LocalBox,
+    Named,
+    SeenObject,
+    checked_light,
+    checked_parked,
+    checked_prop,
+    checked_vehicle,
+    checked_walker,
+    local_box,
+)
+from unghost.capture.scenario import Scenario
+from unghost.capture.simulator import (
+    Actor,
+    Box,
+    CaptureError,
+    Carla,
+    Snapshot,
+    TrafficLight,
+    World,
+    as_transform,
+    is_dormant,
+    version_numbers,
+)
+
+_PARKED_MESHES: Final = "/ParkedVehicles/"
+"""Props with this in their mesh's path are parked cars of large maps."""
+_HAS_ACTOR_INSTANCES: Final = (0, 9, 16)
+"""From here on the instance camera shows actors' ids, as 16 bits."""
+_PARKED: Final = {
+    "Car": "car",
+    "Truck": "truck",
+    "Bus": "bus",
+    "Motorcycle": "motorcycle",
+    "Bicycle": "bicycle",
+}
+"""The class of what `carla.CityObjectLabel` calls so."""
+SAME_M: Final = 0.5
+"""Two boxes of one kind whose centres are this close are one object."""
+
+
+class ActorBoxes:
+    """Boxes of actors; what the simulator is asked about an actor is asked once."""
+
+    def __init__(self, world: World, scenario: Scenario, version: str) -> None:
+        self._world, self._scenario = world, scenario
+        self._with_instances = version_numbers(version) >= _HAS_ACTOR_INSTANCES
+        self._known: dict[int, _Known] = {}
+
+    @property
+    def known_ids(self) -> frozenset[int]:
+        """The actors that were looked at."""
+        return frozenset(self._known)
+
+    def seen(
+        self, snapshot: Snapshot, ego_id: int, left_out: Counter[str]
+    ) -> list[SeenObject]:
+        """The actors of a tick that have a box; others are counted by the reason."""
+        found = []
+        for actor in self._actors():
+            if actor.id == ego_id:
+                continue
+            one = self._seen(actor, snapshot, left_out)
+            if one is not None:
+                found.append(one)
+        return found
+
+    def _actors(self) -> Iterator[Actor]:
+        actors, wanted = self._world.get_actors(), self._scenario.boxes
+        if wanted.vehicles:
+            yield from actors.filter("vehicle.*")
+        if wanted.walkers:
+            yield from actors.filter("walker.pedestrian.*")
+        if wanted.parked_vehicles:
+            for prop in actors.filter("static.prop.mesh"):
+                if _PARKED_MESHES in dict(prop.attributes).get("mesh_path", ""):
+                    yield prop
+
+    def _seen(
+        self, actor: Actor, snapshot: Snapshot, left_out: Counter[str]
+    ) -> SeenObject | None:
+        moment = snapshot.find(actor.id)
+        if moment is None:
+            left_out["not_in_snapshot"] += 1
+            return None
+        if is_dormant(actor):
+            left_out["dormant"] += 1
+            return None
+        known = self._known.get(actor.id)
+        if known is None:
+            known = self._look_at(actor)
+            if known is None:
+                left_out["no_answer"] += 1
+                return None
+            self._known[actor.id] = known
+        if known.box is None:
+            left_out["impossible_box"] += 1
+            return None
+        return SeenObject(known.named, known.box, as_transform(moment.get_transform()))
+
+    def _look_at(self, actor: Actor) -> _Known | None:
+        try:
+            # From 0.9.16 on this asks the simulator, and fails for one that is gone.
+            box = local_box(actor.bounding_box)
+            tags = tuple(int(tag) for tag in actor.semantic_tags)
+            attributes = dict(actor.attributes)
+        except RuntimeError:
+            return None
+        type_id, number = actor.type_id, actor.id
+        base_type = attributes.get("base_type") or None
+        is_prop = type_id.startswith("static.")
+        class_name = "car" if is_prop else self._class(type_id, base_type)
+        named = Named(
+            id=str(number),
+            source="actor",
+            class_name=class_name,
+            type_id=type_id,
+            base_type=base_type,
+            semantic_tags=tags,
+            instance_id=number & 0xFFFF if self._with_instances else None,
+            more={"mesh_path": attributes["mesh_path"]} if is_prop else {},
+        )
+        return _Known(named, self._checked(box, named))
+
+    def _class(self, type_id: str, base_type: str | None) -> str | None:
+        return self._scenario.classes.get(type_id) or class_of(type_id, base_type)
+
+    def _checked(self, box: LocalBox, named: Named) -> LocalBox | None:
+        rules, type_id = self._scenario.boxes, named.type_id or ""
+        if type_id.startswith("static."):
+            return checked_prop(box)
+        if type_id.startswith("walker."):
+            return checked_walker(box, rules.widen_walkers_m)
+        kind = named.class_name or named.base_type or ""
+        return checked_vehicle(box, kind, repair=rules.repair_two_wheelers)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What does not change about an actor; without a box, its own means nothing."""
+
+    named: Named
+    box: LocalBox | None
+
+
+def map_boxes(
+    carla: Carla, world: World, scenario: Scenario, left_out: Counter[str]
+) -> list[SeenObject]:
+    """Everything of the map that has a box, in the world's frame, each thing once."""
+    found: list[SeenObject] = []
+    # Where their layer is taken away, their boxes may still be told.
+    layers = scenario.map_layers
+    there = layers.get("ParkedVehicles", layers.get("All", True))
+    if scenario.boxes.parked_vehicles and there:
+        found += _unique(_parked(carla, world, left_out), left_out)
+    if scenario.boxes.traffic_lights:
+        found += _unique(_lights(carla, world, left_out), left_out)
+    return found
+
+
+def without_duplicates(
+    objects: Sequence[SeenObject],
+    centres: Sequence[Triple],
+    taken: Sequence[Triple],
+    left_out: Counter[str],
+) -> list[SeenObject]:
+    """Objects of the map that are none of the actors, whose centres are `taken`."""
+    kept = []
+    for one, centre in zip(objects, centres, strict=True):
+        if any(math.dist(centre, other) <= SAME_M for other in taken):
+            left_out["duplicate"] += 1
+        else:
+            kept.append(one)
+    return kept
+
+
+def _unique(objects: Iterable[SeenObject], left_out: Counter[str]) -> list[SeenObject]:
+    kept: list[SeenObject] = []
+    for one in objects:
+        taken = [other.box.location for other in kept]
+        centre = one.box.location
+        kept += without_duplicates([one], [centre], taken, left_out)
+    return kept
+
+
+def _parked(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[SeenObject]:
+    for label, class_name in _PARKED.items():
+        if not hasattr(carla.CityObjectLabel, label):
+            continue  # a library from before 0.9.14 has vehicles in one
+        objects = world.get_environment_objects(getattr(carla.CityObjectLabel, label))
+        for thing in objects:
+            # The box is in the world's frame: the object's transform is not for it.
+            box = checked_parked(local_box(thing.bounding_box), class_name)
+            if box is None:
+                left_out["impossible_box"] += 1
+                continue
+            named = Named(
+                id=f"env-{thing.id}",
+                source="environment",
+                class_name=class_name,
+                more={"name": thing.name},
+            )
+            yield SeenObject(named, box)
+
+
+def _lights(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[SeenObject]:
+    heads: list[tuple[str, str, Box]] = []
+    for light in world.get_actors().filter("traffic.traffic_light*"):
+        if is_dormant(light):
+            left_out["dormant"] += 1
+            continue
+        try:
+            heads += _heads(light)
+        except RuntimeError:
+            # Some maps do not know their own lights; the level still has their boxes.
+            boxes = world.get_level_bbs(carla.CityObjectLabel.TrafficLight)
+            heads = [(f"level-{i}", "level", box) for i, box in enumerate(boxes)]
+            break
+    for name, source, raw in heads:
+        box = checked_light(local_box(raw))
+        if box is None:
+            left_out["impossible_box"] += 1
+            continue
+        # The simulator's tags of lights are stale in 0.9.16, so none are stored.
+        yield SeenObject(Named(name, source, "traffic_light"), box)
+
+
+def _heads(light: Actor) -> list[tuple[str, str, Box]]:
+    # Not light.bounding_box: that is the volume on the road where cars obey it.
+    if not isinstance(light, TrafficLight):
+        raise CaptureError(f"{light.type_id}: the library gives no boxes of its heads")
+    boxes = light.get_light_boxes()
+    return [(f"light-{light.id}-{i}", "light", box) for i, box in enumerate(boxes)]

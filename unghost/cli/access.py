@@ -1,0 +1,312 @@
+"""Who may come in, and who did what: login links, tokens, the audit log."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from functools import partial
+from html import escape
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, get_args
+
+import typer
+
+from unghost.cli.options import DataFolder, ServerOptions, Words, settings_of
+from unghost.cli.screen import Refused, refused_on
+from unghost.wire.words import Role
+
+if TYPE_CHECKING:
+    from unghost.client.client import Client
+    from unghost.wire import AuditEntry, NewToken, Token, TokenIn
+
+
+_TOKEN_COLUMNS: Final = ("number", "name", "role", "made", "until", "used", "state")
+_AUDIT_COLUMNS: Final = ("when", "who", "what", "on what", "details")
+_LOOK_EVERY_S: Final = 1.0
+_PAGE_PREFIX: Final = "login-"
+_PAGE_SUFFIX: Final = ".html"
+_PAGE: Final = """<!doctype html>
+<meta charset="utf-8">
+<meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0; url={link}">
+<title>Unghost</title>
+<p><a href="{link}">Open Unghost</a></p>
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoginOptions(ServerOptions):
+    """Options of `unghost login`."""
+
+    open: Annotated[
+        bool,
+        typer.Option(
+            "--open", help="Open it in the browser, and wait until it was used."
+        ),
+    ] = False
+
+
+def login(options: LoginOptions) -> None:
+    """Print a link that signs a browser in as you: once, within ten minutes.
+
+    Whoever opens it first is let in, so give it to nobody.
+    """
+    from unghost.client.discovery import state_folder
+
+    with options.connect() as client:
+        made = client.create_login_code()
+        link = f"{client.url}/#code={made.code}"
+        if not options.open:
+            options.screen.record({**made.raw, "login_link": link}, link)
+            return
+
+        def is_over() -> bool:
+            if made.expires_at <= datetime.now(timezone.utc):
+                return True
+            return client.login_code(made.id).used_at is not None
+
+        folder = state_folder(os.environ)
+        if not show_login_page(link, folder, is_over, threading.Event()):
+            raise Refused(
+                "there is no browser here to open; `unghost login` prints the link"
+            )
+
+
+def show_login_page(
+    link: str, folder: Path, is_over: Callable[[], bool], stop: threading.Event
+) -> bool:
+    """Open a login link in the browser, and wait until it is used, ended or stopped.
+
+    Everybody on the machine sees the arguments of a browser. It is therefore given the
+    name of a file that only its owner can read; the link, with its code, stands inside.
+
+    Parameters
+    ----------
+    link : str
+    folder : Path
+        For the file, which is removed at the end; made if it is not there.
+    is_over : callable
+        Whether the link was used, or its time is up.
+    stop : threading.Event
+        Ends the wait.
+
+    Returns
+    -------
+    bool
+        False if there is no browser; then at once.
+    """
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    # mkstemp makes it for its owner alone, under a name that nobody else has.
+    descriptor, name = tempfile.mkstemp(_PAGE_SUFFIX, _PAGE_PREFIX, folder)
+    file = Path(name)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(_PAGE.format(link=escape(link)))
+        if not webbrowser.open(file.resolve().as_uri()):
+            return False
+        while not stop.is_set() and not is_over():
+            stop.wait(_LOOK_EVERY_S)
+    finally:
+        file.unlink(missing_ok=True)
+    return True
+
+
+def remove_login_pages(folder: Path) -> None:
+    """Remove the files that stayed behind where a process was killed."""
+    for file in folder.glob(f"{_PAGE_PREFIX}*{_PAGE_SUFFIX}"):
+        file.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CreateTokenOptions(ServerOptions):
+    """Options of `unghost token create`."""
+
+    name: Annotated[
+        str, typer.Argument(help="Who will show it; answers carry this name.")
+    ]
+    role: Annotated[
+        Role,
+        typer.Option(
+            help="viewer looks, reviewer also answers, uploads and runs, admin also "
+            "deletes and gives tokens."
+        ),
+        Words(partial(get_args, Role)),
+    ] = "reviewer"
+    days: Annotated[
+        int,
+        typer.Option(min=0, max=36500, help="Days until it expires; 0: never."),
+    ] = 90
+    offline: Annotated[
+        bool,
+        typer.Option(
+            "--offline",
+            help="Write it into the database (UNGHOST_DATABASE_URL, or that of the "
+            "data folder); no server is asked.",
+        ),
+    ] = False
+    data: DataFolder = None
+
+
+def create_token(options: CreateTokenOptions) -> None:
+    """Make a token and print it, this once."""
+    until = None
+    if options.days > 0:
+        until = datetime.now(timezone.utc) + timedelta(days=options.days)
+    made, where = _make_token(options, until)
+    options.screen.record(made.raw, made.token)
+    options.screen.note(
+        f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: nobody is "
+        f"shown it again. It is pasted at {where}, or put into UNGHOST_TOKEN."
+    )
+
+
+def _make_token(
+    options: CreateTokenOptions, until: datetime | None
+) -> tuple[NewToken, str]:
+    """The token, and the address at which it logs in."""
+    if options.offline:
+        made = _make_token_offline(options, until)
+        return made, "the address of the service"
+    with options.connect() as client:
+        made = client.create_token(
+            options.name, options.role, expires_at=until, expires_in_days=None
+        )
+        return made, client.url
+
+
+def list_tokens(options: ServerOptions) -> None:
+    """List the tokens: until when they last, and when they were last used."""
+    with options.connect() as client:
+        options.screen.listing(_TOKEN_COLUMNS, client.tokens(), _token_row)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RevokeTokenOptions(ServerOptions):
+    """Options of `unghost token revoke`."""
+
+    which: Annotated[
+        str, typer.Argument(metavar="NAME", help="The token's name or its number.")
+    ]
+
+
+def revoke_token(options: RevokeTokenOptions) -> None:
+    """Take a token back; it and the sessions that it opened end at once."""
+    with options.connect() as client:
+        token = _find_token(client, options.which)
+        client.revoke_token(token.id)
+        left = next(one for one in client.tokens() if one.id == token.id)
+    options.screen.record(left.raw, "\t".join(map(str, _token_row(left))))
+
+
+def _find_token(client: Client, which: str) -> Token:
+    """The token of this name, else of this number: names may be numbers."""
+    tokens = list(client.tokens())
+    for token in tokens:
+        if token.name == which:
+            return token
+    for token in tokens:
+        if str(token.id) == which:
+            return token
+    raise Refused(f"there is no token {which!r}; `unghost token list` has them all")
+
+
+def _token_row(token: Token) -> tuple[object, ...]:
+    return (
+        token.id,
+        token.name,
+        token.role,
+        f"{token.created_at:%Y-%m-%d}",
+        _until(token),
+        "never"
+        if token.last_used_at is None
+        else f"{token.last_used_at:%Y-%m-%d %H:%M}",
+        _state(token),
+    )
+
+
+def _until(token: Token) -> str:
+    if token.expires_at is None:
+        return "without end"
+    return f"until {token.expires_at:%Y-%m-%d %H:%M} UTC"
+
+
+def _state(token: Token) -> str:
+    if token.revoked_at is not None:
+        return "revoked"
+    ended = token.expires_at is not None and (
+        token.expires_at <= datetime.now(timezone.utc)
+    )
+    return "expired" if ended else "valid"
+
+
+def _make_token_offline(
+    options: CreateTokenOptions, until: datetime | None
+) -> NewToken:
+    """A token in the database that a server of this data folder would have.
+
+    Raises
+    ------
+    Refused
+        There is no such database, or the name is taken.
+    """
+    from app import security
+    from app.errors import AppError
+    from app.services.data_folder import CannotMaintain
+    from app.services.offline_tokens import issue_offline
+    from unghost.wire import NewToken, Token
+
+    wanted = _checked(options.name, options.role, until)
+    settings = settings_of(data=options.data)
+    with refused_on(CannotMaintain, AppError):
+        made, secret = issue_offline(
+            settings, wanted.name, security.Role(wanted.role), wanted.expires_at
+        )
+    token = Token.model_validate(made, from_attributes=True)
+    return NewToken.read({**token.model_dump(mode="json"), "token": secret})
+
+
+def _checked(name: str, role: str, expires_at: datetime | None) -> TokenIn:
+    from pydantic import ValidationError
+
+    from unghost.wire import TokenIn
+
+    try:
+        return TokenIn.model_validate(
+            {"name": name, "role": role, "expires_at": expires_at}
+        )
+    except ValidationError as exc:
+        raise typer.BadParameter("a name has 1 to 100 printable characters") from exc
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditOptions(ServerOptions):
+    """Options of `unghost audit`."""
+
+    limit: Annotated[
+        int, typer.Option(min=0, help="Most entries, newest first; 0: all of them.")
+    ] = 100
+
+
+def audit(options: AuditOptions) -> None:
+    """Say who did what to tokens, data, configurations, jobs and many answers."""
+    with options.connect() as client:
+        entries = islice(client.audit(), options.limit or None)
+        options.screen.listing(_AUDIT_COLUMNS, entries, _audit_row)
+
+
+def _audit_row(entry: AuditEntry) -> tuple[object, ...]:
+    when = f"{entry.created_at:%Y-%m-%d %H:%M:%S}"
+    known = {key: value for key, value in entry.details.items() if value is not None}
+    details = " ".join(f"{key}={_as_text(value)}" for key, value in known.items())
+    return when, entry.actor, entry.action, entry.subject, details
+
+
+def _as_text(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

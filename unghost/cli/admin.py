@@ -1,0 +1,155 @@
+"""Tending a data folder, also while it is served: copies, checks, unused files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from unghost.cli.options import DataOptions
+from unghost.cli.screen import PARTLY, REFUSED, refused_on
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackupOptions(DataOptions):
+    """Options of `unghost backup`."""
+
+    target: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TARGET", help="A new folder, or a new file that ends in .tar."
+        ),
+    ]
+    incomplete: Annotated[
+        bool,
+        typer.Option("--incomplete", help="Leave out files that are damaged."),
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestoreOptions(DataOptions):
+    """Options of `unghost restore`."""
+
+    backup: Annotated[
+        Path, typer.Argument(metavar="BACKUP", help="The folder or file of a backup.")
+    ]
+
+
+def backup(options: BackupOptions) -> None:
+    """Copy a data folder, also while it is served; the copy is read again at the end.
+
+    It holds every answer that was given before, and gets its name when it is whole.
+    """
+    from app.services.backups import make_backup
+    from app.services.data_folder import CannotMaintain
+
+    screen = options.screen
+    with refused_on(CannotMaintain):
+        made = make_backup(
+            options.settings,
+            options.target,
+            incomplete=options.incomplete,
+            steps=screen.progress,
+        )
+    text = f"{made.path}: {made.files} files, {made.size_bytes} bytes, read again"
+    screen.record(made.as_dict(), text)
+    if made.left_out:
+        screen.note(f"{len(made.left_out)} damaged files were left out")
+        raise typer.Exit(PARTLY)
+
+
+def restore(options: RestoreOptions) -> None:
+    """Make a data folder of a backup; the folder must be empty, or not be there.
+
+    Every file is compared with its hash while it is copied.
+    """
+    from app.services.data_folder import CannotMaintain
+    from app.services.restoring import restore as restored
+
+    screen = options.screen
+    with refused_on(CannotMaintain):
+        done = restored(options.settings, options.backup, screen.progress)
+    text = f"{done.data}: {done.files} files, as of {done.created_at}"
+    screen.record(done.as_dict(), text)
+    if done.is_older:
+        screen.note("`unghost serve` brings its schema up to date when it starts")
+    if done.left_out:
+        screen.note(f"{len(done.left_out)} files are not in the backup")
+        raise typer.Exit(PARTLY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions(DataOptions):
+    """Options of `unghost doctor`."""
+
+    verify: Annotated[
+        bool,
+        typer.Option("--verify", help="Read every stored file and compare its hash."),
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class GarbageOptions(DataOptions):
+    """Options of `unghost gc`."""
+
+    grace: Annotated[
+        float,
+        typer.Option(
+            "--grace", metavar="HOURS", min=0, help="Keep files that are younger."
+        ),
+    ] = 24
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what would be removed.")
+    ] = False
+
+
+def doctor(options: DoctorOptions) -> None:
+    """Look a data folder over, also while it is served, and say what to do.
+
+    Exits with 1 if anything is damaged or missing, with 3 if something should be done.
+    """
+    from app.services.doctor import examine
+    from app.services.findings import Severity
+
+    screen = options.screen
+    worst = set()
+    for finding in examine(
+        options.settings, verify=options.verify, steps=screen.progress
+    ):
+        worst.add(finding.severity)
+        screen.record(finding.as_dict())
+        screen.text(f"{finding.severity.value:8}{finding.check}: {finding.found}")
+        for example in finding.examples:
+            screen.text(f"        {example}")
+        if finding.todo:
+            screen.text(f"        -> {finding.todo}")
+    if Severity.ERROR in worst:
+        raise typer.Exit(REFUSED)
+    if Severity.WARNING in worst:
+        raise typer.Exit(PARTLY)
+
+
+def gc(options: GarbageOptions) -> None:
+    """Remove stored files that nothing refers to any more, also while it is served.
+
+    Deleted frames and datasets leave their files behind until this is run.
+    """
+    from app.services.data_folder import CannotMaintain
+    from app.services.garbage import collect
+
+    screen = options.screen
+    with refused_on(CannotMaintain):
+        found = collect(
+            options.settings,
+            grace_hours=options.grace,
+            dry_run=options.dry_run,
+            steps=screen.progress,
+        )
+    done = "removed" if found.removed else "would remove"
+    screen.record(
+        found.as_dict(),
+        f"{done} {found.files} files of {found.size_bytes} bytes and "
+        f"{found.leftovers} half written ones; {found.too_young} unused are too young",
+    )

@@ -1,0 +1,331 @@
+"""Configurations and the runs that apply them: set, compared, followed, cancelled.
+
+`unghost run`, `wait`, `cancel` and `diff` are about runs, `unghost config` is about
+what a dataset's boxes are decided by.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+
+import typer
+
+from unghost.cli.options import (
+    ConfigFile,
+    DatasetName,
+    ServerOptions,
+    config_text,
+    error_context,
+)
+from unghost.cli.screen import Screen, most_first
+
+if TYPE_CHECKING:
+    from filter_core.config.filter import ConfigChange
+    from unghost.client.client import Client
+    from unghost.wire import ConfigVersion, Diff, FlipCounts, Preview, Run
+
+
+_DIFF_COLUMNS: Final = ("class", "boxes", "kept -> rejected", "rejected -> kept")
+_SUMS: Final = (
+    *("run", "against", "compared", "total"),
+    *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
+)
+"""What `unghost diff --json` says of all boxes together."""
+
+CancelOnInterrupt: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--cancel-on-interrupt",
+        help="Ctrl-C also ends the run at the server; else it goes on.",
+    ),
+]
+
+
+RunNumber: TypeAlias = Annotated[
+    int, typer.Argument(metavar="RUN", help="The run's number.")
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(ServerOptions):
+    """Options of `unghost run`."""
+
+    dataset: DatasetName
+    config: ConfigFile
+    activate: Annotated[
+        bool, typer.Option("--activate", help="Make it what counts when it is done.")
+    ] = False
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Return when it is done, with a bar.")
+    ] = False
+    cancel_on_interrupt: CancelOnInterrupt = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaitOptions(ServerOptions):
+    """Options of `unghost wait`."""
+
+    run: RunNumber
+    cancel_on_interrupt: CancelOnInterrupt = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CancelOptions(ServerOptions):
+    """Options of `unghost cancel`."""
+
+    run: RunNumber
+
+
+def run(options: RunOptions) -> None:
+    """Apply a configuration to a whole dataset.
+
+    The verdicts that count stay as they are, unless --activate.
+    """
+    with options.connect() as client:
+        version = _add_config(client, options.dataset, options.config)
+        started = client.start_run(
+            options.dataset, version.digest, activate=options.activate
+        )
+        if options.wait:
+            started = wait_for_run(
+                client, started, options.screen, cancel=options.cancel_on_interrupt
+            )
+    options.screen.record(started.raw, run_line(started))
+
+
+def wait(options: WaitOptions) -> None:
+    """Follow a run until it is done, with a bar; exit code 1 if it is not."""
+    with options.connect() as client:
+        found = client.run(options.run)
+        done = wait_for_run(
+            client, found, options.screen, cancel=options.cancel_on_interrupt
+        )
+    options.screen.record(done.raw, run_line(done))
+
+
+def cancel(options: CancelOptions) -> None:
+    """End a run that is not over; nothing in its dataset changes."""
+    with options.connect() as client:
+        cancelled = client.cancel(options.run)
+    options.screen.record(cancelled.raw, run_line(cancelled))
+
+
+def wait_for_run(
+    client: Client, run: Run, screen: Screen, *, cancel: bool = False
+) -> Run:
+    """Follow a run until it is done, with a bar.
+
+    Interrupted, the run goes on and a message says so; with `cancel` it is ended.
+
+    Raises
+    ------
+    RunFailed
+        It did not succeed.
+    """
+    import httpx
+
+    from unghost.client.errors import Unavailable
+
+    try:
+        with screen.progress(f"run {run.id}", "frames") as advance:
+            return client.wait(
+                run, progress=lambda state: advance(state.done, state.total)
+            )
+    except KeyboardInterrupt:
+        message = _cancel_interrupted(client, run) if cancel else _goes_on(run)
+        raise KeyboardInterrupt(message) from None
+    except (httpx.TransportError, Unavailable):
+        screen.note(
+            f"run {run.id} goes on with the server: `unghost wait {run.id}` follows it"
+        )
+        raise
+
+
+def _goes_on(run: Run) -> str:
+    return (
+        f"interrupted; run {run.id} goes on at the server: `unghost wait {run.id}` "
+        f"follows it, `unghost cancel {run.id}` ends it"
+    )
+
+
+def _cancel_interrupted(client: Client, run: Run) -> str:
+    from unghost.client.errors import Conflict
+
+    try:
+        client.cancel(run)
+    except Conflict:  # it was faster
+        return f"interrupted; run {run.id} was over already"
+    return f"interrupted; run {run.id} was cancelled, and nothing has changed"
+
+
+def run_line(run: Run) -> str:
+    """A run in one line for people."""
+    parts = [f"run {run.id}", run.state]
+    if run.state == "done":
+        parts.append(f"{run.changed} verdicts changed")
+        parts.append(f"{run.counts.kept} kept, {run.counts.rejected} rejected")
+    return "\t".join(parts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffOptions(ServerOptions):
+    """Options of `unghost diff`."""
+
+    before: Annotated[int, typer.Argument(metavar="RUN", help="A run's number.")]
+    after: Annotated[
+        int, typer.Argument(metavar="RUN", help="The number of the run to compare.")
+    ]
+
+
+def diff(options: DiffOptions) -> None:
+    """Compare what two runs decide: boxes that change sides, per class.
+
+    With --json every such box is a line, and the last line has the sums.
+    """
+    screen = options.screen
+    with options.connect() as client:
+        found = client.diff(options.after, options.before)
+        if options.json:
+            for flip in client.flips(options.after, options.before):
+                screen.record(flip.raw)
+    screen.record({name: found.raw[name] for name in _SUMS if name in found.raw})
+    screen.table(_DIFF_COLUMNS, rows_of(found))
+    screen.note(
+        f"{found.total} of {found.compared} boxes are decided otherwise by run "
+        f"{found.run} than by run {found.against}"
+    )
+
+
+def rows_of(found: Diff) -> list[tuple[object, ...]]:
+    """A row per class, those with most changes first, and one of all."""
+    # An older server does not say which way: that is not the same as none.
+    unknown = (0, 0) if "sides_by_class" in found.raw else (None, None)
+    ways = {name: _ways(counts) for name, counts in found.sides_by_class.items()}
+    rows = [
+        (name, count, *ways.get(name, unknown))
+        for name, count in most_first(found.by_class)
+    ]
+    return [*rows, ("all", found.total, *_ways(found))]
+
+
+def _ways(counts: FlipCounts) -> tuple[int, int]:
+    return counts.kept_to_rejected, counts.rejected_to_kept
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConfigShowOptions(ServerOptions):
+    """Options of `unghost config show`."""
+
+    dataset: DatasetName
+
+
+def show_config(options: ConfigShowOptions) -> None:
+    """Print the active configuration as YAML, every key with its value."""
+    import yaml
+
+    with options.connect() as client:
+        version = client.active_config(options.dataset)
+    text = yaml.safe_dump(dict(version.config), sort_keys=False, allow_unicode=True)
+    options.screen.record(version.raw, f"# digest: {version.digest}\n{text.rstrip()}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConfigSetOptions(ServerOptions):
+    """Options of `unghost config set`."""
+
+    dataset: DatasetName
+    config: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="A filter configuration (YAML), or carlasimu's boundingBox.yaml.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ]
+    wait: Annotated[
+        bool,
+        typer.Option("--wait/--no-wait", help="Return when every frame is decided."),
+    ] = True
+
+
+def set_config(options: ConfigSetOptions) -> None:
+    """Store a configuration and make it the active one.
+
+    Every frame is decided again; until that is done the old verdicts count.
+    """
+    screen = options.screen
+    with options.connect() as client:
+        version = _add_config(client, options.dataset, options.config)
+        if version.unused_keys:
+            screen.note(f"not used here: {', '.join(version.unused_keys)}")
+        run = client.set_config(options.dataset, version.digest)
+        if options.wait:
+            run = wait_for_run(client, run, screen)
+    screen.record(run.raw, f"config {version.digest[:12]}\t{run_line(run)}")
+
+
+def _add_config(client: Client, dataset: str, file: Path) -> ConfigVersion:
+    text = config_text(file)
+    with error_context(file):
+        return client.add_config(dataset, text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConfigDiffOptions(ServerOptions):
+    """Options of `unghost config diff`."""
+
+    dataset: DatasetName
+    config: ConfigFile
+
+
+def diff_config(options: ConfigDiffOptions) -> None:
+    """Compare a file with the active configuration, and count what would flip.
+
+    Nothing is changed.
+    """
+    from filter_core.config.file import load_config
+    from filter_core.config.filter import FilterConfig, diff_configs
+
+    with error_context(options.config):
+        new = load_config(options.config.read_bytes()).config
+    with options.connect() as client:
+        old = client.active_config(options.dataset)
+        preview = client.preview(options.dataset, new.as_dict())
+    changes = diff_configs(FilterConfig.from_mapping(old.config), new)
+    _print_config_diff(options, changes, preview)
+
+
+def _print_config_diff(
+    options: ConfigDiffOptions, changes: list[ConfigChange], preview: Preview
+) -> None:
+    screen, flips = options.screen, preview.flips
+    counts = flips and {
+        "total": flips.total,
+        "kept_to_rejected": flips.kept_to_rejected,
+        "rejected_to_kept": flips.rejected_to_kept,
+    }
+    screen.record(
+        {
+            "changes": [change._asdict() for change in changes],
+            "needs_pixels": preview.needs_pixels,
+            "flips": counts,
+        }
+    )
+    screen.table(
+        ("key", "active", options.config.name),
+        [
+            (each.key, json.dumps(each.before), json.dumps(each.after))
+            for each in changes
+        ],
+    )
+    if flips is None:
+        screen.note("this needs pixels: what would flip is known after a run")
+    else:
+        screen.note(
+            f"{flips.total} boxes would flip: {flips.kept_to_rejected} kept to "
+            f"rejected, {flips.rejected_to_kept} rejected to kept"
+        )

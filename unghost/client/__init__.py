@@ -1,0 +1,1 @@
+"""The client of the REST API, sending and following calls."""

@@ -1,0 +1,659 @@
+"""Every call of the REST API, described once, by resource.
+
+The methods describe calls and send nothing; a client that inherits `Api` sends them
+(see `call.endpoint`). Paths and queries are those of docs/api.md. Two things are sent
+elsewhere, because their answers are read as they come: the events of a job and the file
+of an export (`jobs`), and batches of frames (`batches`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from functools import partial
+from typing import TYPE_CHECKING, Final, TypeVar
+from urllib.parse import quote
+
+import httpx
+
+from unghost import wire
+from unghost.client.call import (
+    PATIENCE,
+    Call,
+    Listing,
+    answer,
+    body_of,
+    content,
+    endpoint,
+    listing,
+    nothing,
+    read_object,
+    result,
+)
+from unghost.client.errors import Json
+from unghost.client.outgoing import OutgoingFrame
+
+if TYPE_CHECKING:
+    from unghost.client.outgoing import FileContent
+    from unghost.wire.words import Answer, QueueOrder, Role, ThresholdTarget, Truth
+
+T = TypeVar("T")
+
+API: Final = "/api/v1"
+
+
+def dataset_path(dataset: str, *rest: str) -> str:
+    """The path of a dataset or of something in it."""
+    return "/".join((f"{API}/datasets/{quote(dataset, safe='')}", *rest))
+
+
+def frame_path(dataset: str, key: str) -> str:
+    """The path of a frame by its key, whose slashes stay slashes."""
+    return dataset_path(dataset, "frames", quote(key, safe="/"))
+
+
+class DatasetCalls:
+    """Datasets, and the numbers over a whole one."""
+
+    @listing
+    def datasets(self) -> Listing[wire.Dataset]:
+        """Every dataset, by name."""
+        return Listing(f"{API}/datasets", wire.Dataset)
+
+    @endpoint
+    def dataset(self, name: str) -> Call[wire.Dataset]:
+        """One dataset."""
+        return Call("GET", dataset_path(name), result(wire.Dataset))
+
+    @endpoint
+    def create_dataset(self, /, name: str, **options: object) -> Call[wire.Dataset]:
+        """Make a dataset; `options` are classes, palette, encoding, channel_order,
+        lossy_segmentation, ignore_mask and description.
+        """
+        given = {key: value for key, value in options.items() if value is not None}
+        body = {"name": name, **given}
+        return Call("POST", f"{API}/datasets", result(wire.Dataset), json=body)
+
+    @endpoint
+    def change_dataset(
+        self, /, name: str, **options: object
+    ) -> Call[wire.Dataset | wire.Run]:
+        """Change options, as in `create_dataset`.
+
+        What concerns pixels is returned as the run that measures again; the dataset
+        changes when that is done.
+        """
+        return Call("PATCH", dataset_path(name), _changed_dataset, json=options)
+
+    @endpoint
+    def delete_dataset(self, name: str) -> Call[None]:
+        """Delete a dataset with everything in it, reviews included."""
+        return Call("DELETE", dataset_path(name), nothing, params={"confirm": name})
+
+    @endpoint
+    def stats(self, dataset: str) -> Call[wire.Stats]:
+        """Counts by verdict, reason and class, and of the reviews."""
+        path = dataset_path(dataset, "stats")
+        return Call("GET", path, result(wire.Stats))
+
+    @endpoint
+    def histogram(self, dataset: str, *, bins: int = 50) -> Call[wire.Histogram]:
+        """Boxes per bin of match percent, for each class."""
+        path = dataset_path(dataset, "histogram")
+        read = result(wire.Histogram)
+        return Call("GET", path, read, params={"bins": bins})
+
+    @endpoint
+    def preview(
+        self, dataset: str, config: Mapping[str, object], *, limit: int = 100
+    ) -> Call[wire.Preview]:
+        """What a config would decide, and up to `limit` boxes that would flip."""
+        path = dataset_path(dataset, "preview")
+        body = {"config": config, "limit": limit}
+        return Call("POST", path, result(wire.Preview), json=body)
+
+    @listing
+    def problems(self, dataset: str) -> Listing[wire.RefusedFrame]:
+        """The frames that were sent and refused, with their errors."""
+        return Listing(dataset_path(dataset, "problems"), wire.RefusedFrame)
+
+
+def _changed_dataset(
+    response: httpx.Response,
+) -> wire.Dataset | wire.Run:
+    if response.status_code == httpx.codes.ACCEPTED:
+        return result(wire.Run)(response)
+    return result(wire.Dataset)(response)
+
+
+class FrameCalls:
+    """Frames: stored one by one, listed, fetched, deleted."""
+
+    @endpoint
+    def put_frame(
+        self,
+        /,
+        dataset: str,
+        key: str,
+        annotation: Mapping[str, object] | None = None,
+        *,
+        replace: bool = False,
+        **files: FileContent | None,
+    ) -> Call[wire.StoredFrame]:
+        """Store a frame with its boxes and files, and decide about every box.
+
+        `files` are image, segmentation, depth, instances, lidar, radar, ignore_mask:
+        bytes or the path of a file. The same frame again changes nothing (`created`
+        is False); another one under the same key raises `Conflict`, unless `replace`.
+        """
+        given = {name: one for name, one in files.items() if one is not None}
+        frame = OutgoingFrame(key, annotation or {"boxes": []}, given)
+        return frame_stored(dataset_path(dataset), frame, replace=replace)
+
+    @listing
+    def frames(self, /, dataset: str, **filters: object) -> Listing[wire.FrameSummary]:
+        """The frames of a dataset, without their boxes; filters as in the API."""
+        path = dataset_path(dataset, "frames")
+        return Listing(path, wire.FrameSummary, _as_in_api(filters))
+
+    @endpoint
+    def frame(self, frame_id: int) -> Call[wire.Frame]:
+        """One frame with its boxes."""
+        return Call("GET", f"{API}/frames/{frame_id}", result(wire.Frame))
+
+    @endpoint
+    def frame_by_key(self, dataset: str, key: str) -> Call[wire.Frame]:
+        """One frame with its boxes, by the key it was stored under."""
+        return Call("GET", frame_path(dataset, key), result(wire.Frame))
+
+    @endpoint
+    def delete_frame(self, dataset: str, key: str) -> Call[None]:
+        """Delete a frame with its boxes."""
+        return Call("DELETE", frame_path(dataset, key), nothing)
+
+    @endpoint
+    def frame_file(self, frame_id: int, name: str) -> Call[bytes]:
+        """A file of a frame as it was stored: "image", "segmentation", ..."""
+        return Call("GET", f"{API}/frames/{frame_id}/{name}", content)
+
+
+def frame_stored(
+    dataset: str, frame: OutgoingFrame, *, replace: bool
+) -> Call[wire.StoredFrame]:
+    """Store one frame in the dataset with this path; OSError if a file is missing."""
+    return Call(
+        "PUT",
+        f"{dataset}/frames/{quote(frame.key, safe='/')}",
+        _stored_frame,
+        params={"replace": replace or None},
+        files=frame.form(),
+    )
+
+
+def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
+    created = response.status_code == httpx.codes.CREATED
+    read = partial(wire.StoredFrame.answered, created=created)
+    return read_object(read, body_of(response), response)
+
+
+def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
+    """Those of at most 1,000 keys that the dataset with this path has, by key."""
+    path, read = f"{dataset}/known-frames", answer(_known_frames)
+    return Call("POST", path, read, json={"keys": keys}, patience=PATIENCE)
+
+
+def _known_frames(body: Json) -> dict[str, wire.KnownFrame]:
+    return {frame.key: frame for frame in wire.KnownFrames.read(body).items}
+
+
+class PictureCalls:
+    """Pictures that the server draws, as encoded images."""
+
+    @endpoint
+    def thumbnail(self, frame_id: int) -> Call[bytes]:
+        """A frame's image, small, as JPEG."""
+        return Call("GET", f"{API}/frames/{frame_id}/thumbnail", content)
+
+    @endpoint
+    def overlay(self, /, frame_id: int, **options: object) -> Call[bytes]:
+        """A frame with its boxes drawn; options `boxes`, `layer` and `edges`."""
+        path = f"{API}/frames/{frame_id}/overlay"
+        return Call("GET", path, content, params=options)
+
+    @endpoint
+    def crop(self, /, box_id: int, **options: object) -> Call[bytes]:
+        """The part of the image around a box; options `pad`, `layer` and `height`."""
+        return Call("GET", f"{API}/boxes/{box_id}/crop", content, params=options)
+
+
+class BoxCalls:
+    """Boxes, their history, which to look at next, and what people say about them."""
+
+    @listing
+    def boxes(self, /, dataset: str, **filters: object) -> Listing[wire.Decision]:
+        """The boxes of a dataset; filters and `sort` as in the API, `class_name` for
+        `class`.
+        """
+        params = {"dataset": dataset, **_as_in_api(filters)}
+        return Listing(f"{API}/boxes", wire.Decision, params)
+
+    @endpoint
+    def count_boxes(self, /, dataset: str, **filters: object) -> Call[int]:
+        """How many boxes `boxes` would give."""
+        return _counted(dataset, filters, lambda body: int(body["total"]))
+
+    @endpoint
+    def select_boxes(self, /, dataset: str, **filters: object) -> Call[wire.Selection]:
+        """All boxes of a filter as they are now, for `bulk_review`."""
+        given = _as_in_api(filters).items()
+
+        def read(body: Json) -> wire.Selection:
+            return wire.Selection(
+                dataset=dataset,
+                filter={key: one for key, one in given if key not in _COUNT_ONLY},
+                count=int(body["total"]),
+                snapshot=str(body["snapshot"]),
+            )
+
+        return _counted(dataset, filters, read)
+
+    @endpoint
+    def box(self, box_id: int) -> Call[wire.Box]:
+        """One box with its decision and its neighbours."""
+        return Call("GET", f"{API}/boxes/{box_id}", result(wire.Box))
+
+    @listing
+    def history(self, box_id: int) -> Listing[wire.HistoryEntry]:
+        """Every decision and review of a box, newest first."""
+        path = f"{API}/boxes/{box_id}/history"
+        return Listing(path, wire.HistoryEntry, {"limit": None})
+
+    @endpoint
+    def queue(
+        self,
+        dataset: str,
+        *,
+        order: QueueOrder = "doubt",
+        limit: int = 10,
+        filters: Mapping[str, object] | None = None,
+        exclude: Sequence[int] = (),
+    ) -> Call[wire.Queue]:
+        """The next boxes to look at, claimed for five minutes by this token's name.
+
+        `filters` are those of `boxes`, by the names of the API; `exclude` are boxes
+        that are at hand already.
+        """
+        body = {
+            "order": order,
+            "limit": limit,
+            "filters": filters or {},
+            "exclude": list(exclude),
+        }
+        path = dataset_path(dataset, "queue")
+        return Call("POST", path, result(wire.Queue), json=body)
+
+    @endpoint
+    def review(
+        self,
+        box_id: int,
+        verdict: Answer,
+        *,
+        seen_revision: int,
+        comment: str = "",
+    ) -> Call[wire.Review]:
+        """Answer on one box; `StaleReview` if someone answered since.
+
+        `seen_revision` is the `revision` of the decision that was looked at.
+        """
+        path = f"{API}/boxes/{box_id}/reviews"
+        body = {"verdict": verdict, "seen_revision": seen_revision, "comment": comment}
+        return Call("POST", path, result(wire.Review), json=body)
+
+    @endpoint
+    def bulk_review(
+        self,
+        dataset: str,
+        verdict: Answer,
+        boxes: Sequence[wire.Decision] | Sequence[int] | wire.Selection,
+        *,
+        comment: str = "",
+    ) -> Call[wire.ReviewBatch]:
+        """One answer on many boxes: one act, one undo.
+
+        Parameters
+        ----------
+        boxes
+            Decisions: those boxes that nobody has answered since they were read.
+            Ids: those boxes that have no answer. A selection: all of its boxes, if
+            they are those that `select_boxes` counted, and as they were then.
+
+        Returns
+        -------
+        ReviewBatch
+            `stale` are boxes that were left alone because of an answer, `skipped`
+            those that are gone.
+
+        Raises
+        ------
+        StaleReview
+            Boxes of the selection came, went, were decided anew or were answered
+            since; `current` has their number (`total`) now.
+        """
+        body = {"dataset": dataset, "verdict": verdict, "comment": comment}
+        read = result(wire.ReviewBatch)
+        return Call("POST", f"{API}/reviews/bulk", read, json=body | _which(boxes))
+
+    @endpoint
+    def undo(self, batch_id: int) -> Call[wire.UndoneBatch]:
+        """Take a batch of reviews back, except where someone answered since."""
+        path = f"{API}/review-batches/{batch_id}/undo"
+        return Call("POST", path, result(wire.UndoneBatch))
+
+
+_COUNT_ONLY: Final = {"count": True, "limit": 1}
+
+
+def _counted(
+    dataset: str, filters: Mapping[str, object], read: Callable[[Json], T]
+) -> Call[T]:
+    """The number of boxes of a filter, without the boxes."""
+    params = {"dataset": dataset, **_as_in_api(filters), **_COUNT_ONLY}
+    return Call("GET", f"{API}/boxes", answer(read), params=params)
+
+
+def _as_in_api(filters: Mapping[str, object]) -> dict[str, object]:
+    # `class` is a keyword of Python: the filter is `class_name` here.
+    return {
+        "class" if name == "class_name" else name: value
+        for name, value in filters.items()
+    }
+
+
+def _which(
+    boxes: Sequence[wire.Decision] | Sequence[int] | wire.Selection,
+) -> dict[str, object]:
+    """The boxes of a bulk review, and how they were seen, as the server takes it."""
+    if isinstance(boxes, wire.Selection):
+        return {"filter": boxes.filter, "snapshot": boxes.snapshot}
+    if isinstance(boxes, Mapping):
+        raise TypeError(
+            "expected decisions, ids or what select_boxes answers, found a mapping"
+        )
+    seen = [box for box in boxes if isinstance(box, wire.Decision)]
+    if not seen:
+        return {"box_ids": list(boxes)}
+    if len(seen) != len(boxes):
+        raise TypeError("expected decisions or ids, found both")
+    return {
+        "box_ids": [box.box_id for box in seen],
+        "seen_revisions": [box.revision for box in seen],
+    }
+
+
+class ConfigCalls:
+    """Filter configurations: immutable versions, and which one is active."""
+
+    @listing
+    def configs(self, dataset: str) -> Listing[wire.ConfigVersion]:
+        """Every version of a dataset's configuration, newest first."""
+        return Listing(dataset_path(dataset, "configs"), wire.ConfigVersion)
+
+    @endpoint
+    def add_config(
+        self, dataset: str, config: Mapping[str, object] | str
+    ) -> Call[wire.ConfigVersion]:
+        """Store a version: a mapping, or the text of a YAML file as it is."""
+        path = dataset_path(dataset, "configs")
+        read = result(wire.ConfigVersion)
+        if isinstance(config, str):
+            yaml = {"Content-Type": "application/yaml"}
+            return Call("POST", path, read, content=config.encode(), headers=yaml)
+        return Call("POST", path, read, json=config)
+
+    @endpoint
+    def config(self, digest: str) -> Call[wire.ConfigVersion]:
+        """One version by its digest."""
+        path = f"{API}/configs/{digest}"
+        return Call("GET", path, result(wire.ConfigVersion))
+
+    @endpoint
+    def active_config(self, dataset: str) -> Call[wire.ConfigVersion]:
+        """The version that decides now."""
+        path = dataset_path(dataset, "config")
+        return Call("GET", path, result(wire.ConfigVersion))
+
+    @endpoint
+    def set_config(self, dataset: str, digest: str) -> Call[wire.Run]:
+        """Activate a version; the run that applies it is returned at once."""
+        path = dataset_path(dataset, "config")
+        return Call("PUT", path, result(wire.Run), json={"digest": digest})
+
+
+class RunCalls:
+    """Runs: one configuration applied to a whole dataset."""
+
+    @listing
+    def runs(self, dataset: str) -> Listing[wire.Run]:
+        """The runs of a dataset, newest first."""
+        return Listing(dataset_path(dataset, "runs"), wire.Run)
+
+    @endpoint
+    def start_run(
+        self,
+        dataset: str,
+        config: Mapping[str, object] | str,
+        *,
+        activate: bool = False,
+    ) -> Call[wire.Run]:
+        """Apply a config (a mapping, or the digest of a stored one)."""
+        path = dataset_path(dataset, "runs")
+        body = {"config": config, "activate": activate}
+        return Call("POST", path, result(wire.Run), json=body)
+
+    @endpoint
+    def run(self, run_id: int) -> Call[wire.Run]:
+        """One run as it is now."""
+        return Call("GET", run_path(run_id), result(wire.Run))
+
+    @endpoint
+    def cancel(self, run: wire.Run | int) -> Call[wire.Run]:
+        """End a run that is not over, so that nothing changes; `Conflict` if it is."""
+        return Call("POST", f"{run_path(run)}/cancel", result(wire.Run))
+
+    @endpoint
+    def diff(
+        self, run: wire.Run | int, against: wire.Run | int | None = None
+    ) -> Call[wire.Diff]:
+        """Counts of boxes that a run decides otherwise than another (else than the one
+        that was active before it).
+        """
+        params = {**_against(against), "limit": 1}
+        read = result(wire.Diff)
+        return Call("GET", f"{run_path(run)}/diff", read, params=params)
+
+    @listing
+    def flips(
+        self, run: wire.Run | int, against: wire.Run | int | None = None
+    ) -> Listing[wire.Flip]:
+        """The boxes that `diff` counts, nearest to a threshold first."""
+        return Listing(f"{run_path(run)}/diff", wire.Flip, _against(against))
+
+
+def run_path(run: wire.Run | int) -> str:
+    """The path of a run, by itself or by its id."""
+    return f"{API}/runs/{id_of(run)}"
+
+
+def id_of(job: wire.Run | wire.Export | int) -> int:
+    """The id of a run or an export, which may stand for it."""
+    return job if isinstance(job, int) else job.id
+
+
+def _against(run: wire.Run | int | None) -> dict[str, int]:
+    return {} if run is None else {"against": id_of(run)}
+
+
+class ExportCalls:
+    """Exports: made by the server, then downloaded."""
+
+    @listing
+    def exports(self, dataset: str) -> Listing[wire.Export]:
+        """The exports of a dataset, newest first."""
+        return Listing(dataset_path(dataset, "exports"), wire.Export)
+
+    @endpoint
+    def start_export(
+        self, /, dataset: str, format: str, **options: object
+    ) -> Call[wire.Export]:
+        """Have the labels written in a ZIP archive: "yolo", "coco", "kitti", "voc" and
+        others; formats and options as in the documentation of the formats.
+        """
+        path = dataset_path(dataset, "exports")
+        body = {"format": format, "options": options}
+        return Call("POST", path, result(wire.Export), json=body)
+
+    @endpoint
+    def cancel_export(self, export: wire.Export | int) -> Call[wire.Export]:
+        """End an export that is not over; `Conflict` if it is."""
+        path = f"{export_path(export)}/cancel"
+        return Call("POST", path, result(wire.Export))
+
+    @endpoint
+    def export(self, export_id: int) -> Call[wire.Export]:
+        """One export as it is now."""
+        return Call("GET", export_path(export_id), result(wire.Export))
+
+
+def export_path(export: wire.Export | int) -> str:
+    """The path of an export, by itself or by its id."""
+    return f"{API}/exports/{id_of(export)}"
+
+
+class AccessCalls:
+    """Sessions, tokens, login codes, and the log of who did what."""
+
+    @endpoint
+    def session(self) -> Call[wire.Session]:
+        """Who this client's token stands for."""
+        return Call("GET", f"{API}/session", result(wire.Session))
+
+    @listing
+    def tokens(self) -> Listing[wire.Token]:
+        """Every token, revoked ones included, oldest first; for admins."""
+        return Listing(f"{API}/tokens", wire.Token)
+
+    @endpoint
+    def create_token(
+        self,
+        name: str,
+        role: Role = "reviewer",
+        *,
+        expires_at: datetime | None = None,
+        expires_in_days: int | None = 90,
+    ) -> Call[wire.NewToken]:
+        """A new token; its text is in this answer and nowhere else. For admins.
+
+        It ends at `expires_at`, else after so many days; None: never.
+        """
+        body: dict[str, object] = {"name": name, "role": role}
+        if expires_at is not None:
+            body["expires_at"] = expires_at.isoformat()
+        else:
+            body["expires_in_days"] = expires_in_days
+        read = result(wire.NewToken)
+        return Call("POST", f"{API}/tokens", read, json=body)
+
+    @endpoint
+    def revoke_token(self, token_id: int) -> Call[None]:
+        """Take a token back, with the sessions that it opened. For admins."""
+        return Call("DELETE", f"{API}/tokens/{token_id}", nothing)
+
+    @endpoint
+    def create_login_code(self) -> Call[wire.NewLoginCode]:
+        """A code that logs a browser in as you, once, within ten minutes.
+
+        The link to open is the server's address, `/#code=`, and the code.
+        """
+        read = result(wire.NewLoginCode)
+        return Call("POST", f"{API}/login-codes", read, json={})
+
+    @endpoint
+    def login_code(self, code_id: int) -> Call[wire.LoginCode]:
+        """Whether a login code of yours was used."""
+        path = f"{API}/login-codes/{code_id}"
+        return Call("GET", path, result(wire.LoginCode))
+
+    @listing
+    def audit(self) -> Listing[wire.AuditEntry]:
+        """Who did what, as the server's audit log has it, newest first; for admins."""
+        return Listing(f"{API}/audit", wire.AuditEntry)
+
+
+class QualityCalls:
+    """Quality: the filter against people, and its channels against each other."""
+
+    @endpoint
+    def quality(
+        self,
+        dataset: str,
+        *,
+        target: ThresholdTarget = "f1",
+        recall: float | None = None,
+        truth: Truth = "people",
+    ) -> Call[wire.Quality]:
+        """The filter against what is true, and thresholds that would fit better.
+
+        True is what people answered, or with `truth="instances"` what instance images
+        show; they are measured by `evaluate`.
+        Suggested are those of the best F1, or with `target="recall"` the highest that
+        still have this `recall`.
+        """
+        path = dataset_path(dataset, "quality")
+        params = {"target": target, "truth": truth, "recall": recall}
+        return Call("GET", path, result(wire.Quality), params=params)
+
+    @endpoint
+    def evaluate(self, dataset: str) -> Call[wire.Run]:
+        """Measure every channel that the frames' files allow; no verdict changes.
+
+        The run can be waited for; then `evaluations` has all channels.
+        """
+        path = dataset_path(dataset, "evaluations")
+        return Call("POST", path, result(wire.Run))
+
+    @endpoint
+    def evaluations(
+        self, dataset: str, *, truth: Truth = "instances"
+    ) -> Call[wire.Evaluation]:
+        """Precision, recall and F1 of every channel that was measured so far."""
+        path = dataset_path(dataset, "evaluations")
+        read = result(wire.Evaluation)
+        return Call("GET", path, read, params={"truth": truth})
+
+
+class HealthCalls:
+    """Which server it is, and whether it can work."""
+
+    @endpoint
+    def version(self) -> Call[wire.Version]:
+        """The program's version."""
+        return Call("GET", "/version", result(wire.Version))
+
+
+READINESS: Final = Call("GET", "/readyz", nothing, retried=False)
+"""Whether the server can take work now: Unavailable if not; asked once."""
+
+
+class Api(
+    DatasetCalls,
+    FrameCalls,
+    PictureCalls,
+    BoxCalls,
+    ConfigCalls,
+    RunCalls,
+    ExportCalls,
+    AccessCalls,
+    QualityCalls,
+    HealthCalls,
+):
+    """The calls of all resources, as methods of the client that inherits them."""

@@ -1,0 +1,180 @@
+"""A batch of frames in one request; those without an answer are sent again."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from typing import Final, TypeAlias
+
+import h11
+import httpx
+
+from unghost import wire
+from unghost.client.call import PATIENCE
+from unghost.client.duplex import Duplex, FileChanged
+from unghost.client.errors import (
+    Forbidden,
+    Json,
+    NotFound,
+    Unauthorized,
+    Unavailable,
+    UnexpectedAnswer,
+    error_of_problem,
+)
+from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
+from unghost.client.transport import Attempts, Endpoint, RetryPolicy
+
+Report: TypeAlias = Callable[[Outcome], object]
+"""Called with each frame's outcome as soon as it is known."""
+
+CONCERNS_ALL: Final = (Unauthorized, Forbidden, NotFound, Unavailable, UnexpectedAnswer)
+"""Errors of one frame that every other would meet as well."""
+
+_MEDIA_TYPE: Final = "application/x-tar"
+
+
+class BatchSender:
+    """Sends batches over one connection; for one thread, but `close` for any."""
+
+    def __init__(
+        self, endpoint: Endpoint, retry: RetryPolicy, pause: Callable[[float], bool]
+    ) -> None:
+        """`pause` waits so many seconds and says whether to go on after it."""
+        self._endpoint = endpoint
+        self._retry = retry
+        self._pause = pause
+        self._connection = Duplex(endpoint)
+
+    def close(self) -> None:
+        """Cut the connection for good; frames without an answer were not sent."""
+        self._connection.abort()
+
+    def send(self, frames: Sequence[PackedFrame], report: Report) -> None:
+        """Send frames until each has an outcome.
+
+        Raises
+        ------
+        ApiError
+            What concerns every frame: no access, no such dataset, a full disk.
+        httpx.TransportError
+            The server is away, also after the retries. Any outcome is a new start.
+        """
+        unanswered = deque(frames)
+        attempts = Attempts(self._retry, PATIENCE)
+        while unanswered:
+            before = len(unanswered)
+            try:
+                self._send_once(unanswered, report)
+                if len(unanswered) == before:
+                    raise self._unexpected("ends without a line for any frame")
+            except (Unavailable, httpx.TransportError) as error:
+                moved_on = len(unanswered) < before
+                if not self._pause(attempts.failed(error, moved_on=moved_on)):
+                    raise
+
+    def _send_once(self, unanswered: deque[PackedFrame], report: Report) -> None:
+        """One request; takes from `unanswered` what has an outcome after it."""
+        lines = self._lines(tuple(unanswered))
+        ended = False
+        try:
+            for line in lines:
+                answer = self._object(line)
+                if answer.get("end") is True:
+                    ended = True
+                    _raise_problem(answer)
+                elif unanswered and _is_about(unanswered[0], answer):
+                    frame = unanswered.popleft().frame
+                    report(self._outcome(frame.key, answer))
+            if not ended:
+                raise self._cut("the answer has no last line")
+        except _FrameChanged as changed:
+            unanswered.remove(changed.packed)
+            key = changed.packed.frame.key
+            report(NotSent(key, ValueError(str(changed))))
+        except h11.RemoteProtocolError as error:
+            raise self._cut(str(error)) from error
+        except OSError as error:
+            raise self._cut(error.strerror or str(error)) from error
+        finally:
+            lines.close()
+
+    def _lines(self, frames: tuple[PackedFrame, ...]) -> Generator[bytes, None, None]:
+        """Lines of the answer, while the frames are being sent and after it."""
+        connection, sent = self._connection, False
+        size = sum(packed.size for packed in frames) + len(END_OF_ARCHIVE)
+        try:
+            connection.begin(_MEDIA_TYPE, size)
+            try:
+                for packed in frames:
+                    self._send_frame(packed)
+                    yield from connection.lines(wait=False)
+                connection.send(END_OF_ARCHIVE)
+                sent = True
+            except OSError:
+                # It may have said why, and which frames it has.
+                yield from connection.lines(wait=True)
+                raise
+            yield from connection.lines(wait=True)
+        finally:
+            connection.end(sent=sent)
+
+    def _send_frame(self, packed: PackedFrame) -> None:
+        try:
+            for piece in packed.pieces:
+                self._connection.send(piece)
+        except FileChanged as changed:
+            raise _FrameChanged(packed, str(changed)) from changed
+
+    def _object(self, line: bytes) -> Json:
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            answer = None
+        if isinstance(answer, dict):
+            return answer
+        raise self._unexpected("has a line that is no JSON object")
+
+    def _outcome(self, key: str, answer: Json) -> Outcome:
+        try:
+            return _outcome(key, answer)
+        except (ValueError, AttributeError) as error:
+            why = f"has a line that cannot be read: {error}"
+            raise self._unexpected(why) from error
+
+    def _unexpected(self, why: str) -> UnexpectedAnswer:
+        detail = f"the answer of {self._endpoint.url.copy_with(query=None)} {why}"
+        return UnexpectedAnswer(200, {"code": "unexpected_answer", "detail": detail})
+
+    def _cut(self, why: str) -> httpx.TransportError:
+        request = httpx.Request("POST", self._endpoint.url)
+        return httpx.ReadError(why, request=request)
+
+
+class _FrameChanged(Exception):
+    """A frame whose files changed under the sending."""
+
+    def __init__(self, packed: PackedFrame, why: str) -> None:
+        super().__init__(why)
+        self.packed = packed
+
+
+def _is_about(packed: PackedFrame, answer: Json) -> bool:
+    # By its name in the archive, if the server could not read its key.
+    return answer.get("key") in (packed.frame.key, packed.name)
+
+
+def _outcome(key: str, answer: Json) -> Outcome:
+    problem = answer.get("problem")
+    if problem is not None:
+        return NotSent(key, error_of_problem(problem))
+    line = wire.BatchLine.read(answer)
+    if line.frame_id is None or line.decisions is None:
+        raise ValueError("a frame that was not refused lacks its id or its decisions")
+    return Sent(key, line.frame_id, line.status == httpx.codes.CREATED, line.decisions)
+
+
+def _raise_problem(answer: Json) -> None:
+    problem = answer.get("problem")
+    if problem is not None:
+        raise error_of_problem(problem)

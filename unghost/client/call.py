@@ -1,0 +1,260 @@
+"""What a call of the REST API is, and the decorators that make methods of calls.
+
+A call is data: what is asked for, and how its answer is read. A function that returns
+one sends nothing, so the same description serves every client that can send it, one
+that waits for the answer as well as one that is awaited.
+"""
+
+from __future__ import annotations
+
+from collections.abc import (
+    AsyncIterator,
+    Awaitable,
+    Callable,
+    Iterator,
+    Mapping,
+)
+from dataclasses import KW_ONLY, dataclass, field
+from functools import wraps
+from types import MethodType
+from typing import (
+    Any,
+    Concatenate,
+    Final,
+    Generic,
+    ParamSpec,
+    Protocol,
+    TypeAlias,
+    TypeVar,
+    overload,
+)
+
+import httpx
+
+from unghost.client.errors import Json, json_object, unexpected
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+AsyncT_co = TypeVar("AsyncT_co", covariant=True)
+P = ParamSpec("P")
+
+Params: TypeAlias = Mapping[str, object]
+"""Parameters of a query; None leaves one out."""
+
+Files: TypeAlias = Mapping[str, tuple[str, bytes, str]]
+"""Parts of a form: file name, content and media type, by the part's name."""
+
+Read: TypeAlias = Callable[[httpx.Response], T]
+"""Makes a result of a successful answer; UnexpectedAnswer if it cannot."""
+
+PAGE_SIZE: Final = 500
+"""Items of a list that are asked for at once."""
+
+PATIENCE: Final = 2
+"""`Call.patience` of one call among many that are a whole together: a server may be
+started anew meanwhile."""
+
+
+class Kind(Protocol[T_co]):
+    """A class whose objects can be read from JSON."""
+
+    def read(self, raw: Json, /) -> T_co:
+        """The object; LookupError, ValueError, TypeError or AttributeError if none."""
+        ...
+
+
+@dataclass(frozen=True)
+class Call(Generic[T]):
+    """One request, and how its answer is read.
+
+    It can be sent more than once, because its bodies are values and not streams.
+
+    Attributes
+    ----------
+    path
+        From the root of the server.
+    read
+        Called with the answer, if that is a success.
+    retried
+        Whether to try again where the server is away or busy.
+    patience
+        Factor by which it is tried more often than the policy says.
+    """
+
+    method: str
+    path: str
+    read: Read[T]
+    _: KW_ONLY
+    params: Params = field(default_factory=dict)
+    json: object = None
+    files: Files | None = None
+    content: bytes | None = None
+    headers: Mapping[str, str] = field(default_factory=dict)
+    retried: bool = True
+    patience: int = 1
+
+
+@dataclass(frozen=True)
+class Page(Generic[T]):
+    """Some items of a list, each read when it is reached; the last has no cursor."""
+
+    items: Iterator[T]
+    next_cursor: str | None
+
+
+@dataclass(frozen=True)
+class Listing(Generic[T]):
+    """A list that the server hands out in pages."""
+
+    path: str
+    item: Kind[T]
+    params: Params = field(default_factory=dict)
+
+    def page(self, cursor: str | None = None) -> Call[Page[T]]:
+        """The call for the first page, or for the one that a cursor stands for."""
+        params = {"limit": PAGE_SIZE, **self.params}
+        if cursor is not None:
+            params["cursor"] = cursor
+        return Call("GET", self.path, self._page, params=params)
+
+    def _page(self, response: httpx.Response) -> Page[T]:
+        page = body_of(response)
+        items = page.get("items")
+        if not isinstance(items, list):
+            raise unexpected(response, "has no items")
+        read = (read_object(self.item.read, item, response) for item in items)
+        return Page(read, page.get("next_cursor"))
+
+
+class Sender(Protocol):
+    """A client whose methods return results."""
+
+    def _send(self, call: Call[T], /) -> T: ...
+    def _pages(self, listing: Listing[T], /) -> Iterator[T]: ...
+
+
+class AsyncSender(Protocol):
+    """A client whose methods are awaited."""
+
+    def _send(self, call: Call[T], /) -> Awaitable[T]: ...
+    def _pages(self, listing: Listing[T], /) -> AsyncIterator[T]: ...
+
+
+class ClientMethod(Generic[P, T_co, AsyncT_co]):
+    """A method whose result depends on the kind of client that has it.
+
+    Parameters
+    ----------
+    function
+        Takes the client and the method's arguments, and has the client send the call.
+    """
+
+    def __init__(self, function: Callable[Concatenate[Sender, P], T_co]) -> None:
+        self._function = function
+
+    @overload
+    def __get__(
+        self, owner: None, kind: type[Sender]
+    ) -> Callable[Concatenate[Sender, P], T_co]: ...
+    @overload
+    def __get__(
+        self, owner: None, kind: type[AsyncSender]
+    ) -> Callable[Concatenate[AsyncSender, P], AsyncT_co]: ...
+    @overload
+    def __get__(self, owner: Sender, kind: type[Sender]) -> Callable[P, T_co]: ...
+    @overload
+    def __get__(
+        self, owner: AsyncSender, kind: type[AsyncSender]
+    ) -> Callable[P, AsyncT_co]: ...
+    def __get__(
+        self, owner: Sender | AsyncSender | None, kind: type
+    ) -> Callable[..., object]:
+        # What a function does as an attribute, so that `help` shows one.
+        return self._function if owner is None else MethodType(self._function, owner)
+
+
+def endpoint(
+    describe: Callable[Concatenate[Any, P], Call[T]],
+) -> ClientMethod[P, T, Awaitable[T]]:
+    """Make a method of clients that sends the call which the function describes.
+
+    The function is written as a method, of any class that clients inherit; it makes no
+    use of the client.
+    """
+
+    @wraps(describe)
+    def send(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return client._send(describe(client, *args, **kwargs))
+
+    described = describe.__annotations__["return"]
+    _annotate_result(describe, described.removeprefix("Call[").removesuffix("]"))
+    return ClientMethod(send)
+
+
+def listing(
+    describe: Callable[Concatenate[Any, P], Listing[T]],
+) -> ClientMethod[P, Iterator[T], AsyncIterator[T]]:
+    """Make a method of clients that iterates over the list which is described."""
+
+    @wraps(describe)
+    def pages(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
+        return client._pages(describe(client, *args, **kwargs))
+
+    described = describe.__annotations__["return"]
+    _annotate_result(describe, described.replace("Listing[", "Iterator[", 1))
+    return ClientMethod(pages)
+
+
+def _annotate_result(describe: Callable[..., object], result: str) -> None:
+    # `help` and `inspect.signature` find it behind the method: see `wraps`.
+    describe.__annotations__["return"] = result
+
+
+def result(kind: Kind[T]) -> Read[T]:
+    """Reads the JSON object of an answer as an object of a class."""
+    return answer(kind.read)
+
+
+def answer(read: Callable[[Json], T]) -> Read[T]:
+    """Reads the JSON object of an answer by a function, as `Kind.read` does it."""
+    return lambda response: read_object(read, body_of(response), response)
+
+
+def content(response: httpx.Response) -> bytes:
+    """Reads an answer that is a file."""
+    return response.content
+
+
+def nothing(_: httpx.Response) -> None:
+    """Reads an answer that says no more than that it is a success."""
+
+
+def read_object(read: Callable[[Json], T], raw: Json, response: httpx.Response) -> T:
+    """What `read` makes of a part of an answer; UnexpectedAnswer if it cannot."""
+    try:
+        return read(raw)
+    except (LookupError, ValueError, TypeError, AttributeError) as exc:
+        raise unexpected(response, f"cannot be read: {exc}") from exc
+
+
+def body_of(response: httpx.Response) -> Json:
+    """The JSON object of an answer; UnexpectedAnswer if it is none."""
+    body = json_object(response)
+    if body is None:
+        raise unexpected(response, "is not a JSON object")
+    return body
+
+
+def query_of(params: Params) -> dict[str, str | list[str]]:
+    """The parameters as a query has them: without None, each value as text."""
+    query: dict[str, str | list[str]] = {}
+    for key, value in params.items():
+        if isinstance(value, list | tuple):
+            query[key] = [_text(one) for one in value]
+        elif value is not None:
+            query[key] = _text(value)
+    return query
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

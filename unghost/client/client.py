@@ -1,0 +1,111 @@
+"""The client: sends the calls of the API, turns pages, follows jobs, pushes frames."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Iterator
+from types import TracebackType
+from typing import Final, TypeVar
+
+import httpx
+
+from unghost.client.api import READINESS, Api, dataset_path
+from unghost.client.call import Call, Listing
+from unghost.client.discovery import find_server
+from unghost.client.errors import Unavailable
+from unghost.client.jobs import JobMethods
+from unghost.client.outgoing import NotSent, Outcome, OutgoingFrame
+from unghost.client.push import Upload
+from unghost.client.transport import DEFAULT_TIMEOUT, RetryPolicy, Transport
+
+T = TypeVar("T")
+ClientT = TypeVar("ClientT", bound="Client")
+
+_DEFAULT_RETRY: Final = RetryPolicy()
+
+
+class Client(Api, JobMethods):
+    """A connection to an Unghost server.
+
+    Without arguments it talks to the server of `UNGHOST_SERVER`, else the one on this
+    machine, and finds that one's token by itself. Safe to use from many threads.
+
+        with Client() as client:
+            for box in client.boxes("town10", verdict="rejected"):
+                print(box.frame, box.id, box.explanation)
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        token: str | None = None,
+        *,
+        timeout: float | httpx.Timeout = DEFAULT_TIMEOUT,
+        retry: RetryPolicy = _DEFAULT_RETRY,
+    ) -> None:
+        server = find_server(url, token)
+        self.url = server.url
+        self.token = server.token
+        self._transport = Transport(server, timeout=timeout, retry=retry)
+
+    def __repr__(self) -> str:
+        # Without the token: representations end in logs.
+        return f"Client({self.url!r})"
+
+    def __enter__(self: ClientT) -> ClientT:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._transport.close()
+
+    def ready(self) -> bool:
+        """Whether the server can take work now; asks once."""
+        try:
+            self._send(READINESS)
+        except Unavailable:
+            return False
+        return True
+
+    def push(
+        self,
+        dataset: str,
+        frames: Iterable[OutgoingFrame | NotSent],
+        *,
+        replace: bool = False,
+        connections: int = 2,
+    ) -> Generator[Outcome, None, None]:
+        """Store many frames; yields what became of each, as it is known, in any order.
+
+        Frames travel in batches, and their files go from the disk to the server without
+        being held in memory. What the server has already is not sent; what it refuses
+        is an outcome (`NotSent`) and no error. A connection that breaks is made again,
+        and frames without an answer are sent once more. Stopping early, by closing the
+        iterator, sends nothing more.
+
+            frames = (OutgoingFrame(p.stem, boxes_of(p), {"image": p}) for p in paths)
+            for outcome in client.push("town10", frames):
+                print(outcome.key, outcome.word)
+        """
+        upload = Upload(self._transport, dataset_path(dataset), replace, connections)
+        return upload.send(frames)
+
+    def _send(self, call: Call[T]) -> T:
+        return self._transport.send(call)
+
+    def _pages(self, listing: Listing[T]) -> Iterator[T]:
+        """Every item of a list, page by page as they are reached."""
+        cursor: str | None = None
+        while True:
+            page = self._send(listing.page(cursor))
+            yield from page.items
+            cursor = page.next_cursor
+            if cursor is None:
+                return

@@ -1,0 +1,255 @@
+"""Where the server is, and the token of a server on this machine.
+
+A token that was found in a file is only ever given to a server on this machine: it
+opens that server and is no business of any other, nor of another user's program that
+took the port of a server that has ended.
+
+So before a token from a file is sent, the users whose programs listen at the address
+are compared with the file's owner. Linux tells who they are; other systems do not, and
+nothing is compared there.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import httpx
+
+DEFAULT_URL: Final = "http://127.0.0.1:8000"
+
+DEFAULT_DATA: Final = Path("unghost-data")
+
+_DEFAULT_PORT: Final = {"http": 80, "https": 443}
+
+_ROOT: Final = 0
+
+
+@dataclass(frozen=True)
+class TokenFile:
+    """Where a token was found, and the user whose file it is."""
+
+    path: Path
+    owner: int
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server's address, and the token to show there (None: none was found).
+
+    `token_file` is where the token was found; None if it was given.
+    """
+
+    url: str
+    token: str | None
+    token_file: TokenFile | None = None
+
+
+class BadServerUrl(ValueError):
+    """An address that is not http://HOST[:PORT] or https://HOST[:PORT]."""
+
+
+class ForeignServer(Exception):
+    """Another user listens where the server of a token that was found should be."""
+
+
+def find_server(
+    url: str | None = None,
+    token: str | None = None,
+    *,
+    environ: Mapping[str, str] | None = None,
+) -> Server:
+    """The server to talk to, from what was said, the environment and local files.
+
+    The token is the first of: the one given, `UNGHOST_TOKEN`, the `token` file in the
+    folder `UNGHOST_DATA`, what `unghost serve` noted for just this address, the `token`
+    file in `./unghost-data`. ForeignServer if it is from a file, and somebody else than
+    that file's owner listens at the address.
+    """
+    env = os.environ if environ is None else environ
+    address = _checked(url or env.get("UNGHOST_SERVER") or DEFAULT_URL)
+    said = token or env.get("UNGHOST_TOKEN")
+    if said:
+        return Server(address, said.strip())
+    server = _local_server(address, env)
+    refuse_foreign(server)
+    return server
+
+
+def refuse_foreign(server: Server) -> None:
+    """ForeignServer if a token from a file would go to somebody else than its owner."""
+    file = server.token_file
+    if file is None:
+        return
+    parsed = httpx.URL(server.url)
+    port = parsed.port or _DEFAULT_PORT[parsed.scheme]
+    # Root may be the proxy of a container, or have opened the port for a service.
+    foreign = listening_uids(parsed.host, port) - {file.owner, _ROOT}
+    if foreign:
+        raise ForeignServer(
+            f"user {min(foreign)} listens at {server.url}, but {file.path} belongs to "
+            f"user {file.owner}: its token was not sent. If this is your server, give "
+            "the token as UNGHOST_TOKEN; if not, start yours again, on another port "
+            "while this one is taken."
+        )
+
+
+def server_note(url: str, environ: Mapping[str, str] | None = None) -> Path:
+    """The file in which `unghost serve` notes its token file, one per address."""
+    env = os.environ if environ is None else environ
+    parsed = httpx.URL(url)
+    port = parsed.port or _DEFAULT_PORT[parsed.scheme]
+    host = "127.0.0.1" if parsed.host == "localhost" else parsed.host
+    return state_folder(env) / "servers" / f"{host}_{port}.json"
+
+
+def state_folder(env: Mapping[str, str]) -> Path:
+    """Where commands of this person leave what others of theirs find."""
+    state = env.get("XDG_STATE_HOME") or Path(_home(env), ".local", "state")
+    return Path(state, "unghost")
+
+
+def _home(env: Mapping[str, str]) -> Path:
+    home = env.get("HOME")
+    return Path(home) if home else Path.home()
+
+
+def _checked(url: str) -> str:
+    try:
+        parsed = httpx.URL(url)
+    except httpx.InvalidURL as exc:
+        raise BadServerUrl(f"{url!r} is not the address of a server: {exc}") from exc
+    if parsed.scheme not in _DEFAULT_PORT or not parsed.host:
+        raise BadServerUrl(
+            f"{url!r} is not the address of a server, such as {DEFAULT_URL}"
+        )
+    return url.rstrip("/")
+
+
+def _local_server(url: str, env: Mapping[str, str]) -> Server:
+    if not is_local(httpx.URL(url).host):
+        return Server(url, None)
+    said = env.get("UNGHOST_DATA")
+    files = [
+        Path(said, "token") if said else None,
+        _noted_token_file(server_note(url, env)),
+        # Only a guess: the server may have been started with another folder.
+        DEFAULT_DATA / "token",
+    ]
+    found = (_server(url, file) for file in files if file is not None)
+    return next((server for server in found if server.token), Server(url, None))
+
+
+def _server(url: str, file: Path) -> Server:
+    # Absent, or another person's: then it is not for us.
+    try:
+        with file.open(encoding="utf-8") as opened:
+            token = opened.read().strip()
+            owner = os.fstat(opened.fileno()).st_uid
+    except (OSError, UnicodeDecodeError):
+        return Server(url, None)
+    return Server(url, token, TokenFile(file, owner))
+
+
+def is_local(host: str) -> bool:
+    """Whether a host name or address is this machine itself."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _noted_token_file(note: Path) -> Path | None:
+    text = _read(note)
+    try:
+        noted = json.loads(text) if text else None
+    except ValueError:
+        return None
+    file = noted.get("token_file") if isinstance(noted, dict) else None
+    return Path(file) if isinstance(file, str) else None
+
+
+def _read(file: Path) -> str | None:
+    # Absent, or another person's: then it is not for us.
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+_TABLES: Final = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+
+_LISTEN: Final = "0A"
+
+_ANY: Final = {4: ipaddress.ip_address("0.0.0.0"), 6: ipaddress.ip_address("::")}
+
+_LOCALHOST: Final = ("127.0.0.1", "::1")
+
+Address = ipaddress.IPv4Address | ipaddress.IPv6Address
+
+
+@dataclass(frozen=True)
+class _Listener:
+    address: Address
+    port: int
+    uid: int
+
+
+def listening_uids(host: str, port: int) -> frozenset[int]:
+    """The users whose programs a connection to this loopback address could reach.
+
+    Empty where nobody listens in this network namespace, and on other systems.
+    """
+    if sys.platform != "linux":
+        return frozenset()
+    there = [one for one in _listeners() if one.port == port]
+    # Which of its addresses `localhost` becomes is decided later: all count.
+    names = _LOCALHOST if host == "localhost" else (host,)
+    return frozenset(uid for name in names for uid in _reached(_plain(name), there))
+
+
+def _reached(address: Address, there: list[_Listener]) -> set[int]:
+    found = {
+        one.uid for one in there if one.address in (address, _ANY[address.version])
+    }
+    if not found and address.version == 4:
+        # A socket of IPv6 takes connections of IPv4 that no other one takes.
+        found = {one.uid for one in there if one.address == _ANY[6]}
+    return found
+
+
+def _listeners() -> Iterator[_Listener]:
+    for table in _TABLES:
+        try:
+            lines = table.read_text("ascii").splitlines()[1:]
+        except OSError:
+            continue
+        for line in lines:
+            fields = line.split()
+            if fields[3] == _LISTEN:
+                address, port = fields[1].split(":")
+                yield _Listener(_decoded(address), int(port, 16), int(fields[7]))
+
+
+def _decoded(digits: str) -> Address:
+    # Words of 32 bits, each in the order of bytes of this machine.
+    words = (int(digits[at : at + 8], 16) for at in range(0, len(digits), 8))
+    packed = b"".join(word.to_bytes(4, sys.byteorder) for word in words)
+    return _unmapped(ipaddress.ip_address(packed))
+
+
+def _plain(host: str) -> Address:
+    return _unmapped(ipaddress.ip_address(host))
+
+
+def _unmapped(address: Address) -> Address:
+    mapped = address.ipv4_mapped if address.version == 6 else None
+    return mapped or address

@@ -1,0 +1,237 @@
+"""One HTTP connection whose answer is read while the request is still being sent.
+
+httpx reads an answer only when it has sent everything. Here a body goes from files to
+the socket in large chunks, and h11 does what HTTP asks for around it.
+"""
+
+from __future__ import annotations
+
+import socket
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import h11
+import httpx
+
+from unghost.client.errors import error_of
+from unghost.client.outgoing import FilePiece, Piece
+from unghost.client.transport import Endpoint
+
+_CONTINUE_S: Final = 5.0
+"""How long to wait for a word before the body; a proxy may keep it to itself."""
+
+_CHUNK_BYTES: Final = 1 << 18
+
+_NOTHING_THERE: Final = (BlockingIOError, ssl.SSLWantReadError)
+
+
+class FileChanged(Exception):
+    """A file is not what it was when the length of the request was said."""
+
+
+@dataclass(frozen=True)
+class _Announced:
+    """So many bytes, which go past h11: it only has to count them."""
+
+    size: int
+
+    def __len__(self) -> int:
+        return self.size
+
+
+class Duplex:
+    """A connection that is opened when it is needed, and kept for the next request.
+
+    For one thread; `abort` may be called from any.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._endpoint = endpoint
+        self._socket: socket.socket | None = None
+        self._http = h11.Connection(our_role=h11.CLIENT)
+        self._rest = b""
+        self._answered = self._aborted = False
+        self._buffer = bytearray(_CHUNK_BYTES)
+
+    def begin(self, media_type: str, size: int) -> None:
+        """Announce a POST of `size` bytes, and wait until the server wants them.
+
+        Raises
+        ------
+        OSError
+            No connection.
+        ApiError
+            The server refused before it had read anything.
+        """
+        sock = self._connected()
+        self._rest, self._answered = b"", False
+        endpoint = self._endpoint
+        headers = {
+            "Host": endpoint.url.netloc.decode("ascii"),
+            **endpoint.headers,
+            "Content-Type": media_type,
+            "Content-Length": str(size),
+            "Expect": "100-continue",
+        }
+        request = h11.Request(
+            method="POST", target=endpoint.url.raw_path, headers=list(headers.items())
+        )
+        head = self._http.send(request)
+        body: Any = _Announced(size)
+        self._http.send_with_data_passthrough(h11.Data(data=body))
+        self._http.send(h11.EndOfMessage())
+        sock.sendall(head)
+        self._await_go_ahead(sock)
+
+    def send(self, piece: Piece) -> None:
+        """The next piece of the body.
+
+        Raises
+        ------
+        OSError
+            The connection is gone; what was answered before can still be read.
+        FileChanged
+        """
+        sock = self._open_socket()
+        if isinstance(piece, FilePiece):
+            self._send_file(sock, piece)
+        elif piece:
+            sock.sendall(piece)
+
+    def lines(self, *, wait: bool) -> Iterator[bytes]:
+        """Whole lines of the answer: those that are there, or all of them.
+
+        Raises
+        ------
+        OSError, h11.RemoteProtocolError
+            The connection was cut before the answer's end.
+        ApiError
+            The answer is not a 200.
+        """
+        while not self._answered:
+            event = self._http.next_event()
+            if event is h11.NEED_DATA:
+                data = self._receive(wait=wait)
+                if data is None:
+                    return
+                self._http.receive_data(data)
+            elif isinstance(event, h11.Response) and event.status_code != 200:
+                self._raise_refusal(event)
+            elif isinstance(event, h11.Data):
+                *whole, self._rest = (self._rest + event.data).split(b"\n")
+                yield from whole
+            elif isinstance(event, h11.EndOfMessage):
+                self._answered = True
+
+    def end(self, *, sent: bool) -> None:
+        """The request is over; what was not `sent` ends the connection with it."""
+        # Their state is another one if the server wants to close the connection.
+        if sent and self._answered and self._http.their_state is h11.DONE:
+            self._http.start_next_cycle()
+        else:
+            self.close()
+
+    def abort(self) -> None:
+        """End the connection for good, also under a thread that is using it."""
+        self._aborted = True
+        self.close()
+
+    def close(self) -> None:
+        """End the connection; the next request opens another."""
+        sock, self._socket = self._socket, None
+        if sock is None:
+            return
+        try:
+            sock.shutdown(socket.SHUT_RDWR)
+        except OSError:  # gone already
+            pass
+        finally:
+            sock.close()
+
+    def _connected(self) -> socket.socket:
+        if self._socket is None:
+            self._http = h11.Connection(our_role=h11.CLIENT)
+            self._socket = self._connect()
+        sock = self._socket
+        if self._aborted:
+            self.close()
+            raise ConnectionAbortedError("the upload was stopped")
+        return sock
+
+    def _connect(self) -> socket.socket:
+        self._endpoint.check()
+        url = self._endpoint.url
+        secure = url.scheme == "https"
+        port = url.port or (443 if secure else 80)
+        sock = socket.create_connection(
+            (url.host, port), self._endpoint.timeout.connect
+        )
+        sock.settimeout(self._endpoint.timeout.read)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if not secure:
+            return sock
+        return self._endpoint.tls().wrap_socket(sock, server_hostname=url.host)
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise ConnectionError("the connection was closed")
+        return self._socket
+
+    def _await_go_ahead(self, sock: socket.socket) -> None:
+        sock.settimeout(_CONTINUE_S)
+        try:
+            event = self._http.next_event()
+            while event is h11.NEED_DATA:
+                self._http.receive_data(sock.recv(_CHUNK_BYTES))
+                event = self._http.next_event()
+        except TimeoutError:
+            return
+        finally:
+            sock.settimeout(self._endpoint.timeout.read)
+        if isinstance(event, h11.Response) and event.status_code != 200:
+            self._raise_refusal(event)
+
+    def _send_file(self, sock: socket.socket, piece: FilePiece) -> None:
+        view, left = memoryview(self._buffer), piece.size
+        try:
+            file = piece.path.open("rb", buffering=0)
+        except OSError as error:
+            raise FileChanged(f"{piece.path.name}: {error.strerror}") from error
+        with file:
+            while left:
+                count = file.readinto(view[: min(left, _CHUNK_BYTES)])
+                if not count:
+                    raise FileChanged(f"{piece.path.name} shrank while it was sent")
+                sock.sendall(view[:count])
+                left -= count
+
+    def _receive(self, *, wait: bool) -> bytes | None:
+        """Bytes of the answer, b"" at its end; None if there are none now."""
+        sock = self._open_socket()
+        if wait:
+            return sock.recv(_CHUNK_BYTES)
+        sock.settimeout(0)
+        try:
+            return sock.recv(_CHUNK_BYTES)
+        except _NOTHING_THERE:
+            return None
+        finally:
+            sock.settimeout(self._endpoint.timeout.read)
+
+    def _raise_refusal(self, refusal: h11.Response) -> None:
+        content = b""
+        while not isinstance(event := self._http.next_event(), h11.EndOfMessage):
+            if event is h11.NEED_DATA:
+                self._http.receive_data(self._receive(wait=True) or b"")
+            elif isinstance(event, h11.Data):
+                content += event.data
+        raise error_of(
+            httpx.Response(
+                refusal.status_code,
+                headers=list(refusal.headers),
+                content=content,
+                request=httpx.Request("POST", self._endpoint.url),
+            )
+        )

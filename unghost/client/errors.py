@@ -1,0 +1,227 @@
+"""What a call to the server can raise, as one tree.
+
+ApiError                the server answered, and the answer is not a success
+|-- BadRequest          400: a parameter that the server does not know
+|-- Unauthorized        401: no token, or one that the server does not know
+|-- Forbidden           403: the token's role does not allow it
+|-- NotFound            404
+|-- Conflict            409: other content under the same name, or the wrong state
+|   `-- StaleReview     412: someone changed it meanwhile; `current` says how
+|-- TooLarge            413
+|-- Invalid             422 and 415: `errors` lists the faults
+|-- Unavailable         408, 429, 502, 503, 504: try again later
+|-- ServerFault         500
+`-- UnexpectedAnswer    an answer that is not Unghost's
+RunFailed               a run or an export that was waited for did not succeed
+DamagedDownload         the bytes that came are not those that were promised
+
+No answer at all is `httpx.TransportError`, which is passed on untouched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from email.utils import parsedate_to_datetime
+from typing import Any, TypeAlias
+
+import httpx
+
+Json: TypeAlias = Mapping[str, Any]
+"""A JSON object as it came."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a request: where (a JSON pointer), which, and what to do."""
+
+    pointer: str
+    code: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.pointer}: {self.detail}" if self.pointer else self.detail
+
+
+class ApiError(Exception):
+    """The server answered, and the answer is not a success.
+
+    `code` is stable and for programs, `detail` is for people, `errors` are the single
+    faults, the first hundred of them, and `more_errors` is how many there are beside
+    these, `request_id` finds the request in the server's log, `retry_after_s` is how
+    long to wait if the server said so.
+    """
+
+    def __init__(
+        self,
+        status: int,
+        problem: Json,
+        retry_after_s: float | None = None,
+    ) -> None:
+        self.status = status
+        self.problem = dict(problem)
+        self.code = str(problem.get("code") or "unknown")
+        self.detail = str(problem.get("detail") or problem.get("title") or status)
+        self.request_id = problem.get("request_id")
+        self.retry_after_s = retry_after_s
+        self.errors = tuple(_faults(problem.get("errors")))
+        more = problem.get("more_errors")
+        self.more_errors = more if isinstance(more, int) else 0
+        super().__init__(self.detail)
+
+
+class BadRequest(ApiError):
+    """400: the request names something that the server does not know."""
+
+
+class Unauthorized(ApiError):
+    """401: no token, or one that the server does not know."""
+
+
+class Forbidden(ApiError):
+    """403: the token's role does not allow it."""
+
+
+class NotFound(ApiError):
+    """404: there is no such thing."""
+
+
+class Conflict(ApiError):
+    """409: other content under the same name, or the wrong state."""
+
+
+class StaleReview(Conflict):
+    """412: someone answered meanwhile; `current` is what is there now.
+
+    That is the decision of the box; of a selection of boxes, `total` and `snapshot`.
+    """
+
+    @property
+    def current(self) -> Json | None:
+        """What the server has now; None if it did not say."""
+        current = self.problem.get("current")
+        return current if isinstance(current, Mapping) else None
+
+
+class TooLarge(ApiError):
+    """413: more bytes than the server takes."""
+
+
+class Invalid(ApiError):
+    """422 or 415: the content cannot be used; `errors` lists the faults."""
+
+
+class Unavailable(ApiError):
+    """408, 429, 502, 503 or 504: the server cannot answer now."""
+
+
+class ServerFault(ApiError):
+    """500: the server failed; its log has the request id."""
+
+
+class UnexpectedAnswer(ApiError):
+    """An answer that is not Unghost's: another server, or a proxy's own page."""
+
+
+class RunFailed(Exception):
+    """A run or an export that was waited for failed or was cancelled."""
+
+
+class DamagedDownload(Exception):
+    """The downloaded bytes are not those that the server promised."""
+
+
+_BY_STATUS: dict[int, type[ApiError]] = {
+    400: BadRequest,
+    401: Unauthorized,
+    403: Forbidden,
+    404: NotFound,
+    408: Unavailable,
+    409: Conflict,
+    412: StaleReview,
+    413: TooLarge,
+    415: Invalid,
+    422: Invalid,
+    429: Unavailable,
+    500: ServerFault,
+    502: Unavailable,
+    503: Unavailable,
+    504: Unavailable,
+}
+
+
+def error_of(response: httpx.Response) -> ApiError:
+    """The exception that a response which is not 2xx stands for; its body is read."""
+    problem = json_object(response)
+    kind = _BY_STATUS.get(response.status_code, ApiError)
+    wait_s = retry_after_s(response.headers.get("Retry-After"))
+    if problem is not None and "code" in problem:
+        return kind(response.status_code, problem, wait_s)
+    # Without a problem body somebody else answered: a proxy, another program.
+    if kind is not Unavailable:
+        kind = UnexpectedAnswer
+    detail = f"{response.url.copy_with(query=None)} answered {response.status_code}"
+    return kind(
+        response.status_code,
+        {"code": "unexpected_answer", "detail": f"{detail} without saying why"},
+        wait_s,
+    )
+
+
+def error_of_problem(problem: Json) -> ApiError:
+    """The exception that a problem inside an answer stands for."""
+    status = problem.get("status")
+    status = status if isinstance(status, int) else 500
+    return _BY_STATUS.get(status, ApiError)(status, problem)
+
+
+def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:
+    """The exception for a 2xx that does not say what it should."""
+    where = response.url.copy_with(query=None)
+    problem = {"code": "unexpected_answer", "detail": f"the answer of {where} {why}"}
+    return UnexpectedAnswer(response.status_code, problem)
+
+
+def run_failed(what: str, state: str, error: Json | None) -> RunFailed:
+    """The exception for work on the server that ended in another state than done."""
+    why = "" if error is None else f": {error.get('detail') or error}"
+    return RunFailed(f"{what} is {state}{why}")
+
+
+def json_object(response: httpx.Response) -> Json | None:
+    """The body as a JSON object, or None if it is anything else."""
+    try:
+        body = response.json()
+    except ValueError:
+        return None
+    return body if isinstance(body, dict) else None
+
+
+def _faults(errors: object) -> list[Fault]:
+    if not isinstance(errors, list):
+        return []
+    return [
+        Fault(
+            pointer=str(error.get("pointer") or ""),
+            code=str(error.get("code") or "invalid"),
+            detail=str(error.get("detail") or ""),
+        )
+        for error in errors
+        if isinstance(error, Mapping)
+    ]
+
+
+def retry_after_s(header: str | None, now: datetime | None = None) -> float | None:
+    """Seconds of a `Retry-After` header: a number or an HTTP date; else None."""
+    if header is None:
+        return None
+    if header.strip().isdigit():
+        return float(header)
+    try:
+        when = parsedate_to_datetime(header)
+    except ValueError:
+        return None
+    if when.tzinfo is None:
+        when = when.replace(tzinfo=timezone.utc)
+    return max(0.0, (when - (now or datetime.now(timezone.utc))).total_seconds())

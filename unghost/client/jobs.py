@@ -1,0 +1,328 @@
+"""Runs and exports followed to their end, and the file of an export fetched.
+
+A job is followed by its events, which the server sends as they happen; where these
+cannot be had, it is asked for now and then. A file is resumed where its download was
+interrupted, and checked before it appears.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+
+import httpx
+
+from unghost import wire
+from unghost.client.api import export_path, id_of, run_path
+from unghost.client.call import PATIENCE, Call, Kind, read_object, result
+from unghost.client.errors import (
+    BadRequest,
+    DamagedDownload,
+    Json,
+    NotFound,
+    Unavailable,
+    run_failed,
+)
+from unghost.client.transport import Attempts, Transport
+
+_FIRST_POLL_S: Final = 0.05
+_LONGEST_POLL_S: Final = 2.0
+_CHUNK_BYTES: Final = 1 << 20
+
+
+class State(Protocol):
+    """What the server says about a job."""
+
+    @property
+    def state(self) -> str:
+        """A word, "done" after success."""
+        ...
+
+    @property
+    def finished(self) -> bool:
+        """Nothing more will happen to it."""
+        ...
+
+    @property
+    def error(self) -> Json | None:
+        """Why it failed, as a problem."""
+        ...
+
+
+StateT = TypeVar("StateT", bound=State)
+
+Progress: TypeAlias = Callable[[StateT], object]
+
+
+class JobMethods:
+    """The methods of a client that follow runs and exports, and fetch files."""
+
+    _transport: Transport
+
+    def events(self, run: wire.Run | int) -> Iterator[wire.Run]:
+        """A run each time that it changes, until it is over.
+
+        A stream that breaks off is taken up where it was.
+        """
+        return self._run(run).events()
+
+    def wait(
+        self,
+        run: wire.Run | int,
+        *,
+        progress: Callable[[wire.Run], object] | None = None,
+        timeout_s: float | None = None,
+    ) -> wire.Run:
+        """The run when it is done; `progress` is called with each state on the way.
+
+        Raises
+        ------
+        RunFailed
+            It failed or was cancelled.
+        TimeoutError
+            It was not finished after `timeout_s`; it goes on.
+        """
+        return self._run(run).done(progress, timeout_s)
+
+    def export_events(self, export: wire.Export | int) -> Iterator[wire.Export]:
+        """An export each time that it changes, until it is over.
+
+        A stream that breaks off is taken up where it was.
+        """
+        return self._export(export).events()
+
+    def wait_for_export(
+        self,
+        export: wire.Export | int,
+        *,
+        progress: Callable[[wire.Export], object] | None = None,
+        timeout_s: float | None = None,
+    ) -> wire.Export:
+        """The export when it is done; raises as `wait` does for a run."""
+        return self._export(export).done(progress, timeout_s)
+
+    def download(
+        self,
+        export: wire.Export,
+        path: str | PathLike[str],
+        *,
+        progress: Callable[[int, int | None], object] | None = None,
+    ) -> Path:
+        """Fetch a finished export to `path`, which appears whole or not at all.
+
+        An interrupted download goes on where it stopped when it is asked for again.
+        """
+        url = export.download or f"{export_path(export)}/download"
+        download = _Download(
+            self._transport, url, Path(path), export.sha256, export.size_bytes
+        )
+        return download.fetch(progress or _ignore)
+
+    def _run(self, run: wire.Run | int) -> _Job[wire.Run]:
+        run_id = id_of(run)
+        name, path = f"run {run_id}", run_path(run_id)
+        return _Job(self._transport, name, path, wire.Run)
+
+    def _export(self, export: wire.Export | int) -> _Job[wire.Export]:
+        export_id = id_of(export)
+        name, path = f"export {export_id}", export_path(export_id)
+        return _Job(self._transport, name, path, wire.Export)
+
+
+@dataclass(frozen=True)
+class _Job(Generic[StateT]):
+    """A job of the server: its name for people, its path, and what its state is."""
+
+    transport: Transport
+    name: str
+    path: str
+    kind: Kind[StateT]
+
+    def done(
+        self, progress: Progress[StateT] | None, timeout_s: float | None
+    ) -> StateT:
+        """Its state when it is done; RunFailed, TimeoutError."""
+        progress = progress or _ignore
+        followed = self._followed(progress) if timeout_s is None else None
+        ended = followed or self._polled(progress, timeout_s)
+        if ended.state != "done":
+            raise run_failed(self.name, ended.state, ended.error)
+        return ended
+
+    def events(self) -> Iterator[StateT]:
+        """Its state each time that it changes, until it is over."""
+        attempts = Attempts(self.transport.retry)
+        last_id = ""
+        while True:
+            moved_on = False
+            error: httpx.TransportError
+            try:
+                with self.transport.stream(self._stream(last_id)) as response:
+                    if response.status_code == httpx.codes.NO_CONTENT:
+                        return
+                    for event in _events_of(response.iter_lines()):
+                        if event.name == "end":
+                            return
+                        last_id, moved_on = event.id, True
+                        state = json.loads(event.data)
+                        yield read_object(self.kind.read, state, response)
+                error = httpx.RemoteProtocolError("the events have no end")
+            except httpx.TransportError as broken:
+                error = broken
+            if not self.transport.pause(attempts.failed(error, moved_on=moved_on)):
+                raise error
+
+    def _stream(self, last_id: str) -> Call[httpx.Response]:
+        """The events after one of them; all if its id is empty."""
+        headers = {"Accept": "text/event-stream"}
+        if last_id:
+            headers["Last-Event-ID"] = last_id
+        return Call("GET", f"{self.path}/events", _itself, headers=headers)
+
+    def _followed(self, progress: Progress[StateT]) -> StateT | None:
+        """Its state at the end, by its events; None if they cannot be had."""
+        try:
+            for state in self.events():
+                progress(state)
+                if state.finished:
+                    return state
+        except (BadRequest, NotFound, Unavailable, httpx.TransportError):
+            # No such stream, none to spare, or a proxy between: asking still works.
+            return None
+        return None
+
+    def _polled(self, progress: Progress[StateT], timeout_s: float | None) -> StateT:
+        """Its state at the end, asked for ever more rarely; TimeoutError."""
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        pause_s = _FIRST_POLL_S
+        call = Call("GET", self.path, result(self.kind), patience=PATIENCE)
+        while True:
+            state = self.transport.send(call)
+            progress(state)
+            if state.finished:
+                return state
+            if deadline is not None and time.monotonic() + pause_s > deadline:
+                raise TimeoutError(f"not finished after {timeout_s:g} s")
+            self.transport.pause(pause_s)
+            pause_s = min(_LONGEST_POLL_S, pause_s * 1.5)
+
+
+class _Event(NamedTuple):
+    """A server-sent event; `id` is what to show to go on after it."""
+
+    name: str
+    id: str
+    data: str
+
+
+def _events_of(lines: Iterable[str]) -> Iterator[_Event]:
+    """Events from the lines of a stream; one without its empty line did not come.
+
+    Only what the server makes use of is understood: no comments, no `retry`.
+    """
+    name, number, data = "message", "", list[str]()
+    for line in lines:
+        if not line:
+            if data:
+                yield _Event(name, number, "\n".join(data))
+            name, data = "message", []
+            continue
+        key, _, value = line.partition(":")
+        value = value.removeprefix(" ")
+        if key == "event":
+            name = value
+        elif key == "id":
+            number = value
+        elif key == "data":
+            data.append(value)
+
+
+@dataclass(frozen=True)
+class _Download:
+    """A file to fetch: from where, to where, and what it must be (None: not known)."""
+
+    transport: Transport
+    url: str
+    path: Path
+    sha256: str | None
+    size_bytes: int | None
+
+    @property
+    def partial(self) -> Path:
+        """The temporary file beside `path`; another content has another name."""
+        mark = (self.sha256 or "unknown")[:12]
+        return self.path.with_name(f"{self.path.name}.{mark}.part")
+
+    def fetch(self, progress: Callable[[int, int | None], object]) -> Path:
+        """Download the file; it appears at `path` whole or not at all.
+
+        Interrupted, it goes on where it stopped; it gives up when no more bytes come.
+        """
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        attempts = Attempts(self.transport.retry, PATIENCE)
+        while True:
+            before = self._bytes_there()
+            try:
+                self._continue(progress)
+                break
+            except (httpx.TransportError, Unavailable) as error:
+                moved_on = self._bytes_there() > before
+                if not self.transport.pause(attempts.failed(error, moved_on=moved_on)):
+                    raise
+        self._check()
+        self.partial.replace(self.path)
+        return self.path
+
+    def _bytes_there(self) -> int:
+        # Without a digest nothing proves that the rest would belong to what is there.
+        if self.sha256 is None or not self.partial.exists():
+            return 0
+        have = self.partial.stat().st_size
+        return have if self.size_bytes is None or have <= self.size_bytes else 0
+
+    def _continue(self, progress: Callable[[int, int | None], object]) -> None:
+        have = self._bytes_there()
+        if have and have == self.size_bytes:
+            return
+        headers = {"Accept-Encoding": "identity"}
+        if have:
+            headers["Range"] = f"bytes={have}-"
+        call = Call("GET", self.url, _itself, headers=headers)
+        with self.transport.stream(call) as response:
+            resumed = response.status_code == httpx.codes.PARTIAL_CONTENT
+            with self.partial.open("ab" if resumed else "wb") as file:
+                for chunk in response.iter_raw():
+                    file.write(chunk)
+                    progress(file.tell(), self.size_bytes)
+                file.flush()
+                os.fsync(file.fileno())
+
+    def _check(self) -> None:
+        if self.sha256 is None:
+            return
+        digest = hashlib.sha256()
+        with self.partial.open("rb") as file:
+            while chunk := file.read(_CHUNK_BYTES):
+                digest.update(chunk)
+        if digest.hexdigest() != self.sha256:
+            self.partial.unlink()
+            raise DamagedDownload(
+                f"{self.path.name}: got SHA-256 {digest.hexdigest()}, "
+                f"expected {self.sha256}; the download was dropped, fetch it again"
+            )
+
+
+def _itself(response: httpx.Response) -> httpx.Response:
+    """Reads an answer that comes as a stream, which is for who called."""
+    return response
+
+
+def _ignore(*_: object) -> None:
+    """Progress that nobody asked for."""

@@ -1,0 +1,247 @@
+"""A frame on its way to the server, in the forms in which it travels, and its outcome.
+
+By itself it travels as the parts of a form, among others as members of a tar archive.
+Nothing is sent from here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import stat
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias
+
+from unghost.client.call import Files
+from unghost.client.errors import ApiError, Json
+
+if TYPE_CHECKING:
+    from unghost.wire.datasets import VerdictCounts
+
+FileContent: TypeAlias = bytes | str | PathLike[str]
+"""Of a frame's file: its bytes, or where it lies."""
+
+Word: TypeAlias = Literal["stored", "already_there", "refused"]
+
+FILE_NAMES: Final = (
+    "image",
+    "segmentation",
+    "depth",
+    "instances",
+    "lidar",
+    "radar",
+    "ignore_mask",
+)
+
+# The server goes by the content, so no type is guessed here.
+_ANY_TYPE: Final = "application/octet-stream"
+
+_READ_BYTES: Final = 1 << 18
+
+_BLOCK: Final = 512
+
+END_OF_ARCHIVE: Final = bytes(2 * _BLOCK)
+
+
+@dataclass(frozen=True)
+class OutgoingFrame:
+    """A frame to be sent: its key, its annotation, and its files (paths or bytes)."""
+
+    key: str
+    annotation: Json
+    files: Mapping[str, FileContent] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.files:
+            checked_file_name(name)
+
+    def digest(self) -> str:
+        """Names the content, as the server's guide to the API defines it.
+
+        Raises
+        ------
+        OSError
+            A file cannot be read.
+        """
+        lines = [b"frame 1"]
+        for name, content in sorted(self.files.items()):
+            lines.append(f"{name} {_sha256(content)}".encode())
+        digest = hashlib.sha256(b"\n".join([*lines, canonical_json(self.annotation)]))
+        return digest.hexdigest()
+
+    def form(self) -> Files:
+        """The parts of a form: the annotation and the files, read whole.
+
+        Raises
+        ------
+        OSError
+            A file cannot be read.
+        """
+        annotation = json.dumps(dict(self.annotation)).encode()
+        form = {"annotation": ("annotation.json", annotation, "application/json")}
+        for name, content in self.files.items():
+            form[name] = (name, _bytes(content), _ANY_TYPE)
+        return form
+
+    def packed(self, name: str) -> PackedFrame:
+        """The members of an archive; nothing is read of the files but their sizes.
+
+        Parameters
+        ----------
+        name
+            What the members' names begin with: it ties them together.
+
+        Raises
+        ------
+        OSError
+            A file is not there, is none, or may not be read.
+        ValueError
+            The key is not text.
+        """
+        if not is_text(self.key):
+            raise ValueError("the key is not text: its file's name is not UTF-8")
+        annotation = canonical_json({**self.annotation, "key": self.key})
+        pieces = list(_member(f"{name}.json", annotation))
+        for kind, content in self.files.items():
+            pieces.extend(_member(f"{name}.{kind}", _piece(content)))
+        joined = tuple(_joined(pieces))
+        return PackedFrame(self, name, joined, sum(map(size_of, joined)))
+
+
+@dataclass(frozen=True)
+class FilePiece:
+    """All of a file, which had this size when the archive's length was announced."""
+
+    path: Path
+    size: int
+
+
+Piece: TypeAlias = bytes | FilePiece
+"""A part of an archive: in memory, or still on the disk."""
+
+
+@dataclass(frozen=True, eq=False)
+class PackedFrame:
+    """A frame as members of an archive: the annotation first, then the files.
+
+    `name` is what ties the members together there, `size` the bytes of all pieces.
+    """
+
+    frame: OutgoingFrame
+    name: str
+    pieces: tuple[Piece, ...]
+    size: int
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A frame that was sent, and that the server has; `counts` are its boxes'."""
+
+    key: str
+    frame_id: int
+    created: bool
+    counts: VerdictCounts
+
+    @property
+    def word(self) -> Word:
+        """What happened, in a word."""
+        return "stored" if self.created else "already_there"
+
+
+@dataclass(frozen=True)
+class AlreadyThere:
+    """A frame that was not sent, because the server has the very same one."""
+
+    key: str
+    frame_id: int
+    word: ClassVar[Word] = "already_there"
+
+
+@dataclass(frozen=True)
+class NotSent:
+    """A frame that the server refused, or that cannot be read here."""
+
+    key: str
+    error: ApiError | OSError | ValueError
+    word: ClassVar[Word] = "refused"
+
+
+Outcome: TypeAlias = Sent | AlreadyThere | NotSent
+
+
+def canonical_json(annotation: Json) -> bytes:
+    """The one way to write an annotation of this meaning."""
+    return json.dumps(annotation, sort_keys=True, separators=(",", ":")).encode()
+
+
+def checked_file_name(name: str) -> str:
+    """The name of a frame's file; TypeError if there is no such file."""
+    if name not in FILE_NAMES:
+        raise TypeError(f"{name!r} is not a file of a frame: {', '.join(FILE_NAMES)}")
+    return name
+
+
+def is_text(key: str) -> bool:
+    """Whether a key can be sent; the name of a file may be bytes that are no text."""
+    try:
+        key.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def size_of(piece: Piece) -> int:
+    """Bytes of a piece."""
+    return piece.size if isinstance(piece, FilePiece) else len(piece)
+
+
+def _bytes(content: FileContent) -> bytes:
+    return content if isinstance(content, bytes) else Path(content).read_bytes()
+
+
+def _sha256(content: FileContent) -> str:
+    if isinstance(content, bytes):
+        return hashlib.sha256(content).hexdigest()
+    digest = hashlib.sha256()
+    with Path(content).open("rb", buffering=0) as file:
+        while chunk := file.read(_READ_BYTES):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def _piece(content: FileContent) -> Piece:
+    if isinstance(content, bytes):
+        return content
+    path = Path(content)
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise IsADirectoryError(f"{path.name} is not a file")
+    if not os.access(path, os.R_OK):
+        raise PermissionError(f"{path.name} may not be read")
+    return FilePiece(path, found.st_size)
+
+
+def _member(name: str, content: Piece) -> Iterator[Piece]:
+    member = tarfile.TarInfo(name)
+    member.size = size_of(content)
+    yield member.tobuf(tarfile.USTAR_FORMAT)
+    yield content
+    yield bytes(-member.size % _BLOCK)
+
+
+def _joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """What is in memory between two files, as one piece: each is sent by itself."""
+    held: list[bytes] = []
+    for piece in pieces:
+        if isinstance(piece, bytes):
+            held.append(piece)
+        else:
+            yield b"".join(held)
+            yield piece
+            held = []
+    yield b"".join(held)

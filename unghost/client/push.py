@@ -1,0 +1,253 @@
+"""Many frames to a dataset at once: bounded in memory, safe to interrupt and to repeat.
+
+Frames that the dataset has already are left out: it is asked for their digests, by key.
+The others go in batches, on some connections at the same time; where batches cannot be
+sent, each goes in a request of its own.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from queue import Empty, SimpleQueue
+from typing import Final, TypeAlias, TypeVar
+
+from unghost.client.api import frame_stored, known_frames
+from unghost.client.batches import CONCERNS_ALL, BatchSender
+from unghost.client.errors import ApiError, NotFound
+from unghost.client.outgoing import (
+    AlreadyThere,
+    NotSent,
+    Outcome,
+    OutgoingFrame,
+    PackedFrame,
+    Sent,
+    is_text,
+)
+from unghost.client.transport import Transport
+
+_HASHING: Final = 2
+"""Threads: reading and hashing leave the interpreter to others."""
+
+_LOOKED_UP: Final = 250
+"""Frames that are asked about in one request."""
+
+_BATCH_FRAMES: Final = 200
+"""Well below what the buffers of a connection hold of the answer."""
+
+_BATCH_BYTES: Final = 256 << 20
+
+_LISTEN_S: Final = 0.5
+
+ItemT = TypeVar("ItemT")
+
+Batch: TypeAlias = Sequence[PackedFrame]
+
+
+@dataclass(frozen=True)
+class Upload:
+    """How to send frames: where to, and on how many connections at once.
+
+    `path` is the dataset's. `replace` makes changed frames new revisions instead of
+    conflicts.
+    """
+
+    transport: Transport
+    path: str
+    replace: bool = False
+    connections: int = 2
+
+    def send(
+        self, frames: Iterable[OutgoingFrame | NotSent]
+    ) -> Generator[Outcome, None, None]:
+        """Send frames; yields outcomes as they come, in any order.
+
+        What the server has already is not sent. What a reader could not read
+        (`NotSent`) is passed on. `frames` is consumed no faster than it is sent: memory
+        does not grow with it.
+        Stopping early sends nothing more. What concerns every frame (no access, no
+        such dataset, no server) is raised; what concerns one is its outcome.
+        """
+        with _Senders(self) as senders:
+            for batch in _batches(self._packed(frames)):
+                if isinstance(batch, AlreadyThere | NotSent):
+                    yield batch
+                else:
+                    senders.submit(batch)
+                yield from senders.outcomes(self.connections)
+            yield from senders.outcomes(0)
+
+    def _packed(
+        self, frames: Iterable[OutgoingFrame | NotSent]
+    ) -> Iterator[PackedFrame | AlreadyThere | NotSent]:
+        """Frames to be sent, packed, and outcomes of those that need not be."""
+        number = 0
+        for window in _windows(frames, _LOOKED_UP):
+            for frame in self._without_known(window):
+                if not isinstance(frame, OutgoingFrame):
+                    yield frame
+                    continue
+                try:
+                    yield frame.packed(f"{number:06}")
+                except (OSError, ValueError) as error:
+                    yield NotSent(frame.key, error)
+                number += 1
+
+    def _without_known(
+        self, frames: Sequence[OutgoingFrame | NotSent]
+    ) -> Iterator[OutgoingFrame | AlreadyThere | NotSent]:
+        """The same frames in their order; outcomes stand for those not to be sent.
+
+        Files are read only of frames whose key is there, to compare their content.
+        """
+        keys = [frame.key for frame in frames if _may_be_there(frame)]
+        known = self.transport.send(known_frames(self.path, keys)) if keys else {}
+        compared = (
+            frame
+            for frame in frames
+            if isinstance(frame, OutgoingFrame) and frame.key in known
+        )
+        digests = _digests(tuple(compared))
+        for frame in frames:
+            if isinstance(frame, NotSent) or frame.key not in known:
+                yield frame
+                continue
+            digest = next(digests)
+            there = known[frame.key]
+            if isinstance(digest, NotSent):
+                yield digest
+            elif digest == there.digest:
+                yield AlreadyThere(frame.key, there.frame_id)
+            else:
+                yield frame
+
+
+def _may_be_there(frame: OutgoingFrame | NotSent) -> bool:
+    # A file's name need not be text: such a key is refused when it is packed.
+    return isinstance(frame, OutgoingFrame) and is_text(frame.key)
+
+
+def _digests(frames: Sequence[OutgoingFrame]) -> Iterator[str | NotSent]:
+    if not frames:
+        return iter(())
+    with ThreadPoolExecutor(_HASHING, "compare") as pool:
+        return iter(list(pool.map(_digest, frames)))
+
+
+def _digest(frame: OutgoingFrame) -> str | NotSent:
+    try:
+        return frame.digest()
+    except OSError as error:
+        return NotSent(frame.key, error)
+
+
+class _Senders:
+    """Threads with a connection each, and the outcomes of what they send."""
+
+    def __init__(self, upload: Upload) -> None:
+        self._upload = upload
+        self._finished: SimpleQueue[Outcome | Future[None]] = SimpleQueue()
+        self._pool = ThreadPoolExecutor(upload.connections, "upload")
+        self._of_thread = threading.local()
+        self._all: list[BatchSender] = []
+        self._stopped = threading.Event()
+        self._under_way = 0
+        # A proxy would hold back the answer to a batch.
+        self._singly = upload.transport.behind_proxy
+
+    def __enter__(self) -> _Senders:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stopped.set()
+        for sender in tuple(self._all):
+            sender.close()
+        self._pool.shutdown(cancel_futures=True)
+
+    def submit(self, batch: Batch) -> None:
+        """Have a batch sent as soon as a connection is free."""
+        self._under_way += 1
+        self._pool.submit(self._send, batch).add_done_callback(self._finished.put)
+
+    def outcomes(self, most: int) -> Iterator[Outcome]:
+        """Outcomes so far; waits until at most so many batches are under way."""
+        while self._under_way > most or not self._finished.empty():
+            try:
+                # Not for ever: on Windows nothing else lets an interruption through.
+                finished = self._finished.get(timeout=_LISTEN_S)
+            except Empty:
+                continue
+            if isinstance(finished, Future):
+                self._under_way -= 1
+                finished.result()
+            else:
+                yield finished
+
+    def _send(self, batch: Batch) -> None:
+        try:
+            if not self._singly:
+                self._sender().send(batch, self._finished.put)
+                return
+        except NotFound:
+            # An older server. Or the dataset is gone, which every frame will say.
+            self._singly = True
+        for packed in batch:
+            if self._stopped.is_set():
+                return
+            self._finished.put(self._put(packed.frame))
+
+    def _put(self, frame: OutgoingFrame) -> Outcome:
+        """One request for one frame."""
+        upload = self._upload
+        try:
+            call = frame_stored(upload.path, frame, replace=upload.replace)
+            stored = upload.transport.send(call)
+        except CONCERNS_ALL:
+            raise
+        except (ApiError, OSError) as error:
+            return NotSent(frame.key, error)
+        return Sent(frame.key, stored.frame.id, stored.created, stored.frame.counts)
+
+    def _sender(self) -> BatchSender:
+        """The one of this thread, made when it is first needed."""
+        if hasattr(self._of_thread, "sender"):
+            known: BatchSender = self._of_thread.sender
+            return known
+        upload = self._upload
+        params = {"replace": upload.replace or None}
+        endpoint = upload.transport.endpoint(f"{upload.path}/batches", params)
+        sender = BatchSender(endpoint, upload.transport.retry, self._wait)
+        self._of_thread.sender = sender
+        self._all.append(sender)
+        return sender
+
+    def _wait(self, seconds: float) -> bool:
+        return not self._stopped.wait(seconds) and not self._upload.transport.closed
+
+
+def _batches(
+    items: Iterable[PackedFrame | AlreadyThere | NotSent],
+) -> Iterator[Batch | AlreadyThere | NotSent]:
+    """Frames as batches of limited size; outcomes pass as they come."""
+    batch: list[PackedFrame] = []
+    size = 0
+    for item in items:
+        if not isinstance(item, PackedFrame):
+            yield item
+            continue
+        if batch and (len(batch) == _BATCH_FRAMES or size + item.size > _BATCH_BYTES):
+            yield batch
+            batch, size = [], 0
+        batch.append(item)
+        size += item.size
+    if batch:
+        yield batch
+
+
+def _windows(items: Iterable[ItemT], size: int) -> Iterator[list[ItemT]]:
+    source = iter(items)
+    while window := list(islice(source, size)):
+        yield window

@@ -1,0 +1,499 @@
+"""What a camera sees of a town at one moment, and the photograph it takes.
+
+A `Stage` gives a `Snapshot`: all triangles that may be seen, on the screen. Sampled at
+the pixels' centres it becomes the planes of a frame (how far each pixel is, what it
+shows, which way that faces) and its colour image, with smooth edges and the noise of a
+sensor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform
+from filter_core.types import BoolArray, FloatArray, IntArray, TagImage
+from unghost.street.ground import RoadPlan, ground_footprint
+from unghost.street.light import (
+    Lighting,
+    Pixels,
+    ambient_occlusion,
+    develop,
+    shade,
+    sky_with_clouds,
+)
+from unghost.street.mesh import Mesh, cross, join, turned
+from unghost.street.paint import (
+    SURFACE_COLUMNS,
+    TILE,
+    Float32,
+    Kind,
+    Tag,
+    f32,
+    grain_tile,
+)
+from unghost.street.raster import NEAR, Canvas, draw, to_homogeneous, to_screen
+from unghost.street.town import Town
+
+_FAR_M: Final = 42.0
+"""From here on, things are drawn in their coarser shape if they have one."""
+_TILE: Final = 16
+SKY_DEPTH: Final = 1000.0
+"""Metres: what CARLA's depth camera says of the sky."""
+SKY: Final = -1
+GROUND: Final = -2
+_HORIZON: Final = 900.0
+_ROAD_GLOSS: Final = 0.012
+_NOISE: Final = 1.1
+"""Standard deviation of the sensor's noise, in levels of 255."""
+_SAMPLES_AT_ONCE: Final = 1 << 16
+
+
+class Stage:
+    """A town's things, prepared for taking many snapshots."""
+
+    def __init__(self, town: Town) -> None:
+        self.town = town
+        self._centre = np.array([thing.box[0] for thing in town.things])
+        self._reach = np.array([thing.reach for thing in town.things])
+        self._hides = np.array([thing.hides for thing in town.things])
+
+    def poses(self, time_s: float) -> list[Transform]:
+        """Where each thing is."""
+        return [thing.pose(time_s) for thing in self.town.things]
+
+    def snapshot(self, camera: Camera, time_s: float) -> Snapshot:
+        """All things that the camera may see.
+
+        Houses are drawn first; what lies wholly behind them is left out.
+        """
+        matrices = np.array([pose.matrix for pose in self.poses(time_s)])
+        centres = np.einsum("nij,nj->ni", matrices[:, :3, :3], self._centre)
+        centres += matrices[:, :3, 3]
+        in_view = _in_view(centres, self._reach, camera)
+        distance = np.linalg.norm(centres - camera.position, axis=1)
+
+        def collected(chosen: IntArray) -> Snapshot:
+            parts = []
+            for one in chosen:
+                far = bool(distance[one] > _FAR_M)
+                shape = self.town.things[one].shape(time_s, far=far)
+                parts.append(shape.placed(matrices[one]))
+            owner = np.repeat(chosen, [len(part) for part in parts])
+            return _projected(join(parts), owner.astype(np.int32), camera)
+
+        houses = collected(np.flatnonzero(in_view & self._hides))
+        canvas = Canvas.blank(camera.width, camera.height)
+        draw(canvas, houses.screen, houses.source)
+        others = np.flatnonzero(in_view & ~self._hides)
+        hidden = _hidden(canvas, centres[others], self._reach[others], camera)
+        return _together(houses, collected(others[~hidden]))
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """Triangles in the world and on the screen, and whose they are.
+
+    Attributes
+    ----------
+    camera : Camera
+    mesh : Mesh of T triangles
+    owner : (T,) int32, index into the town's things
+    screen : (S, 3, 3), per corner u px, v px, 1 / depth
+    source : (S,) the triangle that each of them comes from
+    """
+
+    camera: Camera
+    mesh: Mesh
+    owner: NDArray[np.int32]
+    screen: FloatArray
+    source: IntArray
+
+
+def _projected(mesh: Mesh, owner: NDArray[np.int32], camera: Camera) -> Snapshot:
+    two_sided = mesh.surface[:, 5] == Kind.LEAF
+    screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
+    return Snapshot(camera, mesh, owner, screen, source)
+
+
+def _together(one: Snapshot, two: Snapshot) -> Snapshot:
+    return Snapshot(
+        one.camera,
+        join([one.mesh, two.mesh]),
+        np.concatenate([one.owner, two.owner]),
+        np.concatenate([one.screen, two.screen]),
+        np.concatenate([one.source, two.source + len(one.mesh)]),
+    )
+
+
+def _in_view(centres: FloatArray, reach: FloatArray, camera: Camera) -> BoolArray:
+    """Which balls reach into the view's pyramid."""
+    image = camera.world_to_image
+    planes = np.stack(
+        [
+            image[0],
+            camera.width * image[2] - image[0],
+            image[1],
+            camera.height * image[2] - image[1],
+            image[2],
+        ]
+    )
+    height = centres @ planes[:, :3].T + planes[:, 3]
+    radius = reach[:, None] * np.linalg.norm(planes[:, :3], axis=1)
+    inside: BoolArray = (height > -radius).all(axis=1)
+    return inside
+
+
+def _hidden(
+    canvas: Canvas, centres: FloatArray, reach: FloatArray, camera: Camera
+) -> BoolArray:
+    """Which balls lie wholly behind what is drawn."""
+    tiles = _farthest_per_tile(canvas)
+    low, high, nearest = _windows(centres, reach, camera)
+    hidden = np.zeros(len(centres), dtype=bool)
+    for one in np.flatnonzero(nearest > NEAR):
+        rows = slice(int(low[one, 1]) // _TILE, int(high[one, 1]) // _TILE + 1)
+        columns = slice(int(low[one, 0]) // _TILE, int(high[one, 0]) // _TILE + 1)
+        hidden[one] = tiles[rows, columns].min(initial=np.inf) > 1 / nearest[one]
+    return hidden
+
+
+def _farthest_per_tile(canvas: Canvas) -> NDArray[np.float32]:
+    height, width = canvas.nearness.shape
+    rows, columns = height // _TILE, width // _TILE
+    tiled = canvas.nearness.reshape(rows, _TILE, columns, _TILE)
+    farthest: NDArray[np.float32] = tiled.min(axis=(1, 3))
+    return farthest
+
+
+def _windows(
+    centres: FloatArray, reach: FloatArray, camera: Camera
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rectangles in the image that balls stay within, and their nearest depths."""
+    local = turned(centres - camera.position, camera.world_to_camera[:3, :3])
+    focal = camera.intrinsic[0, 0]
+    depth, radius = local[:, :1], reach[:, None]
+    flat = np.stack([local[:, 1], -local[:, 2]], axis=1)
+    near, far = np.maximum(depth - radius, NEAR), np.maximum(depth + radius, NEAR)
+    low = np.minimum((flat - radius) / near, (flat - radius) / far) * focal
+    high = np.maximum((flat + radius) / near, (flat + radius) / far) * focal
+    middle = np.array([camera.width, camera.height]) / 2
+    last = np.array([camera.width, camera.height]) - 1.0
+    inside = (np.clip(edge + middle, 0, last) for edge in (low, high))
+    first, end = inside
+    return first, end, (depth - radius)[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N places on the screen and the nearest triangle at each.
+
+    Attributes
+    ----------
+    uv : (N, 2) px
+    winner : (N,) int32, a triangle, `GROUND` or `SKY`
+    depth : (N,) metres
+    rays : (N, 3) world directions, one metre deep
+    """
+
+    uv: Float32
+    winner: NDArray[np.int32]
+    depth: Float32
+    rays: Float32
+
+    def part(self, chosen: IntArray) -> Samples:
+        """Some of them."""
+        return Samples(
+            self.uv[chosen], self.winner[chosen], self.depth[chosen], self.rays[chosen]
+        )
+
+
+def pixel_centres(snapshot: Snapshot) -> Samples:
+    """The middle of every pixel: what tags, instances and depth are made from."""
+    return _sampled(snapshot, 0.5)
+
+
+def pixel_corners(snapshot: Snapshot) -> Samples:
+    """The (H + 1) (W + 1) corners of the pixels, for smoothing the colour image."""
+    return _sampled(snapshot, 0.0)
+
+
+def _sampled(snapshot: Snapshot, offset: float) -> Samples:
+    camera = snapshot.camera
+    rows, columns = (
+        camera.height + (offset == 0),
+        camera.width + (offset == 0),
+    )
+    u, v = np.arange(columns) + offset, np.arange(rows) + offset
+    rays = _rays(camera, u, v)
+    canvas = Canvas.blank(columns, rows)
+    _draw_ground(canvas, rays, camera)
+    # The rasteriser samples at half pixels.
+    shifted = snapshot.screen + np.array([0.5 - offset, 0.5 - offset, 0.0])
+    draw(canvas, shifted, snapshot.source)
+    winner, nearness = canvas.winner.reshape(-1), canvas.nearness.reshape(-1)
+    depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
+    solid = np.flatnonzero(winner != SKY)
+    depth[solid] = 1 / nearness[solid]
+    uv = np.empty((rows, columns, 2), dtype=np.float32)
+    uv[..., 0], uv[..., 1] = u, v[:, None]
+    return Samples(uv.reshape(-1, 2), winner, depth, rays)
+
+
+def _rays(camera: Camera, u: Float32, v: Float32) -> Float32:
+    """(H W, 3): forward + right u + up v, without a product per pixel."""
+    focal = camera.intrinsic[0, 0]
+    forward, right, up = camera.world_to_camera[:3, :3]
+    across = f32(forward + ((u - camera.width / 2) / focal)[:, None] * right)
+    down = f32(((camera.height / 2 - v) / focal)[:, None] * up)
+    return np.asarray((down[:, None] + across).reshape(-1, 3))
+
+
+def _draw_ground(canvas: Canvas, rays: Float32, camera: Camera) -> None:
+    """The level ground, up to the horizon."""
+    nearness = -rays[:, 2] / np.float32(camera.position[2])
+    plane = nearness.reshape(canvas.winner.shape)
+    on_ground = plane > 1 / _HORIZON
+    canvas.nearness[on_ground] = plane[on_ground]
+    canvas.winner[on_ground] = GROUND
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """What each pixel of a frame shows; every plane tells of the same nearest surface.
+
+    Attributes
+    ----------
+    depth : (H, W) float32, metres along the camera's axis
+    tags : (H, W) uint8
+    owner : (H, W) int32
+        Index of the thing; -1 for sky and ground.
+    normals : (H, W, 3) float32
+    """
+
+    depth: Float32
+    tags: TagImage
+    owner: NDArray[np.int32]
+    normals: Float32
+
+
+def planes_of(
+    snapshot: Snapshot, samples: Samples, tags: TagImage, normals: Float32
+) -> Planes:
+    """Arrange the pixels' centres as images."""
+    owner = np.full(len(samples.winner), -1, dtype=np.int32)
+    on_thing = samples.winner >= 0
+    owner[on_thing] = snapshot.owner[samples.winner[on_thing]]
+    shape = (snapshot.camera.height, snapshot.camera.width)
+    return Planes(
+        samples.depth.reshape(shape),
+        tags.reshape(shape),
+        owner.reshape(shape),
+        normals.reshape(*shape, 3),
+    )
+
+
+def surfaces(
+    snapshot: Snapshot, samples: Samples, plan: RoadPlan
+) -> tuple[Pixels, TagImage]:
+    """What samples that do not show the sky show: for shading, and their tags."""
+    camera, mesh = snapshot.camera, snapshot.mesh
+    ground = np.flatnonzero(samples.winner == GROUND)
+    triangle = np.maximum(samples.winner, 0)
+    stretch = np.sqrt(np.einsum("ij,ij->i", samples.rays, samples.rays))
+    direction = samples.rays / stretch[:, None]
+    position = f32(camera.position) + samples.rays * samples.depth[:, None]
+    size = samples.depth / np.float32(camera.intrinsic[0, 0])
+    normal = sample_normals(snapshot, triangle, samples.uv)
+    normal[ground] = (0.0, 0.0, 1.0)
+    surface, tags = mesh.surface[triangle], mesh.tag[triangle]
+    footprint = ground_footprint(direction[ground], size[ground])
+    x, y = position[ground, 0], position[ground, 1]
+    paint = np.zeros((len(ground), SURFACE_COLUMNS), dtype=np.float32)
+    tags[ground], paint[:, :3] = plan.look(x, y, footprint)
+    paint[:, 3] = _ROAD_GLOSS
+    surface[ground] = paint
+    distance = samples.depth * stretch
+    return Pixels(position, direction, distance, normal, surface, size), tags
+
+
+def sample_normals(
+    snapshot: Snapshot, triangle: NDArray[np.int32], uv: Float32
+) -> Float32:
+    """(N, 3) float32: normals of the triangles at places (N, 2) on the screen."""
+    normals = snapshot.mesh.normals
+    flat = f32(normals[triangle, 0])
+    bent = _bent(snapshot, triangle)
+    chosen = np.flatnonzero(bent[triangle])
+    flat[chosen] = _smooth(snapshot, triangle[chosen], uv[chosen], flat[chosen])
+    return flat
+
+
+def _bent(snapshot: Snapshot, triangle: NDArray[np.int32]) -> BoolArray:
+    """(T,): triangles in use whose corners have different normals."""
+    normals = snapshot.mesh.normals
+    used = np.zeros(len(normals), dtype=bool)
+    used[triangle] = True
+    numbers = np.flatnonzero(used)
+    corner = normals[numbers]
+    spread = np.abs(corner[:, 1:] - corner[:, :1]).reshape(-1, 6).sum(axis=1)
+    bent = np.zeros(len(normals), dtype=bool)
+    bent[numbers] = spread > 1e-6
+    return bent
+
+
+def _smooth(
+    snapshot: Snapshot, triangle: NDArray[np.int32], uv: Float32, flat: Float32
+) -> Float32:
+    """A normal divided by the depth is linear on the screen.
+
+    So three coefficients per axis and triangle say it for every sample.
+    """
+    unique, which = _numbered(triangle, len(snapshot.mesh))
+    rows = to_homogeneous(snapshot.mesh.corners[unique], snapshot.camera)
+    a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
+    inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
+    volume = np.einsum("ni,ni->n", a, cross(b, c))
+    sound = np.abs(volume) > 1e-9
+    inverse /= np.where(sound, volume, 1.0)[:, None, None]
+    slope = np.einsum("nij,njk->nik", inverse, snapshot.mesh.normals[unique])
+    per_sample = slope.astype(np.float32).reshape(-1, 9)[which]
+    normals = per_sample[:, :3] * uv[:, :1]
+    normals += per_sample[:, 3:6] * uv[:, 1:]
+    normals += per_sample[:, 6:]
+    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
+    good = sound[which] & (length[:, 0] > 1e-12)
+    return np.where(good[:, None], normals / np.maximum(length, 1e-12), flat)
+
+
+def _numbered(
+    triangle: NDArray[np.int32], count: int
+) -> tuple[IntArray, NDArray[np.int64]]:
+    """The triangles that occur, and for each sample its place among them."""
+    used = np.zeros(count, dtype=bool)
+    used[triangle] = True
+    unique = np.flatnonzero(used)
+    place = np.zeros(count, dtype=np.int64)
+    place[unique] = np.arange(len(unique))
+    return unique, place[triangle]
+
+
+class Photographer:
+    """Takes the colour image of one snapshot."""
+
+    def __init__(self, snapshot: Snapshot, plan: RoadPlan, light: Lighting) -> None:
+        self._snapshot, self._plan, self._light = snapshot, plan, light
+
+    def photograph(
+        self, samples: Samples, noise_seed: int
+    ) -> tuple[NDArray[np.uint8], Planes]:
+        """(H, W, 3) RGB and the planes, from the pixels' centres."""
+        camera = self._snapshot.camera
+        height, width = camera.height, camera.width
+        depth = samples.depth.reshape(height, width)
+        open_sky = ambient_occlusion(depth, float(camera.intrinsic[0, 0])).reshape(-1)
+        shot = self._shoot(samples, open_sky)
+        self._smooth_edges(shot.light, samples, open_sky)
+        exposure = self._light.hour.exposure
+        linear = _bloomed(shot.light.reshape(height, width, 3), exposure)
+        image = _with_noise(develop(linear, exposure), noise_seed)
+        return image, planes_of(self._snapshot, samples, shot.tags, shot.normals)
+
+    def _shoot(self, samples: Samples, open_sky: Float32) -> Shot:
+        """All samples; `open_sky` (N,) is their share of the sky's light."""
+        count = len(samples.winner)
+        shot = Shot(
+            np.empty((count, 3), dtype=np.float32),
+            np.full(count, Tag.SKY, dtype=np.uint8),
+            np.zeros((count, 3), dtype=np.float32),
+        )
+        sky = np.flatnonzero(samples.winner == SKY)
+        towards = samples.rays[sky]
+        towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+        shot.light[sky] = sky_with_clouds(self._light.hour, towards)
+        solid = np.flatnonzero(samples.winner != SKY)
+        # In pieces that fit into the processor's cache.
+        for begin in range(0, len(solid), _SAMPLES_AT_ONCE):
+            piece = solid[begin : begin + _SAMPLES_AT_ONCE]
+            pixels, tags = surfaces(self._snapshot, samples.part(piece), self._plan)
+            shot.tags[piece], shot.normals[piece] = tags, pixels.normal
+            shot.light[piece] = shade(pixels, open_sky[piece], self._light)
+        return shot
+
+    def _smooth_edges(
+        self, image: Float32, samples: Samples, open_sky: Float32
+    ) -> None:
+        """Mix in the corners of pixels that show more than one triangle."""
+        camera = self._snapshot.camera
+        corners = pixel_corners(self._snapshot)
+        edge = _edges(samples.winner, corners.winner, (camera.height, camera.width))
+        row, column = np.divmod(edge, camera.width)
+        first = row * (camera.width + 1) + column
+        below = first + camera.width + 1
+        four = np.stack([first, first + 1, below, below + 1])
+        used = np.zeros(len(corners.winner), dtype=bool)
+        used[four] = True
+        chosen = np.flatnonzero(used)
+        place = np.zeros(len(used), dtype=np.int32)
+        place[chosen] = np.arange(len(chosen))
+        nearest_pixel = np.zeros(len(used), dtype=np.int64)
+        nearest_pixel[four] = edge
+        shot = self._shoot(corners.part(chosen), open_sky[nearest_pixel[chosen]])
+        mixed = image[edge] * np.float32(0.5)
+        for corner in four:
+            mixed += shot.light[place[corner]] * np.float32(0.125)
+        image[edge] = mixed
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What a snapshot shows at N samples, and its light.
+
+    Attributes
+    ----------
+    light : (N, 3) linear
+    tags : (N,) uint8
+    normals : (N, 3), zero for the sky
+    """
+
+    light: Float32
+    tags: TagImage
+    normals: Float32
+
+
+def _edges(
+    centre: NDArray[np.int32], corner: NDArray[np.int32], hw: tuple[int, int]
+) -> IntArray:
+    """Flat indices of pixels with a corner that shows another triangle."""
+    height, width = hw
+    middle = centre.reshape(height, width)
+    around = corner.reshape(height + 1, width + 1)
+    differs = middle != around[:-1, :-1]
+    differs |= middle != around[:-1, 1:]
+    differs |= middle != around[1:, :-1]
+    differs |= middle != around[1:, 1:]
+    return np.flatnonzero(differs)
+
+
+def _bloomed(light: Float32, exposure: float) -> Float32:
+    """What is brighter than white spills over its surroundings."""
+    small = cv2.resize(light, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
+    spilt = cv2.GaussianBlur(over, (0, 0), 6)
+    spilt = cv2.resize(spilt, (light.shape[1], light.shape[0]))
+    return np.asarray(light + 0.16 * spilt)
+
+
+def _with_noise(display: Float32, seed: int) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(seed)
+    height, width = display.shape[:2]
+    tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
+    row, column = rng.integers(TILE, size=2)
+    grain = np.tile(grain_tile(71), tiles)[row : row + height, column : column + width]
+    noisy = display + (grain * np.float32(_NOISE))[..., None]
+    return np.asarray(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))

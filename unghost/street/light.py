@@ -1,0 +1,392 @@
+"""Light: the sun and the sky of an hour, its shadows, and how surfaces answer.
+
+`shade` is the whole way from N pixels with a surface to the light that reaches the
+camera; `develop` makes a display image of light. Shadows are maps of what is nearest to
+the sun.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.types import FloatArray
+from unghost.street.buildings import WallPixels, facade_look
+from unghost.street.ground import grass, ground_footprint, paving
+from unghost.street.mesh import along, turned
+from unghost.street.paint import RGB, TILE, Float32, Kind, cloudy_tile, f32, sample
+from unghost.street.raster import Canvas, draw
+
+_LOWEST: Final = -1e6
+_MESHES_AT_ONCE: Final = 32
+_BIAS: Final = 0.06
+"""Metres that a surface may lie under the map without being in its own shadow."""
+_TAPS: Final = ((-0.7, -0.3), (0.3, -0.7), (0.7, 0.3), (-0.3, 0.7))
+
+
+@dataclass(frozen=True)
+class Hour:
+    """Light in linear units; the sun's direction points towards the sun.
+
+    Attributes
+    ----------
+    sun : (x, y, z), unit length
+    sunlight, zenith, horizon, bounce : light of the sun, the sky, and from the ground
+    haze : share of the view lost per metre
+    clouds : 0..1
+    exposure : what the camera multiplies with
+    """
+
+    sun: RGB
+    sunlight: RGB
+    zenith: RGB
+    horizon: RGB
+    bounce: RGB
+    haze: float
+    clouds: float
+    exposure: float
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """What lights a frame."""
+
+    hour: Hour
+    shadows: tuple[ShadowMap, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """N pixels with a surface: where it is and what it is made of."""
+
+    position: Float32
+    direction: Float32
+    distance: Float32
+    normal: Float32
+    surface: Float32
+    metres_per_pixel: Float32
+
+
+@dataclass(eq=False)
+class Look:
+    """What the kinds of surface decide, per pixel."""
+
+    albedo: Float32
+    gloss: Float32
+    glow: Float32
+    open_sky: Float32
+    normal: Float32
+
+
+def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
+    """(N, 3) linear light that reaches the camera, haze included."""
+    look = _looks(pixels)
+    look.open_sky = look.open_sky * open_sky
+    leaf = pixels.surface[:, 5] == Kind.LEAF
+    diffuse = look.albedo * _irradiance(pixels, look, leaf, light)
+    shiny = np.flatnonzero(look.gloss > 0)
+    diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.hour)
+    diffuse += look.albedo * look.glow[:, None] * 2.0
+    return _hazed(pixels, diffuse, light.hour)
+
+
+def _looks(pixels: Pixels) -> Look:
+    surface = pixels.surface
+    look = Look(
+        albedo=surface[:, :3].copy(),
+        gloss=surface[:, 3].copy(),
+        glow=surface[:, 4].copy(),
+        open_sky=np.ones(len(surface), dtype=np.float32),
+        normal=pixels.normal,
+    )
+    kind = surface[:, 5]
+    _look_at_walls(pixels, look, np.flatnonzero(kind == Kind.FACADE))
+    _look_at_masonry(pixels, look, np.flatnonzero(kind == Kind.MASONRY))
+    flat = np.flatnonzero(kind == Kind.PAVING)
+    x, y = pixels.position[flat, 0], pixels.position[flat, 1]
+    look.albedo[flat] = paving(
+        x,
+        y,
+        look.albedo[flat],
+        ground_footprint(pixels.direction[flat], pixels.metres_per_pixel[flat]),
+    )
+    lawn = np.flatnonzero(kind == Kind.GRASS)
+    x, y = pixels.position[lawn, 0], pixels.position[lawn, 1]
+    look.albedo[lawn] = grass(
+        x, y, ground_footprint(pixels.direction[lawn], pixels.metres_per_pixel[lawn])[0]
+    )
+    return look
+
+
+def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
+    size = pixels.metres_per_pixel[chosen]
+    facing = np.abs(
+        np.einsum("ij,ij->i", pixels.normal[chosen], pixels.direction[chosen])
+    )
+    upright = np.sqrt(np.maximum(1 - pixels.direction[chosen, 2] ** 2, 0.05))
+    wall = WallPixels(
+        position=pixels.position[chosen],
+        normal=pixels.normal[chosen],
+        albedo=pixels.surface[chosen, :3],
+        params=pixels.surface[chosen, 6:10],
+        footprint=(size / upright, size / np.maximum(facing, 0.04)),
+    )
+    seen = facade_look(wall)
+    look.albedo[chosen] = seen.albedo
+    look.gloss[chosen] = seen.gloss
+    look.glow[chosen] = seen.glow
+    look.open_sky[chosen] = seen.open_sky
+    bent = pixels.normal[chosen] + np.stack(
+        [seen.tilt, -seen.tilt, 0.4 * seen.tilt], axis=1
+    )
+    look.normal[chosen] = bent
+
+
+def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
+    position = pixels.position[chosen]
+    along = position[:, 0] + position[:, 1]
+    z = position[:, 2]
+    tone = 1 + 0.09 * sample(cloudy_tile(41), along, z, 18.0)
+    tone += 0.07 * sample(cloudy_tile(42), along * 0.5, z * 3, 30.0)
+    near = 1 / (1 + (pixels.metres_per_pixel[chosen] * 40) ** 2)
+    joint = np.mod(z, 0.3) < 0.02
+    joint |= np.mod(along + 0.3 * (np.floor(z / 0.3) % 2), 0.6) < 0.02
+    look.albedo[chosen] *= (tone - 0.22 * joint * near)[:, None]
+
+
+def _irradiance(
+    pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Lighting
+) -> Float32:
+    hour = light.hour
+    sun = f32(hour.sun)
+    facing = along(look.normal, sun)
+    lit = np.maximum(facing, 0.0)
+    # Light also shines through leaves and wraps around their clumps.
+    lit = np.where(leaf, 0.20 + 0.58 * np.clip(0.5 + 0.5 * facing, 0, 1) ** 1.5, lit)
+    in_sun = np.flatnonzero(lit > 0)
+    shine = np.ones(len(in_sun), dtype=np.float32)
+    # Start from the front side of the surface, or its own texels would shade it.
+    points = pixels.position[in_sun] + look.normal[in_sun] * np.float32(0.05)
+    for shadow in light.shadows:
+        shine = np.minimum(shine, shadow.shine(points))
+    direct = np.zeros_like(lit)
+    direct[in_sun] = lit[in_sun] * shine
+    upwards = (0.5 + 0.5 * look.normal[:, 2])[:, None]
+    dome = f32(hour.zenith) * 0.55 + f32(hour.horizon) * 0.45
+    bounce = f32(hour.bounce)
+    ambient = bounce + (dome - bounce) * upwards
+    total: Float32 = f32(hour.sunlight) * direct[:, None]
+    total += ambient * look.open_sky[:, None]
+    return total
+
+
+def _with_mirror(
+    pixels: Pixels, look: Look, diffuse: Float32, shiny: NDArray[np.int64], hour: Hour
+) -> Float32:
+    ray, normal = pixels.direction[shiny], look.normal[shiny]
+    facing = np.einsum("ij,ij->i", ray, normal)
+    away = ray - 2 * facing[:, None] * normal
+    gloss = look.gloss[shiny]
+    share = gloss + (1 - gloss) * (1 - np.clip(np.abs(facing), 0, 1)) ** 5 * np.minimum(
+        1, gloss * 12
+    )
+    mirrored = mirrored_surroundings(hour, away)
+    towards_sun = np.clip(along(away, hour.sun), 0, 1)
+    sparkle = (towards_sun**220 * 9.0 + towards_sun**24 * 0.35) * (gloss > 0.03)
+    mirrored = mirrored + f32(hour.sunlight) * sparkle[:, None]
+    mirrored *= look.open_sky[shiny][:, None]
+    seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
+    return seen
+
+
+def _hazed(pixels: Pixels, light: Float32, hour: Hour) -> Float32:
+    level = pixels.direction.copy()
+    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
+    air = sky_light(hour, level) * 0.92
+    share = 1 - np.exp(-((pixels.distance * hour.haze) ** 1.25))
+    hazed: Float32 = light + (air - light) * share[:, None]
+    return hazed
+
+
+def sky_light(hour: Hour, direction: Float32) -> Float32:
+    """(N, 3): light from each direction of the sky, without clouds."""
+    height = np.clip(direction[:, 2], 0.0, 1.0)
+    share = np.sqrt(height)[:, None]
+    low, high = f32(hour.horizon), f32(hour.zenith)
+    light = low + (high - low) * share
+    towards = np.clip(along(direction, hour.sun), 0.0, 1.0)
+    halo = 0.28 * towards**6 + 0.55 * towards**48
+    return light + f32(hour.sunlight) * (0.22 * halo)[:, None]
+
+
+def mirrored_surroundings(hour: Hour, direction: Float32) -> Float32:
+    """(N, 3): what a mirror in a street shows: sky above, dull houses, road below."""
+    light = sky_light(hour, direction)
+    house = f32(hour.bounce) * 1.1 + f32(hour.horizon) * 0.10
+    # Roof lines are not level: a wobble around the horizon makes the mirror believable.
+    bearing = np.arctan2(direction[:, 1], direction[:, 0])
+    roofs = 0.22 + 0.10 * np.sin(7.0 * bearing) * np.sin(17.0 * bearing + 1.0)
+    above = np.clip((direction[:, 2] - roofs) / 0.06 + 0.5, 0.0, 1.0)[:, None]
+    below = np.clip(-direction[:, 2] / 0.1, 0.0, 1.0)[:, None]
+    surroundings = house + (f32(hour.bounce) * 0.55 - house) * below
+    mirrored: Float32 = surroundings + (light - surroundings) * above
+    return mirrored
+
+
+def sky_with_clouds(hour: Hour, direction: Float32) -> Float32:
+    """(N, 3): the sky as the camera sees it."""
+    light = sky_light(hour, direction)
+    if hour.clouds <= 0:
+        return light
+    height = np.maximum(direction[:, 2], 0.02)
+    scale = 130.0 / (height + 0.12)
+    u, v = direction[:, 0] * scale, direction[:, 1] * scale
+    density = _bilinear(cloudy_tile(11), u, v)
+    towards_sun = f32(hour.sun[:2]) * 9.0
+    lit_side = _bilinear(cloudy_tile(11), u + towards_sun[0], v + towards_sun[1])
+    cover = np.clip((density + 2.4 * hour.clouds - 1.35) * 0.75, 0.0, 1.0)
+    cover *= np.clip(height * 7.0, 0.0, 1.0) * 0.92
+    shine = np.clip(0.86 + 0.22 * (density - lit_side), 0.5, 1.25)
+    white = f32(hour.horizon) * 0.62 + f32(hour.sunlight) * 0.20
+    clouds = white * shine[:, None]
+    seen: Float32 = light + (clouds - light) * cover[:, None]
+    return seen
+
+
+def _bilinear(tile: Float32, u: Float32, v: Float32) -> Float32:
+    maps = [np.mod(axis, TILE).reshape(1, -1).astype(np.float32) for axis in (u, v)]
+    # remap refuses more than 32767 columns: fold the row.
+    width = 16384
+    padding = -maps[0].shape[1] % width
+    folded = [np.pad(axis[0], (0, padding)).reshape(-1, width) for axis in maps]
+    values = cv2.remap(
+        tile, folded[0], folded[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+    )
+    return f32(values).reshape(-1)[: maps[0].shape[1]]
+
+
+@dataclass(frozen=True, eq=False)
+class ShadowMap:
+    """Heights towards the sun over a grid across its rays."""
+
+    axes: FloatArray
+    """(3, 3): across, up, towards the sun."""
+    origin: FloatArray
+    """(2,) metres: the grid's corner."""
+    texel: FloatArray
+    """(2,) metres."""
+    highest: Float32
+
+    @classmethod
+    def of(
+        cls,
+        meshes: Iterable[FloatArray],
+        sun: tuple[float, float, float],
+        area: FloatArray,
+        texels: tuple[int, int],
+    ) -> ShadowMap:
+        """Map triangles as the sun sees them.
+
+        `meshes` are arrays (T, 3, 3) of corners, taken a few at a time to save memory;
+        `area` are points that the map has to cover; `texels` its width and height.
+        """
+        axes = sun_axes(sun)
+        flat = area @ axes[:2].T
+        origin, end = flat.min(axis=0), flat.max(axis=0)
+        texel = (end - origin) / np.array(texels)
+        canvas = Canvas.blank(*texels, nearness=_LOWEST)
+        remaining = iter(meshes)
+        while batch := list(itertools.islice(remaining, _MESHES_AT_ONCE)):
+            screen = turned(np.concatenate(batch), axes)
+            screen[..., :2] = (screen[..., :2] - origin) / texel
+            draw(canvas, screen, np.arange(len(screen)))
+        return cls(axes, origin, texel, canvas.nearness)
+
+    def shine(self, points: Float32) -> Float32:
+        """(N,) 0..1: how much of the sun reaches each of (N, 3) points."""
+        axes = self.axes
+        u = (along(points, axes[0]) - np.float32(self.origin[0])) / np.float32(
+            self.texel[0]
+        )
+        v = (along(points, axes[1]) - np.float32(self.origin[1])) / np.float32(
+            self.texel[1]
+        )
+        height = along(points, axes[2]) + np.float32(_BIAS)
+        rows, columns = self.highest.shape
+        flat, total = self.highest.reshape(-1), np.zeros(len(points), dtype=np.float32)
+        for du, dv in _TAPS:
+            column = (u + np.float32(du)).astype(np.int32)
+            row = (v + np.float32(dv)).astype(np.int32)
+            inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+            place = np.where(inside, row * columns + column, 0)
+            total += ~inside | (flat[place] <= height)
+        return np.asarray(total / np.float32(len(_TAPS)))
+
+
+def sun_axes(sun: tuple[float, float, float]) -> FloatArray:
+    """(3, 3): two directions across the rays, the first one level, and the sun's."""
+    towards = np.array(sun) / np.linalg.norm(sun)
+    level = np.cross([0.0, 0.0, 1.0], towards)
+    level /= np.linalg.norm(level)
+    return np.stack([level, np.cross(towards, level), towards])
+
+
+def ambient_occlusion(depth: Float32, focal: float) -> Float32:
+    """(H, W) 0..1: how much of the sky a pixel's surroundings leave open.
+
+    Pairs of opposite neighbours: on a plane their mean nearness is the pixel's own;
+    in a corner they are nearer.
+    """
+    height, width = depth.shape
+    half_wh = (width // 2, height // 2)
+    small = f32(cv2.resize(1.0 / depth, half_wh, interpolation=cv2.INTER_NEAREST))
+    closed = np.zeros_like(small)
+    for reach in (3, 7, 15):
+        for du, dv in ((1, 0), (0, 1), (0.7, 0.7), (0.7, -0.7)):
+            x, y = round(du * reach), round(dv * reach)
+            closed += _pair_occlusion(small, x, y, focal / 2)
+    open_sky = 1 - np.clip(closed / 12 * 2.6, 0, 0.72)
+    blurred = cv2.blur(open_sky, (5, 5))
+    return np.asarray(
+        cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR)
+    )
+
+
+def _pair_occlusion(nearness: Float32, x: int, y: int, focal: float) -> Float32:
+    shifted = []
+    padded = cv2.copyMakeBorder(nearness, 16, 16, 16, 16, cv2.BORDER_REPLICATE)
+    rows, columns = nearness.shape
+    for sign in (1, -1):
+        top, left = 16 + sign * y, 16 + sign * x
+        shifted.append(padded[top : top + rows, left : left + columns])
+    mean = (shifted[0] + shifted[1]) * np.float32(0.5)
+    step_m = np.float32(np.hypot(x, y) / focal) / nearness
+    rise_m = (mean - nearness) / (nearness * nearness)
+    closed = np.clip(rise_m / np.maximum(step_m, 0.02), 0, 1)
+    # Far in front is another object, and wide steps say nothing about a near corner.
+    closed *= np.clip(1.6 - rise_m / 1.2, 0, 1) * np.clip(2.0 - step_m / 0.7, 0, 1)
+    return np.asarray(closed)
+
+
+def develop(light: Float32, exposure: float) -> Float32:
+    """Linear light (H, W, 3) to a display image, by a film's curve."""
+    x = light * np.float32(exposure)
+    # Narkowicz, "ACES filmic tone mapping curve", 2015.
+    film = (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
+    index = (np.clip(film, 0, 1) * 4095).astype(np.int32)
+    return np.asarray(_GAMMA[index])
+
+
+def _gamma_table() -> Float32:
+    ramp = np.linspace(0, 1, 4096)
+    srgb = np.where(ramp <= 0.0031308, 12.92 * ramp, 1.055 * ramp ** (1 / 2.4) - 0.055)
+    return (srgb * 255).astype(np.float32)
+
+
+_GAMMA: Final = _gamma_table()

@@ -1,0 +1,394 @@
+"""Triangles in space, and the shapes that everything in the street is built of.
+
+A `Mesh` is a heap of triangles with normals, paint and tag; it knows no camera.
+Blocks, tubes, balls, sheets and lofts make meshes. A loft stretches a skin over rings
+of points; those of vehicles are given by their right halves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from filter_core.types import FloatArray
+from unghost.street.paint import DYE_COLUMN, SURFACE_COLUMNS, Paint
+
+Real = TypeVar("Real", np.float32, np.float64)
+Point: TypeAlias = tuple[float, float, float]
+"""x, y, z, metres."""
+Block: TypeAlias = tuple[ArrayLike, ArrayLike, Paint]
+"""Two opposite corners of an upright box, and its paint."""
+_CREASE_COSINE: Final = 0.68
+"""Faces that meet at less than about 47 degrees share a smooth normal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A heap of triangles.
+
+    Attributes
+    ----------
+    corners, normals : (T, 3, 3) float64
+        Triangle, corner, axis. The normals point outwards; their order says nothing.
+    surface : (T, SURFACE_COLUMNS) float32
+    tag : (T,) uint8
+    """
+
+    corners: FloatArray
+    normals: FloatArray
+    surface: NDArray[np.float32]
+    tag: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    @classmethod
+    def of(
+        cls, corners: FloatArray, normals: FloatArray, paint: Paint, tag: int
+    ) -> Mesh:
+        """Triangles of one paint and one tag."""
+        count = len(corners)
+        surface = np.tile(paint.row(), (count, 1))
+        return cls(corners, normals, surface, np.full(count, tag, dtype=np.uint8))
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """The lowest and the highest corner, per axis."""
+        points = self.corners.reshape(-1, 3)
+        return points.min(axis=0), points.max(axis=0)
+
+    def placed(self, matrix: FloatArray) -> Mesh:
+        """The mesh after a rigid motion (4, 4)."""
+        turn = matrix[:3, :3]
+        return Mesh(
+            turned(self.corners, turn) + matrix[:3, 3],
+            turned(self.normals, turn),
+            self.surface,
+            self.tag,
+        )
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+        """The mesh somewhere else."""
+        shifted = self.corners + np.array([x, y, z])
+        return Mesh(shifted, self.normals, self.surface, self.tag)
+
+    def repeated(self, places: FloatArray) -> Mesh:
+        """A copy at each of (N, 3) places."""
+        count = len(places)
+        copies = self.corners[None] + places[:, None, None, :]
+        return Mesh(
+            copies.reshape(-1, 3, 3),
+            np.tile(self.normals, (count, 1, 1)),
+            np.tile(self.surface, (count, 1)),
+            np.tile(self.tag, count),
+        )
+
+    def dyed(self, colors: Mapping[int, tuple[float, float, float]]) -> Mesh:
+        """The mesh with other colours where its paint is a dye (see `Paint.dye`)."""
+        surface = self.surface.copy()
+        for number, rgb in colors.items():
+            surface[self.surface[:, DYE_COLUMN] == number, :3] = Paint(rgb).row()[:3]
+        return Mesh(self.corners, self.normals, surface, self.tag)
+
+    def mirrored(self) -> Mesh:
+        """The mesh on the other side of the plane y = 0."""
+        flip = np.array([1.0, -1.0, 1.0])
+        return Mesh(self.corners * flip, self.normals * flip, self.surface, self.tag)
+
+    def both_sides(self) -> Mesh:
+        """The mesh and its mirror image."""
+        return join([self, self.mirrored()])
+
+
+def join(meshes: Iterable[Mesh]) -> Mesh:
+    """All triangles in one mesh; of no mesh, none."""
+    parts = list(meshes)
+    if not parts:
+        return Mesh(
+            np.zeros((0, 3, 3)),
+            np.zeros((0, 3, 3)),
+            np.zeros((0, SURFACE_COLUMNS), dtype=np.float32),
+            np.zeros(0, dtype=np.uint8),
+        )
+    return Mesh(
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.surface for part in parts]),
+        np.concatenate([part.tag for part in parts]),
+    )
+
+
+def cross(one: FloatArray, two: FloatArray) -> FloatArray:
+    """Vector products along the last axis; numpy's own takes four times as long."""
+    a, b, c = one[..., 0], one[..., 1], one[..., 2]
+    d, e, f = two[..., 0], two[..., 1], two[..., 2]
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
+
+
+def turned(vectors: NDArray[Real], matrix: FloatArray) -> NDArray[Real]:
+    """The vectors (..., 3), each times a matrix (3, 3), in the vectors' own precision.
+
+    Written out: a matrix product would go through BLAS, whose results differ from
+    machine to machine and whose threads would fight with ours.
+    """
+    # Column by column: numpy is slow along a last axis of three.
+    x, y, z = (np.ascontiguousarray(vectors[..., axis]) for axis in range(3))
+    product = np.empty_like(vectors)
+    for row, (a, b, c) in enumerate(matrix.astype(vectors.dtype)):
+        total = x * a
+        total += y * b
+        total += z * c
+        product[..., row] = total
+    return product
+
+
+def along(vectors: NDArray[Real], direction: ArrayLike) -> NDArray[Real]:
+    """(...,): scalar products of vectors (..., 3) with one direction."""
+    x, y, z = np.asarray(direction, dtype=vectors.dtype)
+    return np.asarray(vectors[..., 0] * x + vectors[..., 1] * y + vectors[..., 2] * z)
+
+
+def block(low: ArrayLike, high: ArrayLike, paint: Paint, tag: int) -> Mesh:
+    """An upright box between two opposite corners."""
+    (x0, y0, z0), (x1, y1, z1) = np.asarray(low, float), np.asarray(high, float)
+    quads = np.array(
+        [
+            [(x0, y0, z0), (x0, y1, z0), (x0, y1, z1), (x0, y0, z1)],
+            [(x1, y0, z0), (x1, y1, z0), (x1, y1, z1), (x1, y0, z1)],
+            [(x0, y0, z0), (x1, y0, z0), (x1, y0, z1), (x0, y0, z1)],
+            [(x0, y1, z0), (x1, y1, z0), (x1, y1, z1), (x0, y1, z1)],
+            [(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)],
+            [(x0, y0, z1), (x1, y0, z1), (x1, y1, z1), (x0, y1, z1)],
+        ]
+    )
+    axes = np.array(
+        [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]], float
+    )
+    normals = np.repeat(axes[:, None, :], 4, axis=1)
+    return _quads(quads, normals, paint, tag)
+
+
+def blocks(rows: Iterable[Block], tag: int) -> Mesh:
+    """Upright boxes of one tag."""
+    return join(block(low, high, paint, tag) for low, high, paint in rows)
+
+
+def tube(
+    start: ArrayLike,
+    end: ArrayLike,
+    radius: float | tuple[float, float],
+    look: tuple[Paint, int],
+    sides: int = 8,
+) -> Mesh:
+    """A round bar, or a cone where the two radii differ; closed at both ends."""
+    first, last = np.asarray(start, float), np.asarray(end, float)
+    thick, thin = radius if isinstance(radius, tuple) else (radius, radius)
+    across, up = _frame(last - first)
+    angles = np.linspace(0, 2 * np.pi, sides, endpoint=False) + np.pi / sides
+    circle = np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * up
+    rings = np.stack([first + thick * circle, last + thin * circle])
+    closed = np.concatenate([rings, rings[:, :1]], axis=1)
+    out = np.concatenate([circle, circle[:1]])
+    skin = _quads(_cells(closed), _cells(np.stack([out, out])), *look)
+    along = last - first
+    ends = [
+        _cap(ring, way, *look) for ring, way in zip(rings, (-along, along), strict=True)
+    ]
+    return join([skin, *ends])
+
+
+def ball(
+    centre: ArrayLike, radii: ArrayLike, look: tuple[Paint, int], sides: int = 10
+) -> Mesh:
+    """An ellipsoid."""
+    rings = max(4, sides // 2 + 1)
+    tilt = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
+    turn = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    unit = np.stack(
+        [
+            np.cos(tilt)[:, None] * np.cos(turn),
+            np.cos(tilt)[:, None] * np.sin(turn),
+            np.sin(tilt)[:, None] * np.ones(sides),
+        ],
+        axis=-1,
+    )
+    grid = np.concatenate([unit, unit[:, :1]], axis=1)
+    scale = np.broadcast_to(np.asarray(radii, float), (3,))
+    quads = _cells(grid * scale + np.asarray(centre, float))
+    slopes = grid / scale
+    normals = _cells(slopes / np.linalg.norm(slopes, axis=-1, keepdims=True))
+    return _quads(quads, normals, look[0], look[1])
+
+
+def wheel_ring(
+    centre: ArrayLike, radius: float, thick: float, look: tuple[Paint, int]
+) -> Mesh:
+    """A tyre that one can look through, rolling along x."""
+    around = np.linspace(0, 2 * np.pi, 21)
+    across = np.linspace(0, 2 * np.pi, 6)
+    out = np.stack([np.cos(around), np.zeros(21), np.sin(around)], axis=-1)
+    side = np.array([0.0, 1.0, 0.0])
+    normals = (
+        np.cos(across)[None, :, None] * out[:, None]
+        + np.sin(across)[None, :, None] * side
+    )
+    points = out[:, None] * (radius - thick) + normals * thick
+    quads = _cells(points + np.asarray(centre, float))
+    return _quads(quads, _cells(normals), look[0], look[1])
+
+
+def sheet(corners: ArrayLike, normal: ArrayLike, paint: Paint, tag: int) -> Mesh:
+    """A flat quad, seen from the side that its normal points to."""
+    quad = np.asarray(corners, float)[None]
+    normals = np.broadcast_to(np.asarray(normal, float), quad.shape)
+    return _quads(quad, normals, paint, tag)
+
+
+def loft(
+    rings: FloatArray, paints: Sequence[Sequence[Paint]], tag: int, *, caps: bool = True
+) -> Mesh:
+    """A skin stretched over closed rings of points.
+
+    Parameters
+    ----------
+    rings : (S, K, 3)
+        S sections with K points each.
+    paints : rows for the S - 1 stretches, columns for the K strips
+        The last row and the last column are repeated as needed.
+    tag : int
+    caps : bool
+        Close the first and the last ring.
+    """
+    closed = np.concatenate([rings, rings[:, :1]], axis=1)
+    quads, faces = _cells(closed), _face_normals(closed, rings)
+    stretches, strips = faces.shape[:2]
+    normals = _creased(faces)
+    parts = []
+    for (row, column), chosen in _by_paint(paints, stretches, strips).items():
+        flat = np.array(chosen)
+        paint = paints[row][column]
+        parts.append(_quads(quads[flat], normals.reshape(-1, 4, 3)[flat], paint, tag))
+    if caps:
+        parts.append(
+            _cap(
+                rings[0], (rings[0] - rings[1]).mean(axis=0), _cap_paint(paints[0]), tag
+            )
+        )
+        parts.append(
+            _cap(
+                rings[-1],
+                (rings[-1] - rings[-2]).mean(axis=0),
+                _cap_paint(paints[-1]),
+                tag,
+            )
+        )
+    return join(parts)
+
+
+def section(x: float, half: FloatArray) -> FloatArray:
+    """The ring of `half` at one place along a vehicle."""
+    closed = ring(half)
+    return np.column_stack([np.full(len(closed), x), closed])
+
+
+def ring(half: FloatArray) -> FloatArray:
+    """A closed ring (K, 2) of y, z from its right half, which ends on the middle."""
+    left = half[-2:0:-1] * np.array([-1.0, 1.0])
+    return np.concatenate([half, left])
+
+
+def mirrored_columns(paints: list[Paint]) -> list[Paint]:
+    """Paints of a ring's strips, from those of its right half."""
+    return [*paints, *reversed(paints)]
+
+
+def _cap_paint(strips: Sequence[Paint]) -> Paint:
+    """The paint of the ring's middle: its first strips are what lies underneath."""
+    return strips[len(strips) // 3]
+
+
+def _by_paint(
+    paints: Sequence[Sequence[Paint]], stretches: int, strips: int
+) -> dict[tuple[int, int], list[int]]:
+    chosen: dict[tuple[int, int], list[int]] = {}
+    for stretch in range(stretches):
+        row = min(stretch, len(paints) - 1)
+        for strip in range(strips):
+            column = min(strip, len(paints[row]) - 1)
+            chosen.setdefault((row, column), []).append(stretch * strips + strip)
+    return chosen
+
+
+def _cells(grid: FloatArray) -> FloatArray:
+    """(S, K, 3) points to (cells, 4, 3) quads, in the order of going around."""
+    quads = np.stack(
+        [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=2
+    )
+    return quads.reshape(-1, 4, 3)
+
+
+def _face_normals(closed: FloatArray, rings: FloatArray) -> FloatArray:
+    """(S-1, K, 3): normals of the skin's quads, outwards from the rings' centres."""
+    one = closed[1:, 1:] - closed[:-1, :-1]
+    two = closed[:-1, 1:] - closed[1:, :-1]
+    normals = cross(one, two)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals = normals / np.maximum(length, 1e-12)
+    centres = rings.mean(axis=1)
+    middle = (centres[1:] + centres[:-1])[:, None] / 2
+    quad_middle = (closed[1:, 1:] + closed[:-1, :-1]) / 2
+    # One sign for the whole skin: face by face it would flip on hollow shapes.
+    outwards = np.sum(normals * (quad_middle - middle) * length) >= 0
+    return np.asarray(normals if outwards else -normals)
+
+
+def _creased(faces: FloatArray) -> FloatArray:
+    """(S-1, K, 4, 3): corner normals, smooth across gentle edges only."""
+    around = np.concatenate([faces[:, -1:], faces, faces[:, :1]], axis=1)
+    grid = np.pad(around, ((1, 1), (0, 0), (0, 0)))
+    stretches, strips = faces.shape[:2]
+    corners = []
+    for row, column in ((0, 0), (1, 0), (1, 1), (0, 1)):
+        total = np.zeros_like(faces)
+        for down in (row, row + 1):
+            for right in (column, column + 1):
+                near = grid[down : down + stretches, right : right + strips]
+                gentle = np.sum(near * faces, axis=-1, keepdims=True) > _CREASE_COSINE
+                total += np.where(gentle, near, 0.0)
+        length = np.linalg.norm(total, axis=-1, keepdims=True)
+        corners.append(np.where(length > 1e-9, total / np.maximum(length, 1e-9), faces))
+    return np.stack(corners, axis=2)
+
+
+def _cap(ring: FloatArray, outwards: FloatArray, paint: Paint, tag: int) -> Mesh:
+    count = len(ring)
+    centre = np.broadcast_to(ring.mean(axis=0), (count, 3))
+    corners = np.stack([centre, ring, np.roll(ring, -1, axis=0)], axis=1)
+    area = cross(ring - centre, np.roll(ring, -1, axis=0) - centre).sum(axis=0)
+    normal = area / max(float(np.linalg.norm(area)), 1e-12)
+    if normal @ outwards < 0:
+        normal = -normal
+    return Mesh.of(corners, np.broadcast_to(normal, corners.shape).copy(), paint, tag)
+
+
+def _frame(along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two directions that are square to a third."""
+    axis = along / np.linalg.norm(along)
+    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
+    across = cross(axis, other)
+    across /= np.linalg.norm(across)
+    return across, cross(axis, across)
+
+
+def _quads(quads: FloatArray, normals: FloatArray, paint: Paint, tag: int) -> Mesh:
+    """(Q, 4, 3) quads as twice as many triangles; collapsed ones are left out."""
+    halves = [[0, 1, 2], [0, 2, 3]]
+    corners = np.concatenate([quads[:, half] for half in halves])
+    tilted = np.concatenate([normals[:, half] for half in halves])
+    area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    real = np.linalg.norm(area, axis=1) > 1e-9
+    return Mesh.of(corners[real], tilted[real], paint, tag)

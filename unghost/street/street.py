@@ -1,0 +1,297 @@
+"""The door of this package: frames of a street, with everything true about them.
+
+`StreetScene` renders frames; `write_street` writes them as a dataset into a folder, a
+manifest with its files and the truth.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from threading import Lock
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.formats.manifest import MANIFEST_NAME
+from filter_core.geometry.camera import Camera
+from filter_core.types import FloatArray
+from unghost.street.camera import Photographer, Planes, Stage, pixel_centres
+from unghost.street.light import Lighting, ShadowMap
+from unghost.street.sensors import (
+    FIRST_ACTOR,
+    FOV,
+    HEIGHT,
+    WIDTH,
+    annotate,
+    encode_depth,
+    encode_instances,
+    npy,
+    paint_tags,
+    placed_boxes,
+    png,
+    raw_tags,
+    scan,
+    truth_of,
+)
+from unghost.street.town import SIDE_END, STEP_S, TOWN_END, TOWN_START, Thing, Town
+from unghost.street.towns import STYLES, build_town
+
+_SHADOW_TEXELS: Final = (4096, 4096)
+"""Of the map of shadows that never move, made once per town."""
+_MOVING_TEXELS: Final = (1536, 1536)
+"""Of the map of shadows that move, made for each frame around the camera."""
+_MOVING_REACH: Final = 55.0
+"""Metres from the middle of that map to its ends along the street."""
+_FLAT_EVERY: Final = 4
+"""Every fourth frame of a town has naive rectangles instead of 3D boxes."""
+THREADS: Final = 2
+"""Frames that are rendered at the same time."""
+TRUTH: Final = "truth.jsonl"
+"""The file of a street that says of each box what is seen of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreetFrame:
+    """One frame: what a recording of CARLA would hold, and the truth beside it.
+
+    Attributes
+    ----------
+    key : such as ``town-a/000012``
+    image_png, segmentation_png, instances_png, depth_png : bytes
+    lidar_npy : bytes
+    annotation : the camera and the boxes
+    truth : per box: visible pixels and the kind of ghost; never part of the input
+    """
+
+    key: str
+    image_png: bytes
+    segmentation_png: bytes
+    instances_png: bytes
+    depth_png: bytes
+    lidar_npy: bytes
+    annotation: dict[str, object]
+    truth: list[dict[str, object]]
+
+
+class StreetScene:
+    """Three towns and a drive through each; the same seed gives the same bytes.
+
+    Parameters
+    ----------
+    seed : int
+    raw : bool
+        Write raw tags instead of palette colours into the segmentation.
+    actors : float
+        The share of vehicles, people and lights that are there: all of them crowd the
+        street far beyond what is usually recorded.
+    """
+
+    def __init__(
+        self, seed: int = 0, *, raw: bool = False, actors: float = 1.0
+    ) -> None:
+        self._seed, self._raw = seed, raw
+        self._sets = [_Set(number, seed, actors) for number in range(len(STYLES))]
+
+    def frames(self, count: int, threads: int = THREADS) -> Iterator[StreetFrame]:
+        """The first `count` frames, in order; a few are rendered ahead."""
+        with ThreadPoolExecutor(threads) as pool:
+            pending = [
+                pool.submit(self.render_frame, index)
+                for index in range(min(count, 2 * threads))
+            ]
+            for index in range(count):
+                frame = pending.pop(0).result()
+                following = index + 2 * threads
+                if following < count:
+                    pending.append(pool.submit(self.render_frame, following))
+                yield frame
+
+    def render_frame(self, index: int) -> StreetFrame:
+        """One frame; towns take turns."""
+        step, number = divmod(index, len(self._sets))
+        return self._sets[number].render(step, raw=self._raw)
+
+
+class _Set:
+    """A town with what is computed once for all of its frames."""
+
+    def __init__(self, number: int, seed: int, actors: float) -> None:
+        self._number, self._seed, self._actors = number, seed, actors
+        self._lock = Lock()
+
+    @cached_property
+    def _town(self) -> Town:
+        return build_town(STYLES[self._number], self._seed, self._actors)
+
+    @cached_property
+    def _stage(self) -> Stage:
+        return Stage(self._town)
+
+    @cached_property
+    def _still_shadows(self) -> ShadowMap:
+        """The shadows of what never moves and may reach the main street."""
+        reach = SIDE_END / 2
+        area = _box_corners((TOWN_START, -reach, 0.0), (TOWN_END, reach, 10.0))
+        near = self._town.style.plan.frontage + 6.0
+        still = [
+            thing
+            for thing in self._town.things
+            if not thing.route.length
+            and (thing.hides or abs(thing.start.location[1]) < near)
+        ]
+        return self._shadows(still, area, _SHADOW_TEXELS)
+
+    def _shadows(
+        self,
+        things: list[Thing],
+        area: FloatArray,
+        texels: tuple[int, int],
+        time_s: float = 0.0,
+    ) -> ShadowMap:
+        corners = (
+            thing.shape(time_s).placed(thing.pose(time_s).matrix).corners
+            for thing in things
+        )
+        return ShadowMap.of(corners, self._town.style.hour.sun, area, texels)
+
+    def render(self, step: int, *, raw: bool) -> StreetFrame:
+        with self._lock:
+            stage, still = self._stage, self._still_shadows
+        style, things = self._town.style, self._town.things
+        time_s = step * STEP_S
+        pose = self._town.camera(step)
+        camera = Camera.from_fov(WIDTH, HEIGHT, FOV, pose)
+        snapshot = stage.snapshot(camera, time_s)
+        light = Lighting(style.hour, (still, self._moving_shadows(camera, time_s)))
+        seed = (self._seed * 31 + self._number) * 100_003 + step
+        photographer = Photographer(snapshot, style.plan, light)
+        image, planes = photographer.photograph(pixel_centres(snapshot), seed)
+        key = f"{style.name}/{step:06d}"
+        boxes = placed_boxes(things, stage.poses(time_s), camera)
+        flat = step % _FLAT_EVERY == _FLAT_EVERY - 1
+        return StreetFrame(
+            key=key,
+            image_png=png(image),
+            segmentation_png=png(
+                raw_tags(planes.tags) if raw else paint_tags(planes.tags)
+            ),
+            instances_png=png(self._instances(planes)),
+            depth_png=png(encode_depth(planes.depth)),
+            lidar_npy=npy(self._scan(planes, camera)),
+            annotation=annotate(style, pose, camera, boxes, flat=flat),
+            truth=truth_of(planes, boxes, camera, len(things)),
+        )
+
+    def _scan(self, planes: Planes, camera: Camera) -> NDArray[np.void]:
+        ids = [FIRST_ACTOR + index for index in range(len(self._town.things))]
+        return scan(planes, camera, np.array([*ids, 0]))
+
+    def _instances(self, planes: Planes) -> NDArray[np.uint8]:
+        numbers = np.array(
+            [*(thing.instance for thing in self._town.things), 0], dtype=np.int32
+        )
+        return encode_instances(planes.tags, numbers[planes.owner])
+
+    def _moving_shadows(self, camera: Camera, time_s: float) -> ShadowMap:
+        x, y, _ = camera.position
+        ahead = _MOVING_REACH * 0.6
+        area = _box_corners(
+            (x + ahead - _MOVING_REACH, y - _MOVING_REACH * 0.6, 0.0),
+            (x + ahead + _MOVING_REACH, y + _MOVING_REACH * 0.6, 3.0),
+        )
+        middle = x + ahead
+        near = [
+            thing
+            for thing in self._town.things
+            if thing.route.length
+            and abs(thing.pose(time_s).location[0] - middle) < _MOVING_REACH + 10
+        ]
+        return self._shadows(near, area, _MOVING_TEXELS, time_s)
+
+
+def _box_corners(low: tuple[float, ...], high: tuple[float, ...]) -> FloatArray:
+    return np.array(
+        [
+            [x, y, z]
+            for x in (low[0], high[0])
+            for y in (low[1], high[1])
+            for z in (low[2], high[2])
+        ]
+    )
+
+
+def write_street(
+    folder: Path,
+    frames: int = 48,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    actors: float = 1.0,
+) -> Path:
+    """Render a street into a folder.
+
+    The manifest appears last and at once, so that a folder with one is complete.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is not there.
+    frames : int
+        How many; the three towns take turns.
+    seed : int
+        The same seed gives the same bytes.
+    progress : callable, optional
+        Called after each frame with how many are done, and of how many.
+    actors : float
+        The share of vehicles, people and lights that are there, 0 to 1.
+
+    Returns
+    -------
+    Path
+        Of the manifest.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    manifest: list[dict[str, object]] = []
+    truth: list[dict[str, object]] = []
+    scene = StreetScene(seed, actors=actors)
+    for number, frame in enumerate(scene.frames(frames), start=1):
+        manifest.append(_write_frame(folder, frame))
+        truth.extend({"key": frame.key, **line} for line in frame.truth)
+        if progress is not None:
+            progress(number, frames)
+    _write_lines(folder / TRUTH, truth)
+    _write_lines(folder / MANIFEST_NAME, manifest)
+    return folder / MANIFEST_NAME
+
+
+def _write_frame(folder: Path, frame: StreetFrame) -> dict[str, object]:
+    paths = {}
+    for name, (place, suffix, data) in _files(frame).items():
+        path = folder / place / f"{frame.key}{suffix}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        paths[name] = path.relative_to(folder).as_posix()
+    return {"key": frame.key, **paths, **frame.annotation}
+
+
+def _files(frame: StreetFrame) -> dict[str, tuple[str, str, bytes]]:
+    return {
+        "image": ("rgb", ".png", frame.image_png),
+        "segmentation": ("seg", ".png", frame.segmentation_png),
+        "instances": ("instances", ".png", frame.instances_png),
+        "depth": ("depth", ".png", frame.depth_png),
+        "lidar": ("lidar", ".npy", frame.lidar_npy),
+    }
+
+
+def _write_lines(path: Path, rows: list[dict[str, object]]) -> None:
+    text = "".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows)
+    unfinished = path.with_suffix(".part")
+    unfinished.write_text(text, encoding="utf-8")
+    unfinished.replace(path)

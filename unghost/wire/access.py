@@ -1,0 +1,153 @@
+"""Who may come in, what they did, and which server answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime, timedelta
+from typing import Annotated, Final
+
+from pydantic import (
+    AwareDatetime,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    model_validator,
+)
+
+from unghost.wire.model import Json, RequestModel, ResponseModel
+from unghost.wire.words import Role
+
+DEFAULT_DAYS: Final = 90
+"""How long a token lasts for which nobody says otherwise."""
+PRINTABLE: Final = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*[^\s\x00-\x1f\x7f-\x9f]$"
+Secret = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+
+
+class TokenIn(RequestModel):
+    """A new token."""
+
+    name: Annotated[
+        str,
+        Field(
+            min_length=1,
+            max_length=100,
+            pattern=PRINTABLE,
+            description="Who will show it; reviews carry this name.",
+        ),
+    ]
+    role: Role = "reviewer"
+    expires_at: AwareDatetime | None = Field(
+        default=None, description="When it ends; else `expires_in_days` says so."
+    )
+    expires_in_days: int | None = Field(
+        default=DEFAULT_DAYS,
+        ge=1,
+        le=36_500,
+        description="Days until it ends; null: never.",
+    )
+
+    @model_validator(mode="after")
+    def _ends_once(self) -> TokenIn:
+        if self.expires_at is not None and "expires_in_days" in self.model_fields_set:
+            raise ValueError("expected either expires_at or expires_in_days")
+        return self
+
+    def ends(self, now: datetime) -> datetime | None:
+        """When the token lets nobody in any more; None: never."""
+        if self.expires_at is not None or self.expires_in_days is None:
+            return self.expires_at
+        return now + timedelta(days=self.expires_in_days)
+
+
+class Token(ResponseModel):
+    """A token of someone, without what it opens with."""
+
+    id: int
+    name: str
+    role: Role
+    created_at: AwareDatetime
+    expires_at: AwareDatetime | None = None
+    revoked_at: AwareDatetime | None = None
+    last_used_at: AwareDatetime | None = None
+
+
+class NewToken(Token):
+    """A token that was just made; `token` is shown this once."""
+
+    token: str = Field(repr=False)
+
+
+class LogIn(RequestModel):
+    """What lets somebody in: a token, or the code of a login link."""
+
+    model_config = ConfigDict(hide_input_in_errors=True)
+
+    token: Secret | None = None
+    code: Secret | None = None
+
+    @model_validator(mode="after")
+    def _is_one(self) -> LogIn:
+        if (self.token is None) == (self.code is None):
+            raise ValueError("expected either token or code")
+        return self
+
+
+class Session(ResponseModel):
+    """Who asks; answers on boxes carry this name."""
+
+    name: str
+    role: Role
+    expires_at: AwareDatetime | None = None
+
+
+class NewSession(Session):
+    """The one answer that carries the session's secret."""
+
+    session: str = Field(repr=False)
+
+
+class LoginCode(ResponseModel):
+    """What a login link carries, without the code; it opens one session."""
+
+    id: int
+    expires_at: AwareDatetime
+    used_at: AwareDatetime | None = None
+
+
+class NewLoginCode(LoginCode):
+    """A code that was just made; `code` is shown this once."""
+
+    code: str = Field(repr=False)
+
+
+class AuditEntry(ResponseModel):
+    """Who did what, when, and to what; without a token it was the service itself."""
+
+    id: int
+    created_at: AwareDatetime
+    actor: str = Field(description="The token's name; `unghost` is the service itself.")
+    token_id: int | None = None
+    action: str = Field(description="What was done, such as `dataset.deleted`.")
+    subject: str = Field(description="The name or number of what it was done to.")
+    details: Json = Field(default_factory=dict)
+
+
+class Alive(ResponseModel):
+    """The process answers."""
+
+    status: str = "ok"
+
+
+class Ready(ResponseModel):
+    """The service can work, and what each check found."""
+
+    ready: bool
+    checks: Mapping[str, str] = Field(default_factory=dict)
+
+
+class Version(ResponseModel):
+    """Which program answers."""
+
+    version: str
+    api: str = ""
+    python: str = ""

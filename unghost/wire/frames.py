@@ -1,0 +1,182 @@
+"""Frames as they are answered: in lists, alone, as stored, and line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Literal
+
+from pydantic import AwareDatetime, Field, PrivateAttr
+
+from unghost.wire.boxes import Decision
+from unghost.wire.datasets import FrameCounts, VerdictCounts
+from unghost.wire.model import Json, Problem, RequestModel, ResponseModel, time_of
+from unghost.wire.words import EdgeKind, Layer
+
+
+class FrameSummary(ResponseModel):
+    """One image with its boxes, as a list of frames has it."""
+
+    id: int
+    key: str
+    revision: int = 1
+    width: int | None = None
+    height: int | None = None
+    map: str | None = None
+    has_image: bool = False
+    has_segmentation: bool = False
+    lossy: bool = False
+    created_at: AwareDatetime
+    counts: FrameCounts
+
+
+class SegmentationReport(ResponseModel):
+    """What was recognised in a frame's segmentation."""
+
+    palette: str
+    encoding: str
+    channel_order: str
+    lossy: bool = False
+    unknown_percent: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+class StoredFile(ResponseModel):
+    """One file of a frame, as the server keeps it."""
+
+    url: str
+    sha256: str
+    media_type: str
+    size_bytes: int
+
+
+class FrameDetails(FrameSummary):
+    """A frame without its boxes."""
+
+    dataset: str
+    camera: Json | None = None
+    carla_version: str | None = None
+    captured_text: str | None = Field(
+        default=None, alias="captured_at", description="RFC 3339, as it was sent."
+    )
+    weather: Json | None = None
+    superseded: bool = Field(
+        default=False, description="Whether there is a newer revision."
+    )
+    segmentation: SegmentationReport | None = None
+    files: Mapping[str, StoredFile] = Field(default_factory=dict)
+
+    @property
+    def captured_at(self) -> datetime | None:
+        """When it was recorded; None also of a time that is not written to RFC 3339."""
+        try:
+            return None if self.captured_text is None else time_of(self.captured_text)
+        except ValueError:
+            return None
+
+
+class Frame(FrameDetails):
+    """A frame between its neighbours, with its boxes and their decisions."""
+
+    previous_id: int | None = None
+    next_id: int | None = None
+    boxes: tuple[Decision, ...] = ()
+
+
+class StoredFrame(ResponseModel):
+    """A frame that is stored, what was recognised, and what was decided."""
+
+    frame: FrameDetails
+    segmentation: SegmentationReport | None = None
+    decisions: tuple[Decision, ...] = ()
+    _created: bool = PrivateAttr(default=True)
+
+    @property
+    def created(self) -> bool:
+        """False if the same was stored already: an answer of 200 and not 201."""
+        return self._created
+
+    @classmethod
+    def answered(cls, raw: Json, *, created: bool) -> StoredFrame:
+        """Read an answer whose status says whether the frame is new."""
+        made = cls.read(raw)
+        made._created = created
+        return made
+
+
+class KnownFramesIn(RequestModel):
+    """Keys to look for."""
+
+    keys: list[str] = Field(max_length=1000)
+
+
+class KnownFrame(ResponseModel):
+    """A frame that is stored."""
+
+    key: str
+    frame_id: int
+    digest: str = Field(description="Names the content; see the guide to the API.")
+
+
+class KnownFrames(ResponseModel):
+    """Those of the keys that are stored; the others are not there."""
+
+    items: tuple[KnownFrame, ...]
+
+
+class BatchLine(ResponseModel):
+    """What became of one frame of a batch.
+
+    `status` is what storing the frame alone would have been answered with; a frame that
+    was refused has a `problem` and neither id nor decisions.
+    """
+
+    key: str
+    status: int
+    frame_id: int | None = None
+    decisions: VerdictCounts | None = None
+    problem: Problem | None = None
+
+
+class BatchEnd(ResponseModel):
+    """The last line of a batch: how many frames had a line, and what became of them.
+
+    `problem` says why the rest of the archive was not read.
+    """
+
+    end: Literal[True]
+    frames: int
+    stored: int
+    same: int
+    refused: int
+    problem: Problem | None = None
+
+
+class CropQuery(RequestModel):
+    """How to cut a box out of its frame."""
+
+    layer: Layer = "image"
+    pad: float = Field(
+        default=0.25,
+        ge=0,
+        le=10,
+        allow_inf_nan=False,
+        description="Added on every side, in parts of the box's longer side.",
+    )
+    height: int = Field(default=256, ge=16, le=2048, description="Most pixels high.")
+
+
+class OverlayQuery(RequestModel):
+    """What to draw over a frame."""
+
+    layer: Layer = "image"
+    boxes: str = Field(
+        default="kept,rejected,unmeasured",
+        pattern=r"^((kept|rejected|unmeasured)(,(kept|rejected|unmeasured))*)?$",
+        description="Effective verdicts whose boxes are drawn; empty for none.",
+    )
+    edges: EdgeKind = "2d"
+
+    def verdicts(self) -> frozenset[str]:
+        """The verdicts whose boxes are drawn."""
+        return frozenset(self.boxes.split(",")) - {""}

@@ -1,0 +1,193 @@
+"""How good the filter is: against people, against instances, by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import Field
+
+from unghost.wire.model import RequestModel, ResponseModel
+from unghost.wire.words import EvidenceKind, ThresholdTarget, Truth, WrongVerdict
+
+
+class QualityQuery(RequestModel):
+    """What is true, and what thresholds are suggested for."""
+
+    truth: Truth = Field(
+        default="people",
+        description="What the filter is compared with: people's latest answers, or "
+        "instance images, as far as they were measured.",
+    )
+    target: ThresholdTarget = Field(
+        default="f1",
+        description="The best F1, or the highest threshold that keeps `recall`.",
+    )
+    recall: Annotated[float, Field(gt=0, le=1)] = 0.99
+
+
+class EvaluationQuery(RequestModel):
+    """What the channels are compared with."""
+
+    truth: Truth = Field(
+        default="instances",
+        description="What is visible: boxes whose instance has a pixel, or boxes that "
+        "people kept.",
+    )
+
+
+class Measure(ResponseModel):
+    """A share with its 95 % interval, 0 to 1."""
+
+    value: float
+    low: float
+    high: float
+
+
+class _OfOneBand(ResponseModel):
+    band: str = Field(description="A band of distance, in metres.")
+
+
+class Confusion(ResponseModel):
+    """The filter's verdict, then the answer that is held to be true.
+
+    Kept is the positive class; a share is None where nothing can be said.
+    """
+
+    kept_keep: int
+    kept_reject: int
+    rejected_keep: int
+    rejected_reject: int
+    precision: Measure | None = None
+    recall: Measure | None = None
+    f1: Measure | None = None
+
+
+class Band(Confusion, _OfOneBand):
+    """Boxes of one band of distance, in metres."""
+
+
+class Reviewer(ResponseModel):
+    """Boxes by the latest answer of one reviewer."""
+
+    name: str
+    answers: int
+    keep: int
+    reject: int
+    unsure: int
+
+
+class Pair(ResponseModel):
+    """Two reviewers and the boxes that both decided; `kappa` is Cohen's."""
+
+    a: str
+    b: str
+    boxes: int
+    agreed: int
+    kappa: float | None = None
+
+
+class Agreement(ResponseModel):
+    """Boxes that two or more reviewers decided; `interval` is that of `kappa`."""
+
+    boxes: int
+    agreed: int
+    percent: float | None = None
+    kappa: float | None = Field(
+        default=None, description="Cohen's, of all pairs in one table."
+    )
+    interval: tuple[float, float] | None = None
+    pairs: tuple[Pair, ...] = ()
+
+
+class ThresholdPoint(ResponseModel):
+    """The scores that a threshold would have."""
+
+    threshold: float
+    precision: float | None = None
+    recall: float | None = None
+    f1: float | None = None
+
+
+class Suggestion(ResponseModel):
+    """The threshold of a class that the truth speaks for."""
+
+    class_name: str = Field(alias="class")
+    current: float
+    suggested: float
+    interval: tuple[float, float] | None = None
+    answers: int = Field(description="Boxes of the class whose truth is known.")
+    f1_current: float | None = None
+    f1_suggested: float | None = None
+    curve: tuple[ThresholdPoint, ...] = ()
+
+
+class Quality(ResponseModel):
+    """How good the filter is by the truth, and how far people agree themselves."""
+
+    truth: Truth = "people"
+    reviewed: int
+    unsure: int
+    unmeasured: int = Field(
+        default=0, description="Boxes of known truth without a verdict of the filter."
+    )
+    confusion: Confusion
+    by_class: Mapping[str, Confusion] = Field(default_factory=dict)
+    by_distance: tuple[Band, ...] = ()
+    reviewers: tuple[Reviewer, ...] = ()
+    agreement: Agreement
+    suggested: tuple[Suggestion, ...] = ()
+
+
+class Score(ResponseModel):
+    """A channel's verdicts against what is visible.
+
+    Kept is the positive class; a share is None where nothing can be said.
+    """
+
+    kept_visible: int
+    kept_hidden: int
+    rejected_visible: int
+    rejected_hidden: int
+    precision: Measure | None = None
+    recall: Measure | None = None
+    f1: Measure | None = None
+
+
+class BandScore(Score, _OfOneBand):
+    """Boxes of one band of distance, in metres."""
+
+
+class WrongBox(ResponseModel):
+    """A box that a channel got wrong."""
+
+    box_id: int
+    frame_id: int
+    error: WrongVerdict
+    pixels: int = Field(
+        description="Of a kept ghost all of its box, of a lost object those seen of it."
+    )
+
+
+class ChannelScore(Score):
+    """One channel: all boxes, by class and by distance."""
+
+    judged: int = Field(
+        description="Boxes it had a number for; the segmentation judged the others."
+    )
+    by_class: Mapping[str, Score] = Field(default_factory=dict)
+    by_distance: tuple[BandScore, ...] = ()
+    worst: tuple[WrongBox, ...] = Field(
+        default=(),
+        description="Up to 20 boxes that it got wrong, most pixels first.",
+    )
+
+
+class Evaluation(ResponseModel):
+    """Every measured channel against the truth, on the same boxes."""
+
+    truth: Truth = "instances"
+    not_measured: tuple[EvidenceKind, ...] = ()
+    frames: int
+    boxes: int
+    channels: Mapping[str, ChannelScore] = Field(default_factory=dict)

@@ -1,0 +1,274 @@
+"""Configurations, what another one would decide, runs, their differences, exports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import (
+    AwareDatetime,
+    Field,
+    RootModel,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_serializer,
+)
+
+from unghost.wire.datasets import Histogram, VerdictCounts
+from unghost.wire.model import Json, RequestModel, ResponseModel
+from unghost.wire.words import (
+    FINISHED,
+    ExportFormat,
+    Images,
+    Include,
+    JobState,
+    Rectangle,
+    RejectedBoxes,
+    RunKind,
+    Verdict,
+)
+
+MAX_BANDS: Final = 16
+MAX_BAND: Final = 100_000
+"""Metres."""
+
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class FilterConfigIn(RootModel[dict[str, Any]]):
+    """A configuration written out; the library says what may stand in it."""
+
+
+class ConfigVersion(ResponseModel):
+    """One immutable version of a dataset's filter configuration, with its digest."""
+
+    digest: str
+    config: Json
+    unused_keys: tuple[str, ...] = ()
+    created_by: str
+    created_at: AwareDatetime
+    active: bool
+
+
+class ActivateIn(RequestModel):
+    """Which version becomes active."""
+
+    digest: Digest
+
+
+class PreviewIn(RequestModel):
+    """A configuration to try; nothing is written."""
+
+    config: FilterConfigIn
+    limit: Annotated[
+        int, Field(ge=0, le=1000, description="Most flips that are listed.")
+    ] = 100
+    bins: Annotated[int, Field(ge=2, le=200)] = 50
+
+
+class FlipSide(ResponseModel):
+    """A box's verdict on one side of a change, and its reason."""
+
+    verdict: Verdict
+    reason: str
+
+
+class Flip(ResponseModel):
+    """A box that would be decided otherwise."""
+
+    box_id: int
+    frame_id: int
+    class_name: str = Field(alias="class")
+    match_percent: float | None = None
+    before: FlipSide
+    after: FlipSide
+
+
+class FlipCounts(ResponseModel):
+    """How many boxes change sides, by the side they leave."""
+
+    kept_to_rejected: int = 0
+    rejected_to_kept: int = 0
+
+
+class _OfAll(ResponseModel):
+    total: int = Field(description="Boxes whose verdicts differ.")
+
+
+# Bases are written from right to left: that is the order of the keys in an answer.
+class Flips(FlipCounts, _OfAll):
+    """How many boxes would flip, and those nearest to their new threshold."""
+
+    by_class: Mapping[str, FlipCounts]
+    items: tuple[Flip, ...]
+
+
+class Preview(ResponseModel):
+    """What a configuration would decide; nothing was written.
+
+    Only a run can tell what one decides that needs other pixels (`needs_pixels`): then
+    everything else is None.
+    """
+
+    config: str
+    needs_pixels: bool
+    counts: VerdictCounts | None = None
+    by_reason: Mapping[str, int] | None = None
+    by_class: Mapping[str, VerdictCounts] | None = None
+    reasons_by_class: Mapping[str, Mapping[str, int]] | None = None
+    histograms: Histogram | None = None
+    flips: Flips | None = None
+
+
+def _in_either_form(value: object, check: ValidatorFunctionWrapHandler) -> object:
+    """One fault instead of one for each form that it does not have."""
+    try:
+        return check(value)
+    except ValidationError as exc:
+        raise ValueError(_EITHER_FORM) from exc
+
+
+_EITHER_FORM: Final = (
+    "expected a configuration, or a digest of 64 hexadecimal digits of one"
+)
+
+
+class RunIn(RequestModel):
+    """Apply a configuration: by digest, or written out."""
+
+    config: Annotated[Digest | FilterConfigIn, WrapValidator(_in_either_form)]
+    scope: Literal["dataset"] = "dataset"
+    activate: bool = False
+
+
+class RunCounts(VerdictCounts):
+    """Boxes by verdict; an empty object until the run is done, which is read as 0."""
+
+    kept: int = 0
+    rejected: int = 0
+    unmeasured: int = 0
+
+    @model_serializer(mode="wrap")
+    def _empty_until_done(self, write: SerializerFunctionWrapHandler) -> dict[str, int]:
+        counts: dict[str, int] = write(self)
+        return counts if self.model_fields_set else {}
+
+
+class Run(ResponseModel):
+    """One configuration applied to a dataset: how far it is and what came out."""
+
+    id: int
+    dataset: str
+    kind: RunKind
+    state: JobState
+    config: str
+    activate: bool
+    total: int
+    done: int
+    changed: int
+    counts: RunCounts = Field(default_factory=RunCounts)
+    error: Json | None = None
+    created_by: str
+    created_at: AwareDatetime
+    started_at: AwareDatetime | None = None
+    finished_at: AwareDatetime | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Nothing more will happen to it."""
+        return self.state in FINISHED
+
+
+class _Compared(ResponseModel):
+    run: int
+    against: int
+    compared: int = Field(
+        default=0, description="Boxes that both runs have numbers of."
+    )
+
+
+class Diff(FlipCounts, _OfAll, _Compared):
+    """What `run` decides otherwise than `against`, and one page of the boxes."""
+
+    by_class: Mapping[str, int] = Field(
+        default_factory=dict, description="Boxes whose verdicts differ."
+    )
+    sides_by_class: Mapping[str, FlipCounts] = Field(
+        default_factory=dict,
+        description="Of those, the ones that went from one side to the other.",
+    )
+    items: tuple[Flip, ...] = ()
+    next_cursor: str | None = None
+
+
+class ExportOptions(RequestModel):
+    """What goes into an export."""
+
+    include: Annotated[
+        Include, Field(description="By the effective verdict, the filter's, or all.")
+    ] = "effective"
+    include_unmeasured: Annotated[
+        bool, Field(description="Also boxes that nothing could be measured of.")
+    ] = False
+    rejected: Annotated[
+        RejectedBoxes,
+        Field(description="Leave rejected boxes out, or have them ignored."),
+    ] = "drop"
+    boxes: Annotated[
+        Rectangle, Field(description="Which rectangle, where a box has several.")
+    ] = "visible"
+    images: Annotated[Images, Field(description="Put the images in, or not.")] = "copy"
+    split: Annotated[
+        float, Field(ge=0, le=1, description="Share of the frames for training.")
+    ] = 0.8
+    bands: list[Annotated[int, Field(ge=1, le=MAX_BAND)]] = Field(
+        default=[],
+        max_length=MAX_BANDS,
+        description="Labels once more for each distance (metres), with the boxes up to "
+        "it.",
+    )
+
+
+class ExportIn(RequestModel):
+    """Labels to write."""
+
+    format: Annotated[
+        ExportFormat,
+        Field(description="One of the formats of docs/formats.md."),
+    ]
+    options: ExportOptions = ExportOptions()
+
+
+class Export(ResponseModel):
+    """A file of labels in the making, or ready to be downloaded.
+
+    `done` of `total` frames are written.
+    """
+
+    id: int
+    dataset: str
+    format: ExportFormat
+    options: Json
+    state: JobState
+    total: int = Field(description="Frames.")
+    done: int
+    size_bytes: int | None = None
+    sha256: str | None = None
+    counts: Json | None = None
+    error: Json | None = None
+    created_at: AwareDatetime
+    download: str | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Nothing more will happen to it."""
+        return self.state in FINISHED
+
+
+class DownloadLink(ResponseModel):
+    """Where the file of one export can be had without a token, and until when."""
+
+    url: str
+    expires_at: AwareDatetime

@@ -1,0 +1,101 @@
+"""Every closed set of words that crosses HTTP, as a `Literal`.
+
+Nothing heavy is imported here: the command line checks its options against these words
+at its start. Where the library or the service has a table of the same words, a test
+compares them.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal, TypeAlias
+
+# Boxes
+Verdict: TypeAlias = Literal["kept", "rejected", "unmeasured"]
+"""What the filter says of a box."""
+Answer: TypeAlias = Literal["keep", "reject", "unsure", "clear"]
+"""What a person says of a box; `clear` takes an answer back."""
+ReviewState: TypeAlias = Literal[
+    "undecided", "decided", "keep", "reject", "unsure", "none", "any"
+]
+"""What a list of boxes can ask of the answers on them."""
+EvidenceKind: TypeAlias = Literal[
+    "semantic", "ordered", "depth", "depth_center", "instance", "lidar"
+]
+"""What a verdict can rest on."""
+OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]
+"""How much of an object is hidden, as in KITTI; 3: unknown."""
+BoxSort: TypeAlias = Literal[
+    "id", "doubt", "match_percent", "-match_percent", "crowding"
+]
+"""Orders of a list of boxes."""
+QueueOrder: TypeAlias = Literal["doubt", "random", "class", "audit"]
+"""Orders in which people are given boxes."""
+HistoryKind: TypeAlias = Literal["decision", "review"]
+"""What an entry of a box's history tells of."""
+
+# Frames
+FrameSort: TypeAlias = Literal["key", "-key", "id", "-id"]
+"""Orders of a list of frames."""
+FileKind: TypeAlias = Literal[
+    "image", "segmentation", "depth", "instances", "lidar", "radar"
+]
+"""The files of a frame."""
+UploadWord: TypeAlias = Literal["stored", "already_there", "refused"]
+"""What became of a frame that was sent."""
+Layer: TypeAlias = Literal["image", "segmentation", "blend"]
+"""What a picture of a frame or of a box shows."""
+EdgeKind: TypeAlias = Literal["2d", "3d"]
+"""How a picture outlines boxes."""
+
+# Segmentations
+Palette: TypeAlias = Literal[
+    "auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"
+]
+"""The tables of tags, by the versions of CARLA that share one."""
+Encoding: TypeAlias = Literal["auto", "palette", "raw"]
+"""How tags are written in a segmentation."""
+ChannelOrder: TypeAlias = Literal["auto", "rgb", "bgr"]
+"""The order of a segmentation's colour channels."""
+LossyPolicy: TypeAlias = Literal["refuse", "nearest"]
+"""What happens to a segmentation whose colours are not exact."""
+
+# Runs and exports
+JobState: TypeAlias = Literal["queued", "running", "done", "failed", "cancelled"]
+"""How far a run or an export is."""
+FINISHED: Final[frozenset[JobState]] = frozenset({"done", "failed", "cancelled"})
+"""The states that nothing follows."""
+RunKind: TypeAlias = Literal["decide", "measure"]
+"""Whether a run decides by stored numbers, or measures pixels first."""
+ExportFormat: TypeAlias = Literal[
+    "yolo",
+    "coco",
+    "kitti",
+    "voc",
+    "cvat",
+    "label-studio",
+    "manifest",
+    "decisions-jsonl",
+    "decisions-csv",
+    "decisions-parquet",
+]
+"""What labels can be written as."""
+Include: TypeAlias = Literal["effective", "kept", "all"]
+"""Which boxes an export has: by the effective verdict, by the filter's, or all."""
+RejectedBoxes: TypeAlias = Literal["drop", "dontcare"]
+"""What an export does with rejected boxes."""
+Rectangle: TypeAlias = Literal["visible", "amodal", "tight"]
+"""Which rectangle of a box an export writes."""
+Images: TypeAlias = Literal["copy", "none"]
+"""Whether an export has the images as well."""
+
+# Quality
+Truth: TypeAlias = Literal["people", "instances"]
+"""What verdicts are compared with."""
+ThresholdTarget: TypeAlias = Literal["f1", "recall"]
+"""What a suggested threshold is best for."""
+WrongVerdict: TypeAlias = Literal["kept_hidden", "rejected_visible"]
+"""The two ways in which a channel can be wrong about a box."""
+
+# People
+Role: TypeAlias = Literal["viewer", "reviewer", "admin"]
+"""What a token may do; each role may do what the one before may."""
