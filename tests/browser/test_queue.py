@@ -13,6 +13,8 @@ from tests.browser.crowds import answers, queue, queued
 
 pytestmark = pytest.mark.browser
 
+SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
+
 
 @pytest.fixture
 def many(make_scene: MakeScene) -> Scene:
@@ -57,11 +59,12 @@ def test_the_box_is_close_and_all_around_it_is_dim(many, ada):
     page = opened(ada, many)
     stage = page.locator(".stage")
     expect(stage).to_have_attribute("data-mode", "crop")
-    close = float((stage.get_attribute("data-view") or "").split()[0])
+    close = page.wait_for_function(SCALE).json_value()
 
     ada.press("c")
     expect(stage).to_have_attribute("data-mode", "frame")
-    whole = float((stage.get_attribute("data-view") or "").split()[0])
+    # The view glides there.
+    page.wait_for_function(f"close => {SCALE} < close / 2", arg=close)
     ada.press("c")
     expect(stage).to_have_attribute("data-mode", "crop")
     ada.press("f")
@@ -69,7 +72,7 @@ def test_the_box_is_close_and_all_around_it_is_dim(many, ada):
     ada.press("Escape")
 
     expect(stage).to_have_attribute("data-mode", "crop")
-    assert close > 2 * whole
+    page.wait_for_function(f"close => {SCALE} > 0.9 * close", arg=close)
 
 
 def test_next_box_is_close_again_after_one_looked_at_the_frame(many, ada):
