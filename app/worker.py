@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Final
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.db.passing import in_a_line, is_passing
-from app.engine import UnusableEngine, remote
+from app.engine import UnusableEngine
+from app.engine.remote import work_with
 from app.engine.scheduler import NOWHERE, close_dashboard, when_told_to_stop
 from app.engine.wire import prepare, reason_of, security
 from app.engine_address import LOCAL, EngineAddress
@@ -173,7 +174,7 @@ def work(settings: Settings, place: Place) -> int:
     with attached(settings) as services:
         settle()
         mine = Work(services)
-        remote.work_with(mine)
+        work_with(mine)
         return asyncio.run(_join(services, mine, address, place))
 
 

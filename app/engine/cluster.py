@@ -15,9 +15,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from app.engine import remote
 from app.engine.jobs import ChunkWork, EngineAway, WorkerDied
 from app.engine.local import LocalEngine
+from app.engine.remote import work_on
 from app.engine.wire import Certificates, prepare, security
 from app.jobs import Job
 from app.logs import server_log
@@ -94,7 +94,7 @@ class ClusterEngine(LocalEngine):
         executor = client.get_executor(pure=False)
         try:
             sent: Future[str] = executor.submit(
-                remote.work_on, job.kind, job.id, number, self._scheduler.installation
+                work_on, job.kind, job.id, number, self._scheduler.installation
             )
         except Exception as exc:
             raise EngineAway(str(exc)) from exc
