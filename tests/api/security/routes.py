@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from importlib import import_module
-from pkgutil import iter_modules
 
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
 from starlette.routing import BaseRoute
 
-from app import routes
+from app.main import ROUTERS
 from app.security import Role
 
 ANYBODY = None
@@ -71,10 +69,8 @@ NEEDS |= dict.fromkeys(_ADMINISTRATION, Role.ADMIN)
 
 def every_route() -> Iterator[APIRoute]:
     """The routes of all modules, those outside of the OpenAPI document too."""
-    for module in iter_modules(routes.__path__):
-        router = getattr(import_module(f"{routes.__name__}.{module.name}"), "router", 0)
-        if isinstance(router, APIRouter):
-            yield from _below(router.routes)
+    for router in ROUTERS:
+        yield from _below(router.routes)
 
 
 def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
