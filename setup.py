@@ -2,7 +2,7 @@
 
 `static/` and `migrations/` lie at the top of the repository, where people look for
 them. In a wheel they live inside the package, as `app/_static` and `app/_migrations`,
-so that they cannot collide with other projects; `app.resources` finds them in either.
+so that they cannot collide with other projects; `app.package` finds them in either.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ import sys
 
 from pydantic import ValidationError
 
+from app.serve import CannotServe, serve
 from app.settings import Settings
-from app.startup import CannotServe, serve
 
 USAGE = 2
 REFUSED = 1

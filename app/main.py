@@ -12,24 +12,31 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
-from app import http_errors, openapi
-from app.bodies import MAX_READERS
-from app.connections import Connections
-from app.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
-from app.draining import NoNewWork
-from app.lifetime import running
-from app.metrics import RequestMetrics
-from app.middleware import (
+from app.access.routes import audit_router, session_router, tokens_router
+from app.http import openapi
+from app.http import problems as http_errors
+from app.http.bodies import MAX_READERS
+from app.http.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
+from app.http.idempotency import AlreadyAnswered
+from app.http.middleware import (
     AccessLog,
     BodyLimit,
     KnownHosts,
+    NoNewWork,
     Problems,
     RequestId,
     SecurityHeaders,
 )
-from app.page_files import content_security_policy
-from app.resources import static_dir
-from app.routes.audit import router as audit_router
+from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
+from app.http.static import content_security_policy
+from app.http.static import router as page_router
+from app.metrics import RequestMetrics
+from app.ops.readiness import Readiness
+from app.ops.routes import router as health_router
+from app.package import VERSION, static_dir
+from app.process.connections import Connections
+from app.process.lifespan import running
+from app.process.loop_watch import LoopWatch
 from app.routes.batches import router as batches_router
 from app.routes.boxes import router as boxes_router
 from app.routes.configs import router as configs_router
@@ -38,21 +45,12 @@ from app.routes.evaluations import router as evaluations_router
 from app.routes.exports import router as exports_router
 from app.routes.frame_pictures import router as frame_pictures_router
 from app.routes.frames import router as frames_router
-from app.routes.health import router as health_router
 from app.routes.known_frames import router as known_frames_router
-from app.routes.page import router as page_router
 from app.routes.quality import router as quality_router
 from app.routes.queue import router as queue_router
 from app.routes.reviews import router as reviews_router
 from app.routes.runs import router as runs_router
-from app.routes.session import router as session_router
-from app.routes.tokens import router as tokens_router
-from app.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
-from app.services.idempotency import AlreadyAnswered
-from app.services.loop_watch import LoopWatch
-from app.services.readiness import Readiness
 from app.settings import Settings
-from app.version import VERSION
 
 ROUTERS: Final = (
     audit_router,

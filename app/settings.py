@@ -14,9 +14,14 @@ from typing import Annotated, Final, Literal
 from pydantic import ByteSize, Field, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
-from app.database_url import checked_url
-from app.engine_address import LOCAL, checked_engine
-from app.storage_url import FOLDER, checked_endpoint, checked_storage
+from app.addresses import (
+    FOLDER,
+    LOCAL_ENGINE,
+    checked_endpoint,
+    checked_engine,
+    checked_storage,
+    checked_url,
+)
 
 LOOPBACK_HOSTS: Final = ("localhost", "127.0.0.1", "[::1]")
 ANY_HOST: Final = "*"
@@ -116,7 +121,7 @@ class Settings(BaseSettings):
         "machine: whoever reaches it can run code on every worker.",
     )
     engine: str = Field(
-        default=LOCAL,
+        default=LOCAL_ENGINE,
         description="Where runs and exports are worked on: local (in this process), or "
         "by workers that joined a scheduler at tls://HOST:8786.",
     )

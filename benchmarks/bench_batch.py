@@ -36,7 +36,7 @@ from urllib.parse import urlsplit
 
 import httpx
 
-from app.lifetime import running
+from app.process.lifespan import running
 from app.settings import Settings
 from benchmarks.bench_upload import cpu_seconds, decode_seconds, photograph
 from benchmarks.million import NAME as MILLION

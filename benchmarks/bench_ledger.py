@@ -25,8 +25,8 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.engine import Job, LocalEngine
-from app.engine.jobs import DONE, ChunkWork
-from app.lifetime import running
+from app.engine.chunk import DONE, ChunkWork
+from app.process.lifespan import running
 from app.repositories.ledger import Span
 from app.services.chunk_driving import ChunkDriver
 from app.services.context import ServiceContext

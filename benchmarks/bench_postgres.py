@@ -29,7 +29,7 @@ from app.db.base import Base
 from app.db.bulk import copy_in, execute_many, run_each, update_rows
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
-from app.lifetime import running
+from app.process.lifespan import running
 from app.repositories.datasets import DatasetRepository
 from app.security import Principal, Role
 from app.services.context import ServiceContext

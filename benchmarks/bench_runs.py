@@ -22,10 +22,10 @@ from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Dataset, Run
 from app.engine import LocalEngine
-from app.lifetime import pixel_pool
 from app.memory import settle
+from app.package import migrations_dir
+from app.process.lifespan import pixel_pool
 from app.repositories.datasets import DatasetRepository
-from app.resources import migrations_dir
 from app.services.box_selection import Selection, to_filter
 from app.services.boxes import PageRequest, list_boxes
 from app.services.context import ServiceContext

@@ -5,8 +5,6 @@ from __future__ import annotations
 from alembic import context
 from sqlalchemy import Connection
 
-import app.db.access_tables
-import app.db.tables  # noqa: F401  # registers the tables
 from app.db.base import Base
 
 

@@ -28,9 +28,9 @@ from sqlalchemy.exc import OperationalError
 
 from app.db import inspection
 from app.db.engine import Database, make_engine, sqlite_url
+from app.db.inspection import broken_keys
 from app.db.migrate import migrate
-from app.db.server_inspection import broken_keys
-from app.resources import migrations_dir
+from app.package import migrations_dir
 
 # Read here: the tests see no UNGHOST_* variables.
 CHOSEN = os.environ.get("UNGHOST_TEST_DATABASE", "")

@@ -61,8 +61,8 @@ def _die() -> None:
 
 
 if __name__ == "__main__":
+    from app.serve import serve
     from app.settings import Settings
-    from app.startup import serve
 
     lay_poison()
     serve(Settings())

@@ -24,9 +24,9 @@ from urllib.parse import urlsplit
 import httpx
 from obstore.store import S3Store
 
-from app.storage.blob_store import place_of
-from app.storage.s3_client import S3Place, patient
-from app.storage_url import Bucket
+from app.addresses import Bucket
+from app.storage.base import place_of
+from app.storage.s3 import S3Place, patient
 
 KEYS = {"AWS_ACCESS_KEY_ID": "tests", "AWS_SECRET_ACCESS_KEY": "a-secret-of-tests"}
 CHECKOUT = Path(__file__).resolve().parents[1]

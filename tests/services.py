@@ -14,14 +14,14 @@ from typing import Any
 
 from sqlalchemy import func, select
 
+from app.access.audit import AuditTrail
 from app.db.tables import Dataset, Decision, Run
-from app.lifetime import running
+from app.process.lifespan import running
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.security import Principal, Role
 from app.services import datasets, frames, reviews
-from app.services.audit import AuditTrail
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.history import history

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.db.migrate import current_revision
-from app.lifetime import running
+from app.process.lifespan import running
 from app.settings import Settings
 
 

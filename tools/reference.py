@@ -18,7 +18,7 @@ from pydantic import ByteSize
 from pydantic_core import PydanticUndefined
 
 from app.main import create_app
-from app.resources import static_dir
+from app.package import static_dir
 from app.settings import Settings
 from filter_core.config.filter import ClassConfig, FilterConfig
 from filter_core.config.keys import EVIDENCE, keys_of

@@ -71,3 +71,8 @@ class Base(DeclarativeBase):
 def utc_now() -> datetime:
     """The service's clock."""
     return datetime.now(timezone.utc)
+
+
+def rfc3339(at: datetime) -> str:
+    """An aware time as text."""
+    return at.astimezone(timezone.utc).isoformat().removesuffix("+00:00") + "Z"

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, cast
 
 from sqlalchemy import (
+    ARRAY,
     Boolean,
     Connection,
     CursorResult,
@@ -21,15 +22,19 @@ from sqlalchemy import (
     Table,
     Update,
     bindparam,
+    column,
+    func,
     insert,
+    select,
     update,
 )
 from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
 
 from app.db.base import Base
-from app.db.copying import copy_rows, translated, update_from_arrays
+from app.db.tables import ConfigVersion, Export, Problem, Run
 
 if TYPE_CHECKING:
     from sqlalchemy.sql import ClauseElement
@@ -258,3 +263,76 @@ def _insert(model: type[Base]) -> Insert:
 
 def _table(model: type[Base]) -> Table:
     return cast("Table", model.__table__)
+
+
+def copy_rows(
+    connection: Connection,
+    table: Table,
+    names: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+) -> None:
+    """Insert rows into these columns by COPY, in the connection's transaction.
+
+    Raises
+    ------
+    SQLAlchemyError
+        What an insert of the same rows would raise.
+    """
+    quote = connection.dialect.identifier_preparer.quote
+    columns = ", ".join(map(quote, names))
+    statement = f"COPY {quote(table.name)} ({columns}) FROM STDIN"
+    driver: Any = connection.connection.dbapi_connection
+    with (
+        translated(connection.dialect, statement),
+        closing(driver.cursor()) as cursor,
+        cursor.copy(statement) as copy,
+    ):
+        for row in rows:
+            copy.write_row(row)
+
+
+def update_from_arrays(table: Table, key: str, names: Sequence[str]) -> Update:
+    """Set columns of rows by their keys; its parameters are arrays, ``every_NAME``."""
+    every = (key, *names)
+    sent = func.unnest(
+        *(bindparam(f"every_{name}", type_=ARRAY(table.c[name].type)) for name in every)
+    ).table_valued(*(column(name, table.c[name].type) for name in every))
+    new = sent.render_derived(name="sent")
+    return (
+        update(table)
+        .values({name: new.c[name] for name in names})
+        .where(table.c[key] == new.c[key])
+    )
+
+
+@contextmanager
+def translated(dialect: Dialect, statement: str) -> Iterator[None]:
+    """What the driver raises, in SQLAlchemy's words as if it had run the statement."""
+    failure = dialect.loaded_dbapi.Error
+    try:
+        yield
+    except failure as error:
+        raise DBAPIError.instance(
+            statement, None, error, failure, hide_parameters=True, dialect=dialect
+        ) from error
+
+
+Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
+
+
+class NewestPage(NamedTuple):
+    """The rows that came before one (or the newest), and how many of them."""
+
+    before_id: int | None
+    limit: int
+
+
+def newest(
+    session: Session, table: type[Row], dataset_id: int, page: NewestPage
+) -> list[Row]:
+    """A page, and one row more if there is one: so one knows that there is another."""
+    rows = select(table).where(table.dataset_id == dataset_id)
+    if page.before_id is not None:
+        rows = rows.where(table.id < page.before_id)
+    rows = rows.order_by(table.id.desc()).limit(page.limit + 1)
+    return list(session.scalars(rows))

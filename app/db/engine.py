@@ -1,4 +1,4 @@
-"""Opening the database: one engine, read and write sessions."""
+"""Opening the database: one engine, sessions that read and write, and locks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
 from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
@@ -237,3 +237,34 @@ class Database:
     def close(self) -> None:
         """Give back all connections."""
         self.engine.dispose()
+
+
+_MIGRATION: Final = 0x756E67686F7374  # "unghost"; any number that others do not use
+
+
+@contextmanager
+def migrating_alone(engine: Engine) -> Iterator[None]:
+    """Let one process migrate while others wait.
+
+    On SQLite the migration's own transaction is the lock.
+    """
+    if engine.dialect.name != "postgresql":
+        yield
+        return
+    with engine.connect() as connection:
+        connection.execute(select(func.pg_advisory_lock(_MIGRATION)))
+        try:
+            yield
+        finally:
+            connection.execute(select(func.pg_advisory_unlock(_MIGRATION)))
+
+
+def keep_turn(session: Session) -> None:
+    """Let a writer be silent in its turn for as long as it takes.
+
+    For those who change something else than the database, which must not go on when
+    somebody else writes by now.
+    """
+    if session.connection().dialect.name == "postgresql":
+        named = "idle_in_transaction_session_timeout"
+        session.execute(select(func.set_config(named, "0", True)))

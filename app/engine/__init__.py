@@ -3,15 +3,15 @@ or on other machines."""
 
 from __future__ import annotations
 
-from app.engine.jobs import (
+from app.engine.chunk import (
     EngineAway,
+    Job,
     JobStopped,
     Stop,
     UnusableEngine,
     WorkerDied,
 )
 from app.engine.local import LocalEngine
-from app.jobs import Job
 
 __all__ = [
     "EngineAway",

@@ -13,7 +13,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from app.engine.jobs import UnusableEngine
+from app.engine.chunk import UnusableEngine
 
 if TYPE_CHECKING:
     from cryptography import x509

@@ -15,11 +15,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from app.engine.jobs import ChunkWork, EngineAway, WorkerDied
+from app.engine.chunk import ChunkWork, EngineAway, Job, WorkerDied
+from app.engine.dask import Certificates, prepare, security
 from app.engine.local import LocalEngine
-from app.engine.remote import work_on
-from app.engine.wire import Certificates, prepare, security
-from app.jobs import Job
 from app.logs import server_log
 
 if TYPE_CHECKING:
@@ -162,3 +160,20 @@ class ClusterEngine(LocalEngine):
             server_log.warning("no worker has joined %s", self._scheduler.address)
         self._counted = (time.monotonic() + COUNTED_FOR_S, places)
         return places
+
+
+RemoteWork = Callable[[str, int, int, str], str]
+
+_WORK: Final[list[RemoteWork]] = []
+
+
+def work_with(work: RemoteWork) -> None:
+    """Say how this process works on chunks; a worker does so before it joins."""
+    _WORK[:] = [work]
+
+
+def work_on(kind: str, job_id: int, number: int, installation: str) -> str:
+    """Work on a chunk of a job in the database of an installation; how it ended."""
+    if not _WORK:
+        raise RuntimeError("this process is no worker of Unghost")
+    return _WORK[0](kind, job_id, number, installation)

@@ -10,8 +10,7 @@ from functools import partial
 from itertools import islice
 from typing import Final, TypeVar
 
-from app.engine.jobs import ChunkWork, JobStopped, Stop
-from app.jobs import Job
+from app.engine.chunk import ChunkWork, Job, JobStopped, Stop
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.bulk import upsert
 from app.db.tables import Installation, Lease
-from app.jobs import Job
+from app.engine.chunk import Job
 
 LASTS: Final = timedelta(seconds=8)
 """For how long a process that says nothing more is taken to be alive."""

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.bulk import insert_rows, upsert
 from app.db.tables import Chunk, Export, Lease, Run
-from app.jobs import Job
+from app.engine.chunk import Job
 
 DECISION: Final = 0
 """The number of a run's last chunk, which decides all of its boxes; others follow 0."""

@@ -8,13 +8,13 @@ from functools import partial
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
+from app.db.bulk import NewestPage, newest
 from app.db.engine import once_committed
 from app.db.flip_record import find_flip
 from app.db.tables import ConfigVersion, Dataset, Export, Flips, Problem, Run
 from app.errors import NotFound
 from app.metrics import REFUSED
 from app.repositories.datasets import is_deleted, is_there
-from app.repositories.newest import NewestPage, newest
 
 
 class ConfigRepository:

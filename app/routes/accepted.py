@@ -6,7 +6,7 @@ from fastapi import Response
 from sqlalchemy.orm import Session
 
 from app.db import tables
-from app.schemas.pages import written
+from app.http.pages import written
 from app.services.context import ServiceContext
 from app.services.run_states import described_run
 from unghost.wire.runs import Run

@@ -13,19 +13,19 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
-from app.deps import AppServices, CurrentPrincipal
-from app.draining import UntilStopped
 from app.errors import UnsupportedMedia
-from app.http_errors import problem_of
+from app.http.bodies import UntilStopped
+from app.http.deps import AppServices, CurrentPrincipal
+from app.http.middleware import BODY_ALLOWANCE
+from app.http.problems import problem_of
+from app.http.routing import LARGE_BODY, ApiRouter
+from app.incoming import HeldBytes
 from app.logs import current_request_id
-from app.middleware import BODY_ALLOWANCE
 from app.routes.datasets import DatasetName
-from app.routing import LARGE_BODY, ApiRouter
 from app.services.batch_work import BatchOf, FrameLine
 from app.services.batches import ArchiveFrames, BatchIntake
 from app.services.context import ServiceContext
-from app.services.open_bodies import HeldBytes
-from app.services.room import require_room
+from app.storage.room import require_room
 
 ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"

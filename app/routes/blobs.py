@@ -11,11 +11,16 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from starlette.datastructures import Headers
 
-from app.draining import stopping
 from app.engine.pixels import GivenUp, PixelsRefused
 from app.errors import RangeNotSatisfiable
-from app.head_requests import asks_for_head, without_length
-from app.routing import CLIENT_LEFT, TokenPlaces, has_left
+from app.http.bodies import stopping
+from app.http.routing import (
+    CLIENT_LEFT,
+    TokenPlaces,
+    asks_for_head,
+    has_left,
+    without_length,
+)
 from app.services.context import ServiceContext
 from app.services.pictures import Drawing
 from app.storage import Blob

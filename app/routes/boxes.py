@@ -6,12 +6,12 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Request, Response
 
-from app.deps import AppServices, ReadSession, RowId
+from app.http.deps import AppServices, ReadSession, RowId
+from app.http.pages import page_response
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.routes.blobs import drawn_response
 from app.routes.selections import selection_of
-from app.routing import ApiRouter
-from app.schemas.pages import page_response
 from app.schemas.pictures import JPEG, TAGGED
 from app.services import boxes
 from app.services.box_counts import count_boxes

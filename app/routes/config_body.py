@@ -6,9 +6,9 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends, Request
 
-from app.bodies import beside_the_loop
 from app.errors import UnsupportedMedia
-from app.routing import body_up_to
+from app.http.bodies import beside_the_loop
+from app.http.routing import body_up_to
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
 from unghost.wire.runs import FilterConfigIn
 

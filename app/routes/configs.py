@@ -6,22 +6,21 @@ from typing import Annotated
 
 from fastapi import Path, Response
 
-from app.deps import (
+from app.access.audit import Act
+from app.http.deps import (
     AppServices,
     Audited,
     CurrentPrincipal,
     ReadSession,
     WriteSession,
 )
+from app.http.pages import Newest, written
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository
 from app.routes.accepted import accepted_run
 from app.routes.config_body import ConfigBody, described_config
 from app.routes.datasets import DatasetName
-from app.routes.newest_first import Newest
-from app.routing import ApiRouter
-from app.schemas.pages import written
-from app.services.audit import Act
 from app.services.configs import active_version, add_version, describe_version
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run

@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 from fastapi import Path, Query, Request, Response
 
+from app.access.audit import Act
 from app.db.tables import Problem
-from app.deps import (
+from app.http.deps import (
     ADMIN,
     AppServices,
     Audited,
@@ -15,18 +16,16 @@ from app.deps import (
     WriteSession,
     make_room,
 )
+from app.http.pages import Cursor, Limit, Newest, page_response
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ProblemRepository
 from app.routes.accepted import accepted_run
-from app.routes.newest_first import Newest
-from app.routing import ApiRouter
 from app.schemas.datasets import (
     DatasetIn,
     DatasetPatch,
 )
-from app.schemas.pages import Cursor, Limit, page_response
 from app.services import datasets
-from app.services.audit import Act
 from app.services.measuring import DatasetReading
 from app.services.preview import current_histogram
 from app.services.runs import start_after

@@ -6,11 +6,11 @@ from typing import Annotated
 
 from fastapi import Query, Response
 
-from app.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
+from app.http.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.routes.accepted import accepted_run
 from app.routes.datasets import DatasetName
-from app.routing import ApiRouter
 from app.services.evaluations import evaluation, request_evaluation
 from app.services.runs import start_after
 from unghost.wire.quality import Evaluation, EvaluationQuery

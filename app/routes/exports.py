@@ -7,8 +7,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from sqlalchemy.orm import Session
 
+from app.access import service as access
+from app.access.audit import Act
 from app.db import tables
-from app.deps import (
+from app.http.deps import (
     AppServices,
     Audited,
     CurrentPrincipal,
@@ -17,18 +19,15 @@ from app.deps import (
     WriteSession,
     counting_wrong,
 )
+from app.http.pages import Newest, written
+from app.http.routing import ApiRouter, OpenRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.routes.blobs import file_response
 from app.routes.datasets import DatasetName
 from app.routes.event_stream import LastEventId, events_of, watch
-from app.routes.newest_first import Newest
-from app.routing import ApiRouter, OpenRouter
-from app.schemas.pages import written
 from app.schemas.pictures import RESUMABLE, file_of
 from app.security import Role
-from app.services import access
-from app.services.audit import Act
 from app.services.context import ServiceContext
 from app.services.export_writing import job_of
 from app.services.exports import (

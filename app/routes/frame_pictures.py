@@ -7,10 +7,9 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Request, Response
 
-from app.deps import AppServices, ReadSession, RowId
-from app.head_requests import asks_for_head
+from app.http.deps import AppServices, ReadSession, RowId
+from app.http.routing import ApiRouter, asks_for_head
 from app.routes.blobs import drawn_response, file_response, known_response
-from app.routing import ApiRouter
 from app.schemas.pictures import FILE, JPEG, PICTURE, RESUMABLE, TAGGED
 from app.services.drawing import DrawnBox
 from app.services.frames import decisions_of, frame_file

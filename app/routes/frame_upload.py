@@ -6,12 +6,12 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends, Request
 
-from app.deps import services_of, settings_of
 from app.errors import Unprocessable, UnsupportedMedia
-from app.routes.multipart import PartLimits, read_parts
-from app.routing import body_up_to
+from app.http.bodies import PartLimits, read_parts
+from app.http.deps import services_of, settings_of
+from app.http.routing import body_up_to
 from app.services.frame_files import KINDS
-from app.services.room import require_room
+from app.storage.room import require_room
 
 ANNOTATION: Final = "annotation"
 _MEDIA_TYPE: Final = "multipart/form-data"

@@ -11,7 +11,9 @@ from fastapi import Depends, Path, Query, Request, Response
 from starlette.requests import ClientDisconnect
 
 from app.db.engine import begin_as_work
-from app.deps import (
+from app.engine.pixels import GivenUp
+from app.http.bodies import stopping
+from app.http.deps import (
     AppServices,
     Audited,
     CurrentPrincipal,
@@ -19,15 +21,13 @@ from app.deps import (
     RowId,
     make_room,
 )
-from app.draining import stopping
-from app.engine.pixels import GivenUp
+from app.http.pages import page_response, written
+from app.http.routing import ApiRouter, has_left
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameFilter
 from app.routes.datasets import DatasetName
 from app.routes.frame_upload import ANNOTATION, FrameParts, described_body
 from app.routes.selections import selection_of
-from app.routing import ApiRouter, has_left
-from app.schemas.pages import page_response, written
 from app.services import frames
 from app.services.box_selection import to_filter
 from app.services.context import ServiceContext

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from app.deps import ReadSession
+from app.http.deps import ReadSession
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.known_frames import known_frames
 from app.routes.datasets import DatasetName
-from app.routing import ApiRouter
 from unghost.wire.frames import KnownFrame, KnownFrames, KnownFramesIn
 
 router = ApiRouter(prefix="/api/v1", tag="frames")

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from fastapi import Query
 
-from app.deps import AppServices, ReadSession
+from app.http.deps import AppServices, ReadSession
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.routes.datasets import DatasetName
-from app.routing import ApiRouter
 from app.services.quality import quality
 from filter_core.evaluation.thresholds import Goal
 from unghost.wire.quality import Quality, QualityQuery

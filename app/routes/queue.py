@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from fastapi import Response
 
-from app.deps import AppServices, CurrentPrincipal, WriteSession
+from app.http.deps import AppServices, CurrentPrincipal, WriteSession
+from app.http.pages import written
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.routes.datasets import DatasetName
 from app.routes.selections import selection_of
-from app.routing import ApiRouter
-from app.schemas.pages import written
 from app.services.queue import QueueRequest, next_boxes, outlook
 from unghost.wire.boxes import Queue, QueueIn
 

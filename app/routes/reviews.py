@@ -5,15 +5,15 @@ from __future__ import annotations
 from fastapi import Request, Response
 from sqlalchemy.orm import Session
 
+from app.access.audit import Act
 from app.db.engine import begin_as_work
 from app.db.tables import Dataset
-from app.deps import AppServices, Audited, CurrentPrincipal, RowId, WriteSession
 from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessable
+from app.http.deps import AppServices, Audited, CurrentPrincipal, RowId, WriteSession
+from app.http.routing import ApiRouter, committed
 from app.repositories.datasets import DatasetRepository
 from app.routes.selections import selection_of
-from app.routing import ApiRouter, committed
 from app.services import reviews
-from app.services.audit import Act
 from app.services.boxes import describe_box
 from app.services.bulk_selection import select_boxes
 from app.services.context import ServiceContext

@@ -6,24 +6,16 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Request, Response
 
+from app.access.audit import Act
 from app.db import tables
-from app.deps import (
-    MAX_ID,
-    AppServices,
-    Audited,
-    ReadSession,
-    RowId,
-    WriteSession,
-)
+from app.http.deps import MAX_ID, AppServices, Audited, ReadSession, RowId, WriteSession
+from app.http.pages import Cursor, Limit, Newest, linked
+from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.routes.accepted import accepted
 from app.routes.datasets import DatasetName
 from app.routes.event_stream import LastEventId, events_of, watch
-from app.routes.newest_first import Newest
-from app.routing import ApiRouter
-from app.schemas.pages import Cursor, Limit, linked
-from app.services.audit import Act
 from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import describe_run, described_run, job_of

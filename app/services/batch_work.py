@@ -18,6 +18,7 @@ from app.errors import (
     TooLarge,
     Unprocessable,
 )
+from app.incoming import in_turn
 from app.repositories.active import key_rows
 from app.repositories.decisions import DecisionRepository
 from app.security import Principal
@@ -34,11 +35,10 @@ from app.services.incoming import (
     received,
     stored_already,
 )
-from app.services.json_turns import in_turn
 from app.services.pixel_work import MEASURED, SENSORS
 from app.services.refusals import note_problem
-from app.services.room import require_room
 from app.storage import Drafts
+from app.storage.room import require_room
 from filter_core.annotation.parsing import without_key
 from filter_core.errors import FilterError
 from filter_core.formats.reading import MAX_KEY

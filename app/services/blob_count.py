@@ -10,7 +10,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.db.engine import Database
 from app.engine import LocalEngine
 from app.logs import error_log
-from app.repositories.totals import BlobTotals, Totals
+from app.ops.queries import BlobTotals, Totals
 
 LEAST_PAUSE_S: Final = 60
 MOST_OF_A_THREAD: Final = 0.01

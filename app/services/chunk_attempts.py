@@ -13,8 +13,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from app.db.engine import once_committed
-from app.db.passing import in_a_line, is_passing
 from app.db.tables import Chunk
+from app.db.transient import in_a_line, is_transient
 from app.engine import Job
 from app.repositories.ledger import LedgerRepository
 from app.services.context import ServiceContext
@@ -78,7 +78,7 @@ class Attempt:
                     self.forget(session)
             except SQLAlchemyError as exc:
                 stops = self._context.engine.stopping.wait(_PAUSE_S)
-                if stops or not is_passing(exc):
+                if stops or not is_transient(exc):
                     told = self._number, *self._job, in_a_line(exc)
                     log.warning("an attempt at chunk %d of %s %d stays: %s", *told)
                     return

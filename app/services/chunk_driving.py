@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Chunk
 from app.engine import EngineAway, WorkerDied
-from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
+from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.repositories.frames import FrameRepository
 from app.repositories.ledger import DECISION, LedgerRepository, Span
 from app.services.chunk_attempts import MOST_ATTEMPTS

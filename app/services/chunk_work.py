@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
-from app.db.passing import in_a_line, is_passing
+from app.db.transient import in_a_line, is_transient
 from app.engine import Job, JobStopped
-from app.engine.jobs import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
+from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.errors import AppError
 from app.repositories.leases import LeaseRepository
 from app.repositories.ledger import DECISION, LedgerRepository
@@ -89,7 +89,7 @@ def _outcome(
     except (AppError, FilterError) as error:
         return _failed(context, job, number, _told(error))
     except Exception as error:
-        if is_passing(error):
+        if is_transient(error):
             log.warning("chunk %d of %s %d: %s", number, *job, in_a_line(error))
             return GIVEN_BACK
         unexpected = {"code": "internal", "detail": f"the {job.kind} failed"}
@@ -113,7 +113,7 @@ def work_remotely(
         if found == installation:
             return work_on(context, *asked)
     except Exception as error:
-        if not is_passing(error):
+        if not is_transient(error):
             raise
         log.warning("the database cannot be reached: %s", in_a_line(error))
         return GIVEN_BACK

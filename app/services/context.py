@@ -6,21 +6,21 @@ import threading
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from app.access.gate import LastUses, RecentCallers, WrongSecrets
 from app.db.engine import Database
 from app.engine import LocalEngine
 from app.engine.pixels import PixelPool
+from app.incoming import OpenBodies
 from app.services.active import PlanCache
 from app.services.blob_count import BlobCount
-from app.services.callers import LastUses, RecentCallers, WrongSecrets
 from app.services.leases import Leases
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
-from app.services.open_bodies import OpenBodies
 from app.services.pictures import DrawnPictures
-from app.services.room import Reserve
 from app.services.shared_looks import SharedLooks
 from app.settings import Settings
 from app.storage import BlobStore
+from app.storage.room import Reserve
 from filter_core.config.filter import FilterConfig
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.passing import in_a_line, is_passing
+from app.db.transient import in_a_line, is_transient
 from app.engine import JobStopped
 from app.repositories.frames import FrameRepository
 from app.repositories.ledger import LedgerRepository, Span
@@ -51,7 +51,7 @@ def make_export(context: ServiceContext, export_id: int) -> None:
             log.warning("export %d failed: %s", export_id, failed)
             _fail(context, lease, failed.error)
         except Exception as error:
-            if is_passing(error):
+            if is_transient(error):
                 # Nothing is lost: `job_watch` starts it again.
                 log.warning("export %d is cut off: %s", export_id, in_a_line(error))
                 return

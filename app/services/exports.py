@@ -24,8 +24,8 @@ from app.services.cancelling import interrupt_until_written
 from app.services.context import ServiceContext
 from app.services.export_jobs import OPEN, job_of, start_exports
 from app.services.job_quota import require_a_place
-from app.services.room import require_room
 from app.storage import Blob
+from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of
 from unghost.wire.runs import Export

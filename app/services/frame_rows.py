@@ -13,6 +13,7 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app import metrics
+from app.access.audit import Act, AuditTrail
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Frame
@@ -23,7 +24,6 @@ from app.repositories.frames import FileRow, FrameRepository, NewBoxes
 from app.repositories.tallies import TallyRepository
 from app.security import Principal
 from app.services.active import ActiveDataset
-from app.services.audit import Act, AuditTrail
 from app.services.frame_files import CheckedFiles
 from app.services.frame_replacement import carry_reviews, retire
 from app.services.measuring import packed

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.access.audit import Act, AuditTrail
 from app.db.tables import Dataset, Frame
 from app.errors import BadRequest, NoSuchFile, NotFound
 from app.repositories.datasets import DatasetRepository
@@ -22,7 +23,6 @@ from app.repositories.frames import (
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey
 from app.security import Principal
-from app.services.audit import Act, AuditTrail
 from app.services.decisions import DecisionReader, StoredDecision
 from app.services.frame_answer import stored_files
 from app.services.frame_replacement import retire

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from app.instruments import Gauge
 from app.logs import error_log
-from app.repositories.totals import Totals
+from app.metrics import Gauge
+from app.ops.queries import Totals
 from app.services.context import ServiceContext
 from filter_core.types import Reason
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from app.errors import FrameConflict
+from app.incoming import in_turn, is_large
 from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
 from app.security import Principal
@@ -17,7 +18,6 @@ from app.services.active import ActiveDataset
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent
-from app.services.json_turns import in_turn, is_large
 from app.services.measuring import measure_files
 from app.services.refusals import naming
 from app.settings import Settings

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
-from app.db.base import utc_now
+from app.db.base import rfc3339, utc_now
 from app.db.tables import Dataset
 from app.repositories.box_filter import BoxFilter
 from app.repositories.box_probes import BoxProbes
@@ -22,7 +22,6 @@ from app.services.box_selection import Selection, to_filter
 from app.services.context import ServiceContext
 from app.services.decisions import DecisionReader
 from app.services.queue_order import QueueOrder, boxes_in_order
-from app.services.timestamps import rfc3339
 
 CLAIM: Final = timedelta(minutes=5)
 ANSWERS_PER_SHUFFLE: Final = 64

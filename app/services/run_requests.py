@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import ConfigVersion, Dataset, Measurement, Run
 from app.errors import NotFound
+from app.package import FILTER_CORE_VERSION
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, RunRepository
@@ -15,7 +16,6 @@ from app.services.configs import active_version, add_version, config_of
 from app.services.context import ServiceContext
 from app.services.job_quota import require_a_place
 from app.services.measuring import DatasetReading, plan_for
-from app.version import FILTER_CORE_VERSION
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 

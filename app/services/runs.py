@@ -16,8 +16,8 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.passing import in_a_line, is_passing
 from app.db.tables import Run
+from app.db.transient import in_a_line, is_transient
 from app.engine import JobStopped
 from app.errors import AppError, Conflict
 from app.repositories.evidence import EvidenceRepository
@@ -98,7 +98,7 @@ def carry_out(context: ServiceContext, run_id: int) -> bool:
             log.warning("run %d failed: %s", run_id, error)
             _fail(context, lease, {"code": error.kind, "detail": error.detail})
         except Exception as error:
-            if is_passing(error):
+            if is_transient(error):
                 # Nothing is lost: `job_watch` starts it again.
                 log.warning("run %d is cut off: %s", run_id, in_a_line(error))
                 return False

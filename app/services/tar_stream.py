@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from app.errors import TooLarge, Unprocessable, UnsupportedMedia
-from app.pieces import Pieces
+from app.incoming import Pieces
 
 BLOCK: Final = 512
 MAX_EXTENSION: Final = 64 * 1024

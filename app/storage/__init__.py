@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from app.storage.blob_store import Blob, BlobStore, Drafts, sha256_of
+import os
+from typing import Final
+
+from app.addresses import bucket_of
+from app.settings import Settings
+from app.storage.base import (
+    Blob,
+    BlobStore,
+    Drafts,
+    StoredFile,
+    digest_of,
+    export_of,
+    leftovers,
+    sha256_of,
+    stored_files,
+)
 from app.storage.durable import (
+    FolderInUse,
+    alone_in,
     flush_everything,
     flush_file,
     flush_folder,
     make_folder,
 )
 from app.storage.folder import FolderStorage
-from app.storage.listing import (
-    StoredFile,
-    digest_of,
-    export_of,
-    leftovers,
-    stored_files,
-)
-from app.storage.locking import FolderInUse, alone_in
-from app.storage.opening import BLOBS, MissingLibrary, endpoint_of, open_store
 
 __all__ = [
     "BLOBS",
@@ -42,3 +50,46 @@ __all__ = [
     "sha256_of",
     "stored_files",
 ]
+
+BLOBS: Final = "blobs"
+_HOME: Final = "us-east-1"
+
+
+class MissingLibrary(Exception):
+    """What the settings ask for needs an extra that is not installed."""
+
+
+def open_store(settings: Settings) -> BlobStore:
+    """The store, of which nothing was asked and nothing made yet: see `prepare`.
+
+    Raises
+    ------
+    MissingLibrary
+        Files are to be in S3, and nothing is installed that speaks with it.
+    """
+    local = settings.data / BLOBS
+    bucket = bucket_of(settings.storage)
+    if bucket is None:
+        return FolderStorage(local, make=False)
+    try:
+        from app.storage.s3 import S3Place, S3Storage
+    except ImportError as exc:
+        raise MissingLibrary(
+            "files in S3 need a library: pip install 'unghost[s3]'"
+        ) from exc
+    place = S3Place(
+        bucket=bucket,
+        endpoint=endpoint_of(settings),
+        region=settings.storage_region,
+        plain=(settings.storage_endpoint or "").startswith("http:"),
+        timeout_s=settings.storage_timeout_s,
+    )
+    return S3Storage(place, local)
+
+
+def endpoint_of(settings: Settings) -> str:
+    """The address of the server that has the bucket; Amazon's if none is named."""
+    variables = ("AWS_REGION", "AWS_DEFAULT_REGION")
+    named = [os.environ[name] for name in variables if os.environ.get(name)]
+    region = settings.storage_region or (named[0] if named else _HOME)
+    return settings.storage_endpoint or f"https://s3.{region}.amazonaws.com"

@@ -13,9 +13,17 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import DamagedFile, TryLater
-from app.storage.blob_store import Blob, Drafts, place_of, sha256_of
+from app.storage.base import (
+    Blob,
+    Drafts,
+    StoredFile,
+    digest_of,
+    leftovers,
+    place_of,
+    sha256_of,
+    stored_files,
+)
 from app.storage.durable import flush_file, flush_folder, make_folder
-from app.storage.listing import StoredFile, digest_of, leftovers, stored_files
 
 _PREFIX_LENGTH: Final = 2
 """Characters of the digest that name the sub-folder: 256 of them."""

@@ -57,7 +57,7 @@ def anybody(service: Live) -> Iterator[httpx.Client]:
 @pytest.fixture
 def as_role(service: Live) -> Iterator[AsRole]:
     """Clients with a token of each role, made as the service stores them."""
-    from app.db.access_tables import Token
+    from app.db.tables.access import Token
 
     with ExitStack() as opened:
 

@@ -15,8 +15,8 @@ import uvicorn
 from fastapi import FastAPI
 
 from app.main import create_app
+from app.serve import listen, server_config
 from app.settings import Settings
-from app.startup import listen, server_config
 from tests.api import probe_routes
 from tests.databases import settings_of
 

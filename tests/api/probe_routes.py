@@ -15,10 +15,10 @@ from sqlalchemy import func, select, text
 from sqlalchemy.exc import OperationalError
 
 from app import errors
-from app.db.access_tables import Token
-from app.deps import ADMIN, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.db.tables.access import Token
+from app.http.deps import ADMIN, CurrentPrincipal, ReadSession, RowId, WriteSession
+from app.http.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
 from app.routes.blobs import file_response
-from app.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
 from app.storage import Blob
 from filter_core.errors import AnnotationError, AnnotationErrors
 

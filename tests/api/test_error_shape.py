@@ -11,7 +11,7 @@ from starlette.requests import ClientDisconnect
 
 from app import errors
 from app.errors import AppError
-from app.http_errors import STATUS, problem_of
+from app.http.problems import STATUS, problem_of
 from app.security import Role
 
 KEYS = {

@@ -11,7 +11,7 @@ from datetime import datetime, timedelta, timezone
 import httpx
 import pytest
 
-from app.services.access import MOST_LINKS
+from app.access.service import MOST_LINKS
 from tests import databases
 from tests.api import frames as scene
 from tests.api.long_streets import FROM_PIXELS, fill

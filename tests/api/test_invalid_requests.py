@@ -6,9 +6,9 @@ import json
 
 import pytest
 
+from app.http.problems import in_words
 from app.main import create_app
 from app.settings import Settings
-from app.validation_words import in_words
 
 DIGEST = "a digest of 64 hexadecimal digits"
 

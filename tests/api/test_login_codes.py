@@ -9,9 +9,9 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from app.db.access_tables import LoginCode, LoginSession
+from app.access.service import MOST_CODES, MOST_SESSIONS
+from app.db.tables.access import LoginCode, LoginSession
 from app.security import Role, hash_secret
-from app.services.access import MOST_CODES, MOST_SESSIONS
 from tests.databases import everything_in
 
 

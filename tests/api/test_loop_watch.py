@@ -14,7 +14,7 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from app.services.loop_watch import LONGEST_S
+from app.process.loop_watch import LONGEST_S
 from tests.api import probe_routes
 
 PATIENCE_S = 60
@@ -113,7 +113,7 @@ def test_it_is_ready_while_all_threads_of_requests_are_busy(held):
 
 
 STUCK = """
-import asyncio, app.graceful as graceful, uvicorn
+import asyncio, app.process.server as graceful, uvicorn
 
 graceful.LAST_S = 0.5
 

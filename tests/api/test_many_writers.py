@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 
 from app.main import create_app
+from app.serve import server_config
 from app.settings import Settings
-from app.startup import server_config
 
 CLIENTS = 100
 THREADS_OF_THE_SERVICE = 40

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.http_errors import PROBLEM_TYPE
+from app.http.problems import PROBLEM_TYPE
 
 METHODS = {"get", "post", "put", "patch", "delete"}
 

@@ -9,8 +9,8 @@ import re
 import pytest
 
 from app.errors import NotFound
-from app.page_files import content_security_policy, page_file, started_modules
-from app.resources import static_dir
+from app.http.static import content_security_policy, page_file, started_modules
+from app.package import static_dir
 
 FILES = sorted(
     path.relative_to(static_dir()).as_posix()

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.db.engine import Database
-from app.db.probe import takes_writes
+from app.db.transient import takes_writes
 from tests.api.resources import Api
 from tests.databases import change, empty_postgres, rows_of
 from tests.mounts import read_only, small_disk

@@ -8,7 +8,7 @@ import pytest
 
 from app.db.engine import make_engine
 from app.db.migrate import migrate
-from app.resources import migrations_dir
+from app.package import migrations_dir
 from tests.api import frames as scene
 from tests.api.resources import BASE
 from tests.databases import change, url_of

@@ -11,7 +11,7 @@ import sys
 import httpx
 import pytest
 
-from app.startup import listen
+from app.serve import listen
 from tests.servers import running_server, start, stop, token_of, wait_for_link
 
 

@@ -7,10 +7,10 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 
-from app.db.access_tables import Token
-from app.services.access import MOST_SESSIONS
-from app.services.first_token import LIFETIME, RENEWED_BEFORE
-from app.services.token_upkeep import write_upkeep
+from app.access.first_token import LIFETIME, RENEWED_BEFORE
+from app.access.service import MOST_SESSIONS
+from app.access.upkeep import write_upkeep
+from app.db.tables.access import Token
 from tests.api.live import live
 from tests.databases import everything_in
 

@@ -10,7 +10,7 @@ import pytest
 import app
 import filter_core
 from app.errors import AppError, DamagedFile
-from app.http_errors import STATUS
+from app.http.problems import STATUS
 from filter_core.errors import FilterError
 
 # What neither another request nor waiting can mend.

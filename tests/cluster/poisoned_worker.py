@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import sys
 
-from app import worker
 from app.logs import configure_logging
+from app.process import worker
 from app.settings import Settings
 from tests.poison import lay_poison
 

@@ -15,8 +15,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 
 from app.engine import UnusableEngine
 from app.engine.certificates import NODES
-from app.engine.scheduler import run_scheduler
-from app.engine.wire import Certificates
+from app.engine.dask import Certificates, run_scheduler
 from tests.api.command_line import CommandLine
 from tests.services import running_services
 

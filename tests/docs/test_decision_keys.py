@@ -9,7 +9,7 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints, is_type
 import pytest
 from pydantic import BaseModel
 
-from app.resources import static_dir
+from app.package import static_dir
 from app.services.boxes import NeighbouredDecision
 from app.services.decisions import StoredDecision
 from filter_core.decisions.explain import HiddenBy

@@ -11,7 +11,7 @@ from alembic.script import ScriptDirectory
 
 from app.db.engine import make_engine
 from app.db.migrate import current_revision, head_revision, migrate
-from app.resources import migrations_dir
+from app.package import migrations_dir
 from tests.api.resources import Api
 from tests.databases import url_of
 from tests.servers import RunningServer, running_server

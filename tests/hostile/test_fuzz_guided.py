@@ -22,7 +22,7 @@ import cv2
 import pytest
 
 from app.errors import AppError
-from app.routes.multipart import PartLimits, read_parts
+from app.http.bodies import PartLimits, read_parts
 from app.services.batch_frames import FrameAssembler, FrameLimits
 from app.services.tar_stream import TarLimits, TarStream
 from filter_core.annotation.parsing import parse_annotation, without_key

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from app.errors import AppError
-from app.routes.multipart import PartLimits, read_parts
+from app.http.bodies import PartLimits, read_parts
 from app.services.tar_stream import TarLimits, TarStream
 from tests.api import archives
 from tests.api import frames as scene

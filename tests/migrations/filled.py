@@ -11,7 +11,7 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, inspect, text
 
-from app.resources import migrations_dir
+from app.package import migrations_dir
 
 ROWS = Path(__file__).parent / "rows"
 Rows = dict[str, list[dict[str, Any]]]

@@ -9,10 +9,11 @@ from sqlalchemy import inspect, select, text
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db import access_tables, tables
+from app.db import tables
 from app.db.base import Base, utc_now
 from app.db.migrate import WouldLose, current_revision, head_revision, migrate
-from app.resources import migrations_dir
+from app.db.tables import access as access_tables
+from app.package import migrations_dir
 from tests.migrations.filled import contents, fill, revisions
 
 SCRIPTS = migrations_dir()

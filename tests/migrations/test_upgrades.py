@@ -12,7 +12,7 @@ from sqlalchemy import inspect
 from app.db.engine import make_engine, sqlite_url
 from app.db.inspection import revision_of
 from app.db.migrate import head_revision, migrate
-from app.resources import migrations_dir
+from app.package import migrations_dir
 from tests.api.resources import Api
 from tests.migrations.filled import contents, fill, restricted, revisions
 from tests.servers import running_server

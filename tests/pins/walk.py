@@ -14,7 +14,7 @@ import cv2
 import httpx
 import numpy as np
 
-from app.version import VERSION
+from app.package import VERSION
 from tests.pins import street
 from tests.pins.street import Frame
 

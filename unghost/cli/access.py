@@ -257,9 +257,9 @@ def _make_token_offline(
         There is no such database, or the name is taken.
     """
     from app import security
+    from app.access.service import issue_offline
     from app.errors import AppError
-    from app.services.data_folder import CannotMaintain
-    from app.services.offline_tokens import issue_offline
+    from app.maintenance.datafolder import CannotMaintain
     from unghost.wire import NewToken, Token
 
     wanted = _checked(options.name, options.role, until)

@@ -42,8 +42,8 @@ def backup(options: BackupOptions) -> None:
 
     It holds every answer that was given before, and gets its name when it is whole.
     """
-    from app.services.backups import make_backup
-    from app.services.data_folder import CannotMaintain
+    from app.maintenance.backup import make_backup
+    from app.maintenance.datafolder import CannotMaintain
 
     screen = options.screen
     with refused_on(CannotMaintain):
@@ -65,8 +65,8 @@ def restore(options: RestoreOptions) -> None:
 
     Every file is compared with its hash while it is copied.
     """
-    from app.services.data_folder import CannotMaintain
-    from app.services.restoring import restore as restored
+    from app.maintenance.datafolder import CannotMaintain
+    from app.maintenance.restore import restore as restored
 
     screen = options.screen
     with refused_on(CannotMaintain):
@@ -110,8 +110,7 @@ def doctor(options: DoctorOptions) -> None:
 
     Exits with 1 if anything is damaged or missing, with 3 if something should be done.
     """
-    from app.services.doctor import examine
-    from app.services.findings import Severity
+    from app.maintenance.doctor import Severity, examine
 
     screen = options.screen
     worst = set()
@@ -136,8 +135,8 @@ def gc(options: GarbageOptions) -> None:
 
     Deleted frames and datasets leave their files behind until this is run.
     """
-    from app.services.data_folder import CannotMaintain
-    from app.services.garbage import collect
+    from app.maintenance.datafolder import CannotMaintain
+    from app.maintenance.gc import collect
 
     screen = options.screen
     with refused_on(CannotMaintain):

@@ -119,7 +119,7 @@ def worker(options: WorkerOptions) -> None:
     """
     from app.engine import UnusableEngine
     from app.logs import configure_logging
-    from app.worker import Place, Supervisor
+    from app.process.worker import Place, Supervisor
 
     settings = settings_of(
         engine=options.scheduler,
@@ -142,8 +142,7 @@ def scheduler(options: SchedulerOptions) -> None:
     With certificates it listens where it is told; without, only on this machine.
     """
     from app.engine import UnusableEngine
-    from app.engine.scheduler import run_scheduler
-    from app.engine.wire import Certificates
+    from app.engine.dask import Certificates, run_scheduler
 
     settings = settings_of(
         tls_ca=options.ca, tls_cert=options.cert, tls_key=options.key

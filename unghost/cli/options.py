@@ -126,8 +126,8 @@ def settings_of(**given: object) -> Settings:
     """
     from pydantic import ValidationError
 
+    from app.http.problems import in_words
     from app.settings import Settings
-    from app.validation_words import in_words
 
     chosen: dict[str, Any] = {
         name: value for name, value in given.items() if value is not None

@@ -23,7 +23,7 @@ from unghost.cli.screen import PARTLY, Screen, most_first, refused_on
 from unghost.cli.sources import SourceOptions, open_source, outgoing
 
 if TYPE_CHECKING:
-    from app import startup
+    from app import serve as startup
     from unghost.client.client import Client
     from unghost.wire.datasets import Stats
 
@@ -66,7 +66,7 @@ class ServeOptions(OutputOptions):
 
 def serve(options: ServeOptions) -> None:
     """Serve until interrupted; prints the login link once it is ready."""
-    from app import startup
+    from app import serve as startup
 
     screen = options.screen
     settings = settings_of(
@@ -124,7 +124,7 @@ def demo(options: DemoOptions) -> None:
 
     The street is rendered once and kept in the data folder. Serves until interrupted.
     """
-    from app import startup
+    from app import serve as startup
 
     screen = options.screen
     folder = options.data

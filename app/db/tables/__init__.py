@@ -1,16 +1,17 @@
 """The tables. Insert-only but for `decisions` and `tallies`, which are derived."""
 
-from app.db.tables.datasets import (
-    ConfigVersion,
-    Dataset,
-    DatasetClass,
-    Measurement,
-    Run,
-)
+from app.db.tables.datasets import ConfigVersion, Dataset, DatasetClass, Measurement
 from app.db.tables.decisions import Decision, Flips, Tally
-from app.db.tables.frames import Blob, Box, Frame, FrameEvidence, FrameFile, IdBlock
-from app.db.tables.jobs import Chunk, Installation, Lease
-from app.db.tables.records import Export, Problem
+from app.db.tables.frames import (
+    Blob,
+    Box,
+    Frame,
+    FrameEvidence,
+    FrameFile,
+    IdBlock,
+    Problem,
+)
+from app.db.tables.jobs import Chunk, Export, Installation, Lease, Run
 from app.db.tables.reviews import Claim, Review, ReviewBatch
 
 __all__ = [

@@ -5,14 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import (
-    CheckConstraint,
-    ForeignKey,
-    Index,
-    String,
-    Text,
-    UniqueConstraint,
-)
+from sqlalchemy import ForeignKey, String, Text, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
@@ -98,44 +91,3 @@ class Measurement(Base):
     options: Mapped[Any] = mapped_column(JsonText)
     filter_core_version: Mapped[str] = mapped_column(String(32))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
-
-
-class Run(Base):
-    """One config version applied to a dataset."""
-
-    __tablename__ = "runs"
-    __table_args__ = (
-        CheckConstraint("kind in ('decide', 'measure')", name="kind"),
-        CheckConstraint(
-            "state in ('queued', 'running', 'done', 'failed', 'cancelled')",
-            name="state",
-        ),
-        Index(None, "dataset_id", "id"),
-        {"sqlite_autoincrement": True},
-    )
-
-    id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
-    config_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("config_versions.id", ondelete="CASCADE")
-    )
-    measurement_id: Mapped[int | None] = mapped_column(
-        Key, ForeignKey("measurements.id", ondelete="CASCADE")
-    )
-    previous_run_id: Mapped[int | None] = mapped_column(Key)
-    kind: Mapped[str] = mapped_column(String(16))
-    state: Mapped[str] = mapped_column(String(16), default="queued")
-    activate: Mapped[bool] = mapped_column(default=False)
-    total: Mapped[int] = mapped_column(Key, default=0)
-    done: Mapped[int] = mapped_column(Key, default=0)
-    changed: Mapped[int] = mapped_column(Key, default=0)
-    counts: Mapped[Any] = mapped_column(JsonText, default=dict)
-    error: Mapped[Any | None] = mapped_column(JsonText)
-    created_by: Mapped[str] = mapped_column(String(100))
-    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
-    started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
-    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
-    last_review_id: Mapped[int | None] = mapped_column(Key)
-    """The newest answer when it was done; None of runs of earlier versions."""

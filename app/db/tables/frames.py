@@ -5,14 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import (
-    ForeignKey,
-    Index,
-    LargeBinary,
-    String,
-    UniqueConstraint,
-    text,
-)
+from sqlalchemy import ForeignKey, Index, LargeBinary, String, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
@@ -136,3 +129,21 @@ class IdBlock(Base):
 
     name: Mapped[str] = mapped_column(String(16), primary_key=True)
     next_id: Mapped[int] = mapped_column(Key)
+
+
+class Problem(Base):
+    """A frame that was refused, with the error its sender got."""
+
+    __tablename__ = "problems"
+    __table_args__ = (
+        Index(None, "dataset_id", "id"),
+        {"sqlite_autoincrement": True},
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    key: Mapped[str] = mapped_column(String(512))
+    error: Mapped[Any] = mapped_column(JsonText)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

@@ -1,14 +1,14 @@
-"""Who carries out which run or export, and which parts of it are done."""
+"""Runs and exports, who carries them out, and which parts of them are done."""
 
 from __future__ import annotations
 
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import CheckConstraint, String
+from sqlalchemy import CheckConstraint, ForeignKey, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonText, Key, UtcDateTime
+from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
 
 
 class Chunk(Base):
@@ -54,3 +54,77 @@ class Installation(Base):
     __tablename__ = "installation"
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
+
+
+class Run(Base):
+    """One config version applied to a dataset."""
+
+    __tablename__ = "runs"
+    __table_args__ = (
+        CheckConstraint("kind in ('decide', 'measure')", name="kind"),
+        CheckConstraint(
+            "state in ('queued', 'running', 'done', 'failed', 'cancelled')",
+            name="state",
+        ),
+        Index(None, "dataset_id", "id"),
+        {"sqlite_autoincrement": True},
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    config_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("config_versions.id", ondelete="CASCADE")
+    )
+    measurement_id: Mapped[int | None] = mapped_column(
+        Key, ForeignKey("measurements.id", ondelete="CASCADE")
+    )
+    previous_run_id: Mapped[int | None] = mapped_column(Key)
+    kind: Mapped[str] = mapped_column(String(16))
+    state: Mapped[str] = mapped_column(String(16), default="queued")
+    activate: Mapped[bool] = mapped_column(default=False)
+    total: Mapped[int] = mapped_column(Key, default=0)
+    done: Mapped[int] = mapped_column(Key, default=0)
+    changed: Mapped[int] = mapped_column(Key, default=0)
+    counts: Mapped[Any] = mapped_column(JsonText, default=dict)
+    error: Mapped[Any | None] = mapped_column(JsonText)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+    started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    last_review_id: Mapped[int | None] = mapped_column(Key)
+    """The newest answer when it was done; None of runs of earlier versions."""
+
+
+class Export(Base):
+    """Labels written in one format from one state of a dataset."""
+
+    __tablename__ = "exports"
+    __table_args__ = (
+        CheckConstraint(
+            "state in ('queued', 'running', 'done', 'failed', 'cancelled')",
+            name="state",
+        ),
+        Index(None, "dataset_id", "id"),
+        {"sqlite_autoincrement": True},
+    )
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    format: Mapped[str] = mapped_column(String(32))
+    options: Mapped[Any] = mapped_column(JsonText)
+    state: Mapped[str] = mapped_column(String(16), default="queued")
+    run_id: Mapped[int | None] = mapped_column(Key)
+    total: Mapped[int] = mapped_column(Key, default=0)
+    done: Mapped[int] = mapped_column(Key, default=0)
+    sha256: Mapped[str | None] = mapped_column(String(64))
+    size_bytes: Mapped[int | None] = mapped_column(Key)
+    media_type: Mapped[str | None] = mapped_column(String(64))
+    counts: Mapped[Any | None] = mapped_column(JsonText)
+    error: Mapped[Any | None] = mapped_column(JsonText)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from app.services.backups import make_backup
-from app.services.data_folder import Advance
-from app.services.doctor import examine
-from app.services.findings import Finding, Severity
-from app.services.restoring import Restored, restore
+from app.maintenance.backup import make_backup
+from app.maintenance.datafolder import Advance
+from app.maintenance.doctor import Finding, Severity, examine
+from app.maintenance.restore import Restored, restore
 from app.settings import Settings
 from tests.api.command_line import CommandLine
 from tests.api.resources import Api

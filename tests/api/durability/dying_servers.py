@@ -174,8 +174,8 @@ def lay(fuse: Fuse) -> None:
 
 def grow_up(point: Point | None, poison: str | None) -> None:
     """Become a server."""
+    from app.serve import serve
     from app.settings import Settings
-    from app.startup import serve
 
     settings = Settings()
     if poison is not None:

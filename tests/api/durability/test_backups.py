@@ -10,9 +10,9 @@ from contextlib import closing
 
 import pytest
 
-from app.services.backups import make_backup
-from app.services.data_folder import CannotMaintain
-from app.services.restoring import restore
+from app.maintenance.backup import make_backup
+from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.restore import restore
 from app.settings import Settings
 from app.storage import alone_in
 from tests.api import frames as scene

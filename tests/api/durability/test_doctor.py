@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from app.services.findings import Severity
+from app.maintenance.doctor import Severity
 from tests.api import frames as scene
 from tests.api.durability.conftest import blobs, examined, served
 

@@ -12,9 +12,8 @@ from contextlib import contextmanager
 import httpx
 import pytest
 
-from app.services.doctor import examine
-from app.services.findings import Severity
-from app.services.garbage import collect
+from app.maintenance.doctor import Severity, examine
+from app.maintenance.gc import collect
 from app.settings import Settings
 from app.storage import sha256_of
 from filter_core.segmentation.palettes import FAMILIES

@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy.exc import DatabaseError
 
 from app.db.engine import make_engine, sqlite_url
-from app.http_errors import problem_of
+from app.http.problems import problem_of
 from tests.api import frames as scene
 from tests.api.durability.conftest import blobs, examined, served
 from tests.mounts import read_only, small_disk

@@ -7,9 +7,9 @@ import threading
 
 import pytest
 
+from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.gc import collect
 from app.repositories.datasets import DatasetRepository
-from app.services.data_folder import CannotMaintain
-from app.services.garbage import collect
 from app.settings import Settings
 from app.storage import FolderStorage, alone_in, sha256_of
 from tests.api import frames as scene

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from app.services.removals import BOXES_AT_A_TIME
+from app.maintenance.removals import BOXES_AT_A_TIME
 from benchmarks.million import Wanted, make
 from tests.api.durability.conftest import served
 from tests.databases import problems_of, rows_of

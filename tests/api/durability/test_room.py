@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from app.services.room import RESERVE
+from app.storage.room import RESERVE
 from benchmarks.million import Wanted, make
 from tests.api.archives import frame, packed
 from tests.api.durability.conftest import blobs, served

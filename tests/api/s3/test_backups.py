@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from app.services.backups import make_backup
-from app.services.data_folder import CannotMaintain
-from app.services.restoring import restore
+from app.maintenance.backup import make_backup
+from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.restore import restore
 from app.settings import Settings
 from tests.api.durability.conftest import examined, silently
 from tests.services import filled_folder, running_services

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from app.services.data_folder import CannotMaintain
+from app.maintenance.datafolder import CannotMaintain
 from tests.api import frames as scene
 from tests.api.command_line import CommandLine
 from tests.api.durability.conftest import examined

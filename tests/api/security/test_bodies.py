@@ -8,9 +8,9 @@ from contextlib import contextmanager
 import pytest
 from fastapi.routing import APIRoute
 
+from app.http.middleware import MAX_UNASKED_BYTES
+from app.http.routing import ApiRoute, OpenRoute
 from app.main import create_app
-from app.middleware import MAX_UNASKED_BYTES
-from app.routing import ApiRoute, OpenRoute
 from app.settings import Settings
 from tests.api.archives import header_of
 from tests.api.live import live

@@ -11,8 +11,11 @@ from contextlib import ExitStack, closing, contextmanager
 import httpx
 import pytest
 
-from app.connections import place_of, room_for_connections
-from app.descriptors import raise_descriptor_limit
+from app.process.connections import (
+    place_of,
+    raise_descriptor_limit,
+    room_for_connections,
+)
 from tests.api import frames as scene
 from tests.api.live import live
 from tests.servers import start, stop, token_of, wait_for_link

@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 
-from app.routing import MAX_READS_PER_TOKEN
+from app.http.routing import MAX_READS_PER_TOKEN
 from filter_core.segmentation.palettes import FAMILIES
 from tests.api import frames as scene
 from tests.api import probe_routes

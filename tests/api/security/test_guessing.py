@@ -6,8 +6,8 @@ import logging
 
 import pytest
 
-from app.services.callers import WrongSecrets
-from app.services.token_upkeep import write_upkeep
+from app.access.gate import WrongSecrets
+from app.access.upkeep import write_upkeep
 from tests.databases import everything_in
 
 SESSION = "/api/v1/session"

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.services.json_turns import in_turn
+from app.incoming import in_turn
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
 from tests.api import frames as scene

@@ -7,8 +7,8 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 
-from app.db.access_tables import Token
-from app.routing import ApiRoute, OpenRoute
+from app.db.tables.access import Token
+from app.http.routing import ApiRoute, OpenRoute
 from app.security import Role
 from tests.api import frames as scene
 from tests.api.security.routes import ANYBODY, NEEDS, at, every_route, operations

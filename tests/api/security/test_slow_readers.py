@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from app.http_protocol import MOST_PIPELINED
-from app.resources import static_dir
+from app.package import static_dir
+from app.process.server import MOST_PIPELINED
 from tests.api.archives import frame, pieces
 from tests.api.live import live
 from tests.api.probe_routes import no_more_endless

@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from app.http_protocol import MOST_PIPELINED
+from app.process.server import MOST_PIPELINED
 from tests.api.archives import frame, pieces
 from tests.api.live import live
 

@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from app.errors import AppError, BadRequest, TooLarge
-from app.routes.multipart import Part, PartLimits, read_parts
+from app.http.bodies import Part, PartLimits, read_parts
 
 BOUNDARY = b"b0undary"
 MEDIA_TYPE = 'multipart/form-data; boundary="b0undary"'

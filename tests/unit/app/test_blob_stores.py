@@ -10,7 +10,7 @@ import pytest
 
 from app.errors import DamagedFile, TryLater
 from app.storage import BlobStore, FolderStorage, sha256_of
-from app.storage.blob_store import PIECE, Drafts
+from app.storage.base import PIECE, Drafts
 from app.storage.s3 import S3Storage
 from tests.s3_server import TestBucket
 

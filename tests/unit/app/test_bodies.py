@@ -9,8 +9,8 @@ import pytest
 from anyio import CapacityLimiter
 from fastapi import FastAPI
 
-from app.bodies import StrictRequest, beside_the_loop
 from app.errors import Unprocessable
+from app.http.bodies import StrictRequest, beside_the_loop
 
 
 def request_with(body):

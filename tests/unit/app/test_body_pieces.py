@@ -7,7 +7,7 @@ import tracemalloc
 
 import pytest
 
-from app.pieces import Pieces
+from app.incoming import Pieces
 
 
 def test_a_piece_that_is_alone_is_handed_on_as_it_came():

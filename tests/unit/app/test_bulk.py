@@ -21,7 +21,7 @@ from app.db.bulk import (
 from app.db.engine import Database, sqlite_url
 from app.db.migrate import migrate
 from app.db.tables import Blob, Dataset, Frame
-from app.resources import migrations_dir
+from app.package import migrations_dir
 from tests.databases import migrated_postgres
 
 ODD = (

@@ -8,9 +8,9 @@ import pytest
 from sqlalchemy import create_engine, text
 from sqlalchemy.orm import Session
 
+from app.access import gate as callers
+from app.access.gate import RecentCallers
 from app.security import Principal, Role
-from app.services import callers
-from app.services.callers import RecentCallers
 
 ADA = Principal(1, "ada", Role.REVIEWER)
 

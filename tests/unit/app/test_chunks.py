@@ -18,7 +18,7 @@ from sqlalchemy import select
 from app.db.engine import Database
 from app.db.tables import Chunk, FrameEvidence, Lease
 from app.engine import EngineAway, LocalEngine, WorkerDied
-from app.engine.jobs import DONE, ELSEWHERE, GIVEN_BACK
+from app.engine.chunk import DONE, ELSEWHERE, GIVEN_BACK
 from app.repositories.leases import LeaseRepository
 from app.repositories.runs import RunRepository
 from app.services.chunk_attempts import MOST_ATTEMPTS

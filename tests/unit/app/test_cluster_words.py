@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 from distributed.comm import CommClosedError
 
-from app.engine.wire import prepare, reason_of
+from app.engine.dask import prepare, reason_of
 
 
 def caused(*errors: BaseException) -> BaseException:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from app.instruments import Counter, Gauge, Histogram
+from app.metrics import Counter, Gauge, Histogram
 
 
 def read(instrument):

@@ -7,8 +7,8 @@ import warnings
 
 import pytest
 
+from app.serve import CannotServe, check_free, listen
 from app.settings import Settings
-from app.startup import CannotServe, check_free, listen
 
 
 def test_a_socket_that_cannot_listen_is_closed():

@@ -10,7 +10,7 @@ from sqlalchemy import create_engine, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.db.engine import make_engine, sqlite_url
-from app.db.passing import in_a_line, is_passing
+from app.db.transient import in_a_line, is_transient
 from tests.databases import empty_postgres
 
 
@@ -41,7 +41,7 @@ def test_whoever_waits_for_another_writer_tries_again_and_a_full_disk_stays_full
         other.execute("BEGIN EXCLUSIVE")
         locked = failure(sqlite_url(file), last=make)
 
-    assert (is_passing(full), is_passing(locked)) == (False, True), (full, locked)
+    assert (is_transient(full), is_transient(locked)) == (False, True), (full, locked)
     assert in_a_line(locked) == "(sqlite3.OperationalError) database is locked"
 
 
@@ -60,7 +60,7 @@ def test_a_connection_that_is_cut_passes_and_a_mistake_does_not(statement, passe
             connection.execute(text(statement))
         engine.dispose()
 
-    assert is_passing(raised.value) is passes
+    assert is_transient(raised.value) is passes
 
 
 def test_a_server_that_is_not_there_passes():
@@ -68,4 +68,4 @@ def test_a_server_that_is_not_there_passes():
     with pytest.raises(SQLAlchemyError) as raised:
         engine.connect()
 
-    assert is_passing(raised.value)
+    assert is_transient(raised.value)

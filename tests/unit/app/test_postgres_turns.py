@@ -11,8 +11,7 @@ from contextlib import closing, contextmanager
 import pytest
 from sqlalchemy import text
 
-from app.db.engine import Database
-from app.repositories.locks import keep_turn
+from app.db.engine import Database, keep_turn
 from tests.databases import empty_postgres
 
 STOPPED = """

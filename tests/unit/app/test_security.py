@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from app.access import service as access
 from app.security import (
     Role,
     bearer_token,
@@ -16,7 +17,6 @@ from app.security import (
     new_token,
     same_hash,
 )
-from app.services import access
 
 OWN = {"host": "127.0.0.1:8000"}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from app.addresses import bucket_of
 from app.settings import Settings
-from app.storage_url import bucket_of
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from typing import get_args
 
 import pytest
 
+from app.ops.queries import STATES
 from app.repositories.box_filter import REVIEW_STATES
-from app.repositories.totals import STATES
 from app.routes.frame_pictures import FileKind
 from app.security import Role
 from app.services.drawing import LayerName

@@ -1,0 +1,1 @@
+"""Who may come in: tokens, sessions, login codes, and the audit log."""

@@ -1,0 +1,158 @@
+"""The token in the data folder: the command line on this machine comes in by it.
+
+It ends after a month, and is renewed halfway, at the start and while the service runs.
+What it was before goes on to the end that it had, so that nobody who came in with it
+is put out in the middle of something.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.access.audit import Act, AuditTrail
+from app.access.queries import Tokens
+from app.access.service import MOST_SESSIONS, by_token, make_code
+from app.db.base import rfc3339, utc_now
+from app.db.tables.access import LoginCode, LoginSession, Token
+from app.logs import server_log
+from app.security import Role, hash_secret, new_token
+
+FIRST_TOKEN_NAME: Final = "admin"
+LIFETIME: Final = timedelta(days=30)
+RENEWED_BEFORE: Final = timedelta(days=15)
+"""So long before its end it is renewed."""
+_PRIVATE: Final = 0o600
+_OTHERS: Final = 0o077
+
+
+def ensure_first_token(session: Session, file: Path) -> str:
+    """The token in the file; a new one if there is none or it opens nothing.
+
+    Deleting the file and starting again therefore changes the token. Whoever can do
+    that can read the database as well. The database sees only the hash. A token that
+    others could read is replaced: it and its sessions open nothing any more.
+    """
+    tokens = Tokens(session)
+    tokens.end_expired_sessions(utc_now())
+    token = _read(file)
+    was_shared = _take_from_others(file)
+    row = _valid(session, token)
+    if token and row is not None and not was_shared:
+        return renew(session, file, row) if _is_due(row) else token
+    return _replace(session, file)
+
+
+def renew_first_token(session: Session, file: Path) -> None:
+    """Renew the token in the file if its end is near; a file that is gone stays so."""
+    row = _valid(session, _read(file))
+    if row is not None and _is_due(row):
+        renew(session, file, row)
+
+
+def is_first_token_due(session: Session, file: Path) -> bool:
+    """Whether `renew_first_token` has something to do."""
+    row = _valid(session, _read(file))
+    return row is not None and _is_due(row)
+
+
+def make_first_code(session: Session, file: Path) -> tuple[LoginCode, str]:
+    """A login code, and its secret, for whoever starts the service."""
+    first = by_token(session, _read(file) or "")
+    return make_code(AuditTrail(session), first.token_id)
+
+
+def renew(session: Session, file: Path, row: Token) -> str:
+    """Write another token into the file; the one before opens as long as it would."""
+    token, ends = new_token(), utc_now() + LIFETIME
+    # The file first: a hash whose token is lost would lock everybody out.
+    write_secret(file, token)
+    before, until = row.hash, row.expires_at or utc_now() + RENEWED_BEFORE
+    row.hash, row.expires_at = hash_secret(token), ends
+    # Dated at its end, it stays the newest: no number of sessions takes its place.
+    former = LoginSession(
+        token_id=row.id, hash=before, expires_at=until, created_at=until
+    )
+    Tokens(session).open_session(former, most=MOST_SESSIONS)
+    AuditTrail(session).note(
+        Act.TOKEN_RENEWED, row.name, token_id=row.id, expires_at=rfc3339(ends)
+    )
+    return token
+
+
+def write_secret(file: Path, text: str) -> None:
+    """Write a file that was never, not even for a moment, readable by others."""
+    draft = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(text + "\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(file)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+
+
+def _replace(session: Session, file: Path) -> str:
+    token, ends = new_token(), utc_now() + LIFETIME
+    write_secret(file, token)
+    role = Role.ADMIN.value
+    first = Tokens(session).replace(FIRST_TOKEN_NAME, role, hash_secret(token), ends)
+    AuditTrail(session).note(
+        Act.TOKEN_CREATED,
+        FIRST_TOKEN_NAME,
+        token_id=first.id,
+        role=role,
+        expires_at=rfc3339(ends),
+    )
+    return token
+
+
+def _valid(session: Session, token: str | None) -> Token | None:
+    """The token of this secret, if it lets somebody in."""
+    digest = hash_secret(token or "")
+    tokens = Tokens(session)
+    found = tokens.valid_by_hash(digest, utc_now())
+    return None if found is None else tokens.by_id(found.id)
+
+
+def _is_due(row: Token) -> bool:
+    """Another one that somebody has put into the file is theirs to renew."""
+    if row.name != FIRST_TOKEN_NAME:
+        return False
+    return row.expires_at is None or _left(row.expires_at) < RENEWED_BEFORE
+
+
+def _left(ends: datetime) -> timedelta:
+    return ends - utc_now()
+
+
+def _take_from_others(file: Path) -> bool:
+    """Keep the file for its owner alone; True if others could read it until now."""
+    if os.name == "nt" or not file.exists():
+        return False
+    mode = stat.S_IMODE(file.stat().st_mode)
+    if not mode & _OTHERS:
+        return False
+    file.chmod(_PRIVATE)
+    server_log.warning(
+        "others could read the token file (mode %o): it is for its owner alone again, "
+        "and its token is replaced",
+        mode,
+    )
+    return True
+
+
+def _read(file: Path) -> str | None:
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except FileNotFoundError:
+        return None

@@ -1,0 +1,266 @@
+"""SQL of access: tokens, their sessions, codes and links, and the audit log."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Final, NamedTuple
+
+from sqlalchemy import bindparam, delete, or_, select, update
+from sqlalchemy.orm import Session
+
+from app.db.bulk import NewestPage
+from app.db.tables.access import (
+    AuditEntry,
+    DownloadLink,
+    LoginCode,
+    LoginSession,
+    Token,
+)
+
+
+class AuditRepository:
+    """The audit log of one database session."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def add(self, entry: AuditEntry) -> None:
+        """Insert."""
+        self._session.add(entry)
+        self._session.flush()
+
+    def page(self, page: NewestPage) -> list[AuditEntry]:
+        """Entries, newest first, and one more than asked for if there is one."""
+        rows = select(AuditEntry)
+        if page.before_id is not None:
+            rows = rows.where(AuditEntry.id < page.before_id)
+        rows = rows.order_by(AuditEntry.id.desc()).limit(page.limit + 1)
+        return list(self._session.scalars(rows))
+
+
+_VALID: Final = (
+    Token.revoked_at.is_(None),
+    or_(Token.expires_at.is_(None), Token.expires_at > bindparam("now")),
+)
+# Built once: every request asks one of them.
+_BY_HASH: Final = (
+    select(Token.id, Token.name, Token.role, Token.hash)
+    .where(Token.hash == bindparam("digest"), *_VALID)
+    .order_by(Token.id)
+)
+_BY_SESSION: Final = (
+    select(Token.id, Token.name, Token.role, LoginSession.hash)
+    .join(LoginSession, LoginSession.token_id == Token.id)
+    .where(
+        LoginSession.hash == bindparam("digest"),
+        LoginSession.expires_at > bindparam("now"),
+        *_VALID,
+    )
+    .order_by(Token.id)
+)
+
+
+class TokenRow(NamedTuple):
+    """A token that is valid now."""
+
+    id: int
+    name: str
+    role: str
+    hash: str
+
+
+class Tokens:
+    """Tokens and sessions of one database session."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def valid_by_hash(self, digest: str, now: datetime) -> TokenRow | None:
+        """The token with this hash, unless it is revoked or has expired."""
+        row = self._session.execute(_BY_HASH, {"digest": digest, "now": now}).first()
+        return TokenRow(*row) if row else None
+
+    def valid_by_session(self, digest: str, now: datetime) -> TokenRow | None:
+        """The token that opened this session, if both are still valid."""
+        row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
+        return TokenRow(*row) if row else None
+
+    def replace(self, name: str, role: str, digest: str, expires_at: datetime) -> Token:
+        """Give the token of this name a new hash; what the old one opened ends."""
+        token = self.by_name(name)
+        if token is None:
+            token = Token(name=name, role=role, hash=digest, expires_at=expires_at)
+            self.add(token)
+            return token
+        self.end_sessions_of(token.id)
+        token.hash, token.role = digest, role
+        token.revoked_at, token.expires_at = None, expires_at
+        self._session.flush()
+        return token
+
+    def note_use(self, token_id: int, at: datetime) -> None:
+        """Remember when a token was last used; never an earlier time than is known."""
+        earlier = or_(Token.last_used_at.is_(None), Token.last_used_at < at)
+        self._session.execute(
+            update(Token)
+            .where(Token.id == token_id, earlier)
+            .values(last_used_at=at)
+            .execution_options(synchronize_session=False)
+        )
+
+    def add(self, token: Token) -> None:
+        """Store a new token."""
+        self._session.add(token)
+        self._session.flush()
+
+    def by_id(self, token_id: int) -> Token | None:
+        """The token, valid or not."""
+        return self._session.get(Token, token_id)
+
+    def by_hash(self, digest: str) -> Token | None:
+        """The token with this hash, valid or not."""
+        statement = select(Token).where(Token.hash == digest).order_by(Token.id)
+        return self._session.scalars(statement).one_or_none()
+
+    def that_opened(self, digest: str) -> Token | None:
+        """The token that opened this session, be they valid or not."""
+        statement = (
+            select(Token)
+            .join(LoginSession, LoginSession.token_id == Token.id)
+            .where(LoginSession.hash == digest)
+            .order_by(Token.id)
+        )
+        return self._session.scalars(statement).one_or_none()
+
+    def by_name(self, name: str) -> Token | None:
+        """The token of this name, valid or not."""
+        statement = select(Token).where(Token.name == name).order_by(Token.id)
+        return self._session.scalars(statement).one_or_none()
+
+    def page(self, *, after_id: int, limit: int) -> list[Token]:
+        """The next tokens by id."""
+        statement = (
+            select(Token).where(Token.id > after_id).order_by(Token.id).limit(limit)
+        )
+        return list(self._session.scalars(statement))
+
+    def valid_ids(self, role: str, now: datetime) -> list[int]:
+        """Tokens of a role that may be used."""
+        statement = (
+            select(Token.id).where(Token.role == role, *_VALID).order_by(Token.id)
+        )
+        return list(self._session.scalars(statement, {"now": now}))
+
+    def revoke(self, token: Token, now: datetime) -> None:
+        """Let nobody in with it any more; the first time is what counts."""
+        token.revoked_at = token.revoked_at or now
+        self.end_sessions_of(token.id)
+        self._session.execute(delete(LoginCode).where(LoginCode.token_id == token.id))
+        self._session.flush()
+
+    def open_session(self, opened: LoginSession, *, most: int) -> None:
+        """Remember a session that a token opened; so many of its newest stay."""
+        self._session.add(opened)
+        self._session.flush()
+        self._keep_newest(opened, most)
+
+    def expiry(self, token_id: int, session_digest: str | None) -> datetime | None:
+        """When a token, or earlier the session that it opened, lets nobody in."""
+        token = select(Token.expires_at).where(Token.id == token_id)
+        session = select(LoginSession.expires_at).where(
+            LoginSession.hash == session_digest
+        )
+        ends = [self._session.scalar(token)]
+        if session_digest is not None:
+            ends.append(self._session.scalar(session))
+        return min((end for end in ends if end is not None), default=None)
+
+    def add_code(self, code: LoginCode, *, most: int) -> None:
+        """Store a login code; forget those that have ended, and all but the newest."""
+        ended = delete(LoginCode).where(LoginCode.expires_at <= code.created_at)
+        self._session.execute(ended)
+        self._session.add(code)
+        self._session.flush()
+        self._keep_newest(code, most)
+
+    def code(self, code_id: int) -> LoginCode | None:
+        """The login code with this id, used or not."""
+        return self._session.get(LoginCode, code_id)
+
+    def code_by_hash(self, digest: str) -> LoginCode | None:
+        """The login code with this hash, used or not."""
+        return self._session.scalars(
+            select(LoginCode).where(LoginCode.hash == digest).order_by(LoginCode.id)
+        ).one_or_none()
+
+    def use_code(self, code_id: int, now: datetime) -> bool:
+        """Note that a login code was used; False if somebody was first, or it ended."""
+        noted = self._session.execute(
+            update(LoginCode)
+            .where(
+                LoginCode.id == code_id,
+                LoginCode.used_at.is_(None),
+                LoginCode.expires_at > now,
+            )
+            .values(used_at=now)
+            .returning(LoginCode.id)
+        )
+        return noted.first() is not None
+
+    def add_link(self, link: DownloadLink, *, most: int) -> None:
+        """Store the address of a download, as `add_code` does."""
+        ended = delete(DownloadLink).where(DownloadLink.expires_at <= link.created_at)
+        self._session.execute(ended)
+        self._session.add(link)
+        self._session.flush()
+        self._keep_newest(link, most)
+
+    def valid_by_link(self, digest: str, export_id: int, now: datetime) -> bool:
+        """Whether this link opens this export, and its token is still valid."""
+        row = self._session.execute(
+            select(Token.id)
+            .join(DownloadLink, DownloadLink.token_id == Token.id)
+            .where(
+                DownloadLink.hash == digest,
+                DownloadLink.export_id == export_id,
+                DownloadLink.expires_at > bindparam("now"),
+                *_VALID,
+            )
+            .order_by(Token.id),
+            {"now": now},
+        )
+        return row.first() is not None
+
+    def _keep_newest(
+        self, added: LoginSession | LoginCode | DownloadLink, most: int
+    ) -> None:
+        """Forget the oldest rows of a token; never the one that was added just now."""
+        table = type(added)
+        is_its_own = table.token_id == added.token_id
+        newest = (
+            select(table.hash)
+            .where(is_its_own)
+            .order_by(table.created_at.desc(), table.hash)
+            .limit(most)
+        )
+        is_older = table.hash.not_in(newest.scalar_subquery())
+        # A clock that was set back makes the newest one look old.
+        self._session.execute(
+            delete(table).where(is_its_own, is_older, table.hash != added.hash)
+        )
+
+    def end_session(self, digest: str) -> None:
+        """Forget one session."""
+        self._session.execute(delete(LoginSession).where(LoginSession.hash == digest))
+
+    def end_sessions_of(self, token_id: int) -> None:
+        """Forget all sessions that a token opened."""
+        self._session.execute(
+            delete(LoginSession).where(LoginSession.token_id == token_id)
+        )
+
+    def end_expired_sessions(self, now: datetime) -> None:
+        """Forget sessions that nobody can use any more."""
+        self._session.execute(
+            delete(LoginSession).where(LoginSession.expires_at <= now)
+        )

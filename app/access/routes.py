@@ -1,0 +1,190 @@
+"""Routes of tokens, of logging in and out, and of the audit log."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Final
+
+from fastapi import APIRouter, Request, Response
+
+from app.access import service as access
+from app.access import service as tokens
+from app.access.audit import AuditTrail
+from app.access.queries import AuditRepository, Tokens
+from app.db.base import utc_now
+from app.errors import BadRequest, Forbidden
+from app.http.deps import (
+    AppServices,
+    Audited,
+    CurrentPrincipal,
+    ReadSession,
+    RowId,
+    WriteSession,
+    counting_wrong,
+    make_room,
+)
+from app.http.pages import Cursor, Limit, Newest, page_response, written
+from app.http.routing import ApiRouter, OpenRouter
+from app.security import Principal, Role, comes_from_no_other_page
+from unghost.wire.access import (
+    AuditEntry,
+    LogIn,
+    LoginCode,
+    NewLoginCode,
+    NewSession,
+    NewToken,
+    Session,
+    Token,
+    TokenIn,
+)
+from unghost.wire.model import Page
+
+audit_router = ApiRouter(
+    prefix="/api/v1", tag="audit", read=Role.ADMIN, write=Role.ADMIN
+)
+
+
+@audit_router.get("/audit", response_model=Page[AuditEntry])
+def list_audit(wanted: Newest, session: ReadSession) -> Response:
+    """Who did what to tokens, data, configurations, jobs and many answers at once."""
+    limit = wanted.page.limit
+    found = AuditRepository(session).page(wanted.page)
+    following = str(found[limit - 1].id) if len(found) > limit else None
+    items = [
+        AuditEntry.model_validate(entry, from_attributes=True)
+        for entry in found[:limit]
+    ]
+    return page_response(wanted.request, items, following)
+
+
+PREFIX: Final = "/api/v1"
+# Neither a cache nor the answer kept for an Idempotency-Key may hold a secret.
+NO_STORE: Final = {"Cache-Control": "no-store"}
+
+entrance = OpenRouter(prefix=PREFIX, tag="session")
+inside = ApiRouter(prefix=PREFIX, tag="session", write=Role.VIEWER)
+
+
+@entrance.post("/session", status_code=201, response_model=NewSession)
+def log_in(
+    body: LogIn,
+    request: Request,
+    reading: ReadSession,
+    writing: WriteSession,
+    services: AppServices,
+) -> Response:
+    """Trade a token, or the code of a login link, for a session of the page.
+
+    The session's secret is in this answer alone; it is shown as a token is.
+    """
+    if not comes_from_no_other_page(request.headers):
+        raise Forbidden("only the service's own page may log in")
+    secret, code_id = body.token or body.code or "", None
+    # Looked up without a place among the writers: guessing must not keep others out.
+    with counting_wrong(request):
+        if body.code is None:
+            principal = access.by_token(reading, secret)
+        else:
+            principal, code_id = access.by_code(reading, secret)
+    if code_id is not None:
+        access.use_code(writing, code_id)
+    by = "token" if code_id is None else "code"
+    lifetime = timedelta(hours=services.settings.session_hours)
+    opened = access.log_in(AuditTrail(writing, principal), by, lifetime)
+    found = access.by_session(writing, opened)
+    services.last_uses.note(principal.token_id)
+    shown = NewSession(**dict(_session(writing, found)), session=opened)
+    return written(shown, 201, NO_STORE)
+
+
+@inside.get("/session")
+def get_session(session: ReadSession, principal: CurrentPrincipal) -> Session:
+    """Who is asking, and until when: by a token or by a session of the page."""
+    return _session(session, principal)
+
+
+@inside.delete("/session", status_code=204)
+def log_out(
+    session: WriteSession, services: AppServices, principal: CurrentPrincipal
+) -> Response:
+    """End the session that is shown; a token stays as it is."""
+    access.log_out(session, principal)
+    if principal.session_hash is not None:
+        make_room(services, session)
+    services.callers.forget_on_commit(session)
+    return Response(status_code=204)
+
+
+@inside.post("/login-codes", status_code=201, response_model=NewLoginCode)
+def create_login_code(audit: Audited) -> Response:
+    """A code that logs a page in as whoever asks: once, within ten minutes.
+
+    The login link is the service's address followed by `/#code=` and the code.
+    """
+    made, secret = access.make_code(audit)
+    code = LoginCode.model_validate(made, from_attributes=True)
+    return written(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
+
+
+@inside.get("/login-codes/{code_id}")
+def get_login_code(
+    code_id: RowId, session: ReadSession, principal: CurrentPrincipal
+) -> LoginCode:
+    """Whether a login code of one's own was used."""
+    code = access.own_code(session, principal, code_id)
+    return LoginCode.model_validate(code, from_attributes=True)
+
+
+def _session(session: ReadSession, principal: Principal) -> Session:
+    return Session(
+        name=principal.name,
+        role=principal.role.value,
+        expires_at=access.expiry(session, principal),
+    )
+
+
+session_router = APIRouter(redirect_slashes=False)
+session_router.include_router(entrance)
+session_router.include_router(inside)
+
+tokens_router = ApiRouter(
+    prefix="/api/v1", tag="tokens", read=Role.ADMIN, write=Role.ADMIN
+)
+
+
+@tokens_router.get("/tokens", response_model=Page[Token])
+def list_tokens(
+    request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
+) -> Response:
+    """All tokens, revoked ones included, oldest first. What they open with is gone.
+
+    When one was last used is known to the minute.
+    """
+    if cursor is not None and not (cursor.isdecimal() and len(cursor) < 19):
+        raise BadRequest("the cursor is damaged", code="bad_cursor")
+    found = Tokens(session).page(after_id=int(cursor or 0), limit=limit + 1)
+    following = str(found[limit - 1].id) if len(found) > limit else None
+    items = [Token.model_validate(one, from_attributes=True) for one in found[:limit]]
+    return page_response(request, items, following)
+
+
+@tokens_router.post("/tokens", status_code=201, response_model=NewToken)
+def create_token(body: TokenIn, audit: Audited) -> Response:
+    """A new token. It is shown in this answer and never again; it ends in 90 days."""
+    role, ends = Role(body.role), body.ends(utc_now())
+    made, secret = tokens.issue(audit, body.name, role, ends)
+    token = Token.model_validate(made, from_attributes=True)
+    # no-store: neither a cache nor the answer kept for an Idempotency-Key holds it.
+    shown = NewToken(**dict(token), token=secret)
+    return written(shown, 201, {"Cache-Control": "no-store"})
+
+
+@tokens_router.delete("/tokens/{token_id}", status_code=204)
+def revoke_token(
+    token_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+) -> Response:
+    """Take a token back; the sessions that it opened end as well."""
+    tokens.revoke(audit, token_id)
+    make_room(services, session)
+    services.callers.forget_on_commit(session)
+    return Response(status_code=204)

@@ -1,0 +1,276 @@
+"""Who may come in: tokens given and taken back, logging in and out."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from typing import Final
+
+from sqlalchemy import exc as sql
+from sqlalchemy.orm import Session
+
+from app.access.audit import Act, AuditTrail
+from app.access.queries import Tokens
+from app.db.base import rfc3339, utc_now
+from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
+from app.errors import Conflict, NotFound, Unauthorised, Unprocessable
+from app.maintenance.datafolder import CannotMaintain, opened
+from app.security import (
+    SESSION_PREFIX,
+    Principal,
+    Role,
+    hash_secret,
+    new_download_key,
+    new_login_code,
+    new_session,
+    new_token,
+    same_hash,
+)
+from app.settings import Settings
+
+CODE_LIFETIME: Final = timedelta(minutes=10)
+"""How long a login link can be used; it ends earlier when it is."""
+LINK_LIFETIME: Final = timedelta(minutes=5)
+"""How long the address of a download can be opened, ranges included."""
+MOST_SESSIONS: Final = 100
+MOST_CODES: Final = 20
+MOST_LINKS: Final = 100
+"""Of one token each: whoever needs more meanwhile has the oldest ended, and is not
+refused, so that signing in always works."""
+_NO_ENTRY: Final = "show a valid token, or log in with one"
+
+
+def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
+    """Open a session of the page for whoever acts; its secret. `by`: token or code."""
+    secret = new_session()
+    opened = LoginSession(
+        hash=hash_secret(secret),
+        token_id=audit.token_id,
+        expires_at=utc_now() + lifetime,
+    )
+    Tokens(audit.session).open_session(opened, most=MOST_SESSIONS)
+    audit.note(Act.SESSION_OPENED, audit.name, by=by)
+    return secret
+
+
+def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
+    """A code that opens one session, of this token or of who acts, and its secret."""
+    secret, now = new_login_code(), utc_now()
+    code = LoginCode(
+        hash=hash_secret(secret),
+        token_id=audit.token_id if token_id is None else token_id,
+        expires_at=now + CODE_LIFETIME,
+        created_at=now,
+    )
+    Tokens(audit.session).add_code(code, most=MOST_CODES)
+    audit.note(Act.CODE_CREATED, code.id)
+    return code, secret
+
+
+def code_is_over(session: Session, code_id: int) -> bool:
+    """Whether nobody can log in with this code any more."""
+    code = Tokens(session).code(code_id)
+    return code is None or code.used_at is not None or code.expires_at <= utc_now()
+
+
+def own_code(session: Session, principal: Principal, code_id: int) -> LoginCode:
+    """A code of one's own token; NotFound for another's as for none."""
+    code = Tokens(session).code(code_id)
+    if code is None or code.token_id != principal.token_id:
+        raise NotFound("login code", code_id)
+    return code
+
+
+def use_code(session: Session, code_id: int) -> None:
+    """Take a code that `by_code` found, so that nobody else can; Unauthorised."""
+    if not Tokens(session).use_code(code_id, utc_now()):
+        raise _code_is_over()
+
+
+def by_code(session: Session, secret: str) -> tuple[Principal, int]:
+    """Whom a login code lets in, and the code's id.
+
+    Raises
+    ------
+    Unauthorised
+        It is unknown, was used, or has ended, or the token that it is for has.
+    """
+    digest, now = hash_secret(secret), utc_now()
+    tokens = Tokens(session)
+    code = tokens.code_by_hash(digest)
+    if code is None or code.used_at is not None or code.expires_at <= now:
+        raise _code_is_over()
+    token = tokens.by_id(code.token_id)
+    if token is None or not same_hash(code.hash, digest) or not _is_valid(token, now):
+        raise _refused(token, now)
+    return Principal(token.id, token.name, Role(token.role)), code.id
+
+
+def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, datetime]:
+    """A key that opens the file of one export, and until when."""
+    key, now = new_download_key(), utc_now()
+    link = DownloadLink(
+        hash=hash_secret(key),
+        token_id=token_id,
+        export_id=export_id,
+        expires_at=now + LINK_LIFETIME,
+        created_at=now,
+    )
+    Tokens(session).add_link(link, most=MOST_LINKS)
+    return key, link.expires_at
+
+
+def check_link(session: Session, key: str, export_id: int) -> None:
+    """Let a key open the file of this export; Unauthorised if it does not."""
+    if not Tokens(session).valid_by_link(hash_secret(key), export_id, utc_now()):
+        raise Unauthorised(
+            "this address of a download has ended, or is of another export: "
+            "ask for a new one",
+            code="link_over",
+        )
+
+
+def log_out(session: Session, principal: Principal) -> None:
+    """End the session of this browser; a bearer token has none."""
+    if principal.session_hash is not None:
+        Tokens(session).end_session(principal.session_hash)
+
+
+def expiry(session: Session, principal: Principal) -> datetime | None:
+    """When whoever is asking has to come with another token; None: never."""
+    return Tokens(session).expiry(principal.token_id, principal.session_hash)
+
+
+def by_secret(session: Session, secret: str) -> Principal:
+    """Who shows this token, or this session of the page; Unauthorised."""
+    if secret.startswith(SESSION_PREFIX):
+        return by_session(session, secret)
+    return by_token(session, secret)
+
+
+def by_token(session: Session, token: str) -> Principal:
+    """Who shows this bearer token.
+
+    Raises
+    ------
+    Unauthorised
+        It is unknown, revoked or expired. Which of the last two is said: only who
+        holds the token can ask.
+    """
+    digest, now = hash_secret(token), utc_now()
+    tokens = Tokens(session)
+    # One that was renewed opens what it did until it would have ended.
+    row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
+    if row is None or not same_hash(row.hash, digest):
+        raise _refused(tokens.by_hash(digest), now)
+    return Principal(row.id, row.name, Role(row.role))
+
+
+def by_session(session: Session, secret: str) -> Principal:
+    """Who shows this session; raises `Unauthorised` like `by_token`."""
+    digest, now = hash_secret(secret), utc_now()
+    tokens = Tokens(session)
+    row = tokens.valid_by_session(digest, now)
+    if row is None or not same_hash(row.hash, digest):
+        raise _refused(tokens.that_opened(digest), now, "session_expired")
+    return Principal(row.id, row.name, Role(row.role), session_hash=digest)
+
+
+def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unauthorised:
+    """Why a token, or the session that it opened, lets nobody in (any more)."""
+    if token is None:
+        return Unauthorised(_NO_ENTRY)
+    if token.revoked_at is not None:
+        return Unauthorised(
+            "this token was taken back; ask an admin for another one",
+            code="token_revoked",
+        )
+    if token.expires_at is not None and token.expires_at <= now:
+        return Unauthorised(
+            f"this token expired on {token.expires_at:%Y-%m-%d at %H:%M} UTC; "
+            "ask an admin for another one",
+            code="token_expired",
+        )
+    return Unauthorised(_NO_ENTRY, code=otherwise)
+
+
+def _is_valid(token: Token, now: datetime) -> bool:
+    ended = token.expires_at is not None and token.expires_at <= now
+    return token.revoked_at is None and not ended
+
+
+def _code_is_over() -> Unauthorised:
+    return Unauthorised(
+        "this login link was used already, or its ten minutes are over; "
+        "`unghost login` prints a new one",
+        code="code_over",
+    )
+
+
+def issue_offline(
+    settings: Settings, name: str, role: Role, expires_at: datetime | None
+) -> tuple[Token, str]:
+    """A new token and what to show for it; the audit log names the service itself.
+
+    Raises
+    ------
+    CannotMaintain
+        The database is not there, or at another schema.
+    Conflict
+        The name is taken.
+    """
+    try:
+        with opened(settings) as database, database.write() as session:
+            return issue(AuditTrail(session), name, role, expires_at)
+    except sql.OperationalError as exc:
+        raise CannotMaintain(
+            f"the database does not take it: {exc.orig}; `unghost doctor` says more"
+        ) from exc
+
+
+def issue(
+    audit: AuditTrail, name: str, role: Role, expires_at: datetime | None
+) -> tuple[Token, str]:
+    """A new token and what to show for it; only its hash is stored.
+
+    Raises
+    ------
+    Conflict
+        The name is taken, if only by a revoked token: reviews carry it.
+    Unprocessable
+        It would have expired already.
+    """
+    if expires_at is not None and expires_at <= utc_now():
+        raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
+    tokens = Tokens(audit.session)
+    if tokens.by_name(name) is not None:
+        raise Conflict(f"there is a token named {name!r}, perhaps a revoked one")
+    secret = new_token()
+    token = Token(
+        name=name, role=role.value, hash=hash_secret(secret), expires_at=expires_at
+    )
+    tokens.add(token)
+    until = None if expires_at is None else rfc3339(expires_at)
+    audit.note(
+        Act.TOKEN_CREATED, name, token_id=token.id, role=role.value, expires_at=until
+    )
+    return token, secret
+
+
+def revoke(audit: AuditTrail, token_id: int) -> None:
+    """Take a token back, and end the sessions that it opened.
+
+    Raises
+    ------
+    Conflict
+        Nobody could make tokens afterwards.
+    """
+    tokens = Tokens(audit.session)
+    token = tokens.by_id(token_id)
+    if token is None:
+        raise NotFound("token", token_id)
+    now = utc_now()
+    if tokens.valid_ids(Role.ADMIN.value, now) == [token_id]:
+        raise Conflict(f"token {token.name!r} is the last one of an admin")
+    if token.revoked_at is None:
+        tokens.revoke(token, now)
+        audit.note(Act.TOKEN_REVOKED, token.name, token_id=token_id)

@@ -1,0 +1,80 @@
+"""What is written of tokens now and then, beside requests: no GET writes a row.
+
+When each was last used, and a new first token when its end is near. How many wrong ones
+came is a line of the log a minute, however many came, and no row: who has no token
+writes nothing that is kept for ever.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from typing import Final
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.access.first_token import is_first_token_due, renew_first_token
+from app.access.queries import Tokens
+from app.db.base import utc_now
+from app.logs import server_log
+from app.services.context import ServiceContext
+
+EVERY_S: Final = 60.0
+
+
+@contextmanager
+def keeping_tokens(context: ServiceContext) -> Iterator[None]:
+    """Write it once a minute until the block ends, and then once more."""
+    over = threading.Event()
+    keeper = threading.Thread(target=_keep, args=(context, over), name="token upkeep")
+    keeper.start()
+    try:
+        yield
+    finally:
+        over.set()
+        keeper.join()
+
+
+def _keep(context: ServiceContext, over: threading.Event) -> None:
+    while not over.wait(EVERY_S):
+        _write(context)
+    _write(context)
+
+
+def _write(context: ServiceContext) -> None:
+    try:
+        write_upkeep(context)
+    except SQLAlchemyError as exc:  # it may be away for a while
+        server_log.warning("cannot note the last use of tokens: %s", exc)
+    except OSError as exc:
+        server_log.error("cannot renew the token file: %s", exc.strerror)
+
+
+def write_upkeep(context: ServiceContext) -> None:
+    """Write what there is to write; nothing, if nobody came in."""
+    wrong = context.wrong_secrets.take()
+    if wrong:
+        server_log.warning("within a minute %s", wrong)
+    uses = context.last_uses.take()
+    if uses:
+        try:
+            _note(context, uses)
+        except BaseException:
+            context.last_uses.put_back(uses)
+            raise
+    file = context.settings.token_file
+    with context.database.read() as session:
+        is_due = is_first_token_due(session, file)
+    if is_due:
+        with context.database.write() as session:
+            # The first statement takes the turn: another service may be as far.
+            Tokens(session).end_expired_sessions(utc_now())
+            renew_first_token(session, file)
+
+
+def _note(context: ServiceContext, uses: dict[int, datetime]) -> None:
+    with context.database.write() as session:
+        for token_id, at in sorted(uses.items()):
+            Tokens(session).note_use(token_id, at)

@@ -1,0 +1,185 @@
+"""Where the database, the files and the engine are: URLs of the settings, checked."""
+
+from __future__ import annotations
+
+import re
+from importlib.util import find_spec
+from ipaddress import ip_address
+from typing import Final, NamedTuple
+from urllib.parse import SplitResult, urlsplit
+
+from sqlalchemy import URL, make_url
+from sqlalchemy.exc import ArgumentError
+
+PSYCOPG: Final = "postgresql+psycopg"
+_POSTGRES: Final = ("postgres", "postgresql", PSYCOPG)
+_SQLITE: Final = ("sqlite", "sqlite+pysqlite")
+_DATABASE_EXAMPLE: Final = "postgresql://USER:PASSWORD@HOST:5432/DATABASE"
+
+
+def checked_url(text: str) -> str:
+    """The URL with the driver that is used.
+
+    Raises
+    ------
+    ValueError
+        It names another database or driver, or nothing at all. The reason quotes no
+        part of the URL that may be a password.
+    """
+    url = _parsed(text)
+    if url.drivername in _SQLITE:
+        if url.database in (None, "", ":memory:"):
+            raise ValueError("a database in memory would be lost; name a file")
+        return text
+    if url.drivername not in _POSTGRES:
+        raise ValueError(
+            f"{url.drivername!r} is not known here; the database is SQLite, or "
+            f"PostgreSQL with psycopg 3: {_DATABASE_EXAMPLE}"
+        )
+    if find_spec("psycopg") is None:
+        raise ValueError("PostgreSQL needs psycopg: pip install 'unghost[postgres]'")
+    return url.set(drivername=PSYCOPG).render_as_string(hide_password=False)
+
+
+def _parsed(text: str) -> URL:
+    try:
+        return make_url(text)
+    except (ArgumentError, ValueError):
+        raise ValueError(
+            f"it cannot be read as a URL like {_DATABASE_EXAMPLE}; characters such as "
+            "@ : / in a password are written as %40 %3A %2F"
+        ) from None
+
+
+LOCAL_ENGINE: Final = "local"
+SCHEDULER_PORT: Final = 8786
+_ENGINE_FORM: Final = "local, tls://HOST:PORT, or tcp://HOST:PORT on this machine"
+
+
+class EngineAddress(NamedTuple):
+    """Where a scheduler listens."""
+
+    scheme: str
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> EngineAddress:
+        """The parts of an address; ValueError says what one looks like."""
+        scheme, found, place = text.partition("://")
+        host, _, port = place.rpartition(":")
+        if not found or scheme not in ("tls", "tcp") or not host:
+            raise ValueError(f"{text!r} is no engine; expected {_ENGINE_FORM}")
+        if not port.isdigit() or int(port) > 65535:
+            raise ValueError(f"{text!r} has no port; expected {_ENGINE_FORM}")
+        return cls(scheme, host.strip("[]"), int(port))
+
+    @property
+    def is_encrypted(self) -> bool:
+        """Whether both sides show a certificate."""
+        return self.scheme == "tls"
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}://{host}:{self.port}"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach it."""
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def checked_engine(text: str, *, insecure: bool) -> str:
+    """An engine as settings may name it.
+
+    Raises
+    ------
+    ValueError
+        It is none, or whoever reaches it could run code on every worker.
+    """
+    if text.lower() == LOCAL_ENGINE:
+        return LOCAL_ENGINE
+    address = EngineAddress.parse(text)
+    if not (address.is_encrypted or insecure or is_loopback(address.host)):
+        raise ValueError(
+            f"{address} is not encrypted: whoever reaches it can run code on every "
+            "worker. Use tls:// with certificates (`unghost certificates`); "
+            "UNGHOST_ENGINE_INSECURE=true allows it all the same"
+        )
+    return str(address)
+
+
+FOLDER: Final = "folder"
+_STORAGE_EXAMPLE: Final = "s3://BUCKET or s3://BUCKET/PREFIX"
+_BUCKET: Final = re.compile(
+    r"s3://(?P<name>[a-z0-9][a-z0-9.-]{1,61}[a-z0-9])"
+    r"(?P<prefix>(?:/[\w!*'()-][\w!.*'()-]*)*)/?",
+    re.ASCII,
+)
+"""Buckets as Amazon allows them, prefixes of characters that no server quotes."""
+
+
+class Bucket(NamedTuple):
+    """A bucket of S3, and what the keys in it begin with; an empty text: nothing."""
+
+    name: str
+    prefix: str
+
+
+def checked_storage(text: str) -> str:
+    """The text, if it names a place for files; else ValueError that quotes nothing."""
+    if text != FOLDER and _BUCKET.fullmatch(text) is None:
+        raise ValueError(f"expected {FOLDER}, {_STORAGE_EXAMPLE}")
+    return text
+
+
+def bucket_of(storage: str) -> Bucket | None:
+    """The bucket that files are kept in; None if that is the data folder."""
+    found = _BUCKET.fullmatch(storage)
+    return found and Bucket(found["name"], found["prefix"].strip("/"))
+
+
+def checked_endpoint(text: str, *, plain: bool) -> str:
+    """The address of a server that speaks S3, without a slash at its end.
+
+    Raises
+    ------
+    ValueError
+        It is no such address; or one without TLS on another machine, and `plain` does
+        not allow that. The reason quotes nothing: people put passwords into addresses.
+    """
+    try:
+        parts = urlsplit(text)
+        host, _ = parts.hostname, parts.port
+    except ValueError:
+        host = None
+    if not host or parts.scheme not in ("http", "https") or _has_more(parts):
+        raise ValueError(
+            "expected https://HOST or https://HOST:PORT, with no path, user or "
+            "password; credentials come from AWS_ACCESS_KEY_ID and "
+            "AWS_SECRET_ACCESS_KEY"
+        )
+    if parts.scheme == "http" and not plain and not _is_this_machine(host):
+        raise ValueError(
+            "without TLS, files would travel readable for everybody in between: use "
+            "https://, or allow it with UNGHOST_STORAGE_ALLOW_HTTP=true"
+        )
+    return text.rstrip("/")
+
+
+def _has_more(parts: SplitResult) -> bool:
+    return bool(
+        parts.path.strip("/") or parts.query or parts.fragment or "@" in parts.netloc
+    )
+
+
+def _is_this_machine(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,201 @@
+"""The scheduler, how the nodes of a cluster know each other, and what Dask is told."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import ssl
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from app.addresses import EngineAddress, is_loopback
+from app.engine.chunk import UnusableEngine
+
+if TYPE_CHECKING:
+    from distributed import Security
+    from distributed.node import ServerNode
+
+NOWHERE: Final = "127.0.0.1:0"
+"""Where dask's dashboards begin to listen; they are stopped at once."""
+
+
+def run_scheduler(
+    host: str, port: int, certificates: Certificates, ready: Callable[[str], None]
+) -> None:
+    """Listen until told to stop; `ready` gets the address.
+
+    Raises
+    ------
+    UnusableEngine
+        It would let anybody in, or cannot listen there.
+    """
+    encrypted = any(certificates)
+    if not encrypted and not is_loopback(host):
+        raise UnusableEngine(
+            f"a scheduler at {host} without certificates would let anybody run code on "
+            "every worker; give --ca, --cert and --key (`unghost certificates`)"
+        )
+    prepare()
+    address = EngineAddress("tls" if encrypted else "tcp", host, port)
+    asyncio.run(_serve(address, certificates, ready))
+
+
+async def _serve(
+    address: EngineAddress, certificates: Certificates, ready: Callable[[str], None]
+) -> None:
+    from distributed import Scheduler
+
+    scheduler = Scheduler(
+        host=address.host,
+        port=address.port,
+        protocol=f"{address.scheme}://",
+        security=security(certificates, encrypted=address.is_encrypted),
+        dashboard=False,
+        dashboard_address=NOWHERE,
+    )
+    try:
+        await scheduler
+    except (OSError, RuntimeError) as exc:
+        detail = f"cannot listen at {address}: {reason_of(exc)}"
+        raise UnusableEngine(detail) from exc
+    close_dashboard(scheduler)
+    over = when_told_to_stop()
+    ready(str(scheduler.address))
+    await over.wait()
+    await scheduler.close()
+
+
+def close_dashboard(node: ServerNode) -> None:
+    """Let nothing of a node listen but its port for work."""
+    node.http_server.stop()
+
+
+def when_told_to_stop() -> asyncio.Event:
+    """Set by the first SIGTERM or SIGINT."""
+    over, loop = asyncio.Event(), asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, over.set)
+    return over
+
+
+_OPTIONS: Final[dict[str, Any]] = {
+    # The first death of a worker is told: it is the ledger that counts attempts.
+    "distributed.scheduler.allowed-failures": 0,
+    # A worker gets a chunk when it has none, so that its death concerns only one.
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.worker-ttl": "60 seconds",
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.pdb-on-err": False,
+    "distributed.diagnostics.nvml": False,
+    "distributed.comm.timeouts.connect": "5s",
+    # Nothing of it listens but the port for work.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+    "distributed.scheduler.dashboard.status.task-stream-length": 0,
+}
+
+
+@contextmanager
+def _blamed(name: str, fault: str) -> Iterator[None]:
+    try:
+        yield
+    except ssl.SSLError as exc:
+        detail = f"UNGHOST_TLS_{name}: {fault}; `unghost certificates` makes what fits"
+        raise UnusableEngine(detail) from exc
+
+
+class Certificates(NamedTuple):
+    """Files of one node; None where the wire is not encrypted."""
+
+    ca: Path | None = None
+    cert: Path | None = None
+    key: Path | None = None
+
+    def require(self) -> None:
+        """Refuse certificates that are not there, or that are something else.
+
+        Raises
+        ------
+        UnusableEngine
+            Names the setting, the file and what is wrong with it.
+        """
+        for name, path in self._asdict().items():
+            if path is None:
+                raise UnusableEngine(
+                    f"tls:// needs UNGHOST_TLS_{name.upper()}; "
+                    "`unghost certificates` makes certificates"
+                )
+            if not path.is_file():
+                raise UnusableEngine(
+                    f"UNGHOST_TLS_{name.upper()}: there is no file {str(path)!r}"
+                )
+        self._require_contents()
+
+    def _require_contents(self) -> None:
+        context = ssl.create_default_context()
+        ca, cert, key = map(str, self)
+        with _blamed("CA", f"in {ca!r} there is no certificate"):
+            context.load_verify_locations(ca)
+        with _blamed("CERT", f"in {cert!r} there is no certificate"):
+            ssl.create_default_context().load_verify_locations(cert)
+        is_key = "PRIVATE KEY-----" in Path(key).read_text("ascii", "replace")
+        fault = f"does not belong to {cert!r}" if is_key else "holds no private key"
+        with _blamed("KEY", f"{key!r} {fault}"):
+            context.load_cert_chain(cert, key)
+
+
+def prepare() -> None:
+    """Tell dask how it is used here.
+
+    Raises
+    ------
+    UnusableEngine
+        It is not installed.
+    """
+    try:
+        import dask
+
+        import_module("distributed")  # it brings the defaults that are changed here
+    except ImportError as exc:
+        raise UnusableEngine(
+            "workers need more packages: pip install 'unghost[cluster]'"
+        ) from exc
+    dask.config.set(_OPTIONS)
+    logging.getLogger("distributed").setLevel(logging.WARNING)
+    # They tell with a traceback what the driver says in a line.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    logging.getLogger("tornado.application").addFilter(_is_no_lost_connection)
+
+
+def _is_no_lost_connection(record: logging.LogRecord) -> bool:
+    from distributed.comm import CommClosedError
+
+    return not (record.exc_info and isinstance(record.exc_info[1], CommClosedError))
+
+
+def security(files: Certificates, *, encrypted: bool) -> Security:
+    """What a node shows to others, and whom it believes."""
+    from distributed import Security
+
+    if not encrypted:
+        return Security(require_encryption=False)
+    files.require()
+    roles = ("client", "scheduler", "worker")
+    own = {f"tls_{role}_cert": str(files.cert) for role in roles}
+    own |= {f"tls_{role}_key": str(files.key) for role in roles}
+    return Security(require_encryption=True, tls_ca_file=str(files.ca), **own)
+
+
+def reason_of(error: BaseException) -> str:
+    """What lies at the bottom of an error of dask, without dask's own words."""
+    cause: BaseException | None = error
+    said = type(error).__name__
+    while cause is not None:
+        # That something stopped waiting says nothing; the error above it says for what.
+        said = getattr(cause, "strerror", None) or str(cause) or said
+        cause = cause.__cause__
+    return said

@@ -1,0 +1,1 @@
+"""What every route shares: who may call, bodies, files, pages, problems."""

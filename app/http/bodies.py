@@ -1,0 +1,267 @@
+"""Bodies of requests: JSON as a whole, multipart in pieces, both within limits."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterable, AsyncIterator, Callable
+from dataclasses import dataclass, field
+from typing import Final, TypeVar
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import Request
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+
+from app.engine import Stop
+from app.errors import BadRequest, Fault, NotReady, TooLarge, Unprocessable
+from app.incoming import Pieces, in_turn
+from filter_core.errors import JsonError
+from filter_core.json_text import JsonLimits, read_json
+
+Result = TypeVar("Result")
+
+MAX_READERS: Final = 2
+"""Large bodies that are parsed at the same time; the others wait without a thread."""
+_SMALL_BYTES: Final = 4096
+"""Up to here a thread costs more than the work."""
+_LIMITS: Final = JsonLimits(max_depth=32, max_values=320_000, max_keys=10_000)
+"""No schema has more than a few dozen keys; each unknown one would be a fault. A
+dataset's ignore mask of a hundred polygons, of a thousand points each, is 300,000
+values, and nothing else comes near it."""
+
+
+class StrictRequest(Request):
+    """A request whose JSON is read within limits, and beside the event loop."""
+
+    async def json(self) -> object:
+        """The body as a value.
+
+        Raises
+        ------
+        Unprocessable
+            ``invalid_request``: it is not JSON, or more of it than is read.
+        """
+        content = await self.body()
+        try:
+            return await beside_the_loop(self, content, _read)
+        except JsonError as error:
+            code = "json_invalid" if error.kind == JsonError.code else error.kind
+            fault = Fault("", code, error.detail)
+            raise Unprocessable(
+                error.detail, code="invalid_request", faults=[fault]
+            ) from error
+
+
+async def beside_the_loop(
+    request: Request, content: bytes, work: Callable[[bytes], Result]
+) -> Result:
+    """What `work` makes of a body; in a thread unless that is small."""
+    if len(content) <= _SMALL_BYTES:
+        return work(content)
+    readers: CapacityLimiter = request.app.state.readers
+    return await to_thread.run_sync(work, content, limiter=readers)
+
+
+def _read(content: bytes) -> object:
+    with in_turn(len(content)):
+        return read_json(content, _LIMITS)
+
+
+RETRY_S: Final = 5
+
+
+def stopping() -> NotReady:
+    """What is said to those who came too late."""
+    return NotReady("the service stops; try again later", retry_after_s=RETRY_S)
+
+
+class UntilStopped:
+    """Pieces of a body, until there are no more or the service stops.
+
+    A sender may pause for as long as it likes: who waits for it is woken. Between two
+    pieces this costs next to nothing.
+
+    Raises
+    ------
+    NotReady
+        The service stops. What was read before is not lost.
+    """
+
+    def __init__(self, pieces: AsyncIterator[bytes], stop: Stop) -> None:
+        self._pieces, self._stop = pieces, stop
+        self._loop = asyncio.get_running_loop()
+        self._reader: asyncio.Task[object] | None = None
+        self._is_woken = False
+
+    def __aiter__(self) -> UntilStopped:
+        """Itself: reading goes on where it was left."""
+        return self
+
+    async def __anext__(self) -> bytes:
+        """The next piece."""
+        if self._stop.is_set():
+            raise stopping()
+        self._reader = asyncio.current_task()
+        try:
+            return await anext(self._pieces)
+        except asyncio.CancelledError:
+            if not self._is_woken:
+                raise
+            _take_back(self._reader)
+            raise stopping() from None
+        finally:
+            self._reader = None
+
+    def wake(self) -> None:
+        """Let who waits for a piece know that the service stops; from any thread."""
+        self._loop.call_soon_threadsafe(self._interrupt)
+
+    def _interrupt(self) -> None:
+        if self._reader is not None:
+            self._is_woken = True
+            self._reader.cancel()
+
+
+def _take_back(task: asyncio.Task[object] | None) -> None:
+    # From Python 3.11 on a task remembers that it was cancelled until it is told.
+    uncancel = getattr(task, "uncancel", None)
+    if uncancel is not None:
+        uncancel()
+
+
+MOST_MEDIA_TYPE: Final = 1024
+"""Characters of a Content-Type; taking apart a long one takes long."""
+MOST_HEADERS: Final = 8
+"""Of one part; forms have two or three."""
+MOST_HEADER_BYTES: Final = 4096
+"""Of one header of a part: its names are read as often as it has any."""
+
+
+@dataclass(frozen=True)
+class PartLimits:
+    """What a form may be at most."""
+
+    max_parts: int
+    max_part_bytes: int
+
+
+@dataclass(frozen=True)
+class Part:
+    """A field or a file of a form; a file's own name says nothing that is needed."""
+
+    name: str
+    content: bytes
+
+
+async def read_parts(
+    media_type: str, stream: AsyncIterable[bytes], limits: PartLimits
+) -> list[Part]:
+    """The parts of a form in the order they were sent.
+
+    Parameters
+    ----------
+    media_type : str
+        The Content-Type, which names the boundary.
+    stream : chunks of the body
+    limits : PartLimits
+
+    Raises
+    ------
+    BadRequest
+        ``bad_multipart``: not a form, or one cut short.
+    TooLarge
+        More parts than allowed, or one grew beyond its limit; the rest is not read.
+    """
+    form = _Form(limits)
+    try:
+        parser = MultipartParser(
+            _boundary(media_type),
+            form.callbacks(),  # type: ignore[arg-type]  # a dict of just these names
+            max_header_count=MOST_HEADERS,
+            max_header_size=MOST_HEADER_BYTES,
+        )
+        async for chunk in stream:
+            parser.write(chunk)
+    except FormParserError as error:
+        raise _unreadable(str(error)) from error
+    if not form.is_complete:
+        raise _unreadable("its last boundary is missing")
+    return form.parts
+
+
+def _boundary(media_type: str) -> bytes:
+    if len(media_type) > MOST_MEDIA_TYPE:
+        raise _unreadable(
+            f"its Content-Type has {len(media_type)} characters; "
+            f"expected at most {MOST_MEDIA_TYPE}"
+        )
+    _, options = parse_options_header(media_type)
+    boundary = options.get(b"boundary")
+    if not boundary:
+        raise _unreadable("it has no boundary")
+    return boundary
+
+
+def _unreadable(reason: str) -> BadRequest:
+    return BadRequest(
+        f"the multipart body cannot be read: {reason}", code="bad_multipart"
+    )
+
+
+@dataclass
+class _Form:
+    """What the parser has found so far."""
+
+    limits: PartLimits
+    parts: list[Part] = field(default_factory=list)
+    is_complete: bool = False
+
+    def callbacks(self) -> dict[str, object]:
+        """Under the names that the parser calls them by."""
+        return {
+            "on_part_begin": self._begin,
+            "on_header_field": self._header_field,
+            "on_header_value": self._header_value,
+            "on_header_end": self._header_end,
+            "on_headers_finished": self._headers_finished,
+            "on_part_data": self._data,
+            "on_part_end": self._end,
+            "on_end": self._finish,
+        }
+
+    def _begin(self) -> None:
+        if len(self.parts) == self.limits.max_parts:
+            raise TooLarge(f"the form has more than {self.limits.max_parts} parts")
+        self._name = ""
+        self._disposition = self._header = self._value = b""
+        self._content = Pieces()
+
+    def _header_field(self, data: bytes, start: int, end: int) -> None:
+        self._header += data[start:end]
+
+    def _header_value(self, data: bytes, start: int, end: int) -> None:
+        self._value += data[start:end]
+
+    def _header_end(self) -> None:
+        if self._header.lower() == b"content-disposition":
+            self._disposition = self._value
+        self._header = self._value = b""
+
+    def _headers_finished(self) -> None:
+        _, options = parse_options_header(self._disposition)
+        if b"name" not in options:
+            raise _unreadable("a part has no name")
+        self._name = options[b"name"].decode("utf-8", "replace")
+
+    def _data(self, data: bytes, start: int, end: int) -> None:
+        if len(self._content) + end - start > self.limits.max_part_bytes:
+            raise TooLarge(
+                f"part {self._name!r} is larger than {self.limits.max_part_bytes} bytes"
+            )
+        self._content += memoryview(data)[start:end]
+
+    def _end(self) -> None:
+        self.parts.append(Part(self._name, bytes(self._content)))
+
+    def _finish(self) -> None:
+        self.is_complete = True

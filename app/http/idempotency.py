@@ -1,0 +1,207 @@
+"""A POST that is sent twice with one Idempotency-Key is done once.
+
+The key is claimed by the first statement of the request's own transaction and the
+answer is stored in it before it commits. Of two requests at the same time, the second
+waits for the first and then gets its answer; if the first failed, the second does it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any, Final, NamedTuple
+
+from sqlalchemy import ColumnElement, Connection, delete, event, insert, select, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.tables.access import IdempotencyKey
+from app.errors import BadRequest, IdempotencyKeyReuse
+
+
+class StoredAnswer(NamedTuple):
+    """What a request was, and what it was answered; status 0: not yet answered."""
+
+    request_digest: str
+    status: int
+    media_type: str
+    headers: Mapping[str, str]
+    body: bytes
+
+
+class IdempotencyKeys:
+    """Keys of one token, inside a transaction that has begun."""
+
+    def __init__(self, connection: Connection, token_id: int) -> None:
+        self._connection = connection
+        self._token_id = token_id
+
+    def claim(self, key: str, request_digest: str) -> bool:
+        """Take the key for this request; False if it is taken.
+
+        A second claim waits until the transaction of the first one has ended.
+        """
+        row = {
+            "token_id": self._token_id,
+            "key": key,
+            "request_digest": request_digest,
+            "status": 0,
+            "media_type": "",
+            "headers": "{}",
+            "body": b"",
+            "created_at": utc_now(),
+        }
+        try:
+            with self._connection.begin_nested():
+                self._connection.execute(insert(IdempotencyKey).values(row))
+        except IntegrityError:
+            return False
+        return True
+
+    def stored(self, key: str) -> StoredAnswer:
+        """What is stored under a key that is taken."""
+        columns = (
+            IdempotencyKey.request_digest,
+            IdempotencyKey.status,
+            IdempotencyKey.media_type,
+            IdempotencyKey.headers,
+            IdempotencyKey.body,
+        )
+        statement = select(*columns).where(*self._is(key))
+        digest, status, media_type, headers, body = self._connection.execute(
+            statement
+        ).one()
+        return StoredAnswer(digest, status, media_type, json.loads(headers), body)
+
+    def store(self, key: str, answer: StoredAnswer) -> None:
+        """Keep the answer of the request that claimed the key."""
+        statement = (
+            update(IdempotencyKey)
+            .where(*self._is(key))
+            .values(
+                status=answer.status,
+                media_type=answer.media_type,
+                headers=json.dumps(dict(answer.headers)),
+                body=answer.body,
+            )
+        )
+        self._connection.execute(statement)
+
+    def release(self, key: str) -> None:
+        """Give the key back: this kind of answer cannot be kept."""
+        self._connection.execute(delete(IdempotencyKey).where(*self._is(key)))
+
+    def release_if_older(self, key: str, cutoff: datetime) -> None:
+        """Give the key back if its answer is no longer promised."""
+        self._connection.execute(
+            delete(IdempotencyKey).where(
+                *self._is(key), IdempotencyKey.created_at < cutoff
+            )
+        )
+
+    def _is(self, key: str) -> tuple[ColumnElement[bool], ...]:
+        return (IdempotencyKey.token_id == self._token_id, IdempotencyKey.key == key)
+
+
+def forget_answers_before(connection: Connection, cutoff: datetime) -> None:
+    """Drop the answers that are no longer promised."""
+    connection.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
+
+
+_KEY: Final = re.compile(r"[\x21-\x7e]{1,200}")
+_STORED_HEADERS: Final = ("location", "etag")
+
+
+class AlreadyAnswered(Exception):
+    """Raised out of the second request; carries what the first was answered."""
+
+    def __init__(self, answer: StoredAnswer) -> None:
+        super().__init__("this request was answered before")
+        self.answer = answer
+
+
+@dataclass(frozen=True)
+class RepeatableRequest:
+    """What makes two requests the same one."""
+
+    token_id: int
+    key: str
+    digest: str
+    keep: timedelta
+
+
+def checked_key(key: str) -> str:
+    """The Idempotency-Key, if it can be one."""
+    if not _KEY.fullmatch(key):
+        raise BadRequest(
+            "Idempotency-Key must be 1 to 200 visible ASCII characters",
+            code="bad_idempotency_key",
+        )
+    return key
+
+
+def request_digest(*parts: bytes) -> str:
+    """SHA-256 over method, target, media type and body, none running into the next."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "big"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def claim_on_begin(session: Session, request: RepeatableRequest) -> None:
+    """Make claiming the key the first thing that this transaction does.
+
+    Not earlier: what a request computes before it writes should hold no lock.
+    """
+
+    def claim(_session: Session, _transaction: object, connection: Connection) -> None:
+        _claim(connection, request)
+
+    event.listen(session, "after_begin", claim, once=True)
+
+
+def _claim(connection: Connection, request: RepeatableRequest) -> None:
+    keys = IdempotencyKeys(connection, request.token_id)
+    keys.release_if_older(request.key, utc_now() - request.keep)
+    if keys.claim(request.key, request.digest):
+        return
+    answer = keys.stored(request.key)
+    if answer.request_digest != request.digest:
+        raise IdempotencyKeyReuse(
+            f"Idempotency-Key {request.key!r} was used for another request"
+        )
+    raise AlreadyAnswered(answer)
+
+
+def store_answer(
+    session: Session,
+    request: RepeatableRequest,
+    *,
+    status: int,
+    headers: Mapping[str, str],
+    body: Any,  # noqa: ANN401  # a streamed answer has no body yet
+) -> None:
+    """Keep the answer beside the work, in the same transaction.
+
+    One that must not be stored (it shows a secret) is not: the key is free again.
+    """
+    keys = IdempotencyKeys(session.connection(), request.token_id)
+    if not isinstance(body, bytes) or headers.get("cache-control") == "no-store":
+        keys.release(request.key)
+        return
+    kept = {name: headers[name] for name in _STORED_HEADERS if name in headers}
+    answer = StoredAnswer(
+        request.digest, status, headers.get("content-type", ""), kept, body
+    )
+    keys.store(request.key, answer)
+
+
+def forget_old_answers(session: Session, keep: timedelta) -> None:
+    """Drop answers that were kept long enough."""
+    forget_answers_before(session.connection(), utc_now() - keep)

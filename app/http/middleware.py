@@ -1,0 +1,318 @@
+"""What surrounds every request, as plain ASGI: streams stay streams.
+
+From the outside in: RequestId, AccessLog, SecurityHeaders, Problems, KnownHosts,
+BodyLimit. All but the first two run inside Problems, so what they raise has the one
+shape of an error as well.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import re
+import time
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from anyio import fail_after
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.engine import Stop
+from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow
+from app.http.bodies import stopping
+from app.http.problems import problem_of
+from app.incoming import HeldBytes
+from app.logs import Answered, current_request_id, error_log, log_answer
+from app.metrics import RequestMetrics
+from app.security import SAFE_METHODS, host_name
+from app.settings import ANY_HOST
+
+
+class NoNewWork:
+    """Refuses requests that write once the service stops; those that read are served.
+
+    A request that its time limit ends is told so as well.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        stop: Stop = scope["app"].state.services.engine.stopping
+        if stop.is_set() and scope["method"] not in SAFE_METHODS:
+            raise stopping()
+        try:
+            await self._app(scope, receive, send)
+        except asyncio.CancelledError:
+            if not stop.is_set():
+                raise
+            raise stopping() from None
+
+
+BODY_ALLOWANCE: Final = "unghost.body_allowance"
+"""Key of the ASGI scope: a `BodyAllowance`, which a route sets for itself."""
+MAX_UNASKED_BYTES: Final = 4096
+"""A body that no route asked for; also one with a token to log in."""
+
+SECURITY_HEADERS: Final[Mapping[str, str]] = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "private, no-cache",
+}
+_REQUEST_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+class RequestId:
+    """Gives each request an id: the client's own if it is harmless, else a new one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get("x-request-id", "")
+        request_id = given if _REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
+        reset = current_request_id.set(request_id)
+
+        async def send_with_id(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message)["X-Request-ID"] = request_id
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        finally:
+            current_request_id.reset(reset)
+
+
+class AccessLog:
+    """One line per request: method, path, status, time, who. No query, no header.
+
+    What it sees is counted as well.
+    """
+
+    def __init__(self, app: ASGIApp, metrics: RequestMetrics) -> None:
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started = time.perf_counter()
+        status = 0
+
+        async def send_and_note(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_and_note)
+        finally:
+            seconds = time.perf_counter() - started
+            method, path = scope["method"], scope["path"]
+            route = getattr(scope.get("route"), "path", None)
+            self._metrics.observe(method, route, status, seconds)
+            principal = scope.get("state", {}).get("principal")
+            who = principal.name if principal else None
+            client = (scope.get("client") or (None,))[0]
+            log_answer(Answered(method, path, route, status, seconds, who, client))
+
+
+class SecurityHeaders:
+    """Puts the strict headers on every answer; a route may have set its own."""
+
+    def __init__(self, app: ASGIApp, content_security_policy: str) -> None:
+        self._app = app
+        headers = {
+            **SECURITY_HEADERS,
+            "Content-Security-Policy": content_security_policy,
+        }
+        self._headers = [
+            (name.lower().encode(), value.encode()) for name, value in headers.items()
+        ]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = list(message.get("headers", ()))
+                own = {name for name, _ in headers}
+                headers += [one for one in self._headers if one[0] not in own]
+                message["headers"] = headers
+            await send(message)
+
+        await self._app(scope, receive, send_with_headers)
+
+
+class Problems:
+    """The last to catch: whatever was raised becomes a problem document."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started = False
+
+        async def send_and_note(message: Message) -> None:
+            nonlocal started
+            started = started or message["type"] == "http.response.start"
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_and_note)
+        except Exception as exc:
+            if started:
+                # Half an answer is out: only cutting it off tells the client.
+                error_log.error("failed while answering", exc_info=exc)
+                raise
+            response = problem_of(exc).response(
+                instance=scope["path"], request_id=current_request_id.get()
+            )
+            await response(scope, receive, send)
+
+
+class KnownHosts:
+    """Answers only under the names it is meant to have (against DNS rebinding)."""
+
+    def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
+        self._app = app
+        self._hosts = hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] == "http":
+            names = Headers(scope=scope).getlist("host")
+            if len(names) != 1 and scope["http_version"] == "1.1":
+                raise BadRequest(
+                    f"expected one Host, found {len(names)}", code="malformed_http"
+                )
+            if not self._is_known(names):
+                raise MisdirectedHost(
+                    "this service is not known under that host name; "
+                    "UNGHOST_ALLOWED_HOSTS adds names"
+                )
+        await self._app(scope, receive, send)
+
+    def _is_known(self, names: list[str]) -> bool:
+        if ANY_HOST in self._hosts:
+            return True
+        return bool(names) and all(host_name(name) in self._hosts for name in names)
+
+
+@dataclass
+class BodyAllowance:
+    """How large the body of one request may be, and how long it may take.
+
+    `announced` is the Content-Length; `until` is on the clock of `time.monotonic`.
+    `held` counts what is in memory of it, once somebody has shown a token; a route that
+    streams its body counts by itself what it keeps.
+    """
+
+    announced: int
+    max_bytes: int = MAX_UNASKED_BYTES
+    until: float = math.inf
+    held: HeldBytes | None = None
+    is_streamed: bool = False
+
+    def count_in(self, held: HeldBytes, *, is_streamed: bool) -> None:
+        """Count the body from now on: all that is announced, unless it is streamed.
+
+        Raises
+        ------
+        TooManyRequests, NotReady
+            There is no room for it.
+        """
+        self.held, self.is_streamed = held, is_streamed
+        self.hold(0)
+
+    def hold(self, received: int) -> None:
+        """So much of the body has come."""
+        if self.held is not None and not self.is_streamed:
+            self.held.hold(max(received, self.announced))
+
+    def let_go(self) -> None:
+        """The request is answered, or has failed: nothing of it is kept."""
+        if self.held is not None:
+            self.held.hold(0)
+
+    def limit_to(self, max_bytes: int) -> None:
+        """Allow so many bytes; TooLarge if more are announced."""
+        self.max_bytes = max_bytes
+        self.check(self.announced)
+
+    def check(self, size: int) -> None:
+        """Raise TooLarge if a body of this size is not allowed."""
+        if size > self.max_bytes:
+            raise TooLarge(f"the body is larger than {self.max_bytes} bytes")
+
+
+class BodyLimit:
+    """Stops reading a body that is larger than allowed, whatever it said it was.
+
+    Hardly anything is allowed before a route has said what it takes.
+    One that stops arriving is not waited for either: it would hold its place for ever.
+    """
+
+    def __init__(self, app: ASGIApp, wait_s: float) -> None:
+        self._app = app
+        self._wait_s = wait_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        length = Headers(scope=scope).get("content-length", "0")
+        announced = int(length) if length.isdecimal() else 0
+        allowance = scope[BODY_ALLOWANCE] = BodyAllowance(announced)
+        received = 0
+        is_whole = False
+
+        async def receive_limited() -> Message:
+            nonlocal received, is_whole
+            if is_whole:  # what comes now is word that the client has gone
+                return await receive()
+            message = await self._next(receive, allowance)
+            is_whole = not message.get("more_body", False)
+            received += len(message.get("body", b""))
+            allowance.check(max(received, announced))
+            allowance.hold(received)
+            return message
+
+        try:
+            await self._app(scope, receive_limited, send)
+        finally:
+            allowance.let_go()
+
+    async def _next(self, receive: Receive, allowance: BodyAllowance) -> Message:
+        left_s = min(self._wait_s, allowance.until - time.monotonic())
+        try:
+            with fail_after(left_s):
+                return await receive()
+        except TimeoutError as exc:
+            raise TooSlow(
+                f"nothing of the body came for {self._wait_s:g} s, or it took too long "
+                "as a whole; send it again"
+            ) from exc

@@ -1,0 +1,207 @@
+"""The OpenAPI document: what FastAPI derives, shared errors, and a page made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from html import escape
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI
+
+from app.http.problems import PROBLEM_TYPE
+from filter_core.config.filter import FilterConfig, schema_of
+from filter_core.values import MAX_FAULTS
+from unghost.wire.runs import FilterConfigIn
+
+_METHODS: Final = ("get", "post", "put", "patch", "delete")
+
+
+def docs_page(schema: Mapping[str, Any]) -> str:
+    """All routes by tag, each with its parameters and answers."""
+    sections: dict[str, list[str]] = {}
+    for path, operations in schema["paths"].items():
+        for method in _METHODS:
+            if method in operations:
+                operation = operations[method]
+                tag = (operation.get("tags") or ["other"])[0]
+                routes = sections.setdefault(tag, [])
+                routes.append(_route(method, path, operation))
+    body = "".join(
+        f"<h2>{escape(tag)}</h2>{''.join(routes)}"
+        for tag, routes in sorted(sections.items())
+    )
+    title = escape(f"{schema['info']['title']} {schema['info']['version']}")
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}: API</title>"
+        '<link rel="stylesheet" href="/static/css/docs.css">'
+        f"</head><body><main><h1>{title}: API</h1>"
+        '<p>For machines: <a href="/openapi.json">openapi.json</a>. Every error is '
+        f"<code>application/problem+json</code>.</p>{body}</main></body></html>"
+    )
+
+
+def _route(method: str, path: str, operation: Mapping[str, Any]) -> str:
+    description = escape(operation.get("description", ""))
+    return (
+        f'<details><summary><code><span class="method">{method.upper()}</span>'
+        f"{escape(path)}</code> "
+        f'<span class="brief">{escape(operation.get("summary", ""))}</span></summary>'
+        f"<p>{description}</p>{_parameters(operation)}{_answers(operation)}</details>"
+    )
+
+
+def _parameters(operation: Mapping[str, Any]) -> str:
+    rows = [
+        (one["name"], one["in"], one.get("description", ""))
+        for one in operation.get("parameters", ())
+    ]
+    rows += [("body", kind, "") for kind in _body_types(operation)]
+    return _table(rows)
+
+
+def _body_types(operation: Mapping[str, Any]) -> list[str]:
+    return list(operation.get("requestBody", {}).get("content", {}))
+
+
+def _answers(operation: Mapping[str, Any]) -> str:
+    return _table(
+        (status, answer.get("description", "problem"), "")
+        for status, answer in operation["responses"].items()
+    )
+
+
+def _table(rows: Iterable[tuple[str, str, str]]) -> str:
+    cells = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in rows
+    )
+    return f"<table>{cells}</table>" if cells else ""
+
+
+_TEXT: Final = {"type": "string"}
+FAULT_SCHEMA: Final = {
+    "type": "object",
+    "required": ["pointer", "code", "detail"],
+    "properties": {
+        "pointer": {
+            **_TEXT,
+            "description": "JSON pointer into the body, or /query/name, /path/name.",
+        },
+        "code": _TEXT,
+        "detail": _TEXT,
+    },
+}
+PROBLEM_SCHEMA: Final = {
+    "type": "object",
+    "description": "RFC 9457. `code` is stable and for programs, `detail` is for "
+    "people. A 412 carries the thing as it is now under `current`.",
+    "required": [
+        *("type", "title", "status", "detail", "instance", "code", "request_id"),
+        "errors",
+    ],
+    "properties": {
+        "type": _TEXT,
+        "title": _TEXT,
+        "status": {"type": "integer"},
+        "detail": _TEXT,
+        "instance": _TEXT,
+        "code": _TEXT,
+        "request_id": _TEXT,
+        "errors": {
+            "type": "array",
+            "maxItems": MAX_FAULTS,
+            "items": {"$ref": "#/components/schemas/Fault"},
+        },
+        "more_errors": {
+            "type": "integer",
+            "description": "How many more errors there are than are listed; absent "
+            "where none are.",
+        },
+        "current": {"type": ["object", "null"]},
+    },
+}
+_EVERYWHERE: Final = (400, 404, 408, 421, 422, 431, 500, 503)
+_WITH_TOKEN: Final = (401, 403, 429)
+_WITH_BODY: Final = (401, 403, 409, 412, 413, 415, 429)
+_OF_SOME: Final = (416,)
+_BODY_METHODS: Final = ("post", "put", "patch", "delete")
+_FOREIGN_SCHEMAS: Final = ("HTTPValidationError", "ValidationError")
+IDEMPOTENCY_PARAMETER: Final = {
+    "name": "Idempotency-Key",
+    "in": "header",
+    "required": False,
+    "description": "Sent again with the same request, it gets the same answer and "
+    "nothing is done twice.",
+    "schema": {"type": "string", "pattern": "^[!-~]{1,200}$"},
+}
+_LARGEST: Final = 2**63 - 1
+
+
+def document(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document of the service, made once."""
+    if app.openapi_schema is None:
+        schema = FastAPI.openapi(app)
+        _add_components(schema)
+        for method, operation in _operations(schema):
+            _add_problems(method, operation)
+            if method == "post":
+                operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
+        app.openapi_schema = _with_whole_bounds(schema)
+    return app.openapi_schema
+
+
+def _operations(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for path in schema["paths"].values():
+        yield from path.items()
+
+
+def _add_components(schema: dict[str, Any]) -> None:
+    components = schema.setdefault("components", {})
+    schemas = components.setdefault("schemas", {})
+    for name in _FOREIGN_SCHEMAS:
+        schemas.pop(name, None)
+    schemas["Problem"] = PROBLEM_SCHEMA
+    schemas["Fault"] = FAULT_SCHEMA
+    # The wire knows that it is an object, the library knows its keys.
+    schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
+    content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
+    components["responses"] = {
+        f"Problem{status}": {
+            "description": HTTPStatus(status).phrase,
+            "content": content,
+        }
+        for status in statuses
+    }
+
+
+def _add_problems(method: str, operation: dict[str, Any]) -> None:
+    responses = operation["responses"]
+    statuses = {*_EVERYWHERE, *(int(one) for one in responses if int(one) >= 400)}
+    if "security" in operation:
+        statuses.update(_WITH_TOKEN)
+    if method in _BODY_METHODS:
+        statuses.update(_WITH_BODY)
+    for status in sorted(statuses):
+        reference = f"#/components/responses/Problem{status}"
+        responses[str(status)] = {"$ref": reference}
+
+
+def _with_whole_bounds(node: Any) -> Any:  # noqa: ANN401  # any JSON value
+    """The document with the bounds of integers as integers.
+
+    FastAPI writes them as floats, and 2**63 - 1 is none: read back, it allows more.
+    """
+    if isinstance(node, list):
+        return [_with_whole_bounds(one) for one in node]
+    if not isinstance(node, dict):
+        return node
+    changed = {key: _with_whole_bounds(value) for key, value in node.items()}
+    if changed.get("type") == "integer":
+        for bound in ("minimum", "maximum"):
+            if isinstance(changed.get(bound), float):
+                changed[bound] = min(int(changed[bound]), _LARGEST)
+    return changed

@@ -1,0 +1,381 @@
+"""Turns whatever was raised into RFC 9457 problem+json, in one set of words."""
+
+from __future__ import annotations
+
+import errno
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from fastapi.encoders import jsonable_encoder
+from fastapi.exceptions import RequestValidationError
+from sqlalchemy import exc as sql
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Match
+
+from app import errors
+from app.errors import AppError, Fault
+from app.logs import current_request_id, error_log
+from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.values import MAX_FAULTS, escape_text, pointer_token
+
+PROBLEM_TYPE: Final = "application/problem+json"
+BUSY_RETRY_S: Final = 2
+AWAY_RETRY_S: Final = 5
+
+STATUS: Final[Mapping[type[Exception], HTTPStatus]] = {
+    errors.BadRequest: HTTPStatus.BAD_REQUEST,
+    errors.MisdirectedHost: HTTPStatus.MISDIRECTED_REQUEST,
+    errors.Unauthorised: HTTPStatus.UNAUTHORIZED,
+    errors.Forbidden: HTTPStatus.FORBIDDEN,
+    errors.NotFound: HTTPStatus.NOT_FOUND,
+    errors.Conflict: HTTPStatus.CONFLICT,
+    errors.StaleRevision: HTTPStatus.PRECONDITION_FAILED,
+    errors.TooLarge: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    errors.TooSlow: HTTPStatus.REQUEST_TIMEOUT,
+    errors.UnsupportedMedia: HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+    errors.RangeNotSatisfiable: HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
+    errors.Unprocessable: HTTPStatus.UNPROCESSABLE_ENTITY,
+    errors.TooManyRequests: HTTPStatus.TOO_MANY_REQUESTS,
+    errors.TryLater: HTTPStatus.SERVICE_UNAVAILABLE,
+    errors.DamagedFile: HTTPStatus.INTERNAL_SERVER_ERROR,
+    AppError: HTTPStatus.INTERNAL_SERVER_ERROR,
+    FilterError: HTTPStatus.UNPROCESSABLE_ENTITY,
+}
+
+# What Starlette and FastAPI say by themselves: unknown routes, other methods, bodies.
+HTTP_CODES: Final[Mapping[int, str]] = {
+    400: "bad_request",
+    401: errors.Unauthorised.code,
+    403: errors.Forbidden.code,
+    404: errors.NotFound.code,
+    405: "method_not_allowed",
+    413: errors.TooLarge.code,
+    415: errors.UnsupportedMedia.code,
+    416: errors.RangeNotSatisfiable.code,
+    422: errors.Unprocessable.code,
+}
+_LOCKED: Final = ("locked", "busy", "deadlock", "could not serialize", "lock timeout")
+_FULL: Final = ("disk is full", "no space left", "disk full")
+_FULL_ERRNO: Final = (errno.ENOSPC, errno.EDQUOT)
+_READ_ONLY: Final = ("readonly database", "read-only transaction")
+_NO_DESCRIPTOR_ERRNO: Final = (errno.EMFILE, errno.ENFILE)
+_READ_ONLY_ERRNO: Final = (errno.EROFS, errno.EACCES, errno.EPERM)
+_NUL: Final = ("cannot contain nul",)
+_DAMAGED: Final = ("malformed", "not a database", "invalid page")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One error as it goes over the wire; `more` faults are counted, not listed."""
+
+    status: int
+    code: str
+    detail: str
+    faults: tuple[Fault, ...] = ()
+    more: int = 0
+    headers: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def document(self, *, instance: str, request_id: str) -> dict[str, Any]:
+        """The problem itself; `instance` is the path that was asked for."""
+        extra = {"more_errors": self.more} if self.more else {}
+        return {
+            "type": "about:blank",
+            "title": HTTPStatus(self.status).phrase,
+            "status": self.status,
+            # What is repeated of a request may have halves of surrogate pairs.
+            "detail": escape_text(self.detail),
+            "instance": instance,
+            "code": self.code,
+            "request_id": request_id,
+            "errors": [
+                {name: escape_text(said) for name, said in vars(fault).items()}
+                for fault in self.faults
+            ],
+            **extra,
+            **jsonable_encoder(self.extra),
+        }
+
+    def response(self, *, instance: str, request_id: str) -> JSONResponse:
+        """The problem as an answer."""
+        return JSONResponse(
+            self.document(instance=instance, request_id=request_id),
+            self.status,
+            headers=dict(self.headers),
+            media_type=PROBLEM_TYPE,
+        )
+
+
+def install(app: FastAPI) -> None:
+    """Have the app answer with problems where Starlette would answer with text.
+
+    Everything that is not named here travels on to `middleware.Problems`.
+    """
+    app.add_exception_handler(HTTPException, _answer)
+    app.add_exception_handler(RequestValidationError, _answer)
+
+
+async def _answer(request: Request, exc: Exception) -> Response:
+    problem = problem_of(exc)
+    path = request.url.path
+    if problem.status == HTTPStatus.METHOD_NOT_ALLOWED:
+        allowed = ", ".join(_methods_at(request))
+        detail = f"{request.method} is not possible here, but {allowed}"
+        problem = replace(problem, detail=detail, headers={"Allow": allowed})
+    elif problem.detail == HTTPStatus.NOT_FOUND.phrase:
+        problem = replace(problem, detail=f"there is nothing at {path!r}")
+    return problem.response(instance=path, request_id=current_request_id.get())
+
+
+def _methods_at(request: Request) -> Iterator[str]:
+    # Starlette names the methods of the first route that fits the path only.
+    for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
+        scope: dict[str, Any] = {"type": "http", "method": method, "headers": []}
+        scope |= {"path": request.url.path, "root_path": "", "app": request.app}
+        routes = request.app.router.routes
+        if any(route.matches(dict(scope))[0] is Match.FULL for route in routes):
+            yield method
+
+
+def problem_of(exc: Exception) -> Problem:
+    """The problem for any exception; what nobody foresaw is logged and is a 500."""
+    if isinstance(exc, RequestValidationError):
+        return _invalid_request(exc)
+    if isinstance(exc, HTTPException):
+        return _http_problem(exc)
+    if isinstance(exc, ClientDisconnect):  # nobody is left to read this
+        return Problem(400, "client_disconnected", "the body ended too early")
+    known = _translated(exc)
+    if isinstance(known, AppError):
+        return _app_problem(known)
+    if isinstance(known, FilterError):
+        return _filter_problem(known)
+    error_log.error("unexpected error", exc_info=exc)
+    return Problem(
+        500, "internal", "the service failed; the request id finds it in its log"
+    )
+
+
+def _translated(exc: Exception) -> Exception:
+    """Failures of the database and the disk, in the service's own words."""
+    number = exc.errno if isinstance(exc, OSError) else None
+    if number in _FULL_ERRNO or _says(exc, _FULL):
+        error_log.error("no room left", exc_info=exc)
+        return errors.StorageFull(
+            "there is no room left to store this", retry_after_s=AWAY_RETRY_S
+        )
+    if number in _NO_DESCRIPTOR_ERRNO:
+        error_log.error("too many files are open", exc_info=exc)
+        return errors.NotReady(
+            "too many files and connections are open; try again",
+            retry_after_s=AWAY_RETRY_S,
+        )
+    if number in _READ_ONLY_ERRNO or _says(exc, _READ_ONLY):
+        error_log.error("the data folder is read-only", exc_info=exc)
+        return errors.StorageReadOnly(
+            "nothing can be stored: the data folder is read-only",
+            retry_after_s=AWAY_RETRY_S,
+        )
+    return _translated_sql(exc)
+
+
+def _translated_sql(exc: Exception) -> Exception:
+    if _says(exc, _DAMAGED):
+        error_log.error("the database is damaged", exc_info=exc)
+        return errors.DatabaseDamaged(
+            "the database is damaged; `unghost doctor` on the server says more",
+            retry_after_s=AWAY_RETRY_S,
+        )
+    if isinstance(exc, sql.TimeoutError) or _says(exc, _LOCKED):
+        return errors.DatabaseBusy(
+            "the service is busy writing; try again", retry_after_s=BUSY_RETRY_S
+        )
+    if isinstance(exc, (sql.OperationalError, sql.InterfaceError)):
+        error_log.error("the database failed", exc_info=exc)
+        return errors.NotReady(
+            "the database does not answer; try again", retry_after_s=AWAY_RETRY_S
+        )
+    if isinstance(exc, sql.DataError) and _says(exc, _NUL):
+        # PostgreSQL holds no such text, so nothing can be called so.
+        return errors.NotFound("name with", "\0")
+    if isinstance(exc, sql.IntegrityError):
+        error_log.warning("lost a race", exc_info=exc)
+        return errors.Conflict("someone changed the same thing meanwhile; look again")
+    return exc
+
+
+def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
+    if not isinstance(exc, sql.DatabaseError):
+        return False
+    text = str(exc.orig).lower()
+    return any(phrase in text for phrase in phrases)
+
+
+def _app_problem(exc: AppError) -> Problem:
+    status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
+    headers, extra = dict(_headers_of(exc)), dict(_more_of(exc))
+    return Problem(
+        int(status), exc.kind, exc.detail, exc.faults, headers=headers, extra=extra
+    )
+
+
+def _more_of(exc: AppError) -> Iterator[tuple[str, Any]]:
+    if isinstance(exc, errors.StaleRevision):
+        yield "current", exc.current
+    if isinstance(exc, errors.CountChanged):
+        yield "found", exc.found
+
+
+def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
+    if isinstance(exc, errors.Unauthorised):
+        yield "WWW-Authenticate", 'Bearer realm="unghost"'
+    if isinstance(exc, errors.TryLater):
+        yield "Retry-After", str(exc.retry_after_s)
+    if isinstance(exc, errors.RangeNotSatisfiable):
+        yield "Content-Range", f"bytes */{exc.size_bytes}"
+    if isinstance(exc, (errors.TooLarge, errors.TooSlow)):
+        # What the client still sends is not wanted.
+        yield "Connection", "close"
+
+
+def _filter_problem(exc: FilterError) -> Problem:
+    if not isinstance(exc, AnnotationErrors):
+        fault = Fault(exc.pointer, exc.kind, exc.detail)
+        return Problem(422, exc.kind, exc.detail, (fault,))
+    faults = tuple(Fault(one.pointer, one.kind, one.detail) for one in exc.errors)
+    return Problem(422, exc.kind, exc.detail, faults, exc.more_errors)
+
+
+def _http_problem(exc: HTTPException) -> Problem:
+    if isinstance(exc.__cause__, AppError):  # FastAPI wraps what reading a body raises
+        return _app_problem(exc.__cause__)
+    code = HTTP_CODES.get(exc.status_code, "http_error")
+    return Problem(exc.status_code, code, str(exc.detail), headers=exc.headers or {})
+
+
+def _invalid_request(exc: RequestValidationError) -> Problem:
+    errors = exc.errors()
+    faults = tuple(_fault_of(error) for error in errors[:MAX_FAULTS])
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    at = faults[0].pointer if errors[0]["loc"][0] == "body" else ""
+    detail = f"{at}{': ' if at else ''}{faults[0].detail}{more}"
+    return Problem(422, "invalid_request", detail, faults, len(errors) - len(faults))
+
+
+def _fault_of(error: Mapping[str, Any]) -> Fault:
+    # Never the input itself: it may be a token.
+    where, *path = error["loc"]
+    detail = in_words(error)
+    if error["type"] == "missing" and not path:
+        detail = "expected a body of JSON, found none"
+    if where != "body":
+        detail = f"{where} parameter {path[0]!r}: {detail}"
+        path = [where, *path]
+    return Fault(_json_pointer(path), error["type"], detail)
+
+
+def _json_pointer(path: list[str | int]) -> str:
+    return "".join(f"/{pointer_token(step)}" for step in path)
+
+
+_KINDS: Final[tuple[tuple[type | tuple[type, ...], str], ...]] = (
+    (bool, "true or false"),
+    ((int, float), "a number"),
+    (str, "a text"),
+    (Mapping, "an object"),
+    ((list, tuple), "a list"),
+    (type(None), "null"),
+)
+_EXPECTED: Final[Mapping[str, str]] = {
+    "model_attributes_type": "an object",
+    "model_type": "an object",
+    "dict_type": "an object",
+    "string_type": "a text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a whole number that is not so large",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "timezone_aware": "a time with its zone, such as 2026-01-31T12:00:00Z",
+    "datetime_type": "a time such as 2026-01-31T12:00:00Z",
+    "datetime_parsing": "a time such as 2026-01-31T12:00:00Z",
+    "datetime_from_date_parsing": "a time such as 2026-01-31T12:00:00Z",
+    "byte_size": "a size such as 64MiB",
+    "literal_error": "{expected}",
+    "enum": "{expected}",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "string_too_short": "at least {min_length} characters",
+    "string_too_long": "at most {max_length} characters",
+    "too_short": "at least {min_length} items",
+    "too_long": "at most {max_length} items, found {actual_length}",
+}
+_PATTERNS: Final[Mapping[str, str]] = {
+    r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$": "1 to 100 of a-z, 0-9, dot, dash and "
+    "underscore, with a letter or a digit at both ends",
+    r"^[0-9a-f]{64}$": "a digest of 64 hexadecimal digits",
+    r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*[^\s\x00-\x1f\x7f-\x9f]$": "printable "
+    "characters, and no space at the end",
+    r"^[^\x00-\x1f\x7f]+$": "characters that can be printed",
+    r"^[^\x00]*$": "characters other than NUL",
+    r"^((kept|rejected|unmeasured)(,(kept|rejected|unmeasured))*)?$": "kept, rejected "
+    "and unmeasured, separated by commas",
+    r"^[0-9]+$": "digits",
+    r"^[a-z0-9-]{1,40}$": "1 to 40 of a-z, 0-9 and dash",
+}
+_NUMBER: Final = re.compile(r"[+-]?\d{1,20}(\.\d{1,20})?")
+
+
+def in_words(error: Mapping[str, Any], *, show: bool = False) -> str:
+    """One of pydantic's errors: what was expected, and what kind of thing was found.
+
+    Texts are shown only to whoever wrote them here: one in a request may be a token.
+    """
+    kind, context = str(error["type"]), error.get("ctx") or {}
+    if kind == "missing":
+        return "expected, but not there"
+    if kind == "extra_forbidden":
+        return "there is nothing of this name; it may be misspelt"
+    if kind == "value_error":
+        return str(error["msg"]).removeprefix("Value error, ")
+    expected = _expected(kind, context)
+    if expected is None:
+        return str(error["msg"])
+    # What a text should have been says more than that it is one.
+    about_words = kind in ("string_pattern_mismatch", "literal_error", "enum")
+    is_text = about_words and isinstance(error.get("input"), str)
+    if (is_text and not show) or "found" in expected:
+        return f"expected {expected}"
+    return f"expected {expected}, found {_found(error.get('input'), show)}"
+
+
+def _expected(kind: str, context: Mapping[str, Any]) -> str | None:
+    if kind == "string_pattern_mismatch":
+        return _PATTERNS.get(str(context.get("pattern")))
+    words = _EXPECTED.get(kind)
+    return None if words is None else words.format_map(context)
+
+
+def _found(value: object, show: bool) -> str:
+    if isinstance(value, str) and (show or _NUMBER.fullmatch(value)):
+        return repr(value[:60]) if show else value
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return f"{value:.15g}" if isinstance(value, float) else str(value)[:40]
+    names = (name for of, name in _KINDS if isinstance(value, of))
+    if isinstance(value, str) and not value:
+        return "an empty text"
+    return next(names, "something else")

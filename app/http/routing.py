@@ -1,0 +1,396 @@
+"""The router of every route: nobody can forget who may call it, or what it takes.
+
+Before a body is read: authorisation, its limit, unknown query parameters, the media
+type. Around
+the work: Idempotency-Key. The rest of a route is its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from datetime import timedelta
+from functools import partial
+from typing import Any, Final
+from weakref import WeakValueDictionary
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import APIRouter, Request, params
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
+from pydantic import BaseModel
+from starlette.convertors import Convertor, register_url_convertor
+from starlette.responses import Response, StreamingResponse
+from starlette.routing import Match
+from starlette.types import Receive, Scope, Send
+
+from app.errors import UnknownParameter, UnsupportedMedia
+from app.http.bodies import StrictRequest, beside_the_loop
+from app.http.deps import BEARER, authorise, services_of, settings_of, write_session
+from app.http.idempotency import (
+    AlreadyAnswered,
+    RepeatableRequest,
+    checked_key,
+    request_digest,
+    store_answer,
+)
+from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
+from app.incoming import HeldBytes
+from app.security import SAFE_METHODS, Role
+
+_NO_BODY: Final = "unghost.no_body"
+"""Key of the ASGI scope: true if a HEAD is answered as a GET."""
+
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+class HeadRoute(APIRoute):
+    """A route whose GET answers HEAD as well.
+
+    Whatever a GET asks of its caller and of its parameters, a HEAD does. What makes a
+    body piece by piece is not begun, and files are not opened.
+    """
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """A HEAD is found where a GET is."""
+        return super().matches(self._as_get(scope))
+
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer; the server leaves the body of an answer to HEAD out."""
+        await super().handle(self._as_get(scope), receive, send)
+
+    def get_route_handler(self) -> Handler:
+        """The endpoint, of whose answer a HEAD gets the beginning."""
+        endpoint = super().get_route_handler()
+
+        async def answer(request: Request) -> Response:
+            response = await endpoint(request)
+            if not asks_for_head(request):
+                return response
+            request.scope["method"] = "HEAD"  # a file is looked at, and not read
+            if isinstance(response, StreamingResponse):
+                return without_body(response)
+            return response
+
+        return answer
+
+    def _as_get(self, scope: Scope) -> Scope:
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            return scope
+        if "GET" not in (self.methods or ()):
+            return scope
+        return {**scope, "method": "GET", _NO_BODY: True}
+
+
+def asks_for_head(request: Request) -> bool:
+    """Whether the answer's body is of no use, although the method seems to be GET."""
+    return bool(request.scope.get(_NO_BODY, False))
+
+
+def without_body(response: Response) -> Response:
+    """Status and headers of an answer that was not begun; no length if it had none."""
+    bare = Response(status_code=response.status_code, background=response.background)
+    bare.raw_headers = response.raw_headers
+    return bare
+
+
+def without_length(response: Response) -> Response:
+    """An answer to HEAD whose body was not made, so that nobody knows its length."""
+    del response.headers["content-length"]
+    return response
+
+
+class _AnyText(Convertor[str]):
+    """``:any`` in a path: slashes and line ends too, so that words can be had on both.
+
+    Starlette's own ``:path`` matches no line end: such a key would be a 404.
+    """
+
+    regex = r"[\s\S]*"
+
+    def convert(self, value: str) -> str:
+        """As it is."""
+        return value
+
+    def to_string(self, value: str) -> str:
+        """As it is."""
+        return value
+
+
+register_url_convertor("any", _AnyText())
+
+BODY_LIMIT: Final = "x-body-limit"
+"""In ``openapi_extra`` of a route: the setting that says how large its body may be."""
+
+
+def body_up_to(setting: str) -> dict[str, str]:
+    """``openapi_extra`` of a route that reads its body by itself."""
+    return {BODY_LIMIT: setting}
+
+
+LARGE_BODY: Final = body_up_to("max_batch_bytes")
+"""Of a route that streams its body, and so cannot answer a repeated request."""
+
+MAX_READS_PER_TOKEN: Final = 12
+"""Of the 40 threads that the routes of a process share."""
+CLIENT_LEFT: Final = 499
+"""A status for the log alone: whoever asked has closed the connection."""
+
+
+class OpenRoute(HeadRoute):
+    """A route that anybody may call; still no unknown parameters or media types."""
+
+    @property
+    def takes_json(self) -> bool:
+        """Whether the body is read by a schema."""
+        body = self.body_field
+        return body is not None and not isinstance(body.field_info, params.Form)
+
+    @property
+    def body_setting(self) -> str | None:
+        """The setting that bounds the body; None: hardly any is taken."""
+        default = "max_json_bytes" if self.takes_json else None
+        named: str | None = (self.openapi_extra or {}).get(BODY_LIMIT, default)
+        return named
+
+    @property
+    def is_streamed(self) -> bool:
+        """Whether the body is worked on while it comes, and never held as a whole."""
+        return self.body_setting == LARGE_BODY[BODY_LIMIT]
+
+    async def admit(self, request: Request) -> None:
+        """Say how large and how slow the body of nobody in particular may be."""
+        allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
+        allowance.limit_to(min(self.max_body_bytes(request), MAX_UNASKED_BYTES))
+        allowance.until = time.monotonic() + settings_of(request).body_wait_s
+
+    def max_body_bytes(self, request: Request) -> int:
+        """How large the body may be."""
+        name = self.body_setting
+        if name is None:
+            return MAX_UNASKED_BYTES
+        return int(getattr(settings_of(request), name))
+
+    async def answer(self, endpoint: Handler, request: Request) -> Response:
+        """What the endpoint says."""
+        return await endpoint(request)
+
+    def get_route_handler(self) -> Handler:
+        """The endpoint behind the checks that all routes share."""
+        endpoint = super().get_route_handler()
+        known = frozenset(_query_names(self.dependant))
+        takes_json = self.takes_json
+
+        async def checked(request: Request) -> Response:
+            await self.admit(request)
+            _refuse_unknown_parameters(request, known)
+            if takes_json:
+                _expect_json(request)
+            strict = StrictRequest(request.scope, request.receive)
+            return await self.answer(endpoint, strict)
+
+        return checked
+
+
+class ApiRoute(OpenRoute):
+    """A route for those whose role allows it; a POST that writes may be repeated."""
+
+    reading_needs = Role.VIEWER
+    writing_needs = Role.REVIEWER
+
+    async def admit(self, request: Request) -> None:
+        """Let in whose role allows it, and say how large their body may be."""
+        reads = request.method in SAFE_METHODS
+        await authorise(request, self.reading_needs if reads else self.writing_needs)
+        allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
+        allowance.limit_to(self.max_body_bytes(request))
+        held = HeldBytes(services_of(request).bodies, request.state.principal.token_id)
+        allowance.count_in(held, is_streamed=self.is_streamed)
+
+    async def answer(self, endpoint: Handler, request: Request) -> Response:
+        """What the endpoint says; of a repeated request what it said before."""
+        if request.method == "POST" and "idempotency-key" in request.headers:
+            checked_key(request.headers["idempotency-key"])
+            if is_repeatable(self) and not self.is_streamed:
+                return await _answer_once(endpoint, request)
+        if request.method in SAFE_METHODS:
+            return await _read(endpoint, request)
+        return await endpoint(request)
+
+
+async def _read(endpoint: Handler, request: Request) -> Response:
+    """Answer one of a few requests of a token at the same time.
+
+    The others wait without a thread, so that no token takes all of them, and those
+    whose client has left meanwhile are not answered at all.
+    """
+    reading: TokenPlaces = request.app.state.reading
+    places = reading.of(request.state.principal.token_id)
+    has_to_wait = places.available_tokens < 1
+    async with places:
+        if has_to_wait and await request.is_disconnected():
+            return Response(status_code=CLIENT_LEFT)
+        return await endpoint(request)
+
+
+async def has_left(request: Request) -> None:
+    """Return once the client of a request whose body was read is gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+class TokenPlaces:
+    """How many requests of each token do something at the same time."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._of: WeakValueDictionary[int, CapacityLimiter] = WeakValueDictionary()
+
+    def of(self, token_id: int) -> CapacityLimiter:
+        """The places of one token; forgotten when none of them is taken."""
+        places = self._of.get(token_id)
+        if places is None:
+            places = self._of[token_id] = CapacityLimiter(self._most)
+        return places
+
+
+class ApiRouter(APIRouter):
+    """A router whose routes all ask for a token.
+
+    `read` and `write` are the roles that its safe and its other methods need.
+    """
+
+    def __init__(
+        self,
+        *,
+        prefix: str = "",
+        tag: str = "",
+        read: Role = Role.VIEWER,
+        write: Role = Role.REVIEWER,
+    ) -> None:
+        class Guarded(ApiRoute):
+            reading_needs = read
+            writing_needs = write
+
+        super().__init__(
+            prefix=prefix,
+            tags=[tag] if tag else None,
+            route_class=Guarded,
+            dependencies=[BEARER],
+            redirect_slashes=False,
+        )
+
+
+class OpenRouter(APIRouter):
+    """A router for the few routes that anybody may call."""
+
+    def __init__(self, *, prefix: str = "", tag: str = "") -> None:
+        super().__init__(
+            prefix=prefix,
+            tags=[tag] if tag else None,
+            route_class=OpenRoute,
+            redirect_slashes=False,
+        )
+
+
+def is_repeatable(route: APIRoute) -> bool:
+    """True for a POST that writes: its Idempotency-Key is honoured."""
+    return "POST" in (route.methods or ()) and _uses(route.dependant, write_session)
+
+
+async def repeat_answer(_request: Request, exc: Exception) -> Response:
+    """What a repeated POST gets: the answer that the first one got."""
+    if not isinstance(exc, AlreadyAnswered):
+        raise exc
+    answer = exc.answer
+    headers = {**answer.headers, "Idempotent-Replayed": "true"}
+    if answer.media_type:
+        headers["Content-Type"] = answer.media_type
+    return Response(answer.body, answer.status, headers)
+
+
+async def _answer_once(endpoint: Handler, request: Request) -> Response:
+    """Call the endpoint with the key's claim prepared, and keep what it answers."""
+    url = request.url
+    about = (
+        request.method.encode(),
+        f"{url.path}?{url.query}".encode(),
+        request.headers.get("content-type", "").encode(),
+    )
+    body = await request.body()
+    digest = await beside_the_loop(request, body, partial(request_digest, *about))
+    repeatable = RepeatableRequest(
+        request.state.principal.token_id,
+        checked_key(request.headers["idempotency-key"]),
+        digest,
+        timedelta(hours=settings_of(request).idempotency_hours),
+    )
+    request.state.repeatable = repeatable
+    response = await endpoint(request)
+    if request.state.repeatable is not None:
+        # A thread of its own: the shared ones may all be waiting for this transaction.
+        await to_thread.run_sync(_keep, request, response, limiter=CapacityLimiter(1))
+    return response
+
+
+def committed(request: Request, response: Response) -> Response:
+    """The answer of a route that uses `WriteSession`, committed in this thread.
+
+    Else the transaction ends only when the answer was made by other threads, and all
+    that time nobody else can write. For routes that are called very often.
+    """
+    _keep(request, response)
+    request.state.write_session.commit()
+    return response
+
+
+def _keep(request: Request, response: Response) -> None:
+    """Store the answer with the work, if the request may be repeated."""
+    repeatable = getattr(request.state, "repeatable", None)
+    if repeatable is None:
+        return
+    store_answer(
+        request.state.write_session,
+        repeatable,
+        status=response.status_code,
+        headers=response.headers,
+        body=getattr(response, "body", None),
+    )
+    request.state.repeatable = None
+
+
+def _refuse_unknown_parameters(request: Request, known: frozenset[str]) -> None:
+    unknown = sorted(set(request.query_params) - known)
+    if unknown:
+        expected = ", ".join(sorted(known)) or "none"
+        raise UnknownParameter(
+            f"unknown query parameter {unknown[0]!r}; known here: {expected}"
+        )
+
+
+def _expect_json(request: Request) -> None:
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip()
+    if _has_body(request) and media_type.lower() != "application/json":
+        raise UnsupportedMedia(
+            f"the body must be application/json, it says {media_type or 'nothing'!r}"
+        )
+
+
+def _query_names(dependant: Dependant) -> Iterator[str]:
+    for field in dependant.query_params:
+        model = field.field_info.annotation
+        if isinstance(model, type) and issubclass(model, BaseModel):
+            yield from (one.alias or name for name, one in model.model_fields.items())
+        else:
+            yield field.alias
+    for sub in dependant.dependencies:
+        yield from _query_names(sub)
+
+
+def _uses(dependant: Dependant, call: Callable[..., Any]) -> bool:
+    return any(sub.call is call or _uses(sub, call) for sub in dependant.dependencies)
+
+
+def _has_body(request: Request) -> bool:
+    length = request.headers.get("content-length", "0")
+    return length != "0" or "transfer-encoding" in request.headers

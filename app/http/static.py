@@ -1,0 +1,178 @@
+"""The page's shell and files: types, entity tags, and the policy they run under."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+from fastapi import APIRouter, Request, Response
+
+from app.errors import NotFound
+from app.http.openapi import docs_page
+from app.http.routing import ApiRouter, HeadRoute, OpenRouter
+from app.package import static_dir
+from app.security import FORMER_COOKIE
+
+# Not from the machine's own table: on Windows it may call JavaScript plain text.
+MEDIA_TYPES: Final = {
+    ".css": "text/css; charset=utf-8",
+    ".html": "text/html; charset=utf-8",
+    ".ico": "image/x-icon",
+    ".js": "text/javascript; charset=utf-8",
+    ".json": "application/json",
+    ".mjs": "text/javascript; charset=utf-8",
+    ".png": "image/png",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+    ".webmanifest": "application/manifest+json",
+    ".woff2": "font/woff2",
+}
+_INLINE_MAP: Final = re.compile(
+    rb"<script[^>]*\btype=[\"']importmap[\"'][^>]*>(.*?)</script>", re.DOTALL
+)
+_IMPORT: Final = re.compile(
+    rb"^(?:import|export)\b[^\"'(]*\bfrom\s+\"(\.[^\"]+)\"", re.MULTILINE
+)
+_ENTRY: Final = b'<script type="module"'
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """One file of the page."""
+
+    content: bytes
+    media_type: str
+    etag: str
+
+
+def page_file(folder: Path, name: str) -> PageFile:
+    """A file below the folder.
+
+    Raises
+    ------
+    NotFound
+        There is none, it is of no known type, or it lies elsewhere.
+    """
+    try:
+        path = (folder / name).resolve()
+        found = path.is_relative_to(folder.resolve()) and path.is_file()
+        changed = path.stat().st_mtime_ns if found else 0
+    except (OSError, ValueError):  # a NUL, or a name that is too long
+        found = False
+    if not found or path.suffix not in MEDIA_TYPES:
+        raise NotFound("file", name)
+    return _read(path, changed)
+
+
+@lru_cache(maxsize=4)
+def shell_page(folder: Path) -> PageFile:
+    """The page, naming every module that it starts with.
+
+    Without that a browser learns of them one import after the other, each a round trip.
+    """
+    page = page_file(folder, "index.html").content
+    links = "".join(
+        f'<link rel="modulepreload" href="/static/{name}" />\n    '
+        for name in started_modules(folder, "js/main.js")
+    )
+    content = page.replace(_ENTRY, links.encode() + _ENTRY, 1)
+    return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
+
+
+def started_modules(folder: Path, entry: str) -> list[str]:
+    """What a module imports, directly or not, itself first; nothing that waits."""
+    found = {entry: None}
+    waiting = [folder / entry]
+    while waiting:
+        path = waiting.pop(0)
+        for name in _IMPORT.findall(path.read_bytes()):
+            imported = (path.parent / name.decode()).resolve()
+            key = imported.relative_to(folder.resolve()).as_posix()
+            if key not in found:
+                found[key] = None
+                waiting.append(imported)
+    return list(found)
+
+
+@lru_cache(maxsize=512)
+def _read(path: Path, _changed: int) -> PageFile:
+    content = path.read_bytes()
+    return PageFile(content, MEDIA_TYPES[path.suffix], _etag(content))
+
+
+def _etag(content: bytes) -> str:
+    return f'"{hashlib.sha256(content).hexdigest()[:32]}"'
+
+
+def content_security_policy(index: Path) -> str:
+    """The strict policy: own files only, and just the import map that is in the page.
+
+    Without the page (an API-only installation) there is no map to allow.
+    """
+    page = index.read_bytes() if index.is_file() else b""
+    maps = (hashlib.sha256(text).digest() for text in _INLINE_MAP.findall(page))
+    hashes = "".join(f" 'sha256-{base64.b64encode(d).decode()}'" for d in maps)
+    return (
+        "default-src 'none'; "
+        f"script-src 'self'{hashes}; "
+        "style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    )
+
+
+shell = APIRouter(redirect_slashes=False, route_class=HeadRoute)
+files = OpenRouter()
+description = ApiRouter()
+
+
+@shell.get("/", include_in_schema=False)
+async def index(request: Request) -> Response:
+    """The page. Its filters live in the URL, so any query parameter is allowed."""
+    answer = _answer(request, shell_page(static_dir()))
+    if FORMER_COOKIE in request.cookies:
+        answer.delete_cookie(FORMER_COOKIE, httponly=True, samesite="strict")
+    return answer
+
+
+@files.get("/static/{name:path}", include_in_schema=False)
+async def static_file(name: str, request: Request) -> Response:
+    """One file of the page. Small and kept in memory: not worth a thread each."""
+    return _answer(request, page_file(static_dir(), name))
+
+
+@description.get("/openapi.json", include_in_schema=False)
+async def openapi(request: Request) -> dict[str, Any]:
+    """The API, for machines."""
+    schema: dict[str, Any] = request.app.openapi()
+    return schema
+
+
+@files.get("/docs", include_in_schema=False)
+async def docs(request: Request) -> Response:
+    """The page that shows `/docs/content` to whoever is signed in."""
+    return _answer(request, page_file(static_dir(), "docs.html"))
+
+
+@description.get("/docs/content", include_in_schema=False)
+async def docs_content(request: Request) -> Response:
+    """The API, for people."""
+    page = docs_page(request.app.openapi())
+    return Response(page, media_type="text/html; charset=utf-8")
+
+
+def _answer(request: Request, file: PageFile) -> Response:
+    headers = {"ETag": file.etag, "Cache-Control": "no-cache"}
+    known = request.headers.get("if-none-match", "")
+    if file.etag in (tag.strip().removeprefix("W/") for tag in known.split(",")):
+        return Response(status_code=304, headers=headers)
+    return Response(file.content, headers=headers, media_type=file.media_type)
+
+
+router = APIRouter(redirect_slashes=False)
+for part in (shell, files, description):
+    router.include_router(part)

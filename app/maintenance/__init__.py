@@ -1,0 +1,1 @@
+"""Data folders beside the service: backup, restore, doctor, clearing away."""

@@ -1,0 +1,433 @@
+"""Copies of a whole data folder, made while it is served, and reading one back.
+
+A backup is a folder, or a tar of the same: the database, the files under `blobs/`
+(wherever they are stored), and at last a label. The database is copied first, at one
+instant; while a backup is made, files are only added, so each that the copy refers to
+is there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import sqlite3
+import tarfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
+from functools import partial
+from pathlib import Path
+from typing import IO, Any, Final
+
+from app.addresses import FOLDER
+from app.db.inspection import copy_database, problems_of, revision_of, wanted_files
+from app.errors import DamagedFile
+from app.maintenance.datafolder import (
+    Advance,
+    CannotMaintain,
+    Steps,
+    alone,
+    database_file,
+    no_database,
+    stored_files_of,
+)
+from app.package import VERSION
+from app.settings import Settings
+from app.storage import (
+    BLOBS,
+    BlobStore,
+    digest_of,
+    flush_everything,
+    flush_file,
+    flush_folder,
+    make_folder,
+)
+
+FORMAT: Final = 1
+LABEL: Final = "backup.json"
+DATABASE: Final = "unghost.db"
+_BLOB: Final = re.compile(rf"{BLOBS}/([0-9a-f]{{2}})/(\1[0-9a-f]{{62}})")
+_CHUNK: Final = 1 << 20
+_MB: Final = 10**6
+
+
+@dataclass(frozen=True)
+class BackupLabel:
+    """What stands on a backup."""
+
+    format: int
+    version: str
+    schema: str
+    created_at: str
+    files: int
+    database_sha256: str
+    left_out: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """As it is written."""
+        return json.dumps(asdict(self), indent=2) + "\n"
+
+
+@dataclass(frozen=True)
+class Unpacked:
+    """A backup that was read to its end, and is whole."""
+
+    label: BackupLabel
+    files: int
+
+
+def blob_name(digest: str) -> str:
+    """Where a blob lies in a backup."""
+    return f"{BLOBS}/{digest[:2]}/{digest}"
+
+
+def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpacked:
+    """Read a backup into a folder, or only its database if the rest is not to be kept.
+
+    Raises
+    ------
+    CannotMaintain
+        It is no backup, or not whole; what is wrong with it is said.
+    """
+    digests: dict[str, str] = {}
+    label, done, total = None, 0, size_of(backup)
+    with _parts(backup) as parts:
+        for name, stream in parts:
+            if name == LABEL:
+                # It comes last: only then is known what was left out.
+                label = _read_label(stream.read(), backup)
+                continue
+            target = folder / name if keep or name == DATABASE else None
+            digests[name] = _copy(stream, target)
+            if name != DATABASE and not name.endswith(digests[name]):
+                raise CannotMaintain(
+                    f"{backup} is damaged: {name} is not what was stored"
+                )
+            done += stream.tell()
+            advance(done // _MB, total // _MB)
+    if label is None:
+        raise CannotMaintain(f"{backup} is no backup: it has no {LABEL}")
+    if digests.pop(DATABASE, None) != label.database_sha256:
+        raise CannotMaintain(
+            f"{backup} is damaged: its database is not what was copied"
+        )
+    _check_complete(backup, folder / DATABASE, set(digests), label)
+    return Unpacked(label, len(digests))
+
+
+def _read_label(content: bytes, backup: Path) -> BackupLabel:
+    try:
+        found = json.loads(content)
+        label = BackupLabel(**{**found, "left_out": tuple(found["left_out"])})
+    except (ValueError, TypeError, KeyError) as exc:
+        raise CannotMaintain(f"{backup}: its {LABEL} cannot be read") from exc
+    if label.format != FORMAT:
+        raise CannotMaintain(
+            f"{backup} has format {label.format}, this version reads {FORMAT}"
+        )
+    return label
+
+
+def _check_complete(
+    backup: Path, database: Path, names: set[str], label: BackupLabel
+) -> None:
+    try:
+        problems = problems_of(database)
+        wanted = wanted_files(database)
+    except sqlite3.DatabaseError as exc:
+        raise CannotMaintain(f"{backup}: its database cannot be read: {exc}") from exc
+    if problems:
+        raise CannotMaintain(f"{backup}: its database is damaged: {problems[0]}")
+    missing = {blob_name(digest) for digest in wanted - {*label.left_out}} - names
+    if missing:
+        raise CannotMaintain(
+            f"{backup} is not complete: {len(missing)} files are missing, one is "
+            f"{min(missing)}"
+        )
+
+
+@contextmanager
+def _parts(backup: Path) -> Iterator[Iterator[tuple[str, IO[bytes]]]]:
+    if backup.is_dir():
+        yield _folder_parts(backup)
+        return
+    try:
+        with tarfile.open(backup, "r:") as archive:
+            yield _tar_parts(backup, archive)
+    except (tarfile.TarError, EOFError) as exc:
+        raise CannotMaintain(f"{backup} is no backup, or cut off: {exc}") from exc
+
+
+def _tar_parts(
+    backup: Path, archive: tarfile.TarFile
+) -> Iterator[tuple[str, IO[bytes]]]:
+    for member in archive:
+        stream = archive.extractfile(member) if member.isfile() else None
+        if stream is None or not _is_part(member.name):
+            raise CannotMaintain(
+                f"{backup} is no backup: {member.name!r} is none of it"
+            )
+        yield member.name, stream
+
+
+def _folder_parts(backup: Path) -> Iterator[tuple[str, IO[bytes]]]:
+    for file in _files(backup):
+        name = file.relative_to(backup).as_posix()
+        if not file.is_file():
+            raise CannotMaintain(f"{backup} is no backup: it has no file {name!r}")
+        if not _is_part(name):
+            raise CannotMaintain(f"{backup} is no backup: {name!r} is none of it")
+        with file.open("rb") as stream:
+            yield name, stream
+
+
+def _files(backup: Path) -> list[Path]:
+    stored = sorted((backup / BLOBS).glob("??/*"))
+    return [backup / DATABASE, *stored, backup / LABEL]
+
+
+def size_of(backup: Path) -> int:
+    """Bytes of a backup; zero for what is none."""
+    files = _files(backup) if backup.is_dir() else [backup]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
+def _is_part(name: str) -> bool:
+    # Names come from outside: nothing else is ever made into a path.
+    return name in (LABEL, DATABASE) or _BLOB.fullmatch(name) is not None
+
+
+def _copy(stream: IO[bytes], target: Path | None) -> str:
+    digest = hashlib.sha256()
+    if target is None:
+        while chunk := stream.read(_CHUNK):
+            digest.update(chunk)
+        return digest.hexdigest()
+    target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with target.open("xb") as copy:
+        while chunk := stream.read(_CHUNK):
+            digest.update(chunk)
+            copy.write(chunk)
+    target.chmod(0o600)
+    return digest.hexdigest()
+
+
+TAR: Final = ".tar"
+TOGETHER: Final = 8
+"""Files of a bucket that are fetched at the same time."""
+_PRIVATE: Final = 0o600
+
+
+@dataclass(frozen=True)
+class Backup:
+    """A backup that was made and read again; `left_out` are damaged files."""
+
+    path: Path
+    files: int
+    size_bytes: int
+    schema: str
+    left_out: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As it is printed."""
+        return {**vars(self), "path": str(self.path)}
+
+
+@dataclass
+class _Writing:
+    """A backup that is being written."""
+
+    folder: Path
+    archive: tarfile.TarFile | None
+    spare: Path
+    files: int = 0
+    left_out: list[str] = field(default_factory=list)
+
+    def add(self, name: str, file: Path) -> None:
+        """Put a finished file in."""
+        if self.archive is None:
+            target = self.folder / name
+            if target == file:
+                return
+            target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            shutil.copyfile(file, target)
+            target.chmod(_PRIVATE)
+            return
+        entry = tarfile.TarInfo(name)
+        entry.size, entry.mode = file.stat().st_size, _PRIVATE
+        entry.mtime = int(file.stat().st_mtime)
+        with file.open("rb") as stream:
+            self.archive.addfile(entry, stream)
+
+
+def make_backup(
+    settings: Settings, target: Path, *, incomplete: bool, steps: Steps
+) -> Backup:
+    """Copy a data folder into a folder, or into a file if the name ends in ``.tar``.
+
+    It gets its name when it is complete, was read again and is on the disk.
+
+    Raises
+    ------
+    CannotMaintain
+        There is something of this name, or files are damaged and may not be left out.
+    """
+    source = _source(settings)
+    target = target.absolute()
+    if target.exists():
+        raise CannotMaintain(f"{target} exists already; a backup replaces nothing")
+    if settings.data.resolve() in target.resolve().parents:
+        raise CannotMaintain("a backup inside the data folder would be lost with it")
+    with alone(settings), _draft_of(target) as draft:
+        with _writing(target, draft) as writing:
+            database = writing.folder / DATABASE
+            with steps("copy the database", "pages") as advance:
+                copy_database(source, database, advance)
+            database.chmod(_PRIVATE)
+            writing.add(DATABASE, database)
+            _add_files(settings, writing, steps, incomplete=incomplete)
+            label = _label(writing)
+            text = writing.folder / LABEL
+            text.write_text(label.text(), "utf-8")
+            text.chmod(_PRIVATE)
+            writing.add(LABEL, text)
+        written = draft / target.name
+        _check(written, draft, steps)
+        size_bytes = size_of(written)
+        _flush(written)
+        written.rename(target)
+        flush_folder(target.parent)
+    return Backup(target, label.files, size_bytes, label.schema, label.left_out)
+
+
+def _source(settings: Settings) -> Path:
+    file = database_file(settings)
+    if file is None:
+        folder = settings.data / BLOBS
+        files = (
+            f"copy the folder {str(folder)!r}"
+            if settings.storage == FOLDER
+            else f"copy {settings.storage}, or let its bucket keep versions"
+        )
+        raise CannotMaintain(
+            "the database is on a PostgreSQL server: save it with `pg_dump "
+            f"--format=custom`, and after that {files}; run no `unghost gc` in "
+            "between. `pg_restore` and the files put back restore both"
+        )
+    if not file.is_file():
+        raise CannotMaintain(no_database(settings))
+    return file
+
+
+@contextmanager
+def _draft_of(target: Path) -> Iterator[Path]:
+    """A folder beside the target for what is not complete, gone at the end."""
+    draft = target.with_name(f".{target.name}.partial")
+    # Whatever a killed backup left: no other one is at work on this data folder.
+    shutil.rmtree(draft, ignore_errors=True)
+    make_folder(target.parent)
+    draft.mkdir(mode=0o700)
+    try:
+        yield draft
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def _writing(target: Path, draft: Path) -> Iterator[_Writing]:
+    written = draft / target.name
+    if target.suffix != TAR:
+        written.mkdir(mode=0o700)
+        yield _Writing(written, None, draft / ".fetched")
+        return
+    with tarfile.open(written, "x:", format=tarfile.PAX_FORMAT) as archive:
+        written.chmod(_PRIVATE)
+        yield _Writing(draft, archive, draft / ".fetched")
+
+
+def _add_files(
+    settings: Settings, writing: _Writing, steps: Steps, *, incomplete: bool
+) -> None:
+    digests = sorted(wanted_files(writing.folder / DATABASE))
+    with (
+        stored_files_of(settings) as store,
+        steps("copy the files", "files") as advance,
+    ):
+        # A disk is read in order; a bucket is asked for several at the same time.
+        together = 1 if settings.storage == FOLDER else TOGETHER
+        found = _intact_files(store, digests, writing.spare, together)
+        for done, (digest, file) in enumerate(found, 1):
+            if isinstance(file, DamagedFile):
+                if not incomplete:
+                    raise CannotMaintain(
+                        f"{file}; --incomplete makes a backup without them"
+                    ) from file
+                writing.left_out.append(digest)
+            else:
+                writing.add(blob_name(digest), file)
+                writing.files += 1
+            advance(done, len(digests))
+
+
+def _intact_files(
+    store: BlobStore, digests: Sequence[str], spare: Path, together: int
+) -> Iterator[tuple[str, Path | DamagedFile]]:
+    """Files with the blobs' contents: their own, or some in the spare folder.
+
+    Those are gone when the next ones are asked for.
+    """
+    with ThreadPoolExecutor(together) as pool:
+        for start in range(0, len(digests), together):
+            some = digests[start : start + together]
+            spare.mkdir(mode=0o700)
+            fetch = partial(_intact_file, store, spare)
+            yield from zip(some, pool.map(fetch, some), strict=True)
+            shutil.rmtree(spare)
+
+
+def _intact_file(store: BlobStore, spare: Path, digest: str) -> Path | DamagedFile:
+    try:
+        blob = store.whole(digest, size_bytes=None)
+        file = blob.path
+        if file is None:
+            file = spare / digest
+            with file.open("wb") as copy:
+                copy.writelines(blob.pieces())
+        if digest_of(file) != digest:
+            raise DamagedFile(digest, "is not what was stored")
+    except DamagedFile as damaged:
+        return damaged
+    return file
+
+
+def _label(writing: _Writing) -> BackupLabel:
+    database = writing.folder / DATABASE
+    return BackupLabel(
+        format=FORMAT,
+        version=VERSION,
+        schema=revision_of(database) or "",
+        created_at=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        files=writing.files,
+        database_sha256=digest_of(database),
+        left_out=tuple(writing.left_out),
+    )
+
+
+def _check(written: Path, draft: Path, steps: Steps) -> None:
+    again = draft / ".again"
+    again.mkdir()
+    with steps("read the backup again", "MB") as advance:
+        unpack(written, again, advance, keep=False)
+
+
+def _flush(written: Path) -> None:
+    if written.is_file():
+        flush_file(written)
+        return
+    for name in (DATABASE, LABEL):
+        flush_file(written / name)
+    flush_everything(written)

@@ -1,0 +1,394 @@
+"""Looking a data folder over: what is wrong in it, and what to do about each."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import Engine
+from sqlalchemy.orm import Session
+
+from app.addresses import FOLDER
+from app.db.inspection import (
+    broken_keys,
+    looking_at,
+    not_durable,
+    problems_in,
+    silence_of,
+    version_of,
+)
+from app.db.migrate import current_revision, head_revision, is_known
+from app.errors import DamagedFile
+from app.maintenance.datafolder import (
+    RESTORING,
+    CannotMaintain,
+    Steps,
+    database_file,
+    newer,
+    no_database,
+    stored_files_of,
+)
+from app.maintenance.queries import StoredFileRepository, WantedFile
+from app.package import migrations_dir
+from app.settings import Settings
+from app.storage import BlobStore, StoredFile, export_of
+
+_OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+
+
+def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Finding]:
+    """Every check, one after the other; nothing is changed.
+
+    With `verify` the content of each stored file is compared with its name.
+    """
+    yield from _folder(settings)
+    file = database_file(settings)
+    if file is not None and not file.is_file():
+        yield _no_database(settings)
+        return
+    with looking_at(settings.sqlalchemy_url) as engine:
+        findings = list(_of_database(engine, on_server=file is None))
+        yield from findings
+        if any(found.severity is Severity.ERROR for found in findings):
+            return
+        with Session(engine) as session:
+            yield from file_findings(settings, session, verify=verify, steps=steps)
+
+
+def _of_database(engine: Engine, *, on_server: bool) -> Iterator[Finding]:
+    """What is wrong with it; nothing more is asked after an error."""
+    first = is_answering(engine) if on_server else _database(problems_in(engine))
+    yield first
+    if first.severity is Severity.ERROR:
+        return
+    schema = _schema(current_revision(engine))
+    yield schema
+    if on_server and schema.severity is not Severity.ERROR:
+        yield from server_findings(engine)
+
+
+def _folder(settings: Settings) -> Iterator[Finding]:
+    if not settings.data.is_dir():
+        return
+    yield _token(settings.token_file)
+    free = shutil.disk_usage(settings.data).free
+    least = int(settings.min_free_bytes)
+    if free < least:
+        yield Finding(
+            "disk",
+            Severity.WARNING,
+            f"{free} bytes are free, {least} are wanted",
+            "make room: delete datasets that nobody needs, then run `unghost gc`",
+        )
+    else:
+        yield Finding("disk", Severity.OK, f"{free} bytes are free")
+
+
+def _token(file: Path) -> Finding:
+    if not file.exists():
+        return Finding(
+            "token",
+            Severity.NOTE,
+            "there is no token file",
+            "the next start of `unghost serve` makes one",
+        )
+    mode = stat.S_IMODE(file.stat().st_mode)
+    if os.name != "nt" and mode & _OTHERS:
+        return Finding(
+            "token",
+            Severity.WARNING,
+            f"others can read the token file (mode {mode:o})",
+            "the next start of `unghost serve` mends it and replaces the token",
+        )
+    return Finding("token", Severity.OK, "only its owner can read the token file")
+
+
+def _no_database(settings: Settings) -> Finding:
+    if (settings.data / RESTORING).exists():
+        todo = "run `unghost restore` again, it was interrupted"
+    elif _has_files(settings):
+        todo = "put it back, or restore a backup into another folder"
+    else:
+        todo = no_database(settings)
+    return Finding("database", Severity.ERROR, "the database is missing", todo)
+
+
+def _has_files(settings: Settings) -> bool:
+    try:
+        with stored_files_of(settings) as store:
+            return any(store.files())
+    except CannotMaintain:
+        return False
+
+
+def _database(problems: list[str]) -> Finding:
+    if not problems:
+        return Finding("database", Severity.OK, "it is intact, and so are its keys")
+    return Finding(
+        "database",
+        Severity.ERROR,
+        f"it is damaged: {problems[0]}",
+        "stop the service, keep a copy of the folder, and restore the last backup "
+        "into another one",
+        len(problems),
+        tuple(problems[:MOST_EXAMPLES]),
+    )
+
+
+def _schema(revision: str | None) -> Finding:
+    head = head_revision(migrations_dir())
+    if revision == head:
+        return Finding("schema", Severity.OK, f"at {revision}, as this version needs")
+    if revision is None or not is_known(migrations_dir(), revision):
+        found = newer(revision) if revision else "the database has no schema"
+        return Finding(
+            "schema",
+            Severity.ERROR,
+            found,
+            "install the version that wrote it, or restore a backup from before",
+        )
+    return Finding(
+        "schema",
+        Severity.WARNING,
+        f"at {revision}, this version needs {head}",
+        "make a backup; `unghost serve` brings it up to date when it starts",
+    )
+
+
+SETTLED_S: Final = 3600.0
+"""Files that changed within the last hour may belong to work that goes on."""
+TOGETHER: Final = 8
+"""Files of a bucket that are read at the same time; a disk is read in order."""
+
+
+def file_findings(
+    settings: Settings, session: Session, *, verify: bool, steps: Steps
+) -> Iterator[Finding]:
+    """What is wrong with the files, wherever they are stored; nothing is changed."""
+    try:
+        with stored_files_of(settings) as store:
+            if settings.storage != FOLDER:
+                yield _bucket(store)
+            asked = 1 if settings.storage == FOLDER else TOGETHER
+            verifying = _Verifying(store, steps, asked) if verify else None
+            yield from _findings(store, session, verifying)
+    except CannotMaintain as exc:
+        yield Finding(
+            "store",
+            Severity.ERROR,
+            str(exc),
+            "mend that first: nothing can be stored, shown or measured until then",
+        )
+
+
+def _bucket(store: BlobStore) -> Finding:
+    any(store.files())
+    return Finding("store", Severity.OK, "the bucket answers")
+
+
+@dataclass(frozen=True)
+class _Verifying:
+    """Reading every file, `asked` at a time."""
+
+    store: BlobStore
+    steps: Steps
+    asked: int
+
+    def damaged(self, there: Mapping[str, StoredFile]) -> set[str]:
+        """Those whose content is not what was stored."""
+        names = sorted(there)
+        with (
+            self.steps("compare the files", "files") as advance,
+            ThreadPoolExecutor(self.asked) as pool,
+        ):
+            found = set()
+            whole = pool.map(self._is_whole, [there[name] for name in names])
+            for done, (name, good) in enumerate(zip(names, whole, strict=True), 1):
+                if not good:
+                    found.add(name)
+                advance(done, len(names))
+        return found
+
+    def _is_whole(self, file: StoredFile) -> bool:
+        try:
+            self.store.intact(file.digest, size_bytes=file.size_bytes)
+        except (DamagedFile, OSError):
+            return False
+        return True
+
+
+def _findings(
+    store: BlobStore, session: Session, verifying: _Verifying | None
+) -> Iterator[Finding]:
+    # Rows before files: a file is there before its row is.
+    began = time.time()
+    rows = StoredFileRepository(session)
+    frames, exports = list(rows.of_frames()), list(rows.of_exports())
+    open_exports = rows.open_exports()
+    there = {file.digest: file for file in store.files()}
+    damaged = verifying.damaged(there) if verifying else set()
+    looked = "compared with their names" if verifying else "there, and of their sizes"
+    yield _of_rows("files", frames, there, damaged, looked)
+    yield _of_rows("exports", exports, there, damaged, looked)
+    used = {file.sha256 for file in (*frames, *exports)}
+    yield _unused(
+        [
+            file
+            for digest, file in there.items()
+            if digest not in used and file.modified_at < began - SETTLED_S
+        ]
+    )
+    names = {f"export-{number}" for number in open_exports}
+    yield _leftovers(
+        [
+            path
+            for path, changed_at in store.leftovers()
+            if export_of(path) not in names and changed_at < began - SETTLED_S
+        ]
+    )
+
+
+_ADVICE: Final = {
+    "files": "copy them from the folder blobs of a backup, or send their frames again, "
+    "one by one, with `PUT .../frames/KEY`, which writes what is gone or cut short "
+    "(delete a file first whose content has changed)",
+    "exports": "make these exports again",
+}
+
+
+def _of_rows(
+    check: str,
+    wanted: Sequence[WantedFile],
+    there: Mapping[str, StoredFile],
+    damaged: set[str],
+    looked: str,
+) -> Finding:
+    bad = [file.sha256 for file in wanted if _is_bad(file, there, damaged)]
+    if not bad:
+        return Finding(check, Severity.OK, f"all are {looked}", count=len(wanted))
+    missing = sum(digest not in there for digest in bad)
+    severity = Severity.ERROR if check == "files" else Severity.WARNING
+    found = f"of {len(wanted)}, {missing} are missing and {len(bad) - missing} damaged"
+    return Finding(
+        check, severity, found, _ADVICE[check], len(bad), tuple(bad[:MOST_EXAMPLES])
+    )
+
+
+def _is_bad(
+    file: WantedFile, there: Mapping[str, StoredFile], damaged: set[str]
+) -> bool:
+    found = there.get(file.sha256)
+    if found is None or file.sha256 in damaged:
+        return True
+    return file.size_bytes is not None and found.size_bytes != file.size_bytes
+
+
+def _unused(files: Sequence[StoredFile]) -> Finding:
+    if not files:
+        return Finding("unused", Severity.OK, "every file belongs to something")
+    size_bytes = sum(file.size_bytes for file in files)
+    return Finding(
+        "unused",
+        Severity.NOTE,
+        f"{len(files)} files of {size_bytes} bytes belong to nothing any more",
+        "`unghost gc` removes them",
+        len(files),
+        tuple(file.digest for file in files[:MOST_EXAMPLES]),
+    )
+
+
+def _leftovers(paths: Sequence[Path]) -> Finding:
+    if not paths:
+        return Finding("leftovers", Severity.OK, "nothing half written lies about")
+    return Finding(
+        "leftovers",
+        Severity.NOTE,
+        f"{len(paths)} files were left half written",
+        "`unghost gc` removes them",
+        len(paths),
+        tuple(path.name for path in paths[:MOST_EXAMPLES]),
+    )
+
+
+MOST_EXAMPLES: Final = 5
+
+
+class Severity(str, Enum):
+    """How bad a finding is."""
+
+    OK = "ok"
+    NOTE = "note"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found; `todo` says what to do, for all but the best."""
+
+    check: str
+    severity: Severity
+    found: str
+    todo: str = ""
+    count: int = 0
+    examples: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """As it is printed."""
+        return {**vars(self), "severity": self.severity.value}
+
+
+def is_answering(engine: Engine) -> Finding:
+    """Whether the database can be reached at all."""
+    reason = silence_of(engine)
+    if not reason:
+        found = f"PostgreSQL {version_of(engine)} answers"
+        return Finding("database", Severity.OK, found)
+    return Finding(
+        "database",
+        Severity.ERROR,
+        f"it does not answer: {reason}",
+        "start PostgreSQL, make the database, or mend UNGHOST_DATABASE_URL; nothing "
+        "is served until then",
+    )
+
+
+def server_findings(engine: Engine) -> Iterator[Finding]:
+    """What is wrong with a database that answers and is at a known schema."""
+    yield _keys(broken_keys(engine))
+    yield _durability(not_durable(engine))
+
+
+def _keys(problems: list[str]) -> Finding:
+    if not problems:
+        return Finding("keys", Severity.OK, "every row has the rows it belongs to")
+    return Finding(
+        "keys",
+        Severity.ERROR,
+        f"they do not hold: {problems[0]}",
+        "restore the last dump into a new database, with `pg_restore "
+        "--exit-on-error`, and the files beside it",
+        len(problems),
+        tuple(problems[:MOST_EXAMPLES]),
+    )
+
+
+def _durability(off: list[str]) -> Finding:
+    if not off:
+        return Finding("durability", Severity.OK, "what was answered is on the disk")
+    return Finding(
+        "durability",
+        Severity.WARNING,
+        f"a power cut may take what was answered: {', '.join(off)}",
+        "turn it on in postgresql.conf, or with ALTER SYSTEM, and reload the server",
+        len(off),
+        tuple(off),
+    )

@@ -1,0 +1,152 @@
+"""Clearing away what nothing refers to any more, while the service goes on.
+
+Files are taken away within the turn of a writer, in which whoever stores a frame also
+looks whether its files are there: so either the frame is seen here, or the missing
+file there. The time of grace only keeps frames on their way from being sent twice.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final
+
+from app.db.engine import Database, keep_turn
+from app.maintenance.datafolder import Steps, alone, opened, stored_files_of
+from app.maintenance.queries import StoredFileRepository
+from app.settings import Settings
+from app.storage import BlobStore, export_of
+from app.storage.room import Reserve
+
+HOUR_S: Final = 3600.0
+TOGETHER: Final = 200
+"""Files that are removed in one turn: some milliseconds that writers wait."""
+SHORTEST_S: Final = HOUR_S
+"""Drafts and half exports are never taken to be left over sooner."""
+
+
+@dataclass
+class Garbage:
+    """What was found and, unless it was only looked for, removed."""
+
+    removed: bool
+    files: int = 0
+    size_bytes: int = 0
+    rows: int = 0
+    leftovers: int = 0
+    too_young: int = 0
+
+    def as_dict(self) -> dict[str, int | bool]:
+        """As it is printed."""
+        return dict(vars(self))
+
+
+def collect(
+    settings: Settings, *, grace_hours: float, dry_run: bool, steps: Steps
+) -> Garbage:
+    """Remove files, rows and drafts that nothing refers to.
+
+    Raises
+    ------
+    CannotMaintain
+        The folder cannot be used, or another such command is at work.
+    """
+    Reserve(settings.data).give_up()
+    with (
+        alone(settings),
+        opened(settings) as database,
+        stored_files_of(settings) as store,
+    ):
+        until = time.time() - grace_hours * HOUR_S
+        found = Garbage(removed=not dry_run)
+        young = _files(database, store, found, until, steps)
+        _rows(database, found, young)
+        _left_over(database, store, found, until)
+    return found
+
+
+def _files(
+    database: Database, store: BlobStore, found: Garbage, until: float, steps: Steps
+) -> set[str]:
+    """Files; which ones are too young is answered."""
+    listed = list(store.files())
+    with database.read() as session:
+        used = {file.sha256 for file in StoredFileRepository(session).of_frames()}
+        used |= {file.sha256 for file in StoredFileRepository(session).of_exports()}
+    unused = [file for file in listed if file.digest not in used]
+    old = [file for file in unused if file.modified_at <= until]
+    young = {file.digest for file in unused if file.modified_at > until}
+    found.too_young = len(young)
+    if not found.removed:
+        found.files, found.size_bytes = len(old), sum(file.size_bytes for file in old)
+        return young
+    done = 0
+    with steps("clear away", "files") as advance:
+        for portion in _portions([file.digest for file in old]):
+            young |= _remove(database, store, found, portion, until)
+            done += len(portion)
+            advance(done, len(old))
+    return young
+
+
+def _remove(
+    database: Database,
+    store: BlobStore,
+    found: Garbage,
+    digests: Sequence[str],
+    until: float,
+) -> set[str]:
+    """Take files away, unless they are in use by now; which ones stay is answered."""
+    with database.write() as session:
+        # The first statement takes the turn: nobody else commits until it is over.
+        keep_turn(session)
+        used = StoredFileRepository(session).referred_to(digests)
+        unused = [digest for digest in digests if digest not in used]
+        removed = store.remove(unused, unused_since=until)
+        found.too_young += len(unused) - len(removed)
+        found.files += len(removed)
+        found.size_bytes += sum(removed.values())
+    return set(digests) - removed.keys()
+
+
+def _rows(database: Database, found: Garbage, young: set[str]) -> None:
+    """Rows of files that no frame has; after the files, as their frames may come."""
+    with database.read() as session:
+        unused = [
+            digest
+            for digest in StoredFileRepository(session).unused_rows()
+            if digest not in young
+        ]
+    found.rows = len(unused)
+    if found.removed:
+        for portion in _portions(unused):
+            with database.write() as session:
+                StoredFileRepository(session).forget(portion)
+
+
+def _left_over(
+    database: Database, store: BlobStore, found: Garbage, until: float
+) -> None:
+    with database.read() as session:
+        at_work = StoredFileRepository(session).open_exports()
+    names = {f"export-{number}" for number in at_work}
+    latest = min(until, time.time() - SHORTEST_S)
+    for path, changed_at in store.leftovers():
+        if export_of(path) in names or changed_at > latest:
+            continue
+        found.leftovers += 1
+        if not found.removed:
+            continue
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _portions(items: Sequence[str]) -> Iterator[list[str]]:
+    source = iter(items)
+    while portion := list(islice(source, TOGETHER)):
+        yield portion

@@ -1,0 +1,166 @@
+"""Deleted datasets disappear at once; their rows go in the background, bit by bit.
+
+The order is that of the references: what others refer to goes last.
+
+Between two portions anybody may write. What a process leaves behind when it ends, the
+next one to serve the folder, or another one that serves it, goes on with.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Final
+
+from sqlalchemy import delete, select
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from app.db.engine import Database
+from app.db.tables import Dataset, DatasetClass, Flips, Frame, Problem, Run
+from app.services.context import ServiceContext
+from app.storage.room import Reserve
+
+FRAMES_AT_A_TIME: Final = 200
+ROWS_AT_A_TIME: Final = 1_000
+FLIPS_AT_A_TIME: Final = 50
+"""Each row holds thousands of boxes."""
+
+
+class RemovalRepository:
+    """Rows of datasets that nobody sees any more."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def waiting(self) -> list[int]:
+        """Ids of datasets that were deleted and have rows."""
+        rows = select(Dataset.id).where(Dataset.removed_at.is_not(None))
+        return list(self._session.scalars(rows.order_by(Dataset.id)))
+
+    def remove_some(self, dataset_id: int, most_boxes: int) -> bool:
+        """Take a portion away; False once nothing is left, the dataset included."""
+        steps: tuple[Callable[[int], bool], ...] = (
+            partial(self._frames, most_boxes),
+            self._flips,
+            self._problems,
+            self._class,
+            self._dataset,
+        )
+        return any(step(dataset_id) for step in steps)
+
+    def _frames(self, most_boxes: int, dataset_id: int) -> bool:
+        rows = (
+            select(Frame.id, Frame.box_count)
+            .where(Frame.dataset_id == dataset_id)
+            .order_by(Frame.id)
+            .limit(FRAMES_AT_A_TIME)
+        )
+        ids: list[int] = []
+        boxes = 0
+        for frame_id, count in self._session.execute(rows):
+            if ids and boxes + count > most_boxes:
+                break
+            ids.append(frame_id)
+            boxes += count
+        # Boxes, evidence, decisions and answers go along.
+        self._session.execute(delete(Frame).where(Frame.id.in_(ids)))
+        return bool(ids)
+
+    def _flips(self, dataset_id: int) -> bool:
+        rows = (
+            select(Flips.run_id, Flips.first_box_id)
+            .join(Run, Run.id == Flips.run_id)
+            .where(Run.dataset_id == dataset_id)
+            .limit(FLIPS_AT_A_TIME)
+        )
+        found = self._session.execute(rows).all()
+        for run_id, first_box_id in found:
+            key = Flips.run_id == run_id, Flips.first_box_id == first_box_id
+            self._session.execute(delete(Flips).where(*key))
+        return bool(found)
+
+    def _problems(self, dataset_id: int) -> bool:
+        rows = select(Problem.id).where(Problem.dataset_id == dataset_id)
+        ids = list(self._session.scalars(rows.limit(ROWS_AT_A_TIME)))
+        self._session.execute(delete(Problem).where(Problem.id.in_(ids)))
+        return bool(ids)
+
+    def _class(self, dataset_id: int) -> bool:
+        # One at a time: for each the database looks whether any box refers to it.
+        rows = select(DatasetClass.id).where(DatasetClass.dataset_id == dataset_id)
+        class_id = self._session.scalar(rows.limit(1))
+        self._session.execute(delete(DatasetClass).where(DatasetClass.id == class_id))
+        return class_id is not None
+
+    def _dataset(self, dataset_id: int) -> bool:
+        # Runs, configurations, measurements and exports go along: some rows each.
+        self._session.execute(delete(Dataset).where(Dataset.id == dataset_id))
+        return False
+
+
+BOXES_AT_A_TIME: Final = 2_000
+"""Some tens of milliseconds; a frame is not divided."""
+FEW_BOXES: Final = 200
+"""Where there is hardly any room to write down what is changed."""
+LOOK_EVERY_S: Final = 5.0
+"""Where nobody says that there is something to do: another process may have died."""
+
+log = logging.getLogger(__name__)
+
+
+def remove_deleted(
+    database: Database, reserve: Reserve, stop: Callable[[], bool]
+) -> None:
+    """Take away all rows of datasets that were deleted, until told to stop."""
+    with database.read() as session:
+        waiting = RemovalRepository(session).waiting()
+    for dataset_id in waiting:
+        is_left = True
+        while is_left:
+            if stop():
+                return
+            reserve.give_up()
+            is_tight = not reserve.path.exists()
+            most = FEW_BOXES if is_tight else BOXES_AT_A_TIME
+            with database.write() as session:
+                is_left = RemovalRepository(session).remove_some(dataset_id, most)
+            if is_tight:
+                database.fold_log()
+        log.info("the rows of deleted dataset %d are gone", dataset_id)
+
+
+@contextmanager
+def removing(context: ServiceContext) -> Iterator[None]:
+    """Do so whenever one is deleted, and go on with what is left, until the end."""
+    over = threading.Event()
+    watch = threading.Thread(target=_watch, args=(context, over), name="removals")
+    watch.start()
+    try:
+        yield
+    finally:
+        over.set()
+        context.something_to_remove.set()
+        watch.join()
+
+
+def _watch(context: ServiceContext, over: threading.Event) -> None:
+    def stop() -> bool:
+        return over.is_set() or context.engine.stopping.is_set()
+
+    while not stop():
+        context.something_to_remove.clear()
+        try:
+            remove_deleted(context.database, context.reserve, stop)
+            context.reserve.keep(int(context.settings.min_free_bytes))
+        except (
+            SQLAlchemyError,
+            OSError,
+        ) as exc:  # it may be away, or its disk full, for a while
+            text = str(exc).partition("\n")[0]
+            log.warning("deleted datasets are not removed yet: %s", text)
+        if not over.is_set():
+            context.something_to_remove.wait(LOOK_EVERY_S)

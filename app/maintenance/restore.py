@@ -1,0 +1,144 @@
+"""Making a data folder of a backup, or nothing at all."""
+
+from __future__ import annotations
+
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from app.addresses import FOLDER
+from app.db.migrate import head_revision, is_known
+from app.maintenance.backup import DATABASE, LABEL, unpack
+from app.maintenance.datafolder import (
+    RESTORING,
+    CannotMaintain,
+    Steps,
+    newer,
+    stored_files_of,
+)
+from app.package import migrations_dir
+from app.settings import Settings
+from app.storage import (
+    BLOBS,
+    BlobStore,
+    flush_everything,
+    flush_file,
+    flush_folder,
+    make_folder,
+)
+
+TOGETHER: Final = 8
+"""Files that are put into a bucket at the same time."""
+
+
+@dataclass(frozen=True)
+class Restored:
+    """A data folder as it is now."""
+
+    data: Path
+    files: int
+    schema: str
+    created_at: str
+    left_out: tuple[str, ...]
+
+    @property
+    def is_older(self) -> bool:
+        """Whether the service changes its schema when it starts."""
+        return self.schema != head_revision(migrations_dir())
+
+    def as_dict(self) -> dict[str, Any]:
+        """As it is printed."""
+        return {**vars(self), "data": str(self.data)}
+
+
+def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
+    """Unpack a backup into an empty folder; each file is checked while it is copied.
+
+    Raises
+    ------
+    CannotMaintain
+        The folder is not empty, or the backup is not whole or from a newer version.
+    """
+    if settings.database_url is not None:
+        raise CannotMaintain(
+            "a backup holds a SQLite database, and UNGHOST_DATABASE_URL names another "
+            "one: unset it, or restore what `pg_dump` saved with `pg_restore`"
+        )
+    if not backup.exists():
+        raise CannotMaintain(f"there is no {backup}")
+    data = settings.data.absolute()
+    _check_empty(data)
+    with stored_files_of(settings) as store:
+        bucket = None if settings.storage == FOLDER else store
+        if bucket is not None:
+            bucket.check()
+        return _restored(data, backup, bucket, steps)
+
+
+def _restored(
+    data: Path, backup: Path, bucket: BlobStore | None, steps: Steps
+) -> Restored:
+    make_folder(data)
+    inside = data / RESTORING
+    shutil.rmtree(inside, ignore_errors=True)
+    inside.mkdir(mode=0o700)
+    try:
+        with steps("restore", "MB") as advance:
+            unpacked = unpack(backup, inside, advance, keep=True)
+        label = unpacked.label
+        if not is_known(migrations_dir(), label.schema):
+            raise CannotMaintain(f"{backup} cannot be used: {newer(label.schema)}")
+        _put_in_place(inside, data, bucket, steps)
+    finally:
+        shutil.rmtree(inside, ignore_errors=True)
+        flush_folder(data)
+    return Restored(
+        data, unpacked.files, label.schema, label.created_at, label.left_out
+    )
+
+
+def _check_empty(data: Path) -> None:
+    # The lock of a folder that was emptied, and what an interrupted restore left.
+    harmless = {RESTORING, ".maintenance.lock", "lost+found"}
+    if data.exists() and not data.is_dir():
+        raise CannotMaintain(f"{data} is no folder")
+    found = [path.name for path in data.iterdir()] if data.is_dir() else []
+    if {*found} - harmless:
+        raise CannotMaintain(
+            f"{data} is not empty; a backup is restored into an empty or new folder"
+        )
+
+
+def _put_in_place(
+    inside: Path, data: Path, bucket: BlobStore | None, steps: Steps
+) -> None:
+    """Files first and the database last: without it nothing is served."""
+    (inside / BLOBS).mkdir(mode=0o700, exist_ok=True)
+    flush_file(inside / DATABASE)
+    flush_everything(inside)
+    (inside / LABEL).unlink(missing_ok=True)
+    if bucket is None:
+        (inside / BLOBS).rename(data / BLOBS)
+    else:
+        _put_into(bucket, inside / BLOBS, steps)
+    (inside / DATABASE).rename(data / DATABASE)
+
+
+def _put_into(bucket: BlobStore, folder: Path, steps: Steps) -> None:
+    """Put every file again, also those that are there: they may be damaged."""
+    files = sorted(folder.glob("??/*"))
+    strangers = {file.digest for file in bucket.files()} - {file.name for file in files}
+    if strangers:
+        # Served with this database they would be garbage, and be cleared away.
+        raise CannotMaintain(
+            f"there are {len(strangers)} files that are not in the backup, of another "
+            "database or of later days; choose another prefix in UNGHOST_STORAGE"
+        )
+    with (
+        steps("put the files", "files") as advance,
+        ThreadPoolExecutor(TOGETHER) as pool,
+    ):
+        for done, _ in enumerate(pool.map(bucket.adopt, files), 1):
+            advance(done, len(files))

@@ -1,0 +1,1 @@
+"""How the service stands: health, readiness, what is measured of it."""

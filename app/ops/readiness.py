@@ -1,0 +1,145 @@
+"""Whether this process can take work: found out by doing a little of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from anyio import CapacityLimiter, Lock, to_thread
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+
+from app.db.migrate import current_revision, head_revision
+from app.db.transient import takes_writes
+from app.errors import Fault, NotReady, TryLater
+from app.logs import error_log
+from app.maintenance.page_check import ADVICE
+from app.package import migrations_dir
+from app.process.loop_watch import LoopWatch
+from app.services.context import ServiceContext
+from app.storage.room import free_bytes
+
+RETRY_S: Final = 5
+GOOD_FOR_S: Final = 1.0
+"""How long an answer is given again: anybody may ask, and asking writes to the disk."""
+
+
+@dataclass
+class Found:
+    """What each check found, and the faults of those that failed."""
+
+    checks: dict[str, str] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+
+
+class Readiness:
+    """Checks a service, once for all who ask at about the same time."""
+
+    def __init__(self, loop: LoopWatch) -> None:
+        self._loop = loop
+        self._lock = Lock()
+        # A thread of its own: those of the requests may all be busy.
+        self._thread = CapacityLimiter(1)
+        self._found = Found()
+        self._at = float("-inf")
+
+    async def check(self, context: ServiceContext) -> Mapping[str, str]:
+        """What each check found, all of them well.
+
+        Raises
+        ------
+        NotReady
+            With one fault per check that failed.
+        """
+        _goes_on(context)
+        async with self._lock:
+            if time.monotonic() - self._at >= GOOD_FOR_S:
+                self._found = await to_thread.run_sync(
+                    _look, context, limiter=self._thread
+                )
+                self._at = time.monotonic()
+            found = self._found
+        try:
+            checks, faults = {**found.checks, "event_loop": self._loop.check()}, []
+        except NotReady as exc:
+            checks, faults = found.checks, [Fault("", "event_loop", str(exc))]
+        if found.faults or faults:
+            raise _not_ready([*found.faults, *faults])
+        return checks
+
+
+def _goes_on(context: ServiceContext) -> None:
+    if context.engine.stopping.is_set():
+        raise _not_ready([Fault("", "shutdown", "the service stops")])
+
+
+def _not_ready(faults: list[Fault]) -> NotReady:
+    text = "; ".join(f"{fault.code}: {fault.detail}" for fault in faults)
+    return NotReady(text, retry_after_s=RETRY_S, faults=faults)
+
+
+def _look(context: ServiceContext) -> Found:
+    checks: Mapping[str, Callable[[ServiceContext], str]] = {
+        "database": _database_takes_writes,
+        "pages": _pages_can_be_read,
+        "migrations": _schema_is_current,
+        "disk": _disk_has_room,
+        "blobs": _store_takes_files,
+    }
+    found = Found()
+    for name, run in checks.items():
+        try:
+            found.checks[name] = run(context)
+        except (TryLater, SQLAlchemyError, OSError) as exc:
+            detail = _reason(exc)
+            error_log.warning("not ready: %s: %s", name, detail)
+            found.faults.append(Fault("", name, detail))
+    return found
+
+
+def _reason(exc: Exception) -> str:
+    if isinstance(exc, TryLater):
+        return str(exc)
+    if isinstance(exc, OSError):
+        return exc.strerror or "cannot be used"
+    # Another database's words may name hosts and people; anybody may read this.
+    if isinstance(exc, DBAPIError) and "sqlite" in type(exc.orig).__module__:
+        return str(exc.orig)
+    return "does not answer"
+
+
+def _database_takes_writes(context: ServiceContext) -> str:
+    return "takes writes" if takes_writes(context.database) else "is being written"
+
+
+def _pages_can_be_read(context: ServiceContext) -> str:
+    database = context.database
+    if database.damage is not None:
+        raise NotReady(f"the database is damaged: {database.damage}; {ADVICE}")
+    if database.file is None:
+        return "left to the server"
+    return "are whole" if database.pages_checked else "not all looked at"
+
+
+def _schema_is_current(context: ServiceContext) -> str:
+    current = current_revision(context.database.engine)
+    head = head_revision(migrations_dir())
+    if current == head:
+        return f"at {current}"
+    behind = (current or "") < (head or "")
+    advice = "restart to migrate it" if behind else "it is of a newer version"
+    raise NotReady(f"the schema is at {current}, this version needs {head}: {advice}")
+
+
+def _disk_has_room(context: ServiceContext) -> str:
+    free = free_bytes((context.settings.data, context.storage.temporary_folder()))
+    needed = int(context.settings.min_free_bytes)
+    if free < needed:
+        raise NotReady(f"{free} bytes are free, {needed} are needed")
+    return f"{free} bytes free"
+
+
+def _store_takes_files(context: ServiceContext) -> str:
+    context.storage.check()
+    return "take files"

@@ -1,0 +1,63 @@
+"""Is it alive, is it ready, which version is it, how does it do."""
+
+from __future__ import annotations
+
+import platform
+from typing import Final
+
+from fastapi import APIRouter, Request
+from fastapi.responses import PlainTextResponse
+
+from app.http.deps import AppServices
+from app.http.routing import ApiRouter, OpenRouter
+from app.metrics import WORK, RequestMetrics, process_facts
+from app.ops.readiness import Readiness
+from app.package import VERSION
+from app.process.connections import Connections
+from app.services.gauges import gauges
+from unghost.wire.access import Alive, Ready, Version
+
+PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+
+probes = OpenRouter(tag="health")
+about = ApiRouter(tag="health")
+
+
+@probes.get("/healthz")
+async def healthz() -> Alive:
+    """The process is alive. Looks at nothing else."""
+    return Alive()
+
+
+@probes.get("/readyz")
+async def readyz(request: Request, services: AppServices) -> Ready:
+    """It can store what is sent, and is not about to stop; else 503, and why."""
+    readiness: Readiness = request.app.state.readiness
+    return Ready(ready=True, checks=dict(await readiness.check(services)))
+
+
+@about.get("/version")
+async def running_version() -> Version:
+    """The version of the service and of its API."""
+    return Version(version=VERSION, api="v1", python=platform.python_version())
+
+
+@about.get("/metrics", response_class=PlainTextResponse)
+def metrics(request: Request, services: AppServices) -> PlainTextResponse:
+    """Requests, work, queues, verdicts and room, for Prometheus."""
+    counts: RequestMetrics = request.app.state.metrics
+    connections: Connections = request.app.state.connections
+    found = (
+        *counts.instruments(),
+        *connections.instruments(),
+        *WORK,
+        *gauges(services),
+        *process_facts(),
+    )
+    lines = [line for one in found for line in one.lines()]
+    return PlainTextResponse("\n".join((*lines, "")), media_type=PROMETHEUS_TYPE)
+
+
+router = APIRouter(redirect_slashes=False)
+router.include_router(probes)
+router.include_router(about)

@@ -1,0 +1,1 @@
+"""The process: what it opens and closes, and its HTTP server."""

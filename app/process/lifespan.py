@@ -1,0 +1,152 @@
+"""What lives as long as the process: opened before the first request, closed after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+
+from app.access.first_token import ensure_first_token
+from app.access.upkeep import keeping_tokens
+from app.addresses import LOCAL_ENGINE
+from app.db.engine import Database, migrating_alone
+from app.db.migrate import migrate
+from app.engine import LocalEngine
+from app.engine.cluster import ClusterEngine, Scheduler
+from app.engine.dask import Certificates
+from app.engine.pixels import PixelPool
+from app.http.idempotency import forget_old_answers
+from app.maintenance.datafolder import (
+    check_moved,
+    check_same_version,
+    check_usable,
+    keep_before_migrating,
+    keep_private,
+    usable_store,
+)
+from app.maintenance.page_check import checking_pages
+from app.maintenance.removals import removing
+from app.package import migrations_dir
+from app.repositories.leases import LeaseRepository
+from app.services.context import ServiceContext
+from app.services.job_watch import watching_jobs
+from app.settings import Settings
+from app.storage import make_folder, open_store
+from app.storage.room import Reserve
+from filter_core.config.file import load_config
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import FilterError
+
+
+@contextmanager
+def running(settings: Settings) -> Iterator[ServiceContext]:
+    """Bring the data folder up to date, open everything, and close it at the end."""
+    make_folder(settings.data)
+    Reserve(settings.data).give_up()
+    default_config = _default_config(settings)
+    with usable_store(settings):
+        store = open_store(settings)
+    database = Database(settings.sqlalchemy_url)
+    try:
+        with migrating_alone(database.engine), usable_store(settings):
+            check_usable(settings, database.engine, store)
+            keep_private(settings)
+            keep_before_migrating(settings, database.engine)
+            migrate(database.engine, migrations_dir())
+        with database.write() as session:
+            ensure_first_token(session, settings.token_file)
+            forget_old_answers(session, timedelta(hours=settings.idempotency_hours))
+        with usable_store(settings):
+            store.prepare()
+            check_moved(settings, database, store)
+        services = ServiceContext(
+            settings=settings,
+            database=database,
+            storage=store,
+            engine=_engine(settings, database),
+            pixels=pixel_pool(settings, settings.workers),
+            drawers=pixel_pool(settings, settings.workers + 1),
+            default_config=default_config,
+        )
+        try:
+            with (
+                watching_jobs(services),
+                removing(services),
+                checking_pages(services),
+                keeping_tokens(services),
+            ):
+                yield services
+        finally:
+            services.close()
+    finally:
+        database.close()
+
+
+@contextmanager
+def attached(settings: Settings) -> Iterator[ServiceContext]:
+    """Open what a service has made, to work for it; nothing is started or migrated.
+
+    Raises
+    ------
+    CannotMaintain
+        The database is not there, or is another version's.
+    """
+    with usable_store(settings):
+        store = open_store(settings)
+    database = Database(settings.sqlalchemy_url)
+    try:
+        check_same_version(settings, database.engine)
+        services = ServiceContext(
+            settings=settings,
+            database=database,
+            storage=store,
+            engine=LocalEngine(settings.workers),
+            pixels=pixel_pool(settings, settings.workers),
+            drawers=pixel_pool(settings, settings.workers + 1),
+        )
+        try:
+            yield services
+        finally:
+            services.close()
+    finally:
+        database.close()
+
+
+def _engine(settings: Settings, database: Database) -> LocalEngine:
+    if settings.engine == LOCAL_ENGINE:
+        return LocalEngine(settings.workers)
+    with database.read() as session:
+        installation = LeaseRepository(session).installation()
+    scheduler = Scheduler(settings.engine, certificates_of(settings), installation)
+    return ClusterEngine(settings.workers, scheduler)
+
+
+def certificates_of(settings: Settings) -> Certificates:
+    """What this node shows to others, and whom it believes."""
+    return Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
+
+
+def pixel_pool(settings: Settings, children: int) -> PixelPool:
+    """So many child processes for pictures; each is started when it is needed."""
+    return PixelPool(
+        children,
+        seconds=settings.max_pixel_seconds,
+        memory_bytes=int(settings.max_pixel_memory_bytes),
+        preload=("app.services.pixel_work", "app.services.drawing"),
+    )
+
+
+class UnusableConfig(Exception):
+    """The configuration named in the settings cannot be read or is wrong."""
+
+
+def _default_config(settings: Settings) -> FilterConfig:
+    if settings.config is None:
+        return FilterConfig()
+    try:
+        return load_config(settings.config.read_bytes()).config
+    except OSError as error:
+        reason = error.strerror or "it cannot be read"
+        raise UnusableConfig(f"{settings.config}: {reason}") from error
+    except FilterError as error:
+        raise UnusableConfig(f"{settings.config}: {error}") from error

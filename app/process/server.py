@@ -1,0 +1,461 @@
+"""What uvicorn does not do: limits before a token is shown, an end in good order.
+
+The parser holds what it has not given on yet, and waits for as long as it takes. Nobody
+has shown a token by then, so how much and how long is bounded here; and so is how long
+somebody may take to read an answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import faulthandler
+import os
+import select
+import signal
+import socket
+import struct
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from http import HTTPStatus
+from types import FrameType
+from typing import Any, Final, cast
+
+import uvicorn
+from fastapi import FastAPI
+from uvicorn.protocols.http.httptools_impl import (
+    HttpToolsProtocol,
+    RequestResponseCycle,
+)
+
+from app.http.problems import PROBLEM_TYPE, Problem
+from app.incoming import Pieces
+from app.logs import Answered, known_as, log_answer, server_log
+from app.process.connections import MOST_TURNED_AWAY, Connections
+from app.settings import Settings
+
+LAST_S: Final = 15
+"""Seconds after those of the requests; then the process ends, whatever it does."""
+_LOOK_S: Final = 0.05
+
+
+class GracefulServer(uvicorn.Server):
+    """Uvicorn; the first signal lets it finish, the second one ends it at once.
+
+    Until the last request is over it goes on listening, so that whoever asks whether
+    it is ready gets an answer, and whoever sends something new is told to come back.
+    """
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        *,
+        ready: Callable[[], None],
+        stopping: Callable[[], None],
+        wait_s: float,
+    ) -> None:
+        super().__init__(config)
+        self._ready, self._stopping, self._wait_s = ready, stopping, wait_s
+
+    async def main_loop(self) -> None:
+        """Say that it has started, and serve: a stop from here on is a clean one."""
+        # It writes to the database, which may keep it waiting: not on the loop.
+        await asyncio.to_thread(self._ready)
+        await super().main_loop()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Say so, finish, and stop listening; then the work behind it is ended."""
+        until = time.monotonic() + self._wait_s
+        begun = set(self.server_state.tasks)
+        server_log.info("stopping: %d requests are open", len(begun))
+        _end_after(self._wait_s + LAST_S)
+        self._stopping()
+        while _goes_on(begun) and time.monotonic() < until:
+            await asyncio.sleep(_LOOK_S)
+        cut_off = _goes_on(begun)
+        if cut_off:
+            server_log.warning("%d requests are cut off: they took too long", cut_off)
+        left_s = max(1, int(until - time.monotonic()))
+        self.config.timeout_graceful_shutdown = left_s
+        await _cancelled(begun)
+        await super().shutdown(sockets)
+        faulthandler.cancel_dump_traceback_later()
+        server_log.info("stopped")
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """A signal: what was acknowledged is durable, so one may end at any moment."""
+        if self.should_exit:
+            with suppress(RuntimeError):  # it may have come in the middle of a line
+                server_log.warning("ended by a second signal")
+            os._exit(128 + sig)
+        # If the loop stands still it never learns of the signal: no lock is taken here.
+        with suppress(ValueError, OSError, AttributeError):
+            faulthandler.dump_traceback_later(self._wait_s + 2 * LAST_S, exit=True)
+        super().handle_exit(sig, frame)
+
+
+def exit_on_sigterm() -> None:
+    """Let SIGTERM end the process with 0; the next one kills it."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _exit)
+
+
+def _exit(*_: object) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    raise SystemExit(0)
+
+
+def _goes_on(tasks: set[asyncio.Task[Any]]) -> int:
+    return sum(not task.done() for task in tasks)
+
+
+async def _cancelled(tasks: set[asyncio.Task[Any]]) -> None:
+    """End tasks and let them say so to whoever waits for their answers."""
+    left = [task for task in tasks if not task.done()]
+    for task in left:
+        task.cancel()
+    if left:
+        await asyncio.wait(left, timeout=1)
+
+
+def _end_after(seconds: float) -> None:
+    def end() -> None:
+        server_log.error("the work did not end in time: the process does")
+        os._exit(1)
+
+    watchdog = threading.Timer(seconds, end)
+    watchdog.daemon = True
+    watchdog.start()
+
+
+MOST_UNWANTED: Final = 1 << 26
+"""Bytes of a body that are read after its request was answered."""
+MOST_PIPELINED: Final = 32
+"""Requests that wait on one connection behind the one that is being answered."""
+_FULL_RETRY_S: Final = 5
+_TURN_AWAY_S: Final = 1.0
+"""How long somebody who is turned away may take to read why."""
+_MALFORMED: Final = Problem(
+    400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
+)
+
+
+class ProblemProtocol(HttpToolsProtocol):
+    """Uvicorn's HTTP/1.1, but for the answer to what it cannot parse, and bounded."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Wait for the first request, but not for ever; or say that all is full."""
+        state = cast("FastAPI", self.config.app).state
+        settings: Settings = state.settings
+        self._others: Connections = state.connections
+        self._most = int(settings.max_head_bytes)
+        self._head_wait_s = settings.head_wait_s
+        self._body_wait_s = settings.body_wait_s
+        self._held = self._unwanted = 0
+        self._gives = self._has_begun = False
+        self._is_turned_away = self._is_signed_in = self._asks_too_much = False
+        self._fault = _MALFORMED
+        self._patience: asyncio.TimerHandle | None = None
+        self._answered: RequestResponseCycle | None = None
+        self._writer = WatchedTransport(
+            cast("asyncio.Transport", transport), self.loop, settings.answer_wait_s
+        )
+        super().connection_made(cast("asyncio.Transport", self._writer))
+        refusal = self._others.refusal(self)
+        if refusal is None:
+            self._be_patient(self._head_wait_s)
+        else:
+            self._turn_away(refusal)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Nobody is waited for any more, and whoever answers is told so."""
+        self._stop_waiting()
+        self._writer.stop()
+        self._others.leave(self)
+        answered = self._answered
+        if answered is not None and not answered.response_complete:
+            # Uvicorn tells the last request that came, which may still wait its turn.
+            answered.disconnected = True
+            answered.message_event.set()
+        super().connection_lost(exc)
+
+    @property
+    def address(self) -> str | None:
+        """Where the connection comes from; behind a proxy, the proxy's address."""
+        return self.client[0] if self.client else None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a valid token or session was shown on this connection."""
+        return self._is_signed_in or _is_signed_in(self._answered)
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether nothing came that was not read, and nothing has to be sent."""
+        if self.transport.get_write_buffer_size():
+            return False
+        return not _has_arrived(self.transport.get_extra_info("socket").fileno())
+
+    def give_way(self) -> None:
+        """Hang up at once: another connection needs the place."""
+        self.transport.abort()
+
+    def _turn_away(self, refusal: str) -> None:
+        if len(self._others.turned_away) >= MOST_TURNED_AWAY:
+            self.transport.abort()
+            return
+        self._is_turned_away = True
+        self._others.turned_away.add(self)
+        headers = {"Retry-After": str(_FULL_RETRY_S)}
+        status = HTTPStatus.SERVICE_UNAVAILABLE
+        self._say(Problem(status, "too_many_connections", refusal, headers=headers))
+        # Closed with a request unread, the answer would be lost on some systems.
+        self.transport.write_eof()
+        self._be_patient(_TURN_AWAY_S)
+
+    def data_received(self, data: bytes) -> None:
+        """Parse; what the parser keeps to itself may not grow without end."""
+        if self._is_turned_away:
+            self.transport.close()
+            return
+        self._gives = False
+        super().data_received(data)
+        self._held = 0 if self._gives else self._held + len(data)
+        if self._held > self._most and not self._asks_too_much:
+            self._refuse(self._too_long())
+
+    def on_message_begin(self) -> None:
+        """A request begins: the first one, or another on the same connection."""
+        if len(self.pipeline) >= MOST_PIPELINED:
+            self._asks_too_much = True
+            raise ValueError("too many requests wait")  # the parser stops
+        super().on_message_begin()
+        self._has_begun = True
+        self._unwanted = 0
+        self._others.work(self)
+        if self._patience is None:
+            self._be_patient(self._head_wait_s)
+
+    def on_headers_complete(self) -> None:
+        """The service takes over, unless the head is too long."""
+        self._gives, self._has_begun = True, False
+        self._stop_waiting()
+        size = len(self.url) + sum(
+            len(name) + len(value) for name, value in self.headers
+        )
+        if size > self._most:
+            self._fault = self._too_long()
+            raise ValueError(self._fault.detail)  # the parser stops, and we answer
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """A piece of a body, which has limits of its own."""
+        self._gives = True
+        if self.cycle.response_complete:
+            self._pass_over(body)
+            return
+        if not self.cycle.body:
+            self.cycle.body = cast("bytearray", Pieces())
+        super().on_body(body)
+
+    def _pass_over(self, body: bytes) -> None:
+        # Who still sends reads its answer late, if at all; but not for ever.
+        self._unwanted += len(body)
+        if self._unwanted > MOST_UNWANTED:
+            self.transport.close()
+
+    def on_message_complete(self) -> None:
+        """The end of a request."""
+        self._gives = True
+        super().on_message_complete()
+
+    def on_response_complete(self) -> None:
+        """Wait for the rest of a body that nobody wants, or for the next request."""
+        self._is_signed_in = self.is_known
+        is_whole = not self.cycle.more_body
+        self._be_patient(self._head_wait_s if is_whole else self._body_wait_s)
+        super().on_response_complete()
+        if self.pipeline:  # what came already is answered before more is read
+            self.flow.pause_reading()
+        elif not self._has_begun and not self._is_answering():
+            self._others.wait(self)
+
+    def _start_asgi_task(
+        self, cycle: RequestResponseCycle, app: Callable[..., Any]
+    ) -> None:
+        self._answered = cycle
+        super()._start_asgi_task(cycle, app)
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer and hang up. No request exists yet, so no middleware sees this."""
+        if self._asks_too_much:
+            # What was taken is answered; its client asks for the rest once more.
+            self.cycle.keep_alive = False
+            self.flow.pause_reading()
+        else:
+            self._refuse(self._fault)
+
+    def _be_patient(self, seconds: float) -> None:
+        self._stop_waiting()
+        self._patience = self.loop.call_later(seconds, self._lose_patience)
+
+    def _stop_waiting(self) -> None:
+        if self._patience is not None:
+            self._patience.cancel()
+            self._patience = None
+
+    def _lose_patience(self) -> None:
+        self._patience = None
+        if self._is_answering():
+            return  # whatever was begun meanwhile waits its turn
+        if self._has_begun:
+            detail = f"the request's head did not arrive within {self._head_wait_s:g} s"
+            status = HTTPStatus.REQUEST_TIMEOUT
+            self._refuse(Problem(status, "request_timeout", detail))
+        elif not self.transport.is_closing():
+            self.transport.close()
+
+    def _is_answering(self) -> bool:
+        # Before the first request there is no cycle, whatever its type says.
+        return not getattr(self.cycle, "response_complete", True)
+
+    def _too_long(self) -> Problem:
+        return Problem(
+            HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE,
+            "head_too_large",
+            f"the request's head is larger than {self._most} bytes",
+        )
+
+    def _refuse(self, problem: Problem) -> None:
+        if self.transport.is_closing():
+            return
+        if not self._is_answering():  # else only hang up: an answer is on its way
+            self._say(problem)
+        self.transport.close()
+
+    def _say(self, problem: Problem) -> None:
+        request_id = uuid.uuid4().hex
+        answer = problem.response(instance="", request_id=request_id)
+        with known_as(request_id):
+            client = self.address
+            log_answer(Answered("-", "-", None, problem.status, 0.0, None, client))
+        status = HTTPStatus(problem.status)
+        head = (
+            f"HTTP/1.1 {status.value} {status.phrase}",
+            f"content-type: {PROBLEM_TYPE}",
+            f"content-length: {len(answer.body)}",
+            *(f"{name.lower()}: {value}" for name, value in problem.headers.items()),
+            "x-content-type-options: nosniff",
+            f"x-request-id: {request_id}",
+            "connection: close",
+        )
+        self.transport.write("\r\n".join((*head, "", "")).encode())
+        self.transport.write(bytes(answer.body))
+
+
+def _is_signed_in(cycle: RequestResponseCycle | None) -> bool:
+    return cycle is not None and "principal" in cycle.scope.get("state", {})
+
+
+def _has_arrived(descriptor: int) -> bool:
+    """Whether bytes wait in a socket; False where nobody can tell (Windows)."""
+    if not hasattr(select, "poll"):
+        return False
+    looked_at = select.poll()
+    looked_at.register(descriptor, select.POLLIN)
+    return bool(looked_at.poll(0))
+
+
+_LOOKS: Final = 4
+"""How often it is looked, in the time after which a connection is cut off."""
+_INT: Final = struct.Struct("i")
+_AT_ONCE: Final = struct.pack("ii", 1, 0)
+
+
+class WatchedTransport:
+    """A transport that is aborted when nothing of what was written arrives.
+
+    Whatever was not taken by the other end is watched, whether or not somebody waits
+    for it, and also after `close`. Only standing still counts: a download may take as
+    long as it needs.
+    """
+
+    def __init__(
+        self,
+        transport: asyncio.Transport,
+        loop: asyncio.AbstractEventLoop,
+        wait_s: float,
+    ) -> None:
+        self._transport, self._loop, self._wait_s = transport, loop, wait_s
+        self._written = self._sent = 0
+        self._since = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+
+    def __getattr__(self, name: str) -> object:
+        """All that is not about writing, as the transport itself does it."""
+        return getattr(self._transport, name)
+
+    def write(self, data: bytes) -> None:
+        """Write, and look after it until it is sent."""
+        self._written += len(data)
+        self._transport.write(data)
+        if self._timer is None:
+            self._since = self._loop.time()
+            self._look_later()
+
+    def stop(self) -> None:
+        """Watch no longer: the connection is gone."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _look_later(self) -> None:
+        self._timer = self._loop.call_later(self._wait_s / _LOOKS, self._look)
+
+    def _look(self) -> None:
+        self._timer = None
+        left = self._left()
+        if not left:
+            return
+        now, sent = self._loop.time(), self._written - left
+        if sent > self._sent:
+            self._sent, self._since = sent, now
+        if now - self._since >= self._wait_s:
+            self._cut_off(left)
+        else:
+            self._look_later()
+
+    def _left(self) -> int:
+        """Bytes that were written and have not arrived."""
+        left = self._transport.get_write_buffer_size()
+        connection = self._transport.get_extra_info("socket")
+        # Linux takes megabytes, and more only when a third of them has arrived: seen
+        # from the buffer before it alone, a slow reader would stand still for minutes.
+        return left + (_not_arrived(connection.fileno()) if connection else 0)
+
+    def _cut_off(self, left: int) -> None:
+        peer = self._transport.get_extra_info("peername")
+        server_log.info(
+            "cut off %s: for %g s it read nothing of its answer, %d bytes were left",
+            peer[0] if peer else "-",
+            self._wait_s,
+            left,
+        )
+        if os.name == "posix":  # else the system would go on trying for minutes
+            connection = self._transport.get_extra_info("socket")
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
+        self._transport.abort()
+
+
+def _not_arrived(descriptor: int) -> int:
+    """Bytes that the system has sent or is to send, and nobody has acknowledged."""
+    if sys.platform != "linux":
+        return 0
+    import fcntl  # these two are not there on Windows
+    import termios
+
+    found = fcntl.ioctl(descriptor, termios.TIOCOUTQ, bytes(_INT.size))
+    return int(_INT.unpack(found)[0])

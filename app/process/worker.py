@@ -1,0 +1,307 @@
+"""A worker: joins a scheduler and works on chunks until it is told to stop.
+
+Two processes: one that works, and one that starts another when that one dies.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from argparse import ArgumentParser
+from dataclasses import dataclass, field
+from functools import partial
+from types import FrameType
+from typing import TYPE_CHECKING, Final
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.addresses import LOCAL_ENGINE, EngineAddress
+from app.db.transient import in_a_line, is_transient
+from app.engine import UnusableEngine
+from app.engine.cluster import work_with
+from app.engine.dask import (
+    NOWHERE,
+    close_dashboard,
+    prepare,
+    reason_of,
+    security,
+    when_told_to_stop,
+)
+from app.logs import configure_logging, server_log
+from app.maintenance.datafolder import CannotMaintain
+from app.memory import keep_freed_memory, settle
+from app.process.lifespan import attached, certificates_of
+from app.services.chunk_work import work_remotely
+from app.services.context import ServiceContext
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from distributed import Security, Worker
+
+REFUSED: Final = 1
+AWAY: Final = 69
+LOST: Final = 75
+"""The scheduler was there, and went away: another process tries to join again."""
+_SHORT_LIFE_S: Final = 10.0
+_PAUSE_S: Final = 0.25
+_LONGEST_PAUSE_S: Final = 8.0
+_IDLE_LOOK_S: Final = 0.05
+_STDIN: Final = 0
+_KEEP_MEMORY: Final = {
+    # As `keep_freed_memory`, from the first allocation on.
+    "MALLOC_TRIM_THRESHOLD_": "268435456",
+    "MALLOC_MMAP_THRESHOLD_": "268435456",
+    "MALLOC_TOP_PAD_": "16777216",
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a worker listens, and for how long it looks for its scheduler."""
+
+    host: str | None = None
+    port: int = 0
+    patience_s: float = 60.0
+
+
+@dataclass
+class Supervisor:
+    """Keeps one working process alive."""
+
+    settings: Settings
+    place: Place
+    program: str = "app.process.worker"
+    _child: subprocess.Popen[bytes] | None = None
+    _stopping: threading.Event = field(default_factory=threading.Event)
+
+    def run(self) -> int:
+        """Until told to stop, or until there is no scheduler; the exit status."""
+        check_engine(self.settings)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._stop)
+        pause = _PAUSE_S
+        while not self._stopping.is_set():
+            begun = time.monotonic()
+            status = self._work()
+            if self._stopping.is_set():
+                # By the signal itself: it had not begun to listen for work yet.
+                return 0 if status in (0, LOST, -signal.SIGTERM) else REFUSED
+            if status in (REFUSED, AWAY):
+                return status
+            if status != LOST:
+                server_log.warning(
+                    "a working process ended with %d; starting another", status
+                )
+            is_old = time.monotonic() - begun > _SHORT_LIFE_S
+            pause = _PAUSE_S if is_old else min(2 * pause, _LONGEST_PAUSE_S)
+            self._stopping.wait(pause)
+        return 0
+
+    def _work(self) -> int:
+        place = self.place
+        command = [sys.executable, "-m", self.program, f"--port={place.port}"]
+        command += [f"--patience={place.patience_s}"]
+        command += [f"--host={place.host}"] if place.host else []
+        # It notices our end by the end of this pipe.
+        self._child = subprocess.Popen(
+            command, env=_environment(self.settings), stdin=subprocess.PIPE
+        )
+        if self._stopping.is_set():
+            self._child.terminate()
+        with self._child:
+            return self._child.wait()
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        child = self._child
+        if child is not None and child.poll() is None:
+            # Asked again, somebody is in a hurry: chunks are done again elsewhere.
+            child.send_signal(
+                signal.SIGKILL if self._stopping.is_set() else signal.SIGTERM
+            )
+        self._stopping.set()
+
+
+def check_engine(settings: Settings) -> EngineAddress:
+    """Where the scheduler is.
+
+    Raises
+    ------
+    UnusableEngine
+        The settings name none, or not what it takes to join it.
+    """
+    if settings.engine == LOCAL_ENGINE:
+        raise UnusableEngine(
+            "a worker joins a scheduler: set UNGHOST_ENGINE=tls://HOST:8786"
+        )
+    address = EngineAddress.parse(settings.engine)
+    prepare()
+    security(certificates_of(settings), encrypted=address.is_encrypted)
+    return address
+
+
+def _environment(settings: Settings) -> dict[str, str]:
+    chosen = {
+        f"UNGHOST_{name.upper()}": str(getattr(settings, name))
+        for name in settings.model_fields_set
+        if isinstance(getattr(settings, name), str | int | float | os.PathLike)
+    }
+    return {**os.environ, **_KEEP_MEMORY, **chosen}
+
+
+class Work:
+    """What a working process is asked to do; counts what it is at."""
+
+    def __init__(self, services: ServiceContext) -> None:
+        self._services = services
+        self._counting = threading.Lock()
+        self.running = 0
+
+    def __call__(self, kind: str, job_id: int, number: int, installation: str) -> str:
+        """Work on a chunk."""
+        with self._counting:
+            self.running += 1
+        try:
+            asked = kind, job_id, number
+            return work_remotely(self._services, asked, installation)
+        finally:
+            with self._counting:
+                self.running -= 1
+
+
+def work(settings: Settings, place: Place) -> int:
+    """Join, and work until told to stop or left alone; the exit status."""
+    address = check_engine(settings)
+    with attached(settings) as services:
+        settle()
+        mine = Work(services)
+        work_with(mine)
+        return asyncio.run(_join(services, mine, address, place))
+
+
+def work_once_it_answers(settings: Settings, place: Place) -> int:
+    """As `work`; a database that is away is waited for, as long as a scheduler is."""
+    until, told = time.monotonic() + place.patience_s, False
+    while True:
+        try:
+            return work(settings, place)
+        except SQLAlchemyError as exc:
+            if not is_transient(exc):
+                raise
+            if time.monotonic() > until:
+                server_log.error("the database does not answer: %s", in_a_line(exc))
+                return AWAY
+            if not told:
+                server_log.warning("waiting for the database: %s", in_a_line(exc))
+                told = True
+        time.sleep(_PAUSE_S)
+
+
+async def _join(
+    services: ServiceContext, mine: Work, address: EngineAddress, place: Place
+) -> int:
+    from distributed import Worker
+
+    over = when_told_to_stop()
+    threading.Thread(
+        target=_wait_for_parent,
+        args=(partial(asyncio.get_running_loop().call_soon_threadsafe, over.set),),
+        daemon=True,
+    ).start()
+    shown = security(certificates_of(services.settings), encrypted=address.is_encrypted)
+    if not await _answers(address, shown, place.patience_s):
+        return AWAY
+    worker = Worker(
+        str(address),
+        host=place.host or _own_address(address),
+        port=place.port,
+        protocol=f"{address.scheme}://",
+        security=shown,
+        nthreads=1,  # a chunk uses all threads of the engine here
+        memory_limit=0,
+        dashboard=False,
+        dashboard_address=NOWHERE,
+        death_timeout=place.patience_s,
+        validate=False,
+    )
+    await _started(worker)
+    server_log.info("joined the scheduler at %s as %s", address, worker.address)
+    ends = [asyncio.create_task(over.wait()), asyncio.create_task(worker.finished())]
+    await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+    if not over.is_set():
+        server_log.warning("the scheduler at %s went away", address)
+        return LOST
+    services.engine.stopping.set()
+    while mine.running:
+        await asyncio.sleep(_IDLE_LOOK_S)
+    await worker.close(nanny=False)
+    server_log.info("stopped")
+    return 0
+
+
+async def _started(worker: Worker) -> None:
+    try:
+        await worker
+    except RuntimeError as exc:
+        raise UnusableEngine(f"this worker cannot start: {reason_of(exc)}") from exc
+    close_dashboard(worker)
+
+
+async def _answers(address: EngineAddress, shown: Security, patience_s: float) -> bool:
+    from distributed.core import connect
+
+    try:
+        comm = await connect(
+            str(address),
+            timeout=patience_s,
+            **shown.get_connection_args("worker"),
+        )
+    except OSError as exc:
+        server_log.error(
+            "no scheduler takes this worker at %s: %s", address, reason_of(exc)
+        )
+        return False
+    await comm.close()
+    return True
+
+
+def _own_address(address: EngineAddress) -> str:
+    """The address of this machine on the way to the scheduler: others are not used."""
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_DGRAM) as way:
+        way.connect((address.host, address.port or 1))
+        return str(way.getsockname()[0])
+
+
+def _wait_for_parent(tell: partial[object]) -> None:
+    while os.read(_STDIN, 1024):
+        pass
+    tell()
+
+
+def main() -> int:
+    """The working process; its settings are UNGHOST_* variables."""
+    parser = ArgumentParser(prog="app.process.worker")
+    parser.add_argument("--host")
+    parser.add_argument("--port", type=int, default=0)
+    parser.add_argument("--patience", type=float, default=60.0)
+    given = parser.parse_args()
+    settings = Settings()
+    configure_logging(settings.log_level, settings.log_format)
+    keep_freed_memory()
+    try:
+        return work_once_it_answers(
+            settings, Place(given.host, given.port, given.patience)
+        )
+    except (UnusableEngine, CannotMaintain) as exc:
+        server_log.error("%s", exc)
+        return REFUSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

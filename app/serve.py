@@ -1,0 +1,268 @@
+"""Serving on a port: pick it, run, say where to log in, leave a note, stop cleanly."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import socket
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import uvicorn
+from fastapi import FastAPI
+from sqlalchemy.exc import DatabaseError
+
+from app.access.first_token import make_first_code, write_secret
+from app.access.service import code_is_over
+from app.engine import UnusableEngine
+from app.logs import configure_logging, error_log, server_log
+from app.main import create_app
+from app.maintenance.datafolder import CannotMaintain
+from app.memory import keep_freed_memory, settle
+from app.package import VERSION
+from app.process.connections import raise_descriptor_limit
+from app.process.lifespan import UnusableConfig
+from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
+from app.services.context import ServiceContext
+from app.settings import Settings, bracketed
+
+STOP_WAIT_S: Final = 10
+_BACKLOG: Final = 2048
+_ANYWHERE: Final = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}
+
+_HINTS: Final = {
+    errno.EADDRINUSE: "is another server running there? --port chooses another port",
+    errno.EADDRNOTAVAIL: "--host takes an address of this machine, or 0.0.0.0 for all",
+    errno.EACCES: "ports below 1024 need rights that no service needs; "
+    "--port chooses another port",
+}
+
+
+@dataclass(frozen=True)
+class LoginLink:
+    """What a person opens to be let in; it works once, within ten minutes."""
+
+    url: str
+    is_over: Callable[[], bool]
+    """Whether it was used, or its time is up."""
+
+
+OnReady = Callable[[LoginLink], None]
+
+
+class CannotServe(Exception):
+    """The service could not start; the text says why and what to do."""
+
+
+def serve(
+    settings: Settings,
+    *,
+    on_ready: OnReady | None = None,
+) -> None:
+    """Serve until interrupted.
+
+    `on_ready` gets a login link as soon as requests are answered.
+
+    Raises
+    ------
+    CannotServe
+        The port is taken, or the data folder cannot be used.
+    """
+    configure_logging(settings.log_level, settings.log_format)
+    keep_freed_memory()
+    limit = raise_descriptor_limit()
+    with _listen(settings) as listener:
+        url = _url(settings, listener.getsockname()[1])
+        note = ServerNote(url, settings.token_file)
+
+        app = create_app(settings)
+
+        def ready() -> None:
+            settle()
+            note.write()
+            server_log.info("ready at %s, version %s", url, VERSION)
+            server_log.info(
+                "at most %s files and connections may be open, %d of them connections",
+                "any number of" if limit is None else limit,
+                app.state.connections.most,
+            )
+            (on_ready or _print_link)(first_link(app.state.services, url))
+
+        def stopping() -> None:
+            note.remove()
+            # Jobs pause, batches end, and so do streams of events.
+            app.state.services.engine.stopping.set()
+
+        server = GracefulServer(
+            server_config(app),
+            ready=ready,
+            stopping=stopping,
+            wait_s=settings.shutdown_wait_s,
+        )
+        exit_on_sigterm()
+        # The usual way to end it, and uvicorn's way to say that it never started.
+        with suppress(KeyboardInterrupt, SystemExit):
+            server.run(sockets=[listener])
+    if not server.started:
+        raise _cannot_start(settings, app.state.failure)
+
+
+class ServerNote:
+    """Tells the command line on this machine where the token of a server is."""
+
+    def __init__(self, url: str, token_file: Path) -> None:
+        self._url = url
+        self._token_file = token_file
+        place = url.partition("://")[2].replace("[", "").replace("]", "")
+        host, _, port = place.rpartition(":")
+        self.path = _state_folder() / "servers" / f"{host}_{port}.json"
+
+    def write(self) -> None:
+        """Leave the note; a machine that cannot keep it works without."""
+        note = {
+            "url": self._url,
+            "token_file": str(self._token_file.resolve()),
+            "pid": os.getpid(),
+        }
+        try:
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_secret(self.path, json.dumps(note))
+        except OSError as exc:
+            sys.stderr.write(f"no note for the command line: {exc.strerror}\n")
+
+    def remove(self) -> None:
+        """Take the note away, unless it is another server's by now."""
+        try:
+            if json.loads(self.path.read_text("utf-8"))["pid"] == os.getpid():
+                self.path.unlink()
+        except (OSError, ValueError, KeyError, TypeError):
+            return
+
+
+def _cannot_start(settings: Settings, reason: Exception) -> CannotServe:
+    if isinstance(reason, UnusableConfig):
+        return CannotServe(f"the configuration cannot be used: {reason}")
+    if isinstance(reason, CannotMaintain | UnusableEngine):
+        return CannotServe(str(reason))
+    if isinstance(reason, DatabaseError):
+        return CannotServe(
+            f"the service could not start with the data folder {str(settings.data)!r}: "
+            f"{reason.orig}; `unghost doctor` says more"
+        )
+    if not isinstance(reason, OSError):
+        error_log.error("could not start", exc_info=reason)
+    text = getattr(reason, "strerror", None) or type(reason).__name__
+    return CannotServe(
+        f"the service could not start with the data folder {str(settings.data)!r}: "
+        f"{text}"
+    )
+
+
+def server_config(app: FastAPI) -> uvicorn.Config:
+    """How uvicorn serves the app: quietly, our own access log says it better.
+
+    Where a request comes from is what its connection says, unless that is a proxy that
+    the settings trust: anybody can write a header.
+    """
+    settings: Settings = app.state.settings
+    proxies = settings.trusted_proxies
+    return uvicorn.Config(
+        app,
+        access_log=False,
+        log_config=None,
+        server_header=False,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=list(proxies),
+        timeout_graceful_shutdown=STOP_WAIT_S,
+        # Not sooner than our own protocol does it. Uvicorn's five seconds are those of
+        # many clients, too: they would send on a connection that is just being closed.
+        timeout_keep_alive=math.ceil(settings.head_wait_s),
+        lifespan="on",
+        ws="none",
+        http=ProblemProtocol,
+    )
+
+
+def listen(
+    host: str, port: int, family: socket.AddressFamily = socket.AF_INET
+) -> socket.socket:
+    """A socket that listens, and that answers at once.
+
+    asyncio only turns off Nagle's algorithm on sockets that say that they are TCP;
+    others wait 40 ms with the second half of each answer.
+    """
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        if os.name == "posix":  # elsewhere it would let two servers share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(_BACKLOG)
+    except BaseException:  # also what is no address at all
+        listener.close()
+        raise
+    return listener
+
+
+def check_free(settings: Settings) -> None:
+    """Find out early that somebody else listens where the service is to.
+
+    Raises
+    ------
+    CannotServe
+        The address cannot be listened on; the text says why.
+    """
+    _listen(settings).close()
+
+
+def _listen(settings: Settings) -> socket.socket:
+    host = settings.host.strip("[]")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return listen(host, settings.port, family)
+    except OSError as exc:
+        hint = _HINTS.get(exc.errno or 0, "--host and --port say where to listen")
+        place = f"{bracketed(host)}:{settings.port}"
+        detail = f"cannot listen on {place}: {exc.strerror}; {hint}"
+        raise CannotServe(detail) from exc
+
+
+def _url(settings: Settings, port: int) -> str:
+    host = settings.host.strip("[]")
+    return f"http://{bracketed(_ANYWHERE.get(host, host))}:{port}"
+
+
+def first_link(services: ServiceContext, url: str) -> LoginLink:
+    """A login link of the token in the data folder."""
+    database = services.database
+    with database.write() as session:
+        code, secret = make_first_code(session, services.settings.token_file)
+
+    def is_over() -> bool:
+        with database.read() as session:
+            return code_is_over(session, code.id)
+
+    return LoginLink(f"{url}/#code={secret}", is_over)
+
+
+def _print_link(link: LoginLink) -> None:
+    sys.stdout.write(f"{ready_text(link.url)}\n")
+    sys.stdout.flush()
+
+
+def ready_text(link: str) -> str:
+    """What a person is told once requests are answered."""
+    return (
+        f"Unghost is ready. Log in with\n\n    {link}\n\n"
+        "The link works once, within ten minutes; `unghost login` prints another.\n"
+    )
+
+
+def _state_folder() -> Path:
+    state = os.environ.get("XDG_STATE_HOME")
+    return Path(state or Path.home() / ".local" / "state") / "unghost"

@@ -1,0 +1,85 @@
+"""Which room of the service may import which: the list below, and only downwards.
+
+Each folder and each module directly below `app` is one room.
+"""
+
+from __future__ import annotations
+
+import ast
+from typing import Final
+
+from tests.architecture.sources import python_sources
+
+LEVELS: Final = (
+    {"__main__"},
+    {"serve"},
+    {"main"},
+    {"routes"},
+    {"ops", "datasets"},
+    {"ingest"},
+    {"review", "quality", "process"},
+    {"runs", "exports"},
+    {"boxes"},
+    {"jobs"},
+    {"services"},
+    {"repositories"},
+    {"access"},
+    {"http", "maintenance"},
+    {"measuring"},
+    {"schemas"},
+    {"context"},
+    {"storage"},
+    {"engine"},
+    {"settings", "verdicts"},
+    {"db"},
+    {"incoming", "metrics", "process_identity"},
+    {"addresses", "errors", "logs", "memory", "package", "security"},
+)
+"""From the top down: a room imports what stands below it, and nothing else."""
+UPWARDS: Final[set[tuple[str, str]]] = {
+    ("access", "services"),
+    ("http", "access"),
+    ("http", "services"),
+    ("maintenance", "services"),
+    ("services", "ops"),
+}
+"""What still goes the other way; to be taken out of here as it goes."""
+
+
+def room_of(module: str) -> str:
+    """The part of a module's name that follows `app`; empty for `app` itself."""
+    return module.partition(".")[2].partition(".")[0]
+
+
+def imported_rooms() -> set[tuple[str, str]]:
+    """Who imports whom, as pairs of rooms; what a function imports counts, too."""
+    pairs = set()
+    for source in python_sources("app"):
+        mine = room_of(source.name.removesuffix(".py").replace("/", "."))
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                named = [f"{node.module}.{alias.name}" for alias in node.names]
+                modules = named if node.module == "app" else [node.module]
+            elif isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            else:
+                continue
+            rooms = {room_of(module) for module in modules if module.startswith("app.")}
+            pairs |= {(mine, room) for room in rooms - {mine, "__init__"}}
+    return pairs
+
+
+def test_every_room_has_its_level():
+    named = {room for level in LEVELS for room in level}
+    rooms = {room for pair in imported_rooms() for room in pair} - {"__init__"}
+
+    assert rooms - named == set()
+
+
+def test_rooms_import_only_what_stands_below_them():
+    height = {room: number for number, level in enumerate(LEVELS) for room in level}
+
+    up = {(a, b) for a, b in imported_rooms() if height[a] >= height[b]}
+
+    assert up - UPWARDS == set()
+    assert up >= UPWARDS, f"no longer: {sorted(UPWARDS - up)}"
