@@ -1,4 +1,4 @@
-"""What the service refuses, as one tree. Knows no HTTP; `http_errors` translates.
+"""What the service refuses, as one tree. Knows no HTTP; `http.problems` translates.
 
 AppError                     anything that the service says no to
 |-- BadRequest               the request itself is malformed

@@ -13,8 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
 from app.access.routes import audit_router, session_router, tokens_router
-from app.http import openapi
-from app.http import problems as http_errors
+from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
 from app.http.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
 from app.http.idempotency import AlreadyAnswered
@@ -92,7 +91,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings, app.state.metrics = settings, metrics
     app.state.connections = Connections.of(settings)
-    http_errors.install(app)
+    problems.install(app)
     app.add_exception_handler(AlreadyAnswered, repeat_answer)
     for router in ROUTERS:
         app.include_router(router)

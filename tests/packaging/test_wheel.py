@@ -89,8 +89,8 @@ def test_the_client_is_light_to_import(installation: Installation):
 def test_resources_are_found_in_the_installed_package(installation: Installation):
     outcome = installation.run(
         "-c",
-        "from app import resources\n"
-        "print(resources.static_dir())\nprint(resources.migrations_dir())",
+        "from app import package\n"
+        "print(package.static_dir())\nprint(package.migrations_dir())",
     )
 
     static, migrations = (Path(line) for line in outcome.stdout.splitlines())
