@@ -304,7 +304,7 @@ def export_sources(
         Read the segmentations, so that the filter decides; else all boxes that are in
         the image are ``unmeasured``.
     needs : collection of `Need`
-        Of the format; whole decisions are only composed where it needs them.
+        Of the format; decisions are only composed where it needs them.
     workers : int, optional
 
     Yields
@@ -337,7 +337,8 @@ def _export_frame(
         verdicts = _without_verdicts(measured.evidence, verdicts)
     decisions: list[Decision] = []
     if "decisions" in needs:
-        decisions = FrameResult(measured, verdicts, config).decisions
+        result = FrameResult(measured, verdicts, config)
+        decisions = result.described(explained="explanations" in needs)
     annotation = measured.annotation
     boxes = decided_boxes(
         measured.ids,
@@ -414,15 +415,11 @@ def measure_source(
     """
     if source.problem is not None:
         raise source.problem
-    layers = {
-        "the dataset": dataset,
-        "the config": SegmentationOptions.named_by(config),
-    }
-    measuring = config.measuring(SegmentationOptions.agreed(layers))
+    measuring = replace(config.measuring(dataset), channels=())
     return read_and_measure(
         source.annotation or {},
         _segmentation(source),
-        replace(measuring, channels=()).with_channels(channels),
+        measuring.with_channels(channels),
         _frame_options(source, files_for(channels), dataset),
     )
 

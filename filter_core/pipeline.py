@@ -164,9 +164,13 @@ class FrameResult:
         They are composed when they are first asked for: sentences cost more than
         `verdicts`, which say the same as arrays.
         """
+        return self.described()
+
+    def described(self, *, explained: bool = True) -> list[Decision]:
+        """`decisions`, composed anew; see `FrameFacts.explained`."""
         measured = self.measured
         return decision_dicts(
-            measured.facts(self.config),
+            replace(measured.facts(self.config), explained=explained),
             measured.ids,
             measured.evidence,
             self.verdicts,
@@ -388,13 +392,7 @@ def _measuring(
     SegmentationError
         The two contradict each other; names both.
     """
-    if isinstance(config, MeasureConfig):
-        return config
-    layers = {
-        "the dataset": dataset,
-        "the config": SegmentationOptions.named_by(config),
-    }
-    return config.measuring(SegmentationOptions.agreed(layers))
+    return config if isinstance(config, MeasureConfig) else config.measuring(dataset)
 
 
 def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> SegmentationOptions:

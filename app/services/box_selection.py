@@ -46,13 +46,13 @@ def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilte
     classes = DatasetRepository(session).classes(dataset.id)
     config = config_of(active_version(session, dataset))
     limits = config.thresholds_for(list(classes))
-    both = config.profile == "carlasimu"
     thresholds = tuple(
-        ClassThresholds(class_id, small, large, max(small, large) if both else large)
-        for class_id, small, large in zip(
+        ClassThresholds(*one)
+        for one in zip(
             classes.values(),
             limits.threshold_small_box.tolist(),
             limits.threshold_big_box.tolist(),
+            limits.threshold_kept_large_box.tolist(),
             strict=True,
         )
     )

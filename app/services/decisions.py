@@ -120,14 +120,19 @@ class DecisionReader:
         """Decisions of all boxes of a current frame, in the order they came in."""
         return self.of_frames([frame])[frame.id]
 
-    def of_frames(self, frames: Sequence[Frame]) -> dict[int, list[StoredDecision]]:
-        """Decisions of all boxes of frames; none for a frame that was replaced."""
+    def of_frames(
+        self, frames: Sequence[Frame], *, explained: bool = True
+    ) -> dict[int, list[StoredDecision]]:
+        """Decisions of all boxes of frames; none for a frame that was replaced.
+
+        `explained`: see `FrameFacts`.
+        """
         by_id = {frame.id: frame for frame in frames}
         rows = DecisionRepository(self._session).of_frames(by_id)
         current = {row.frame_id for row in rows.values()}
         wanted = {key: range(by_id[key].box_count) for key in by_id if key in current}
         found: dict[int, list[StoredDecision]] = {key: [] for key in by_id}
-        for decision in self._describe(by_id, wanted, rows):
+        for decision in self._describe(by_id, wanted, rows, explained=explained):
             found[decision["frame_id"]].append(decision)
         return found
 
@@ -140,7 +145,7 @@ class DecisionReader:
         if not chosen:
             return {}
         sources = DecisionRepository(self._session).answered_sources(by_id)
-        numbers, geometry = self._joined(chosen, whole=False)
+        numbers, geometry = self._joined(chosen, tag_counts=False, edges=False)
         counts = [len(each.positions) for each in chosen]
         boxes = decided_boxes(
             [source_id for key in by_id for source_id, _ in sources[key]],
@@ -169,16 +174,19 @@ class DecisionReader:
         frames: Mapping[int, Frame],
         wanted: Mapping[int, Sequence[int]],
         rows: Mapping[int, CurrentRow],
+        *,
+        explained: bool = True,
     ) -> list[StoredDecision]:
         """All boxes together: one decision over a page costs as much as one per box."""
         if not rows:
             return []
         chosen = self._chosen(frames, wanted)
         ids = [box_id for each in chosen for box_id in each.box_ids]
-        numbers, geometry = self._joined(chosen, whole=True)
+        numbers, geometry = self._joined(chosen, tag_counts=True, edges=explained)
         facts: list[FrameFacts] = []
         for each in chosen:
-            facts += [self._facts(each)] * len(each.positions)
+            one = replace(self._facts(each), explained=explained)
+            facts += [one] * len(each.positions)
         sources = FrameRepository(self._session).source_ids(ids)
         decisions = decision_dicts(
             facts,
@@ -214,17 +222,17 @@ class DecisionReader:
         ]
 
     def _joined(
-        self, chosen: Sequence[ChosenBoxes], *, whole: bool
+        self, chosen: Sequence[ChosenBoxes], *, tag_counts: bool, edges: bool
     ) -> tuple[Evidence, BoxGeometry]:
         record = np.concatenate([each.numbers() for each in chosen])
         counts = None
-        if whole:
+        if tag_counts:
             counts = np.concatenate([each.tag_counts() for each in chosen])
         names, ids = list(self.classes), list(self.classes.values())
         geometry = [box for each in chosen for box in each.geometry()]
         numbers = to_evidence(record, names, ids, counts)
         return replace(numbers, channels=_channels(chosen)), _solid(
-            geometry, edges=whole
+            geometry, edges=edges
         )
 
     def _facts(self, chosen: ChosenBoxes) -> FrameFacts:

@@ -63,7 +63,9 @@ class ExportFrames:
         if "image" in self._needs:
             content.files = frames.files(ids)
         if "decisions" in self._needs:
-            content.decisions = self._reader.of_frames(chunk)
+            content.decisions = self._reader.of_frames(
+                chunk, explained="explanations" in self._needs
+            )
             content.palettes = self._reader.palettes(ids)
         return content
 

@@ -59,12 +59,11 @@ class DatasetReading:
 
 def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
     """What the dataset and the configuration say together; they must agree."""
-    layers = {
-        f"dataset {dataset.name!r}": SegmentationOptions.named_by(dataset),
-        "the configuration": SegmentationOptions.named_by(config),
-    }
-    reading = SegmentationOptions.agreed(layers)
-    return config.measuring(reading, ignored=dataset.ignore_mask)
+    return config.measuring(
+        SegmentationOptions.named_by(dataset),
+        dataset_name=f"dataset {dataset.name!r}",
+        ignored=dataset.ignore_mask,
+    )
 
 
 def plan_of(measurement: Measurement, config: FilterConfig) -> MeasureConfig:

@@ -205,6 +205,14 @@ class ClassConfig(
 _CLASS_KEYS: Final = keys_of(ClassConfig)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ClassLimits(ClassKeys[Number, int, Number | None]):
+    """The numbers that apply to one class: percent, pixels and metres.
+
+    None is no limit on the distance.
+    """
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
     """The numbers that apply to each of K classes: every attribute is a (K,) array.
@@ -212,7 +220,15 @@ class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. Whether a box passes that is exactly at a threshold depends on the
     profile: see `filter_core.decisions.rules`. All other limits are inclusive.
+
+    Attributes
+    ----------
+    threshold_kept_large_box : (K,) float64, percent
+        What a large box must reach to be kept: `threshold_big_box`, or under profile
+        ``carlasimu`` the higher of both thresholds, since it must pass both.
     """
+
+    threshold_kept_large_box: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,12 +359,12 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
         """The overrides of a class by its name or an alias; all `INHERIT` if none."""
         return self.classes.get(canonical_class(name), _NO_OVERRIDES)
 
-    def limit_of(self, class_name: str, key: str) -> Number | None:
-        """The value of a key for a class: its override, or else the global value."""
-        return _limit_of(self, class_name, key)
+    def limits_of(self, class_name: str) -> ClassLimits:
+        """The values for one class: its overrides, and the global values."""
+        return _limits_of(self, class_name)
 
     def thresholds_for(self, class_names: Iterable[str]) -> Thresholds:
-        """The values for each class, in the order given."""
+        """The values for each of K classes, in the order given."""
         return _thresholds_for(self, tuple(class_names))
 
 
@@ -395,26 +411,38 @@ class FilterConfig(DecideConfig):
 
     def measuring(
         self,
-        reading: SegmentationOptions | None = None,
+        dataset: SegmentationOptions | None = None,
         *,
+        dataset_name: str = "the dataset",
         ignored: object = None,
     ) -> MeasureConfig:
-        """What measured numbers depend on.
+        """What measured numbers depend on, agreed with the dataset.
 
         Parameters
         ----------
-        reading : SegmentationOptions, optional
-            How segmentations are read, if a dataset says something of it too
-            (`SegmentationOptions.agreed`). Default: as this configuration says.
+        dataset : SegmentationOptions, optional
+            How the dataset says that its segmentations are read. Default: it says
+            nothing.
+        dataset_name : str
+            What errors call the dataset.
         ignored : object, optional
             The dataset's ignored pixels, which never count, as JSON.
+
+        Raises
+        ------
+        SegmentationError
+            ``segmentation_contradiction``: dataset and configuration differ.
         """
         own = SegmentationOptions.named_by(self)
+        reading = own
+        if dataset is not None:
+            layers = {dataset_name: dataset, "the configuration": own}
+            reading = SegmentationOptions.agreed(layers)
         return MeasureConfig(
             profile=self.profile,
             projection=self.projection,
             own_reading=own,
-            reading=own if reading is None else reading,
+            reading=reading,
             accept={
                 name: one.accept
                 for name, one in self.classes.items()
@@ -498,26 +526,33 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
     )
 
 
-# Cached: called several times per box, with few distinct results.
-@lru_cache(maxsize=4096)
-def _limit_of(config: DecideConfig, class_name: str, key: str) -> Number | None:
-    own: Number | Inherit | None = getattr(config.of_class(class_name), key)
-    applies: Number | None = getattr(config, key) if own is INHERIT else own
-    return applies
+# Cached: called for every box, with few distinct results.
+@lru_cache(maxsize=1024)
+def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
+    own = config.of_class(class_name)
+    applying = {
+        name: getattr(config if getattr(own, name) is INHERIT else own, name)
+        for name in _NUMBER_RANGES
+    }
+    return ClassLimits(**applying)
 
 
 # Cached: called for every frame, mostly with the classes of the frame before.
 @lru_cache(maxsize=256)
 def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
+    limits = [config.limits_of(name) for name in names]
     columns: dict[str, Any] = {}
     for key, allowed in _NUMBER_RANGES.items():
-        limits = [config.limit_of(name, key) for name in names]
-        column = np.array(
-            [allowed.null if limit is None else limit for limit in limits],
+        values = [getattr(one, key) for one in limits]
+        columns[key] = np.array(
+            [allowed.null if value is None else value for value in values],
             np.int64 if allowed.whole else np.float64,
         )
+    small, big = columns["threshold_small_box"], columns["threshold_big_box"]
+    kept_large = np.maximum(small, big) if config.profile == "carlasimu" else big
+    columns["threshold_kept_large_box"] = kept_large
+    for column in columns.values():
         column.setflags(write=False)
-        columns[key] = column
     return Thresholds(**columns)
 
 

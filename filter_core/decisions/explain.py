@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, TypedDict
 import numpy as np
 
 from filter_core.classes import accepts
+from filter_core.config.filter import ClassLimits
 from filter_core.decisions.channel_rules import (
     ChannelJudgement,
     any_of,
@@ -36,23 +37,37 @@ class HiddenBy(TypedDict):
 class Judgement(NamedTuple):
     """What the sentence about one box is composed from.
 
-    `accepted` are the names of the tags that count; distances are metres, None where
-    unknown or without limit; `as_carlasimu` is profile ``carlasimu``, which needs more
-    than the threshold where profile ``paper`` needs at least the threshold; `channel`
-    is given where a channel beside the segmentation judged the box.
+    Attributes
+    ----------
+    reason : Reason
+    class_name : str
+    limits : ClassLimits
+        Of the box's class.
+    match_percent, threshold, area_percent : float or None, percent
+        Those of `Evidence` and `Decisions`; None: there is none.
+    large : bool
+    matched_pixels : int
+    distance : float or None, metres
+    accepted : tuple of str
+        Names of the tags that count.
+    hidden_by : sequence of HiddenBy
+        See `hidden_by`.
+    as_carlasimu : bool
+        Profile ``carlasimu``, which needs more than the threshold where profile
+        ``paper`` needs at least the threshold.
+    channel : ChannelJudgement or None
+        Given where a channel beside the segmentation judged the box.
     """
 
     reason: Reason
     class_name: str
+    limits: ClassLimits = ClassLimits()
     match_percent: float | None = None
     threshold: float | None = None
     area_percent: float | None = None
     large: bool = False
-    matched_pixels: int | None = None
-    min_visible_pixels: int = 1
+    matched_pixels: int = 0
     distance: float | None = None
-    min_distance: float | None = None
-    max_distance: float | None = None
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
     as_carlasimu: bool = False
@@ -116,7 +131,7 @@ def explain(judgement: Judgement) -> str:
     return f"{judgement.reason.verdict.value}: {sentence}"
 
 
-def percent(value: float, against: float | None = None) -> str:
+def rounded_percent(value: float, against: float | None = None) -> str:
     """A percentage for people, rounded only as far as the sentence stays true.
 
     Whole from 10 up, one decimal below; more decimals if the rounded number would be
@@ -169,7 +184,7 @@ def _degenerate(_: Judgement) -> str:
 
 def _out_of_range(box: Judgement) -> str:
     distance = box.distance if box.distance is not None else float("nan")
-    low, high = box.min_distance, box.max_distance
+    low, high = box.limits.min_distance, box.limits.max_distance
     if low is not None and distance < low:
         limit, words = low, "at least"
     elif high is not None and distance > high:
@@ -189,7 +204,7 @@ def _unmeasured(_: Judgement) -> str:
 
 def _no_visible_pixels(box: Judgement) -> str:
     names = any_of(box.accepted)
-    found, needed = box.matched_pixels or 0, box.min_visible_pixels
+    found, needed = box.matched_pixels, box.limits.min_visible_pixels
     if found == 0:
         return f"none of its pixels are {names}{_hiding(box)}"
     are = "is" if found == 1 else "are"
@@ -204,10 +219,10 @@ def _share(box: Judgement) -> str:
         return f"some of its pixels are {any_of(box.accepted)}"
     large = ""
     if box.large and box.area_percent is not None:
-        large = f"it covers {percent(box.area_percent)} of the image and "
+        large = f"it covers {rounded_percent(box.area_percent)} of the image and "
     more = "more than " if box.as_carlasimu else ""
     return (
-        f"{large}{percent(match, threshold)} of its pixels are "
+        f"{large}{rounded_percent(match, threshold)} of its pixels are "
         f"{any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
     )
 
@@ -220,7 +235,7 @@ def _hiding(box: Judgement) -> str:
     if not box.hidden_by:
         return ""
     first = box.hidden_by[0]
-    return f"; {first['name']} covers {percent(first['percent'])}"
+    return f"; {first['name']} covers {rounded_percent(first['percent'])}"
 
 
 _SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Final, Literal, NamedTuple, TypeAlias, TypedDict
 
 import numpy as np
@@ -109,6 +108,9 @@ class FrameFacts:
     names : mapping
         Id and class of boxes, such as ``("217", "car")``, by their position in the
         frame, for decisions that name the nearer box that explains another.
+    explained : bool
+        False: every `explanation` is empty and `edges` are None. Composing them takes
+        most of the time, and tables have no column for them.
     """
 
     key: str
@@ -116,6 +118,7 @@ class FrameFacts:
     family: str | None = None
     lossy: bool = False
     names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    explained: bool = True
 
 
 def decision_dicts(
@@ -130,7 +133,7 @@ def decision_dicts(
     Parameters
     ----------
     frame : FrameFacts, or one for each of N boxes
-        All frames have the same configuration.
+        All frames have the same `config` and `explained`.
     ids : N str
     evidence : Evidence of N boxes
     decisions : Decisions of N boxes
@@ -236,7 +239,7 @@ def _box_facts(
         "id": ids,
         **_decided(evidence, decisions),
         **_measured(evidence),
-        **_projected(geometry),
+        **_projected(geometry, edges=frames[0].explained),
         **_of_channels(evidence, frames[0].config),
     }
     absent = [None] * len(ids)
@@ -282,17 +285,21 @@ def _match_percent(evidence: Evidence) -> FloatArray:
     return match
 
 
-def _projected(geometry: BoxGeometry | None) -> dict[str, Sequence[object]]:
+def _projected(
+    geometry: BoxGeometry | None, *, edges: bool
+) -> dict[str, Sequence[object]]:
     if geometry is None:
         return {}
-    return {
+    columns: dict[str, Sequence[object]] = {
         "amodal_xyxy": _rectangles(geometry.amodal_xyxy),
         "visible_xyxy": _rectangles(geometry.visible_xyxy),
-        "edges": [
-            None if edges is None else np.asarray(edges).tolist()
-            for edges in geometry.edges
-        ],
     }
+    if edges:
+        columns["edges"] = [
+            None if lines is None else np.asarray(lines).tolist()
+            for lines in geometry.edges
+        ]
+    return columns
 
 
 def _of_channels(
@@ -330,28 +337,29 @@ def _rectangles(column: BoxesXYXY) -> list[list[float] | None]:
 
 
 def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
-    names = accepted_names(box.accept_mask, frame.family) if frame.family else ()
     hiding: list[HiddenBy] = []
     if box.tag_counts is not None and frame.family is not None:
         hiding = hidden_by(box.tag_counts, box.accept_mask, frame.family)
     nearer = None
     if box.explained_by is not None:
         nearer = frame.names.get(box.explained_by)
-    judgement = _judgement(frame.config, box, names, hiding, nearer)
+    explanation = ""
+    if frame.explained:
+        explanation = explain(_judgement(frame, box, hiding, nearer))
     return {
         "id": box.id,
         "frame": frame.key,
         "class": box.class_name,
         "verdict": box.reason.verdict.value,
         "reason": box.reason.label,
-        "explanation": explain(judgement),
+        "explanation": explanation,
         "evidence": box.channel if box.measured or box.channel != SEMANTIC else None,
         "match_percent": box.match_percent,
         "threshold": box.threshold,
         "margin": box.margin,
         "toss_up": box.toss_up,
         "large": box.large,
-        "matched_pixels": judgement.matched_pixels,
+        "matched_pixels": box.matched_pixels if box.measured else None,
         "box_pixels": box.box_pixels,
         "area_percent": box.area_percent,
         "crowding": box.crowding,
@@ -372,13 +380,13 @@ def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
 
 
 def _judgement(
-    config: FilterConfig,
+    frame: FrameFacts,
     box: _BoxFacts,
-    accepted: tuple[str, ...],
     hiding: Sequence[HiddenBy],
     nearer: tuple[str, str] | None,
 ) -> Judgement:
-    limits = _limits(config, box.class_name)
+    """`nearer` is the id and the class of the box that explains this one."""
+    accepted = accepted_names(box.accept_mask, frame.family) if frame.family else ()
     channel = None
     if box.channel != SEMANTIC and box.reason in DECIDED_BY_CHANNELS:
         channel = ChannelJudgement(
@@ -393,36 +401,17 @@ def _judgement(
     return Judgement(
         reason=box.reason,
         class_name=box.class_name,
+        limits=frame.config.limits_of(box.class_name),
         match_percent=box.match_percent,
         threshold=box.threshold,
         area_percent=box.area_percent,
         large=box.large,
-        matched_pixels=box.matched_pixels if box.measured else None,
-        min_visible_pixels=limits.min_visible_pixels,
+        matched_pixels=box.matched_pixels,
         distance=box.distance,
-        min_distance=limits.min_distance,
-        max_distance=limits.max_distance,
         accepted=accepted,
         hidden_by=hiding,
-        as_carlasimu=config.profile == "carlasimu",
+        as_carlasimu=frame.config.profile == "carlasimu",
         channel=channel,
-    )
-
-
-class _Limits(NamedTuple):
-    """The limits of a class that sentences name, beside its thresholds."""
-
-    min_visible_pixels: int
-    min_distance: float | None
-    max_distance: float | None
-
-
-@lru_cache(maxsize=1024)
-def _limits(config: FilterConfig, class_name: str) -> _Limits:
-    return _Limits(
-        int(config.limit_of(class_name, "min_visible_pixels") or 0),
-        config.limit_of(class_name, "min_distance"),
-        config.limit_of(class_name, "max_distance"),
     )
 
 

@@ -198,7 +198,7 @@ class _Block:
     def _threshold(self, column: NDArray[np.uint8]) -> FloatArray:
         """Each box's threshold: from the row of its class and the given column."""
         small, big = self.limits.threshold_small_box, self.limits.threshold_big_box
-        kept_large = np.maximum(small, big) if self.as_carlasimu else big
+        kept_large = self.limits.threshold_kept_large_box
         table = np.column_stack([small, big, kept_large, np.full(len(small), np.nan)])
         threshold: FloatArray = table.take(self.class_index * 4 + column)
         return threshold

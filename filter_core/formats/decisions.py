@@ -29,7 +29,7 @@ DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",
     title="Decisions, JSON lines",
     holds="`decisions.jsonl`: every decision of every frame, one frame per line",
-    needs=frozenset({"decisions", "annotation"}),
+    needs=frozenset({"decisions", "explanations", "annotation"}),
 )
 
 DECISIONS_CSV: Final = Format(

@@ -127,7 +127,7 @@ class ExportFrame:
         Gives the image's bytes; called only if images are copied.
     palette : str or None
     decisions : sequence of mapping
-        All that is known of each decision, as
+        What is known of each decision, as
         `filter_core.decisions.record.decision_dicts` makes it; a server adds what only
         it knows. Empty for formats that do not write them.
     """

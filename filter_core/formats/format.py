@@ -31,12 +31,13 @@ FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 LABEL_OPTIONS: Final = FRAME_OPTIONS | {"boxes", "split"}
 """Those that nearly every format of labels has."""
 
-Need: TypeAlias = Literal["annotation", "image", "decisions"]
+Need: TypeAlias = Literal["annotation", "image", "decisions", "explanations"]
 """What of a frame not every format writes.
 
 ``annotation``: the annotation as it came, which is read when something of it is asked
-for (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: all that is
-known of each decision, composed as for the API.
+for (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: what is
+known of each decision, composed as for the API; ``explanations``: with them the
+sentences that explain them and the edges of 3D boxes, which take the most time.
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})

@@ -112,7 +112,7 @@ class SegmentationOptions:
         Parameters
         ----------
         layers : Mapping
-            Such as ``{"the dataset": ..., "the config": ...}``.
+            Such as ``{"the dataset": ..., "the configuration": ...}``.
 
         Raises
         ------

@@ -123,7 +123,7 @@ def test_suggested_thresholds_are_a_file_that_can_be_used_as_it_is(
     assert (car["class"], car["current"], car["answers"]) == ("car", 10, 4)
     assert 17.2 < car["suggested"] < 90
     written = load_config((tmp_path / "new.yaml").read_bytes()).config
-    assert written.limit_of("car", "threshold_small_box") == car["suggested"]
+    assert written.limits_of("car").threshold_small_box == car["suggested"]
     assert told["channels"]["semantic"]["kept_hidden"] == 2
     assert after.records[0]["channels"]["semantic"]["f1"]["value"] == 1
 

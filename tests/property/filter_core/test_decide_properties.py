@@ -67,7 +67,7 @@ def slow(box, config):
     name = NAMES[box["class_index"]]
 
     def limit(key):
-        return config.limit_of(name, key)
+        return getattr(config.limits_of(name), key)
 
     published = config.profile == "carlasimu"
     match, area = box["match_percent"], box["area_percent"]

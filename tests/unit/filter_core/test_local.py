@@ -9,7 +9,7 @@ import pytest
 from filter_core.config.filter import FilterConfig
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.reading import FrameSource
-from filter_core.formats.registry import read_source
+from filter_core.formats.registry import FORMATS, read_source
 from filter_core.local import export_sources, filter_one, filter_source
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.unit.filter_core.evidence.scene import depth_png, instance_png
@@ -164,9 +164,26 @@ def test_a_decision_that_nothing_was_measured_for_says_so_in_its_sentence_as_wel
     source = FrameSource("a", annotation={"boxes": boxes, "camera": camera})
     config = FilterConfig(max_distance=50)
 
-    (frame,) = export_sources([source], config, needs={"decisions"})
+    (frame,) = export_sources([source], config, needs={"decisions", "explanations"})
 
     assert isinstance(frame, ExportFrame)
     for decision in frame.decisions:
         assert decision["reason"] == "no_segmentation"
         assert str(decision["explanation"]).startswith("unmeasured: ")
+
+
+@pytest.mark.parametrize("form", ["decisions-csv", "decisions-parquet"])
+def test_tables_get_decisions_without_the_sentences_that_they_do_not_write(form):
+    boxes = [{"class": "car", "xyxy": [10, 10, 60, 40]}]
+    camera = {"width": 200, "height": 100, "fov": 90}
+    source = FrameSource("a", annotation={"boxes": boxes, "camera": camera})
+
+    table, lines = (
+        next(export_sources([source], FilterConfig(), needs=FORMATS[name].needs))
+        for name in (form, "decisions-jsonl")
+    )
+
+    assert isinstance(table, ExportFrame)
+    assert isinstance(lines, ExportFrame)
+    assert lines.decisions[0]["explanation"]
+    assert table.decisions == [{**lines.decisions[0], "explanation": ""}]

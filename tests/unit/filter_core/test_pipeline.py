@@ -189,7 +189,9 @@ def test_a_contradiction_about_the_palette_names_both_sides():
     dataset = FrameOptions(dataset=SegmentationOptions(palette="carla-0.9.10"))
     config = FilterConfig(palette="carla-0.9.14")
 
-    with pytest.raises(SegmentationError, match=r"the dataset says .* the config says"):
+    with pytest.raises(
+        SegmentationError, match=r"the dataset says .* the configuration says"
+    ):
         filter_frame(annotation(CAR), painted(street()), config, dataset)
 
 

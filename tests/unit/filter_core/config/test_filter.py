@@ -13,6 +13,7 @@ from jsonschema import Draft202012Validator
 from filter_core.config.filter import (
     INHERIT,
     ClassConfig,
+    ClassLimits,
     ConfigChange,
     DecideConfig,
     FilterConfig,
@@ -251,6 +252,24 @@ def test_thresholds_are_a_class_s_own_or_the_common_ones():
     assert limits.threshold_small_box.tolist() == [10, 2]
     assert limits.min_visible_pixels.tolist() == [1, 7]
     assert limits.threshold_big_box.tolist() == [50, 50]
+    assert config.limits_of("van") == ClassLimits(
+        threshold_small_box=2, min_visible_pixels=7
+    )
+
+
+@pytest.mark.parametrize(
+    ("profile", "needed"), [("paper", [50, 50]), ("carlasimu", [50, 60])]
+)
+def test_a_large_box_needs_the_higher_threshold_where_it_must_pass_both(
+    profile, needed
+):
+    config = FilterConfig.from_mapping(
+        {"profile": profile, "classes": {"van": {"threshold_small_box": 60}}}
+    )
+
+    limits = config.thresholds_for(["car", "van"])
+
+    assert limits.threshold_kept_large_box.tolist() == needed
 
 
 def test_a_configuration_has_the_keys_of_both_parts_in_one_order():
@@ -270,7 +289,7 @@ def test_the_part_that_decides_stands_alone():
     classes = {"van": {"threshold_small_box": 2}}
     part = DecideConfig.from_mapping({"min_visible_pixels": 3, "classes": classes})
 
-    assert part.limit_of("van", "threshold_small_box") == 2
+    assert part.limits_of("van").threshold_small_box == 2
     assert pickle.loads(pickle.dumps(part)) == part
     assert hash(part) == hash(DecideConfig.from_mapping(part.as_dict()))
     with pytest.raises(ConfigError, match="unknown key 'palette'"):

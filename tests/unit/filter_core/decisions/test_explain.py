@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from filter_core.config.filter import ClassLimits
 from filter_core.decisions.explain import (
     HiddenBy,
     Judgement,
     explain,
     hidden_by,
-    percent,
+    rounded_percent,
 )
 from filter_core.types import N_TAGS, Reason
 
@@ -76,17 +77,27 @@ VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
                 Reason.NO_VISIBLE_PIXELS,
                 "car",
                 matched_pixels=1,
-                min_visible_pixels=5,
+                limits=ClassLimits(min_visible_pixels=5),
                 accepted=("Car",),
             ),
             "rejected: only 1 of its pixels is Car, 5 are needed",
         ),
         (
-            Judgement(Reason.OUT_OF_RANGE, "car", distance=312.4, max_distance=200),
+            Judgement(
+                Reason.OUT_OF_RANGE,
+                "car",
+                distance=312.4,
+                limits=ClassLimits(max_distance=200),
+            ),
             "rejected: it is 312 m away, at most 200 m are wanted",
         ),
         (
-            Judgement(Reason.OUT_OF_RANGE, "car", distance=4.996, min_distance=5),
+            Judgement(
+                Reason.OUT_OF_RANGE,
+                "car",
+                distance=4.996,
+                limits=ClassLimits(min_distance=5),
+            ),
             "rejected: it is 4.996 m away, at least 5 m are wanted",
         ),
         (
@@ -133,7 +144,7 @@ def test_every_reason_has_a_sentence_that_begins_with_its_verdict(reason):
     ],
 )
 def test_a_percentage_is_rounded_only_as_far_as_it_stays_true(value, against, text):
-    assert percent(value, against) == text
+    assert rounded_percent(value, against) == text
 
 
 def counts(**by_tag):

@@ -46,8 +46,8 @@ def test_the_suggested_configuration_keeps_everything_else():
     new = with_thresholds(collector.config, found)
 
     assert (new.evidence, new.max_distance) == ("semantic", 80)
-    assert new.limit_of("traffic_light", "min_visible_pixels") == 2
-    assert new.limit_of("traffic_light", "threshold_small_box") == (
+    assert new.limits_of("traffic_light").min_visible_pixels == 2
+    assert new.limits_of("traffic_light").threshold_small_box == (
         found[0].found.threshold
     )
     assert new.of_class("van") == config.of_class("van")
