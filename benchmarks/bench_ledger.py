@@ -26,9 +26,9 @@ from sqlalchemy.orm import Session
 
 from app.engine import Job, LocalEngine
 from app.engine.chunk import DONE, ChunkWork
+from app.jobs.driver import ChunkDriver
+from app.jobs.queries import Span
 from app.process.lifespan import running
-from app.repositories.ledger import Span
-from app.services.chunk_driving import ChunkDriver
 from app.services.context import ServiceContext
 from app.settings import Settings
 from benchmarks.bench_batch import peak_mib

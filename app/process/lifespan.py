@@ -16,6 +16,7 @@ from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
 from app.engine.pixels import PixelPool
 from app.http.idempotency import forget_old_answers
+from app.jobs.queries import LeaseRepository
 from app.maintenance.datafolder import (
     check_moved,
     check_same_version,
@@ -27,7 +28,6 @@ from app.maintenance.datafolder import (
 from app.maintenance.page_check import checking_pages
 from app.maintenance.removals import removing
 from app.package import migrations_dir
-from app.repositories.leases import LeaseRepository
 from app.services.context import ServiceContext
 from app.services.job_watch import watching_jobs
 from app.settings import Settings

@@ -33,11 +33,11 @@ from app.engine.dask import (
     security,
     when_told_to_stop,
 )
+from app.jobs.work import work_remotely
 from app.logs import configure_logging, server_log
 from app.maintenance.datafolder import CannotMaintain
 from app.memory import keep_freed_memory, settle
 from app.process.lifespan import attached, certificates_of
-from app.services.chunk_work import work_remotely
 from app.services.context import ServiceContext
 from app.settings import Settings
 

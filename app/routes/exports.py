@@ -21,11 +21,11 @@ from app.http.deps import (
 )
 from app.http.pages import Newest, written
 from app.http.routing import ApiRouter, OpenRouter
+from app.jobs.stream import LastEventId, events_of, watch
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.routes.blobs import file_response
 from app.routes.datasets import DatasetName
-from app.routes.event_stream import LastEventId, events_of, watch
 from app.schemas.pictures import RESUMABLE, file_of
 from app.security import Role
 from app.services.context import ServiceContext

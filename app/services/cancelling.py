@@ -8,7 +8,7 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.engine import Job
-from app.repositories.ledger import LedgerRepository
+from app.jobs.queries import ChunkRepository
 from app.services.context import ServiceContext
 
 
@@ -26,7 +26,7 @@ def interrupt_until_written(
     context.engine.interrupt(job)
     if not context.database.has_one_writer:
         with context.database.write_beside() as beside:
-            LedgerRepository(beside).withdraw_decision(job)
+            ChunkRepository(beside).withdraw_decision(job)
     event.listen(
         session, "after_transaction_end", lambda *_: context.engine.let_be(job)
     )

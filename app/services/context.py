@@ -11,9 +11,9 @@ from app.db.engine import Database
 from app.engine import LocalEngine
 from app.engine.pixels import PixelPool
 from app.incoming import OpenBodies
+from app.jobs.leases import Leases
 from app.services.active import PlanCache
 from app.services.blob_count import BlobCount
-from app.services.leases import Leases
 from app.services.numbers import NumbersCache
 from app.services.open_batches import OpenBatches
 from app.services.pictures import DrawnPictures

@@ -12,10 +12,10 @@ from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
+from app.jobs.queries import ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import LedgerRepository
 from app.repositories.runs import ConfigRepository, ProblemRepository, RunRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, add_version
@@ -140,7 +140,7 @@ def remove_dataset(
             f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
             code="not_confirmed",
         )
-    LedgerRepository(session).forget_dataset(dataset.id)
+    ChunkRepository(session).forget_dataset(dataset.id)
     DatasetRepository(session).hide(dataset)
     once_committed(session, context.something_to_remove.set)
 

@@ -12,13 +12,13 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.transient import in_a_line, is_transient
 from app.engine import JobStopped
+from app.jobs.driver import ChunkDriver, ChunkFailed
+from app.jobs.leases import JobLease
+from app.jobs.queries import ChunkRepository, Span
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import LedgerRepository, Span
 from app.repositories.runs import ExportRepository
-from app.services.chunk_driving import ChunkDriver, ChunkFailed
 from app.services.context import ServiceContext
 from app.services.export_writing import OPEN, export_at_work, job_of
-from app.services.leases import JobLease
 
 __all__ = ["OPEN", "job_of", "make_export", "start_exports"]
 
@@ -68,7 +68,7 @@ def _begin(context: ServiceContext, lease: JobLease, export_id: int) -> None:
         lease.take(session)
         export.state, export.done = "running", 0
         export.total = FrameRepository(session).count(export.dataset_id)
-        ledger = LedgerRepository(session)
+        ledger = ChunkRepository(session)
         ledger.begin_again(lease.job)
         if not ledger.is_planned(lease.job):
             ledger.plan(lease.job, [Span(0, 0, export.total)])
@@ -88,7 +88,7 @@ def _fail(context: ServiceContext, lease: JobLease, error: Mapping[str, Any]) ->
             lease.end(session)
             export.state, export.finished_at = "failed", utc_now()
             export.error = dict(error)
-            LedgerRepository(session).forget(lease.job, quarantined=False)
+            ChunkRepository(session).forget(lease.job, quarantined=False)
     except JobStopped:
         return False
     return True

@@ -22,9 +22,9 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.tables import Dataset, Export
 from app.engine import Job, JobStopped
+from app.jobs.queries import ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import LedgerRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository
@@ -72,7 +72,7 @@ def write_chunk(
         export.state, export.finished_at = "done", utc_now()
         export.sha256, export.size_bytes = digest, size_bytes
         export.counts, export.done = counts, export.total
-        LedgerRepository(session).forget(job_of(export_id))
+        ChunkRepository(session).forget(job_of(export_id))
     # Whoever writes the same one beside us is told that it is over.
     _clear(context, export_id)
 

@@ -16,9 +16,9 @@ from app.db import tables
 from app.db.base import utc_now
 from app.db.tables import Dataset
 from app.errors import Conflict
+from app.jobs.queries import ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import LedgerRepository
 from app.repositories.runs import ExportRepository
 from app.services.cancelling import interrupt_until_written
 from app.services.context import ServiceContext
@@ -88,7 +88,7 @@ def cancel_export(
         )
     export.state, export.finished_at = "cancelled", utc_now()
     session.flush()
-    LedgerRepository(session).forget(job_of(export_id))
+    ChunkRepository(session).forget(job_of(export_id))
     return export
 
 

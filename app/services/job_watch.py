@@ -12,8 +12,8 @@ from typing import Final
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.engine import Job
-from app.process_identity import has_ended
-from app.repositories.leases import LeaseRepository
+from app.jobs.leases import has_ended
+from app.jobs.queries import LeaseRepository
 from app.repositories.runs import ExportRepository, RunRepository
 from app.services.context import ServiceContext
 from app.services.export_jobs import start_exports

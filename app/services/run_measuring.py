@@ -14,10 +14,10 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Chunk, Frame, Run
 from app.engine import Job, JobStopped
+from app.jobs.queries import ChunkRepository, Span
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository, EvidenceRow
 from app.repositories.frames import FileRow, FrameRepository
-from app.repositories.ledger import LedgerRepository, Span
 from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
@@ -97,7 +97,7 @@ class _Part:
     def of(cls, session: Session, run_id: int, number: int) -> _Part:
         """What is there to do; nothing in a chunk that is done."""
         scope = RunScope.of(session, run_at_work(session, run_id))
-        chunk = LedgerRepository(session).find(scope.job, number)
+        chunk = ChunkRepository(session).find(scope.job, number)
         missing = [] if chunk is None else _missing_of(session, scope, chunk)
         is_suspect = chunk is not None and chunk.attempts > 1
         source = _source(session, scope)
@@ -252,7 +252,7 @@ class _Portion:
             if new:
                 self._stored(session)
             if is_whole:
-                LedgerRepository(session).finish(scope.job, self._part.number)
+                ChunkRepository(session).finish(scope.job, self._part.number)
 
 
 def _source(session: Session, scope: RunScope) -> _Source:

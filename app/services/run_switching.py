@@ -19,11 +19,11 @@ from sqlalchemy.orm import Session
 from app.db.base import utc_now
 from app.db.tables import Dataset, Run
 from app.engine import Job, JobStopped
+from app.jobs.queries import DECISION, ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import DECISION, LedgerRepository
 from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
@@ -78,7 +78,7 @@ def decide_all(context: ServiceContext, run_id: int, stored: Stored) -> None:
         scope = RunScope.of(session, run)
         if is_measured(session, scope):
             switch(context, session, run, scope.config)
-            LedgerRepository(session).forget(scope.job)
+            ChunkRepository(session).forget(scope.job)
         else:
             stored(session)  # what was measured meanwhile: a sign of life
 
@@ -205,7 +205,7 @@ class _Progress:
     def _tell(self, job: Job, done: int) -> None:
         """Let other services know, and learn from them that somebody cancels it."""
         with self.context.database.write_beside() as session:
-            if LedgerRepository(session).find(job, DECISION) is None:
+            if ChunkRepository(session).find(job, DECISION) is None:
                 raise JobStopped(job)
             RunRepository(session).tell(self.run_id, done)
 

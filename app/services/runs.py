@@ -20,14 +20,14 @@ from app.db.tables import Run
 from app.db.transient import in_a_line, is_transient
 from app.engine import JobStopped
 from app.errors import AppError, Conflict
+from app.jobs.driver import ChunkDriver, ChunkFailed
+from app.jobs.leases import JobLease
+from app.jobs.queries import DECISION, ChunkRepository, Span
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import DECISION, LedgerRepository, Span
 from app.repositories.runs import RunRepository
 from app.services.cancelling import interrupt_until_written
-from app.services.chunk_driving import ChunkDriver, ChunkFailed
 from app.services.context import ServiceContext
-from app.services.leases import JobLease
 from app.services.run_measuring import RunScope, plan_frames
 from app.services.run_states import OPEN, job_of, run_at_work
 from filter_core.errors import FilterError
@@ -68,7 +68,7 @@ def cancel_run(context: ServiceContext, session: Session, run_id: int) -> Run:
         raise Conflict(f"run {run_id} is {run.state} already", code="run_over")
     run.state, run.finished_at = "cancelled", utc_now()
     session.flush()
-    LedgerRepository(session).forget(job_of(run_id))
+    ChunkRepository(session).forget(job_of(run_id))
     # One that had to wait for it has been looked at already.
     start_after(context, session)
     return run
@@ -118,7 +118,7 @@ def _begin(context: ServiceContext, lease: JobLease, run_id: int) -> RunScope:
         if RunRepository(session).has_to_wait(run):
             raise JobStopped(lease.job)
         lease.take(session)
-        LedgerRepository(session).begin_again(lease.job)
+        ChunkRepository(session).begin_again(lease.job)
         if run.state == "queued":
             run.total = FrameRepository(session).count(run.dataset_id)
         run.state, run.started_at = "running", run.started_at or utc_now()
@@ -144,7 +144,7 @@ def _finish(context: ServiceContext, scope: RunScope, lease: JobLease) -> None:
         with context.database.write() as session:
             lease.require(session)
             run = run_at_work(session, scope.run_id)
-            LedgerRepository(session).plan_decision(scope.job, run.total)
+            ChunkRepository(session).plan_decision(scope.job, run.total)
         driver.drive_here(DECISION)
         with context.database.read() as session:
             found = RunRepository(session).find(scope.run_id)
@@ -174,7 +174,7 @@ def _fail(context: ServiceContext, lease: JobLease, error: Mapping[str, Any]) ->
             lease.take(session)  # in case that it could not even begin
             lease.end(session)
             run.state, run.finished_at, run.error = "failed", utc_now(), dict(error)
-            LedgerRepository(session).forget(lease.job, quarantined=False)
+            ChunkRepository(session).forget(lease.job, quarantined=False)
     except JobStopped:
         return False
     return True

@@ -32,7 +32,7 @@ LEVELS: Final = (
     {"engine"},
     {"settings", "verdicts"},
     {"db"},
-    {"incoming", "metrics", "process_identity"},
+    {"incoming", "metrics"},
     {"addresses", "errors", "logs", "memory", "package", "security"},
 )
 """From the top down: a room imports what stands below it, and nothing else."""
@@ -41,6 +41,7 @@ UPWARDS: Final[set[tuple[str, str]]] = {
     ("http", "access"),
     ("http", "services"),
     ("maintenance", "services"),
+    ("services", "jobs"),
     ("services", "ops"),
 }
 """What still goes the other way; to be taken out of here as it goes."""

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.engine import WorkerDied
-from app.services.chunk_attempts import MOST_ATTEMPTS
+from app.jobs.work import MOST_ATTEMPTS
 from app.services.runs import carry_out
 from tests.unit.app import test_chunks as runs
 

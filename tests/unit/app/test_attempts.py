@@ -10,9 +10,9 @@ from sqlalchemy import event, exc, select
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import LocalEngine
-from app.repositories.ledger import DECISION, LedgerRepository, Span
+from app.jobs.queries import DECISION, ChunkRepository, Span
+from app.jobs.work import MOST_ATTEMPTS, Attempt
 from app.repositories.runs import RunRepository
-from app.services.chunk_attempts import MOST_ATTEMPTS, Attempt
 from app.services.run_states import job_of
 from app.services.runs import carry_out
 from tests.unit.app.test_chunks import (
@@ -65,7 +65,7 @@ def cut_off(street, *spans):
     with street.context.database.write() as session:
         run = RunRepository(session).with_id(run_id)
         run.state, run.started_at, run.total = "running", utc_now(), FRAMES
-        ledger, job = LedgerRepository(session), job_of(run_id)
+        ledger, job = ChunkRepository(session), job_of(run_id)
         for first, last, ended in spans:
             span = Span(ids[first], ids[last], last - first + 1)
             (number,) = ledger.plan(job, [span])
@@ -190,7 +190,7 @@ def cut_off_deciding(street, ended):
     """A run of stored numbers whose decision has ended so many processes."""
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
-        ledger, job = LedgerRepository(session), job_of(run_id)
+        ledger, job = ChunkRepository(session), job_of(run_id)
         ledger.plan_decision(job, FRAMES)
         session.get_one(Chunk, (*job, DECISION)).attempts = ended
     return run_id
@@ -235,7 +235,7 @@ def test_a_decision_that_was_given_up_is_not_withdrawn(street):
     run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
 
     with street.context.database.write() as session:
-        LedgerRepository(session).withdraw_decision(job_of(run.id))
+        ChunkRepository(session).withdraw_decision(job_of(run.id))
 
     assert [chunk.state for chunk in left(street, Chunk, run)] == ["quarantined"]
 

@@ -19,10 +19,9 @@ from app.db.engine import Database
 from app.db.tables import Chunk, FrameEvidence, Lease
 from app.engine import EngineAway, LocalEngine, WorkerDied
 from app.engine.chunk import DONE, ELSEWHERE, GIVEN_BACK
-from app.repositories.leases import LeaseRepository
+from app.jobs.queries import LeaseRepository
+from app.jobs.work import MOST_ATTEMPTS, work_on, work_remotely
 from app.repositories.runs import RunRepository
-from app.services.chunk_attempts import MOST_ATTEMPTS
-from app.services.chunk_work import work_on, work_remotely
 from app.services.run_states import job_of
 from app.services.runs import carry_out
 from tests.api import frames as scene

@@ -11,17 +11,16 @@ import pytest
 
 from app.db.tables import Lease
 from app.engine import Job
-from app.process_identity import has_ended, this_process
-from app.repositories.leases import LASTS, LeaseRepository
+from app.jobs.leases import LeaseLost, has_ended, this_process
+from app.jobs.queries import LASTS, LeaseRepository
 from app.repositories.runs import RunRepository
 from app.services.job_watch import NOBODYS_AFTER_S, JobWatch
-from app.services.leases import LeaseLost
 from app.services.run_states import job_of
 from app.services.runs import cancel_run
 
 ELSEWHERE = "another-machine/1/2/3"
 _numbers = count(10**6)
-WHO = "from app.process_identity import this_process; print(this_process())"
+WHO = "from app.jobs.leases import this_process; print(this_process())"
 
 
 def nobody(_holder):

@@ -1,8 +1,9 @@
-"""The ledger: the chunks of jobs, and what has become of each."""
+"""SQL of jobs: their chunks, and the leases of those who drive them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime, timedelta
 from typing import Any, Final, NamedTuple
 
 from sqlalchemy import ColumnElement, delete, func, select, update
@@ -10,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.bulk import insert_rows, upsert
-from app.db.tables import Chunk, Export, Lease, Run
+from app.db.tables import Chunk, Export, Installation, Lease, Run
 from app.engine.chunk import Job
 
 DECISION: Final = 0
@@ -25,7 +26,7 @@ class Span(NamedTuple):
     frames: int
 
 
-class LedgerRepository:
+class ChunkRepository:
     """Rows of `chunks`."""
 
     def __init__(self, session: Session) -> None:
@@ -48,7 +49,7 @@ class LedgerRepository:
     def withdraw_decision(self, job: Job) -> None:
         """Let whoever decides a run notice that somebody is about to cancel it."""
         waiting = Chunk.number == DECISION, Chunk.state == "waiting"
-        self._session.execute(delete(Chunk).where(*_of(job), *waiting))
+        self._session.execute(delete(Chunk).where(*_chunks_of(job), *waiting))
 
     def find(self, job: Job, number: int) -> Chunk | None:
         """A chunk, unless its job was forgotten."""
@@ -60,18 +61,18 @@ class LedgerRepository:
         The decision is none of them: before it there may be new frames to measure.
         """
         rows = select(Chunk.number).where(
-            *_of(job), Chunk.state == "waiting", Chunk.number != DECISION
+            *_chunks_of(job), Chunk.state == "waiting", Chunk.number != DECISION
         )
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
     def quarantined(self, job: Job) -> list[Chunk]:
         """Chunks that nobody will try again."""
-        rows = select(Chunk).where(*_of(job), Chunk.state == "quarantined")
+        rows = select(Chunk).where(*_chunks_of(job), Chunk.state == "quarantined")
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
     def last_frame(self, job: Job) -> int:
         """Up to where a job is planned."""
-        rows = select(func.max(Chunk.last_frame_id)).where(*_of(job))
+        rows = select(func.max(Chunk.last_frame_id)).where(*_chunks_of(job))
         return self._session.scalar(rows) or 0
 
     def is_planned(self, job: Job) -> bool:
@@ -82,7 +83,7 @@ class LedgerRepository:
         """A chunk is done; once more is no harm."""
         self._session.execute(
             update(Chunk)
-            .where(*_of(job), Chunk.number == number, Chunk.state == "waiting")
+            .where(*_chunks_of(job), Chunk.number == number, Chunk.state == "waiting")
             .values(state="done", error=None, finished_at=utc_now())
         )
 
@@ -90,7 +91,7 @@ class LedgerRepository:
         """Note what its job is to fail with."""
         self._session.execute(
             update(Chunk)
-            .where(*_of(job), Chunk.number == number)
+            .where(*_chunks_of(job), Chunk.number == number)
             .values(error=dict(error))
         )
 
@@ -118,7 +119,7 @@ class LedgerRepository:
         waiting = Chunk.number == number, Chunk.state == "waiting"
         self._session.execute(
             update(Chunk)
-            .where(*_of(job), *waiting, Chunk.attempts > 0)
+            .where(*_chunks_of(job), *waiting, Chunk.attempts > 0)
             .values(attempts=0)
         )
 
@@ -143,13 +144,13 @@ class LedgerRepository:
         """A new driver tries again what an earlier one did not come to report."""
         self._session.execute(
             update(Chunk)
-            .where(*_of(job), Chunk.state == "waiting", Chunk.error.is_not(None))
+            .where(*_chunks_of(job), Chunk.state == "waiting", Chunk.error.is_not(None))
             .values(error=None)
         )
 
     def forget(self, job: Job, *, quarantined: bool = True) -> None:
         """Remove the chunks of a job that is over; those in quarantine on request."""
-        rows = delete(Chunk).where(*_of(job))
+        rows = delete(Chunk).where(*_chunks_of(job))
         if not quarantined:
             rows = rows.where(Chunk.state != "quarantined")
         self._session.execute(rows)
@@ -163,7 +164,7 @@ class LedgerRepository:
                 self._session.execute(delete(rows).where(*mine))
 
     def _last_number(self, job: Job) -> int:
-        rows = select(func.max(Chunk.number)).where(*_of(job))
+        rows = select(func.max(Chunk.number)).where(*_chunks_of(job))
         return self._session.scalar(rows) or 0
 
 
@@ -180,5 +181,86 @@ def _row(job: Job, number: int, span: Span) -> dict[str, Any]:
     }
 
 
-def _of(job: Job) -> list[ColumnElement[bool]]:
+def _chunks_of(job: Job) -> list[ColumnElement[bool]]:
     return [Chunk.kind == job.kind, Chunk.job_id == job.id]
+
+
+LASTS: Final = timedelta(seconds=8)
+"""For how long a process that says nothing more is taken to be alive."""
+
+
+class LeaseRepository:
+    """Rows of `leases`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def now(self) -> datetime:
+        """The time that all who share the database agree on."""
+        if self._session.connection().dialect.name != "postgresql":
+            return utc_now()
+        return self._session.scalar(select(func.clock_timestamp())) or utc_now()
+
+    def take(self, job: Job, holder: str, is_void: Callable[[str], bool]) -> bool:
+        """Make this process the one that drives a job; False if another one does.
+
+        A lease that has run out, or whose holder `is_void`, is nobody's.
+        """
+        now = self.now()
+        # Whoever is storing the job's end holds its row: not to be waited for.
+        rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
+        lease = self._session.scalar(rows)
+        if lease is None:
+            row = {"kind": job.kind, "job_id": job.id, "holder": holder}
+            new = upsert(self._session, Lease).values(**row, until=now + LASTS)
+            added = new.on_conflict_do_nothing().returning(Lease.holder)
+            return self._session.execute(added).first() is not None
+        taken = lease.holder != holder and lease.until > now
+        if taken and not is_void(lease.holder):
+            return False
+        lease.holder, lease.until = holder, now + LASTS
+        self._session.flush()
+        return True
+
+    def renew(self, job: Job, holder: str) -> bool:
+        """Say that the holder is alive; False if the lease is not its own any more."""
+        rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
+        if self._session.scalar(rows) != holder:
+            return False
+        until = self.now() + LASTS
+        self._session.execute(update(Lease).where(*_lease_of(job)).values(until=until))
+        return True
+
+    def is_held(self, job: Job, holder: str) -> bool:
+        """Whether nobody else has taken the job; nobody can until the commit."""
+        rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
+        return self._session.scalar(rows) == holder
+
+    def end(self, job: Job, holder: str) -> None:
+        """Give a lease back that is one's own."""
+        mine = delete(Lease).where(*_lease_of(job), Lease.holder == holder)
+        self._session.execute(mine)
+
+    def clear(self, job: Job, is_void: Callable[[str], bool]) -> None:
+        """Remove a lease that is nobody's any more; its job is over."""
+        rows = select(Lease).where(*_lease_of(job)).with_for_update(skip_locked=True)
+        lease = self._session.scalar(rows)
+        if lease is not None and (lease.until <= self.now() or is_void(lease.holder)):
+            self._session.delete(lease)
+            self._session.flush()
+
+    def live(self, is_void: Callable[[str], bool]) -> tuple[set[Job], set[Job]]:
+        """Jobs that somebody drives, and jobs whose lease is nobody's any more."""
+        now, driven, void = self.now(), set[Job](), set[Job]()
+        for lease in self._session.scalars(select(Lease)):
+            gone = lease.until <= now or is_void(lease.holder)
+            (void if gone else driven).add(Job(lease.kind, lease.job_id))
+        return driven, void
+
+    def installation(self) -> str:
+        """What tells this database from every other one."""
+        return self._session.scalar(select(Installation.id).limit(1)) or ""
+
+
+def _lease_of(job: Job) -> list[ColumnElement[bool]]:
+    return [Lease.kind == job.kind, Lease.job_id == job.id]

@@ -19,12 +19,11 @@ from sqlalchemy.orm import Session
 from app.db.tables import Chunk
 from app.engine import EngineAway, WorkerDied
 from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
+from app.jobs.leases import JobLease
+from app.jobs.queries import DECISION, ChunkRepository, Span
+from app.jobs.work import MOST_ATTEMPTS, work_here
 from app.repositories.frames import FrameRepository
-from app.repositories.ledger import DECISION, LedgerRepository, Span
-from app.services.chunk_attempts import MOST_ATTEMPTS
-from app.services.chunk_work import work_here
 from app.services.context import ServiceContext
-from app.services.leases import JobLease
 from app.services.run_measuring import frames_left
 
 LOOK_S: Final = 0.1
@@ -78,7 +77,7 @@ class ChunkDriver:
             One cannot be done; where processes died, all others are done first.
         """
         with self.context.database.read() as session:
-            ledger = LedgerRepository(session)
+            ledger = ChunkRepository(session)
             self._again.extend(ledger.waiting(self.lease.job))
             # What is in quarantine is not planned once more, under another number.
             if self._again or ledger.quarantined(self.lease.job):
@@ -140,7 +139,7 @@ class ChunkDriver:
         with self.context.database.write() as session:
             self.lease.require(session)
             self.wanted(session, self.lease.job.id)
-            self._again.extend(LedgerRepository(session).plan(self.lease.job, spans))
+            self._again.extend(ChunkRepository(session).plan(self.lease.job, spans))
 
     def _look(self) -> None:
         done, _ = wait(self._in_flight, LOOK_S, FIRST_COMPLETED)
@@ -174,7 +173,7 @@ class ChunkDriver:
     def _error_of(self, number: int) -> Mapping[str, Any]:
         with self.context.database.read() as session:
             self.wanted(session, self.lease.job.id)
-            chunk = LedgerRepository(session).find(self.lease.job, number)
+            chunk = ChunkRepository(session).find(self.lease.job, number)
             unknown = {
                 "code": "internal",
                 "detail": f"the {self.lease.job.kind} failed",
@@ -185,7 +184,7 @@ class ChunkDriver:
         log.warning("chunk %d of %s %d: %s", number, *self.lease.job, died)
         with self.context.database.write() as session:
             self.lease.require(session)
-            ledger = LedgerRepository(session)
+            ledger = ChunkRepository(session)
             if ledger.suspect(self.lease.job, number, MOST_ATTEMPTS):
                 self._suspects.append(number)
 
@@ -214,12 +213,12 @@ class ChunkDriver:
                 break
         # Workers go on without it, and note what they have done.
         with self.context.database.read() as session:
-            waiting = set(LedgerRepository(session).waiting(self.lease.job))
+            waiting = set(ChunkRepository(session).waiting(self.lease.job))
         self._again = deque(number for number in self._again if number in waiting)
 
     def _check_quarantine(self) -> None:
         with self.context.database.read() as session:
-            given_up = LedgerRepository(session).quarantined(self.lease.job)
+            given_up = ChunkRepository(session).quarantined(self.lease.job)
             if not given_up:
                 return
             if self.lease.job.kind == "export":

@@ -1,0 +1,1 @@
+"""Work in the background: asked for, driven chunk by chunk, watched, cancelled."""
