@@ -31,6 +31,7 @@ from app.process.lifespan import UnusableConfig
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
 from app.services.context import ServiceContext
 from app.settings import Settings, bracketed
+from unghost.wire.note import note_path
 
 STOP_WAIT_S: Final = 10
 _BACKLOG: Final = 2048
@@ -119,9 +120,7 @@ class ServerNote:
     def __init__(self, url: str, token_file: Path) -> None:
         self._url = url
         self._token_file = token_file
-        place = url.partition("://")[2].replace("[", "").replace("]", "")
-        host, _, port = place.rpartition(":")
-        self.path = _state_folder() / "servers" / f"{host}_{port}.json"
+        self.path = note_path(url, os.environ)
 
     def write(self) -> None:
         """Leave the note; a machine that cannot keep it works without."""
@@ -261,8 +260,3 @@ def ready_text(link: str) -> str:
         f"Unghost is ready. Log in with\n\n    {link}\n\n"
         "The link works once, within ten minutes; `unghost login` prints another.\n"
     )
-
-
-def _state_folder() -> Path:
-    state = os.environ.get("XDG_STATE_HOME")
-    return Path(state or Path.home() / ".local" / "state") / "unghost"

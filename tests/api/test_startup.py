@@ -13,6 +13,7 @@ import pytest
 
 from app.serve import listen
 from tests.servers import running_server, start, stop, token_of, wait_for_link
+from unghost import find_server
 
 
 def note_of(server):
@@ -56,6 +57,29 @@ def test_a_note_tells_the_command_line_where_the_token_is(start_server):
         "pid": server.process.pid,
     }
     assert stat.S_IMODE(note.stat().st_mode) == 0o600
+
+
+@pytest.mark.parametrize(
+    ("listens", "asked"),
+    [
+        ("localhost", "localhost"),
+        ("localhost", "127.0.0.1"),
+        ("::1", "[::1]"),
+        ("::1", "[0:0:0:0:0:0:0:1]"),
+        ("0:0:0:0:0:0:0:1", "[::1]"),
+    ],
+)
+def test_a_command_finds_the_note_by_any_name_of_the_address(
+    start_server, tmp_path, listens, asked
+):
+    server = start_server(UNGHOST_HOST=listens)
+    port = server.url.rpartition(":")[2]
+    state = server.data.with_name(f"{server.data.name}-state")
+    environ = {"HOME": str(tmp_path / "nobody"), "XDG_STATE_HOME": str(state)}
+
+    found = find_server(f"http://{asked}:{port}", environ=environ)
+
+    assert found.token == server.token
 
 
 def test_the_note_goes_when_the_server_goes(data_dir):

@@ -58,7 +58,7 @@ def login(options: LoginOptions) -> None:
 
     Whoever opens it first is let in, so give it to nobody.
     """
-    from unghost.client.discovery import state_folder
+    from unghost.wire.note import state_folder
 
     with options.connect() as client:
         made = client.create_login_code()

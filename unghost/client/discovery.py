@@ -22,11 +22,11 @@ from typing import Final
 
 import httpx
 
+from unghost.wire.note import DEFAULT_PORT, note_path
+
 DEFAULT_URL: Final = "http://127.0.0.1:8000"
 
 DEFAULT_DATA: Final = Path("unghost-data")
-
-_DEFAULT_PORT: Final = {"http": 80, "https": 443}
 
 _ROOT: Final = 0
 
@@ -88,7 +88,7 @@ def refuse_foreign(server: Server) -> None:
     if file is None:
         return
     parsed = httpx.URL(server.url)
-    port = parsed.port or _DEFAULT_PORT[parsed.scheme]
+    port = parsed.port or DEFAULT_PORT[parsed.scheme]
     # Root may be the proxy of a container, or have opened the port for a service.
     foreign = listening_uids(parsed.host, port) - {file.owner, _ROOT}
     if foreign:
@@ -100,32 +100,12 @@ def refuse_foreign(server: Server) -> None:
         )
 
 
-def server_note(url: str, environ: Mapping[str, str] | None = None) -> Path:
-    """The file in which `unghost serve` notes its token file, one per address."""
-    env = os.environ if environ is None else environ
-    parsed = httpx.URL(url)
-    port = parsed.port or _DEFAULT_PORT[parsed.scheme]
-    host = "127.0.0.1" if parsed.host == "localhost" else parsed.host
-    return state_folder(env) / "servers" / f"{host}_{port}.json"
-
-
-def state_folder(env: Mapping[str, str]) -> Path:
-    """Where commands of this person leave what others of theirs find."""
-    state = env.get("XDG_STATE_HOME") or Path(_home(env), ".local", "state")
-    return Path(state, "unghost")
-
-
-def _home(env: Mapping[str, str]) -> Path:
-    home = env.get("HOME")
-    return Path(home) if home else Path.home()
-
-
 def _checked(url: str) -> str:
     try:
         parsed = httpx.URL(url)
     except httpx.InvalidURL as exc:
         raise BadServerUrl(f"{url!r} is not the address of a server: {exc}") from exc
-    if parsed.scheme not in _DEFAULT_PORT or not parsed.host:
+    if parsed.scheme not in DEFAULT_PORT or not parsed.host:
         raise BadServerUrl(
             f"{url!r} is not the address of a server, such as {DEFAULT_URL}"
         )
@@ -138,7 +118,7 @@ def _local_server(url: str, env: Mapping[str, str]) -> Server:
     said = env.get("UNGHOST_DATA")
     files = [
         Path(said, "token") if said else None,
-        _noted_token_file(server_note(url, env)),
+        _noted_token_file(note_path(url, env)),
         # Only a guess: the server may have been started with another folder.
         DEFAULT_DATA / "token",
     ]

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from unghost import find_server
-from unghost.client.discovery import BadServerUrl, server_note
+from unghost.client.discovery import BadServerUrl
+from unghost.wire.note import note_path
 
 LOCAL = "http://127.0.0.1:8000"
 
@@ -32,7 +33,7 @@ def write_token(folder: Path, token: str) -> Path:
 
 
 def note(home: Path, url: str, token_file: Path) -> None:
-    file = server_note(url, env_of(home))
+    file = note_path(url, env_of(home))
     file.parent.mkdir(parents=True)
     file.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
 
@@ -86,7 +87,7 @@ def test_this_machine_has_many_names(home, host):
 
 
 def test_a_note_that_cannot_be_read_is_passed_over(home):
-    file = server_note(LOCAL, env_of(home))
+    file = note_path(LOCAL, env_of(home))
     file.parent.mkdir(parents=True)
     file.write_text("{half a no")
 
@@ -97,7 +98,7 @@ def test_notes_follow_the_state_folder_of_the_desktop_standard(home):
     environ = env_of(home, XDG_STATE_HOME=str(home / "state"))
 
     expected = home / "state" / "unghost" / "servers" / "127.0.0.1_8000.json"
-    assert server_note(LOCAL, environ) == expected
+    assert note_path(LOCAL, environ) == expected
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:8000", "ftp://a", "http://", "http://a:x"])

@@ -14,8 +14,9 @@ import pytest
 
 from unghost import Client
 from unghost.client.call import Call, nothing
-from unghost.client.discovery import ForeignServer, server_note
+from unghost.client.discovery import ForeignServer
 from unghost.client.duplex import Duplex
+from unghost.wire.note import note_path
 
 OWNER = 1000
 NOBODY = 65534
@@ -103,7 +104,7 @@ def token_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def noted(url: str, token_file: Path) -> None:
-    note = server_note(url)
+    note = note_path(url, os.environ)
     note.parent.mkdir(parents=True)
     note.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
     os.chown(note, OWNER, OWNER)

@@ -1,0 +1,59 @@
+"""Where a server on this machine notes its address and the file of its token.
+
+The service writes the note, commands look for it: both ask here for its path. Neither
+pydantic nor httpx is needed for that.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+
+DEFAULT_PORT: Final = {"http": 80, "https": 443}
+"""The port of an address that names none."""
+
+
+def note_path(url: str, environ: Mapping[str, str]) -> Path:
+    """The path of a server's note: one per host and port.
+
+    Parameters
+    ----------
+    url : str
+        Such as http://127.0.0.1:8000. The names of one address share a note:
+        `localhost` is 127.0.0.1, and IPv6 is shortened.
+    environ : mapping
+        `XDG_STATE_HOME` and `HOME` are read.
+
+    Returns
+    -------
+    Path
+        The file need not exist.
+
+    Raises
+    ------
+    ValueError
+        The port is no number.
+    """
+    parts = urlsplit(url)
+    port = parts.port or DEFAULT_PORT[parts.scheme]
+    name = f"{_shortest(parts.hostname or '')}_{port}.json"
+    return state_folder(environ) / "servers" / name
+
+
+def state_folder(environ: Mapping[str, str]) -> Path:
+    """The folder in which commands of one person leave what others of theirs find."""
+    home = environ.get("HOME")
+    state = environ.get("XDG_STATE_HOME")
+    return Path(state or Path(home or Path.home(), ".local", "state")) / "unghost"
+
+
+def _shortest(host: str) -> str:
+    if host == "localhost":
+        return "127.0.0.1"
+    try:
+        return str(ipaddress.ip_address(host))
+    except ValueError:
+        return host
