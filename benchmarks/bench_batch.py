@@ -47,7 +47,7 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
 from filter_core.pipeline import FrameOptions, measure_frame
 from filter_core.segmentation.reading import read_segmentation
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 BLOCK = 512
 DATA = Path("benchmarks/.data")
@@ -191,7 +191,9 @@ def serving(*, with_a_million: bool = False) -> Iterator[RunningServer]:
         data = Path(folder) / "data"
         if with_a_million:
             a_million(data)
-        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+        with running_server(
+            data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
+        ) as server:
             url = f"{server.url}/api/v1/datasets"
             made = httpx.post(url, json={"name": "bench"}, headers=server.headers)
             made.raise_for_status()

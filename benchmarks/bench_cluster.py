@@ -29,7 +29,7 @@ from benchmarks.street import street
 from tests.api.long_streets import OTHER_PIXELS
 from tests.api.resources import Api
 from tests.cluster.nodes import children, cluster
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 DATASET = "bench"
 ASKED = 1.10
@@ -105,7 +105,10 @@ def both(
 ) -> Iterator[tuple[tuple[RunningServer, Service], tuple[RunningServer, Service]]]:
     """A service that works alone, and one with a scheduler and a worker."""
     quiet = {"UNGHOST_LOG_LEVEL": "warning"}
-    with cluster(folder) as made, running_server(folder / "alone", quiet) as alone:
+    with (
+        cluster(folder, anew=True) as made,
+        running_server(folder / "alone", quiet, anew=True) as alone,
+    ):
         own = Api.at(alone.url, alone.headers)
         scheduler = made.scheduler()
         with own.http, made.server(**quiet) as (server, api):

@@ -34,7 +34,7 @@ import httpx
 from benchmarks.bench_runs import opened, quantile
 from benchmarks.million import NAME, fill
 from benchmarks.street import street
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 UPLOADS = "uploads"
 VERDICTS = ("keep", "reject", "unsure")
@@ -86,7 +86,9 @@ def main() -> int:
         fill(context, options.boxes, lambda _: None)
         context.close()
         context.database.close()
-        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+        with running_server(
+            data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
+        ) as server:
             figures = dict(measured(server, counts, options.seconds))
     if options.json:
         print(json.dumps(figures, indent=1))

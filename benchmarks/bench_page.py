@@ -37,7 +37,7 @@ from benchmarks.million import BOXES_PER_FRAME, NAME, fill
 from benchmarks.page_trace import milliseconds_per_frame
 from benchmarks.street import HEIGHT, WIDTH, street
 from tests.browser.conftest import ARGUMENTS, CHROMIUM
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 PICTURES: Final = 24
 MOVES: Final = 90
@@ -64,7 +64,9 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
-        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+        with running_server(
+            data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
+        ) as server:
             crowd, pictures = upload_pictures(server, options.boxes)
             fill_with_pictures(data, options.frames, pictures)
             figures = measured(server, crowd)

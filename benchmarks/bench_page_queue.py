@@ -25,7 +25,7 @@ from playwright.sync_api import Page, StorageState, ViewportSize, sync_playwrigh
 
 from benchmarks.street import HEIGHT, WIDTH, street
 from tests.browser.conftest import ARGUMENTS, CHROMIUM
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 DATASET: Final = "queue"
 FRAMES: Final = 60
@@ -50,7 +50,7 @@ def main() -> int:
     options = parser.parse_args()
     with (
         tempfile.TemporaryDirectory() as folder,
-        running_server(Path(folder) / "data") as server,
+        running_server(Path(folder) / "data", anew=True) as server,
     ):
         upload(server)
         times = answered(server, options.answers, options.pause_ms)

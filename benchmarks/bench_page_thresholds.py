@@ -20,7 +20,7 @@ from playwright.sync_api import Locator, Page, sync_playwright
 from benchmarks.bench_runs import opened, prepare, quantile
 from benchmarks.million import NAME
 from tests.browser.conftest import ARGUMENTS, CHROMIUM, WIDE
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 SWEEPS = 4
 STEPS = 120
@@ -74,7 +74,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     stored(options.data, options.boxes)
-    with running_server(options.data.resolve()) as server:
+    with running_server(options.data.resolve(), anew=True) as server:
         figures = measured(server)
     if options.json:
         print(json.dumps(figures, indent=1))

@@ -22,7 +22,7 @@ from benchmarks.bench_local import annotation
 from benchmarks.bench_upload import photograph
 from benchmarks.street import street
 from tests.api import frames as tiny
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 MOST_GROWTH = 1.1
 LOOK_EVERY_S = 0.02

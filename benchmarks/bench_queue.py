@@ -24,7 +24,7 @@ import httpx
 
 from benchmarks.bench_runs import opened, prepare, quantile
 from benchmarks.million import NAME
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 ANSWERED = {"margin_max": 0.65, "review": "none"}
 BULK = {"class": "car", "distance_max": 155, "review": "none"}
@@ -54,7 +54,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
         shutil.copytree(options.data, data)
-        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+        with running_server(
+            data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
+        ) as server:
             figures = dict(measured(server, options.requests))
     if options.json:
         print(json.dumps(figures, indent=1))

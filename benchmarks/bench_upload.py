@@ -24,7 +24,7 @@ import httpx
 import numpy as np
 
 from benchmarks.street import HEIGHT, WIDTH, street
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 IMAGE_BYTES = 1_300_000
 WARM_UP = 20
@@ -49,7 +49,9 @@ def main() -> int:
     before = decode_seconds(png)
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
-        with running_server(data, {"UNGHOST_LOG_LEVEL": "warning"}) as server:
+        with running_server(
+            data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
+        ) as server:
             cpu, wall = upload(server, files, boxes, options.frames)
     decode = (before + decode_seconds(png)) / 2
     figures = {

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from tests import databases
 from tests.s3_server import KEYS, S3Server, s3_server
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 settings.register_profile(
     "machine",

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from tests.api import frames as scene
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 
 Members = list[tuple[str, bytes]]
 END = bytes(1024)

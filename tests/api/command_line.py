@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -13,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from tests.databases import environment_of
+from tests.support.processes import Process, start, start_anew
 
-PROGRAM = [sys.executable, "-m", "unghost.cli"]
+MODULE = "unghost.cli"
+PROGRAM = [sys.executable, "-m", MODULE]
 TIME_LIMIT_S = 120
 
 
@@ -38,6 +39,8 @@ class CommandLine:
 
     folder: Path
     settings: Mapping[str, str]
+    anew: bool = False
+    """Start Python itself, for tests that look at its arguments in /proc."""
 
     @property
     def environ(self) -> dict[str, str]:
@@ -48,29 +51,20 @@ class CommandLine:
         return {**clean, **home, **database, **self.settings}
 
     def __call__(self, *words: object) -> Answer:
-        done = subprocess.run(
-            [*PROGRAM, *map(str, words)],
-            cwd=self.folder,
-            env=self.environ,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=TIME_LIMIT_S,
-        )
-        return Answer(done.returncode, done.stdout, done.stderr)
+        with self.running(*words) as process:
+            out, err = process.communicate(timeout=TIME_LIMIT_S)
+            return Answer(process.wait(), out, err)
 
     @contextmanager
-    def running(self, *words: object) -> Iterator[subprocess.Popen[str]]:
+    def running(self, *words: object) -> Iterator[Process]:
         """The command as a process that still runs; it is ended with the block."""
-        with subprocess.Popen(
-            [*PROGRAM, *map(str, words)],
-            cwd=self.folder,
-            env=self.environ,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as process:
+        given = list(map(str, words))
+        process: Process
+        if self.anew:
+            process = start_anew([*PROGRAM, *given], self.folder, self.environ)
+        else:
+            process = start([MODULE, *given], self.folder, self.environ)
+        with process:
             try:
                 yield process
             finally:

@@ -14,7 +14,7 @@ from tests.api import frames as scene
 from tests.api.live import Live, live
 from tests.api.resources import Api
 from tests.conftest import StartServer
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 
 LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
 LIMITS |= {"max_batch_bytes": 1_000_000}

@@ -11,7 +11,7 @@ import pytest
 from tests.api.command_line import CommandLine
 from tests.api.frames import image as scene_image
 from tests.api.frames import write_manifest
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 from unghost import Client
 
 DONE, REFUSED, USAGE, PARTLY, SERVER_AWAY, INTERRUPTED = 0, 1, 2, 3, 69, 130

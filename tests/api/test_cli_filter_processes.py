@@ -30,7 +30,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc"
 @pytest.fixture
 def marked(tmp_path) -> CommandLine:
     """The command line; its processes can be told from all others."""
-    return CommandLine(tmp_path, {MARK: str(tmp_path)})
+    return CommandLine(tmp_path, {MARK: str(tmp_path)}, anew=True)
 
 
 def processes_of(folder: Path, *, working: bool = False) -> Iterator[int]:

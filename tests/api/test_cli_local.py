@@ -11,7 +11,7 @@ import pytest
 
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
-from tests.servers import token_of
+from tests.support.servers import token_of
 from unghost import Client
 
 DONE, REFUSED, USAGE, PARTLY, INTERRUPTED = 0, 1, 2, 3, 130

@@ -12,7 +12,7 @@ import pytest
 from tests.api.command_line import CommandLine
 from tests.api.long_streets import OTHER_PIXELS, fill
 from tests.api.resources import Api
-from tests.servers import running_server
+from tests.support.servers import running_server
 from unghost import Client, Conflict
 
 pytestmark = pytest.mark.long

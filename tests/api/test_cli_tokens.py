@@ -7,7 +7,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 
 from tests.api.command_line import CommandLine
-from tests.servers import running_server
+from tests.support.servers import running_server
 from unghost import Client
 
 pytestmark = pytest.mark.long

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 
 def test_a_new_dataset_begins_with_the_configuration_of_the_service(tmp_path: Path):

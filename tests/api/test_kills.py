@@ -19,7 +19,7 @@ from app.db.flip_record import FLIP
 from tests.api.long_streets import OTHER_PIXELS, fill
 from tests.api.resources import Api
 from tests.databases import rows_of
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 pytestmark = pytest.mark.long
 

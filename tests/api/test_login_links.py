@@ -14,7 +14,7 @@ import pytest
 
 from tests.api.command_line import CommandLine
 from tests.browser.conftest import ARGUMENTS, CHROMIUM
-from tests.servers import running_server, token_of
+from tests.support.servers import running_server, token_of
 from unghost import Client
 
 DONE, REFUSED = 0, 1
@@ -126,7 +126,7 @@ def is_signed_in(server_url, token):
 
 def test_open_shows_no_secret_to_the_machine_and_leaves_no_file(tmp_path, browser):
     """Whatever a browser is given as an argument stands in the list of processes."""
-    unghost = CommandLine(tmp_path, {"BROWSER": str(browser)})
+    unghost = CommandLine(tmp_path, {"BROWSER": str(browser)}, anew=True)
     notes = browser.parent
 
     with unghost.running(

@@ -15,7 +15,7 @@ from app.logs import JsonLines
 from tests.api import archives
 from tests.api import frames as scene
 from tests.api.resources import BASE, MOST_LOOKS
-from tests.servers import stop
+from tests.support.servers import stop
 
 pytestmark = pytest.mark.long
 

@@ -84,7 +84,7 @@ def test_names_and_units_are_those_of_prometheus(admin):
 def worked(tmp_path_factory):
     """A server that has done a little of everything; only its own process counts."""
     from tests.api.resources import Api
-    from tests.servers import running_server
+    from tests.support.servers import running_server
 
     with running_server(tmp_path_factory.mktemp("worked") / "data") as server:
         api = Api.at(server.url, server.headers)

@@ -13,8 +13,8 @@ from tests.api import frames as scene
 from tests.api.command_line import CommandLine
 from tests.api.resources import Api
 from tests.databases import empty_postgres, migrated_postgres
-from tests.servers import running_server
 from tests.services import filled_folder, running_services
+from tests.support.servers import running_server
 
 SECRET = "s3cret-word"
 WARNED, REFUSED, USAGE = 3, 1, 2

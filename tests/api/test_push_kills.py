@@ -20,7 +20,7 @@ import pytest
 from tests.api.command_line import CommandLine
 from tests.api.frames import write_manifest
 from tests.databases import problems_of
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 from unghost import Client, OutgoingFrame
 
 pytestmark = pytest.mark.long

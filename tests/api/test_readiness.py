@@ -15,7 +15,7 @@ from app.db.transient import takes_writes
 from tests.api.resources import Api
 from tests.databases import change, empty_postgres, rows_of
 from tests.mounts import read_only, small_disk
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 pytestmark = pytest.mark.long
 

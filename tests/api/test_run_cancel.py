@@ -10,7 +10,7 @@ from tests.api import frames as scene
 from tests.api.event_reader import events, open_events
 from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.api.resources import Api
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 FRAMES = 60
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}

@@ -13,7 +13,7 @@ from tests.api.event_reader import events, open_events
 from tests.api.long_streets import FROM_PIXELS, fill
 from tests.api.resources import BASE, Api
 from tests.databases import change
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 FRAMES = 100
 FAST = 0.15

@@ -12,7 +12,7 @@ from app.package import migrations_dir
 from tests.api import frames as scene
 from tests.api.resources import BASE
 from tests.databases import change, url_of
-from tests.servers import STOP_WAIT_S
+from tests.support.servers import STOP_WAIT_S
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}

@@ -6,13 +6,20 @@ import json
 import signal
 import socket
 import stat
-import sys
+from functools import partial
 
 import httpx
 import pytest
 
 from app.serve import listen
-from tests.servers import running_server, start, stop, token_of, wait_for_link
+from tests.support.servers import (
+    SERVER,
+    running_server,
+    start_anew,
+    stop,
+    token_of,
+    wait_for_link,
+)
 from unghost import find_server
 
 
@@ -22,15 +29,24 @@ def note_of(server):
     return state / "unghost" / "servers" / f"127.0.0.1_{port}.json"
 
 
+started = partial(running_server, anew=True)
+
+
+@pytest.fixture
+def running(data_dir):
+    with started(data_dir) as server:
+        yield server
+
+
 def refused(data, log, **settings):
     """The exit code of a server that cannot start."""
-    with start([sys.executable, "-m", "app"], data, log, settings) as process:
+    with start_anew(SERVER, data, log, settings) as process:
         return process.wait(60)
 
 
 def test_the_login_link_logs_in_once_and_holds_no_token(tmp_path):
     data, log = tmp_path / "data", tmp_path / "log"
-    process = start([sys.executable, "-m", "app"], data, log, {})
+    process = start_anew(SERVER, data, log, {})
     try:
         link = wait_for_link(process, log)
         url, _, code = link.partition("/#code=")
@@ -46,15 +62,13 @@ def test_the_login_link_logs_in_once_and_holds_no_token(tmp_path):
     assert answers[1].json()["code"] == "code_over"
 
 
-def test_a_note_tells_the_command_line_where_the_token_is(start_server):
-    server = start_server()
-
-    note = note_of(server)
+def test_a_note_tells_the_command_line_where_the_token_is(running):
+    note = note_of(running)
 
     assert json.loads(note.read_text()) == {
-        "url": server.url,
-        "token_file": str(server.data / "token"),
-        "pid": server.process.pid,
+        "url": running.url,
+        "token_file": str(running.data / "token"),
+        "pid": running.process.pid,
     }
     assert stat.S_IMODE(note.stat().st_mode) == 0o600
 
@@ -83,24 +97,22 @@ def test_a_command_finds_the_note_by_any_name_of_the_address(
 
 
 def test_the_note_goes_when_the_server_goes(data_dir):
-    with running_server(data_dir) as server:
+    with started(data_dir) as server:
         note = note_of(server)
         assert note.exists()
 
     assert not note.exists()
 
 
-def test_an_interrupt_is_a_clean_end(start_server):
-    server = start_server()
+def test_an_interrupt_is_a_clean_end(running):
+    running.process.send_signal(signal.SIGINT)
 
-    server.process.send_signal(signal.SIGINT)
-
-    assert server.process.wait(30) == 0
-    assert "Traceback" not in server.log.read_text()
+    assert running.process.wait(30) == 0
+    assert "Traceback" not in running.log.read_text()
 
 
-def test_a_port_that_is_taken_is_said_in_one_line(start_server, tmp_path):
-    port = start_server().url.rpartition(":")[2]
+def test_a_port_that_is_taken_is_said_in_one_line(running, tmp_path):
+    port = running.url.rpartition(":")[2]
     log = tmp_path / "second.log"
 
     code = refused(tmp_path / "second", log, UNGHOST_PORT=port)
@@ -146,8 +158,7 @@ def test_a_database_that_is_none_is_said(tmp_path):
 
 def test_two_processes_that_start_together_migrate_once(tmp_path):
     data = tmp_path / "data"
-    command = [sys.executable, "-m", "app"]
-    processes = [start(command, data, tmp_path / f"log{n}", {}) for n in range(2)]
+    processes = [start_anew(SERVER, data, tmp_path / f"log{n}", {}) for n in range(2)]
 
     tokens = []
     for n, process in enumerate(processes):
@@ -162,7 +173,7 @@ def test_two_processes_that_start_together_migrate_once(tmp_path):
 
 
 def test_the_token_is_in_no_log(data_dir):
-    with running_server(data_dir) as server:
+    with started(data_dir) as server:
         httpx.get(f"{server.url}/version?token={server.token}")
         httpx.get(f"{server.url}/version", headers=server.headers)
 
@@ -174,13 +185,13 @@ def test_the_token_is_in_no_log(data_dir):
 @pytest.mark.sqlite_files("the database is a file of the folder")
 def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
     data_dir.chmod(0o755)
-    with running_server(data_dir) as server:
+    with started(data_dir) as server:
         httpx.get(f"{server.url}/readyz", trust_env=False)
         modes = {
             path.name: stat.S_IMODE(path.stat().st_mode) for path in data_dir.iterdir()
         }
     (data_dir / "unghost.db").chmod(0o644)  # as older versions made it
-    with running_server(data_dir):
+    with started(data_dir):
         again = stat.S_IMODE((data_dir / "unghost.db").stat().st_mode)
 
     private = {0o600, 0o700}
@@ -190,7 +201,7 @@ def test_the_database_is_for_its_owner_alone_in_a_folder_for_all(data_dir):
 
 
 def test_a_line_break_in_a_path_starts_no_line_in_the_log(data_dir):
-    with running_server(data_dir) as server:
+    with started(data_dir) as server:
         httpx.get(f"{server.url}/a%0A2026-01-01%20forged%1b[2J")
 
     lines = [json.loads(line) for line in server.log.read_text().splitlines()]

@@ -23,7 +23,7 @@ from playwright.sync_api import (
 
 from tests.browser import scenes
 from tests.browser.stage import after_drawing
-from tests.servers import SESSION_KEY, RunningServer
+from tests.support.servers import SESSION_KEY, RunningServer
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (

@@ -15,7 +15,7 @@ from benchmarks.million import NAME, fill
 from tests.browser import crowds
 from tests.browser.conftest import WIDE
 from tests.browser.crowds import cell
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from tests.browser import crowds
 from tests.browser.conftest import MakeScene, Scene, Visit, Visitor, lose_session
 from tests.browser.crowds import answers, queue, queued
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 

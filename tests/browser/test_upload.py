@@ -13,7 +13,7 @@ from playwright.sync_api import Page, Route, expect
 from tests.browser import scenes
 from tests.browser.conftest import Visitor, lose_session
 from tests.browser.test_accessibility import findings, scheme  # noqa: F401  # a fixture
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 
 pytestmark = pytest.mark.browser
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 
@@ -14,7 +13,8 @@ import yaml
 
 from tests.api.command_line import CommandLine
 from tests.capture.conftest import SMALL
-from tests.servers import RunningServer
+from tests.support.processes import start
+from tests.support.servers import RunningServer
 from unghost import Client
 
 pytestmark = pytest.mark.long
@@ -31,20 +31,13 @@ class CaptureLine(CommandLine):
         return json.loads((self.folder / "state.json").read_text())
 
     def program(self, *words):
-        module = [sys.executable, "-m", "tests.capture.program"]
-        return [*module, str(self.folder / "state.json"), *map(str, words)]
+        state = self.folder / "state.json"
+        return ["tests.capture.program", str(state), *map(str, words)]
 
     def start(self, *words):
         path = os.pathsep.join(p for p in sys.path if p)
-        return subprocess.Popen(
-            self.program(*words),
-            cwd=self.folder,
-            env={**self.environ, "PYTHONPATH": path},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        environ = {**self.environ, "PYTHONPATH": path}
+        return start(self.program(*words), self.folder, environ)
 
     def scenario(self, **changes):
         path = self.folder / "street.yaml"

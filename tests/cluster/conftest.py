@@ -9,7 +9,7 @@ import pytest
 
 from tests.api.resources import Api
 from tests.cluster.nodes import Cluster, Node, cluster
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 
 
 @dataclass

@@ -18,7 +18,8 @@ from pathlib import Path
 from app.engine.certificates import make_certificates
 from tests.api.resources import Api
 from tests.databases import environment_of
-from tests.servers import RunningServer, running_server, start, stop
+from tests.support.processes import Process
+from tests.support.servers import RunningServer, running_server, start, start_anew, stop
 
 PATIENCE_S = 60
 _numbers = count(1)
@@ -49,7 +50,7 @@ def children(pid: int) -> list[int]:
 class Node:
     """A process of the cluster, and its log."""
 
-    process: subprocess.Popen[str]
+    process: Process
     log: Path
 
     @property
@@ -78,6 +79,8 @@ class Cluster:
     port: int
     _started: ExitStack
     settings: dict[str, str] = field(default_factory=dict)
+    anew: bool = False
+    """Start Python itself for each process, as benchmarks do."""
 
     @property
     def data(self) -> Path:
@@ -123,7 +126,7 @@ class Cluster:
     def server(self, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
         engine = {"UNGHOST_ENGINE": self.address, **self.tls("client")}
         with running_server(
-            self.data, {**engine, **self.settings, **settings}
+            self.data, {**engine, **self.settings, **settings}, anew=self.anew
         ) as server:
             api = Api.at(server.url, server.headers)
             with api.http:
@@ -137,16 +140,20 @@ class Cluster:
             **self.settings,
             **settings,
         }
-        process = start([sys.executable, "-m", *words], self.data, log, given)
+        if self.anew:
+            command = [sys.executable, "-m", *words]
+            process: Process = start_anew(command, self.data, log, given)
+        else:
+            process = start(words, self.data, log, given)
         self._started.callback(stop, process)
         return Node(process, log)
 
 
 @contextmanager
-def cluster(folder: Path) -> Iterator[Cluster]:
+def cluster(folder: Path, *, anew: bool = False) -> Iterator[Cluster]:
     """Certificates and a port; no process yet."""
     with ExitStack() as started:
-        made = Cluster(folder, free_port(), started)
+        made = Cluster(folder, free_port(), started, anew=anew)
         make_certificates(made.certificates, ("127.0.0.1",), 2)
         yield made
 

@@ -27,7 +27,7 @@ HOSTS = ("scheduler.lab", "10.0.0.5")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     words = [word for host in HOSTS for word in ("--host", host)]
-    unghost = CommandLine(folder, {})
+    unghost = CommandLine(folder, {}, anew=True)
     first = unghost("certificates", "nodes", *words, "--days", "30", "--json")
     return folder / "nodes", first, unghost("certificates", "nodes", *words)
 
@@ -114,7 +114,7 @@ def test_a_scheduler_on_a_port_that_is_taken_says_so(made, tmp_path):
         port = str(taken.getsockname()[1])
 
         # A process of its own: the library that binds leaves its socket to the exit.
-        answer = CommandLine(tmp_path, {})(
+        answer = CommandLine(tmp_path, {}, anew=True)(
             "scheduler", "--host", "127.0.0.1", "--port", port, *words
         )
 
@@ -133,7 +133,7 @@ def test_a_worker_without_a_scheduler_says_why_in_plain_words(made, tmp_path):
         f"UNGHOST_TLS_{key}": str(made[0] / name) for key, name in names.items()
     }
 
-    answer = CommandLine(tmp_path, settings)(
+    answer = CommandLine(tmp_path, settings, anew=True)(
         *("worker", address, "--data", "data", "--patience", "1")
     )
 

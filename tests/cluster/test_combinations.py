@@ -16,7 +16,7 @@ from tests.api.resources import Api
 from tests.cluster.nodes import cluster
 from tests.databases import DATABASE_URL, migrated_postgres
 from tests.s3_server import S3Server
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 FORMATS = ("decisions-jsonl", "yolo", "coco", "kitti")
 FRAMES = 30

@@ -11,7 +11,7 @@ import pytest
 from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.cluster.nodes import cluster, until, working_process
 from tests.cluster.totals import asked, begun_run, check_totals, ended, state_of
-from tests.servers import STOP_WAIT_S, stop
+from tests.support.servers import STOP_WAIT_S, stop
 
 pytestmark = pytest.mark.long
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.api.command_line import CommandLine
 from tests.docs.documents import CHECKOUT
-from tests.servers import token_of
+from tests.support.servers import token_of
 
 NOTEBOOKS = sorted((CHECKOUT / "docs" / "notebooks").glob("*.ipynb"))
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.docs.documents import blocks, read
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 CLIENT, LIBRARY = blocks(read("README.md"), "python")
 CAR_OF_THE_EXAMPLE = np.s_[410:640, 83:466]

@@ -8,7 +8,7 @@ import pytest
 
 from tests.api.resources import Api
 from tests.hostile.openapi_cases import populate
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 SETTINGS = {
     "UNGHOST_MAX_OPEN_RUNS": "1000",

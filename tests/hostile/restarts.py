@@ -14,7 +14,7 @@ from app.db.migrate import current_revision, head_revision, migrate
 from app.package import migrations_dir
 from tests.api.resources import Api
 from tests.databases import url_of
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 SETTINGS: Final = {
     "UNGHOST_WORKERS": "2",

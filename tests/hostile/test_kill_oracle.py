@@ -19,7 +19,7 @@ import pytest
 from tests import databases
 from tests.api.resources import Api
 from tests.hostile.ledger import Ledger, Writer, digest, files
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 pytestmark = pytest.mark.long
 

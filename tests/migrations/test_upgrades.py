@@ -15,7 +15,7 @@ from app.db.migrate import head_revision, migrate
 from app.package import migrations_dir
 from tests.api.resources import Api
 from tests.migrations.filled import contents, fill, restricted, revisions
-from tests.servers import running_server
+from tests.support.servers import running_server
 
 SCRIPTS = migrations_dir()
 REVISIONS = revisions()

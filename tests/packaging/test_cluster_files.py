@@ -22,7 +22,7 @@ from tests.cluster.nodes import free_port
 from tests.databases import migrated_postgres
 from tests.packaging.conftest import CHECKOUT
 from tests.packaging.dockerfile import parse_dockerfile
-from tests.servers import RunningServer, running_server, stop
+from tests.support.servers import RunningServer, running_server, stop
 from unghost import Client, OutgoingFrame
 from unghost.cli.program import COMMANDS
 
@@ -193,7 +193,7 @@ def servers(tmp_path) -> Iterator[list[RunningServer]]:
     with migrated_postgres() as url, ExitStack() as stack:
         extra = {"UNGHOST_DATABASE_URL": url}
         yield [
-            stack.enter_context(running_server(tmp_path / "data", extra))
+            stack.enter_context(running_server(tmp_path / "data", extra, anew=True))
             for _ in range(2)
         ]
 

@@ -18,7 +18,7 @@ import yaml
 
 from tests.packaging.conftest import CHECKOUT, Installation
 from tests.packaging.dockerfile import Stage, parse_dockerfile
-from tests.servers import start, stop, wait_for_link
+from tests.support.servers import start_anew, stop, wait_for_link
 
 STAGES = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))
 IMAGE = STAGES[-1]
@@ -100,7 +100,7 @@ def test_the_start_command_serves_as_an_ordinary_user(
     data, log = nobodys_folder / "data", nobodys_folder / "log"
     environment = here(IMAGE.environment, nobodys_folder)
 
-    process = start([*drop, *command], data, log, environment)
+    process = start_anew([*drop, *command], data, log, environment)
     try:
         url = wait_for_link(process, log).partition("/#")[0]
         ready = httpx.get(f"{url}/readyz", timeout=30)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 
 from tests.packaging.conftest import Installation
-from tests.servers import start, stop, token_of, wait_for_link
+from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
 
 def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_path):
@@ -13,7 +13,7 @@ def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_pat
     command = [str(installation.command("unghost")), *options]
     log = tmp_path / "log"
 
-    process = start(command, tmp_path / "data", log, {})
+    process = start_anew(command, tmp_path / "data", log, {})
     try:
         url = wait_for_link(process, log).partition("/#")[0]
         headers = {"Authorization": f"Bearer {token_of(tmp_path / 'data')}"}

@@ -23,7 +23,7 @@ from filter_core.formats.registry import EXPORT_FORMATS
 from tests.databases import rows_of
 from tests.pins import street
 from tests.pins.walk import BASE, DATASET, FINISHED, plain, walked
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 EXPORTS: Final[Mapping[str, dict[str, Any]]] = {
     "yolo, bands": {"bands": [15, 50], "split": 0.5},

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.api import frames
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 from unghost import Client
 
 

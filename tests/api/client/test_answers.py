@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 from unghost import Client, wire
 from unghost.wire.model import ResponseModel
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.api import archives, frames
 from tests.api.client.test_answers import assert_answered_by, said
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 from unghost import wire
 
 BASE = "/api/v1"

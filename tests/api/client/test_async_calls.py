@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 import unghost
-from tests.servers import RunningServer
+from tests.support.servers import RunningServer
 from unghost import wire
 from unghost.client.api import Api
 from unghost.client.call import Call, Listing, query_of

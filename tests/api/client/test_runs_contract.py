@@ -7,7 +7,7 @@ import pytest
 import unghost
 from tests.api.long_streets import FROM_PIXELS, fill
 from tests.api.resources import Api
-from tests.servers import running_server
+from tests.support.servers import running_server
 from unghost import Client
 
 STRICT = {"min_visible_pixels": 500}

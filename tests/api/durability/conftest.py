@@ -16,8 +16,8 @@ from app.settings import Settings
 from tests.api.command_line import CommandLine
 from tests.api.resources import Api
 from tests.databases import settings_of
-from tests.servers import RunningServer, running_server
 from tests.services import filled_folder
+from tests.support.servers import RunningServer, running_server
 
 
 @contextmanager

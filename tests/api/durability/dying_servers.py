@@ -1,8 +1,7 @@
 """Servers that die, as by a power cut, at a named point of their work.
 
-Only this module knows of the points: it wraps what the server calls, in processes of
-its own. Run as a program it has loaded everything, and forks a server for every line
-that it reads: a second start costs almost nothing.
+Only this module knows of the points: run as a program it wraps what the server calls,
+and serves.
 """
 
 from __future__ import annotations
@@ -20,10 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from tests.poison import lay_poison
-from tests.servers import start, stop, token_of
+from tests.support.processes import Process
+from tests.support.servers import start, stop, token_of, wait_for_link
 
 POINTS = ("draft", "flush_file", "rename", "flush_folder", "commit", "answer")
 LIVES_AT_MOST_S = 60
+CHECKOUT = Path(__file__).resolve().parents[3]
 ARMED = "armed"
 """A file of this name beside the data folder: from now on the point counts."""
 
@@ -40,27 +41,25 @@ class Point:
         return f"{'after' if self.after else 'before'}-{self.name}-{self.turn}"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Nursery:
-    """The program that forks servers of one data folder."""
+    """Servers of one data folder, one after the other."""
 
-    process: subprocess.Popen[str]
     data: Path
+    _living: Process | None = None
 
     def server(self, point: Point | None = None) -> tuple[str, str]:
         """Address and token of a server that dies at a point, once it is armed."""
         (self.data.with_name(ARMED)).unlink(missing_ok=True)
-        self._say({"point": None if point is None else vars(point)})
-        return self._link()
+        return self._link({"point": None if point is None else vars(point)})
 
     def poisoned(self, kind: str) -> tuple[str, str]:
         """The same of a server that dies of poison, at the latest when it is asked."""
-        self._say({"poison": kind})
-        return self._link()
+        return self._link({"poison": kind})
 
     def dies(self, kind: str) -> int:
         """The exit status of a server that dies of poison before anybody asks it."""
-        self._say({"poison": kind})
+        self._start({"poison": kind})
         return self.ended(ask=False)
 
     def arm(self) -> None:
@@ -69,40 +68,45 @@ class Nursery:
 
     def ended(self, *, ask: bool) -> int:
         """Wait for the end of the server, asked for or not; its exit status."""
-        self._say({"stop": ask})
-        return int(self._hear("ended ").rpartition(" ")[2])
+        process, self._living = self._living, None
+        assert process is not None
+        with process:
+            if ask:
+                process.terminate()
+            try:
+                return process.wait(LIVES_AT_MOST_S)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGABRT)
+                return process.wait()
 
-    def _link(self) -> tuple[str, str]:
-        link = self._hear("/#code=").split()[-1]
+    def end(self) -> None:
+        """End the server that a test has left when it failed."""
+        if self._living is not None:
+            stop(self._living)
+
+    def _start(self, word: dict[str, Any]) -> Process:
+        settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "1"}
+        words = ["tests.api.durability.dying_servers", json.dumps(word)]
+        self._living = start(words, self.data, self._log, settings)
+        return self._living
+
+    def _link(self, word: dict[str, Any]) -> tuple[str, str]:
+        link = wait_for_link(self._start(word), self._log)
         return link.partition("/#")[0], token_of(self.data)
 
-    def _say(self, word: dict[str, Any]) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(word) + "\n")
-        self.process.stdin.flush()
-
-    def _hear(self, word: str) -> str:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            if word in line:
-                return line.strip()
-        raise AssertionError("the servers' program ended")
+    @property
+    def _log(self) -> Path:
+        return self.data.with_name("dying.log")
 
 
 @contextmanager
 def nursery(data: Path) -> Iterator[Nursery]:
-    """A program that forks servers of this data folder."""
-    log = data.with_name("dying.log")
-    command = [sys.executable, "-m", "tests.api.durability.dying_servers"]
-    checkout = Path(__file__).resolve().parents[3]
-    settings = {"PYTHONPATH": str(checkout), "UNGHOST_WORKERS": "1"}
-    process = start(command, data, log, settings, stdin=subprocess.PIPE)
+    """Servers of this data folder."""
+    made = Nursery(data)
     try:
-        yield Nursery(process, data)
+        yield made
     finally:
-        assert process.stdin is not None
-        process.stdin.close()
-        stop(process)
+        made.end()
 
 
 class Fuse:
@@ -185,41 +189,6 @@ def grow_up(point: Point | None, poison: str | None) -> None:
     serve(settings)
 
 
-def main() -> None:
-    """Fork a server for every line; tell how it ended."""
-    import app.main  # noqa: F401  # loaded once, for all servers
-
-    child = 0
-    for line in sys.stdin:
-        word = json.loads(line)
-        if "stop" in word:
-            if word["stop"]:
-                os.kill(child, signal.SIGTERM)
-            tell_the_end(child)
-            child = 0
-            continue
-        child = os.fork()
-        if child == 0:
-            point = word.get("point")
-            grow_up(Point(**point) if point else None, word.get("poison"))
-            os._exit(0)
-    if child:  # the test failed before it was asked to end
-        os.kill(child, signal.SIGKILL)
-
-
-def tell_the_end(child: int) -> None:
-    """Wait for a server; one that lives on after all is ended by force."""
-    until = time.monotonic() + LIVES_AT_MOST_S
-    done, status = os.waitpid(child, os.WNOHANG)
-    while not done and time.monotonic() < until:
-        time.sleep(0.01)
-        done, status = os.waitpid(child, os.WNOHANG)
-    if not done:
-        os.kill(child, signal.SIGABRT)
-        _, status = os.waitpid(child, 0)
-    sys.stdout.write(f"ended {os.waitstatus_to_exitcode(status)}\n")
-    sys.stdout.flush()
-
-
 if __name__ == "__main__":
-    main()
+    told = json.loads(sys.argv[1])
+    grow_up(Point(**told["point"]) if told.get("point") else None, told.get("poison"))

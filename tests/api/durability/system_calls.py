@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.servers import RunningServer, start, token_of, wait_for_link
+from tests.support.servers import (
+    SERVER,
+    RunningServer,
+    start_anew,
+    token_of,
+    wait_for_link,
+)
 
 TRACED = ",".join(
     [
@@ -56,7 +61,7 @@ def traced_server(data: Path) -> Iterator[tuple[RunningServer, Path]]:
     strace = [require_strace(), "--follow-forks", "--decode-fds=path"]
     strace += ["--seccomp-bpf", "--string-limit=48", "--signal=none"]
     strace += [f"--trace={TRACED}", f"--output={trace}"]
-    process = start([*strace, sys.executable, "-m", "app"], data, log, {})
+    process = start_anew([*strace, *SERVER], data, log, {})
     try:
         url = wait_for_link(process, log).partition("/#")[0]
         yield RunningServer(url, token_of(data), data, log, process), trace

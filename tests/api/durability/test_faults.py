@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import sys
 from contextlib import closing
 
 import pytest
@@ -14,7 +13,7 @@ from app.http.problems import problem_of
 from tests.api import frames as scene
 from tests.api.durability.conftest import blobs, examined, served
 from tests.mounts import read_only, small_disk
-from tests.servers import start
+from tests.support.servers import start
 
 pytestmark = pytest.mark.long
 
@@ -24,7 +23,7 @@ LITTLE = {"UNGHOST_MIN_FREE_BYTES": "0"}
 def refused_start(data, tmp_path):
     """What a server says that does not start."""
     log = tmp_path / "refused.log"
-    with start([sys.executable, "-m", "app"], data, log, {}) as process:
+    with start(["app"], data, log, {}) as process:
         assert process.wait(120) == 1
     return log.read_text("utf-8")
 

@@ -5,7 +5,6 @@ Kills that are nobody's fault leave nothing alone, however often they come.
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from contextlib import contextmanager
 from functools import partial
@@ -23,7 +22,7 @@ from tests.cluster.nodes import PATIENCE_S, until
 from tests.cluster.totals import check_totals, ended, state_of
 from tests.databases import rows_of
 from tests.poison import DECISIONS, EXPORTS, FRAMES
-from tests.servers import start, stop, token_of, wait_for_link
+from tests.support.servers import start, stop, token_of, wait_for_link
 
 MOST_DEATHS = 3
 KILLED = -9
@@ -104,9 +103,8 @@ def log_of(data):
 @contextmanager
 def poisoned(data):
     """A server that is a process of its own, with two threads for pixels."""
-    words = [sys.executable, "-m", "tests.poison"]
     settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "2"}
-    process = start(words, data, log_of(data), settings)
+    process = start(["tests.poison"], data, log_of(data), settings)
     try:
         yield process
     finally:

@@ -12,7 +12,7 @@ import pytest
 from tests.api import frames as scene
 from tests.api.resources import Api
 from tests.databases import migrated_postgres
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 _numbers = count(1)
 

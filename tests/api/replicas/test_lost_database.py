@@ -18,7 +18,7 @@ from tests.api.event_reader import open_events
 from tests.api.long_streets import OTHER_PIXELS, fill
 from tests.api.resources import BASE, FINISHED, Api
 from tests.postgres_cluster import Cluster, own_cluster
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 LONG = pytest.mark.long
 FRAMES = 60

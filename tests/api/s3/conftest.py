@@ -12,7 +12,7 @@ import pytest
 from tests.api.command_line import CommandLine
 from tests.api.resources import Api
 from tests.s3_server import Gate, S3Server, TestBucket, gate
-from tests.servers import RunningServer, running_server
+from tests.support.servers import RunningServer, running_server
 
 PATIENCE_S = "2"
 

@@ -18,7 +18,7 @@ from app.process.connections import (
 )
 from tests.api import frames as scene
 from tests.api.live import live
-from tests.servers import start, stop, token_of, wait_for_link
+from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
 pytestmark = [
     pytest.mark.long,
@@ -54,7 +54,7 @@ def limited_server(data, *, soft, hard, taken=0, **settings):
     log = data.with_name("server.log")
     command = [sys.executable, "-c", WITH_LIMITS, *map(str, (soft, hard, taken))]
     settings = {"UNGHOST_LOG_FORMAT": "text", **settings}
-    process = start(command, data, log, settings)
+    process = start_anew(command, data, log, settings)
     try:
         url = wait_for_link(process, log).partition("/#")[0]
         bearer = {"Authorization": f"Bearer {token_of(data)}"}

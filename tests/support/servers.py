@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +14,12 @@ from typing import Any
 import httpx
 
 from tests.databases import environment_of
+from tests.support import processes
+from tests.support.processes import Process
 
 STOP_WAIT_S = 30
+SERVER = (sys.executable, "-m", "app")
+"""The command that serves."""
 SESSION_KEY = "unghost.session.v1"
 """Where the page keeps its session in the browser's storage."""
 
@@ -28,7 +32,7 @@ class RunningServer:
     token: str
     data: Path
     log: Path
-    process: subprocess.Popen[str]
+    process: Process
 
     @property
     def login_link(self) -> str:
@@ -61,9 +65,11 @@ class RunningServer:
 
 @contextmanager
 def running_server(
-    data: Path, settings: Mapping[str, str] | None = None
+    data: Path, settings: Mapping[str, str] | None = None, *, anew: bool = False
 ) -> Iterator[RunningServer]:
     """Serve this data folder; `settings` are UNGHOST_* variables.
+
+    `anew` starts Python itself, as benchmarks do, and tests of the start.
 
     Raises
     ------
@@ -71,7 +77,10 @@ def running_server(
         The server ended before it was ready; the text is its log.
     """
     log = data.with_name(f"{data.name}.log")
-    process = start([sys.executable, "-m", "app"], data, log, settings or {})
+    if anew:
+        process = start_anew(SERVER, data, log, settings or {})
+    else:
+        process = start(["app"], data, log, settings or {})
     try:
         url = wait_for_link(process, log).partition("/#")[0]
         yield RunningServer(url, token_of(data), data, log, process)
@@ -80,30 +89,31 @@ def running_server(
 
 
 def start(
-    command: list[str],
-    data: Path,
-    log: Path,
-    settings: Mapping[str, str],
-    *,
-    stdin: int = subprocess.DEVNULL,
-) -> subprocess.Popen[str]:
-    """The process, beside its data, with nothing of the developer's own settings."""
+    words: Sequence[str], data: Path, log: Path, settings: Mapping[str, str]
+) -> Process:
+    """``python -m MODULE WORDS``, beside its data, without the developer's settings."""
+    with log.open("a", encoding="utf-8") as errors:
+        return processes.start(words, data.parent, environ_of(data, settings), errors)
+
+
+def start_anew(
+    command: Sequence[str], data: Path, log: Path, settings: Mapping[str, str]
+) -> Process:
+    """As `start`, for any command; nothing of it was imported before."""
+    environ = environ_of(data, settings)
+    with log.open("a", encoding="utf-8") as errors:
+        return processes.start_anew(command, data.parent, environ, errors)
+
+
+def environ_of(data: Path, settings: Mapping[str, str]) -> dict[str, str]:
+    """Variables of a process of this data folder."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("UNGHOST_")}
     own = {"UNGHOST_DATA": str(data), "UNGHOST_PORT": "0"}
     state = {"XDG_STATE_HOME": str(data.with_name(f"{data.name}-state"))}
-    with log.open("a", encoding="utf-8") as stderr:
-        return subprocess.Popen(
-            command,
-            cwd=data.parent,
-            env={**clean, **own, **environment_of(data), **state, **settings},
-            stdin=stdin,
-            stdout=subprocess.PIPE,
-            stderr=stderr,
-            text=True,
-        )
+    return {**clean, **own, **environment_of(data), **state, **settings}
 
 
-def wait_for_link(process: subprocess.Popen[str], log: Path) -> str:
+def wait_for_link(process: Process, log: Path) -> str:
     """The login link that the server prints when it is ready."""
     assert process.stdout is not None
     for line in process.stdout:
@@ -117,7 +127,7 @@ def token_of(data: Path) -> str:
     return (data / "token").read_text("utf-8").strip()
 
 
-def stop(process: subprocess.Popen[str]) -> None:
+def stop(process: Process) -> None:
     """End it as a service manager would: politely, then not."""
     process.terminate()
     try:

@@ -1,0 +1,122 @@
+"""What is forked from the template is what Python would have started anew."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import httpx
+import pytest
+
+from tests.support.processes import CAN_FORK, start, start_anew
+from tests.support.servers import running_server
+
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="the system has no pidfd_open")
+
+FACTS = """
+import gc, json, locale, os, random, signal, sys, threading
+signals = (signal.SIGINT, signal.SIGPIPE, signal.SIGTERM, signal.SIGCHLD)
+streams = (sys.stdin, sys.stdout, sys.stderr)
+print(json.dumps({
+    "name": [__name__, __spec__.name, sys.modules["__main__"].__spec__.name],
+    "words": [sys.argv, sys.orig_argv[1:]],
+    "folder": [os.getcwd(), sys.path[0]],
+    "found in": sys.path,
+    "environ": dict(os.environ),
+    "signals": [str(signal.getsignal(one)) for one in signals],
+    "streams": [[one.encoding, one.errors, one.isatty()] for one in streams],
+    "said to it": sys.stdin.read(),
+    "files": len(os.listdir("/proc/self/fd")),
+    "threads": threading.active_count(),
+    "locale": [locale.getlocale(), locale.getpreferredencoding()],
+    "collects": [gc.isenabled(), gc.get_threshold()],
+    "umask": os.umask(0),
+    "flags": list(sys.flags),
+}))
+"""
+ENDS = {
+    "a code": ("raise SystemExit(3)", 3),
+    "no code": ("pass", 0),
+    "words": ("raise SystemExit('not today')", 1),
+    "an error": ("1 / 0", 1),
+    "an interrupt": ("raise KeyboardInterrupt", -signal.SIGINT),
+    "a signal": ("import os; os.kill(os.getpid(), 9)", -signal.SIGKILL),
+    "work at exit": ("import atexit; atexit.register(print, 'bye')", 0),
+}
+
+
+@pytest.fixture
+def both(tmp_path):
+    """Start a program forked, and anew; two processes."""
+
+    def begin(program, *words, **more):
+        (tmp_path / "program.py").write_text(program)
+        environ = {**os.environ, **more}
+        command = [sys.executable, "-m", "program", *words]
+        return (
+            start(["program", *words], tmp_path, environ),
+            start_anew(command, tmp_path, environ),
+        )
+
+    return begin
+
+
+def test_a_fork_finds_what_a_fresh_start_finds(both, tmp_path):
+    found = [
+        json.loads(process.communicate(timeout=60)[0])
+        for process in both(
+            FACTS, "a", "-b", UNGHOST_DATA="x", PYTHONPATH=str(tmp_path)
+        )
+    ]
+
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_fork_ends_as_a_fresh_start_does(both, end):
+    program, code = ENDS[end]
+
+    forked, fresh = [
+        (*process.communicate(timeout=60), process.returncode)
+        for process in both(program)
+    ]
+
+    assert (forked[0], forked[2]) == (fresh[0], code) == (fresh[0], fresh[2])
+    assert forked[1].splitlines()[-1:] == fresh[1].splitlines()[-1:]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
+def test_a_fork_takes_signals(both, number):
+    for process in both("import time; print('here', flush=True); time.sleep(60)"):
+        with process:
+            assert process.poll() is None
+            assert process.stdout.readline() == "here\n"
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(0.01)
+            process.send_signal(number)
+            assert process.wait(60) == -number
+            assert process.poll() == -number
+            process.kill()  # nobody is there any more, which is no error
+
+
+def test_two_forks_have_other_seeds(both):
+    program = "import random, numpy; print(random.random(), numpy.random.random())"
+    first, fresh = both(program)
+    second, other = both(program)
+    said = [one.communicate(timeout=60)[0] for one in (first, second, fresh, other)]
+
+    assert len({number for line in said for number in line.split()}) == 8
+
+
+def test_a_server_that_is_forked_knows_when_it_was_started(data_dir):
+    began = time.time()
+    with running_server(data_dir) as server:
+        text = httpx.get(f"{server.url}/metrics", headers=server.headers).text
+    (started,) = re.findall(r"^process_start_time_seconds (.*)$", text, re.M)
+
+    assert began < float(started) < time.time()
