@@ -32,6 +32,7 @@ from benchmarks.evaluation_page import write_page
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
+from filter_core.evaluation.comparison import EvaluationObject
 from filter_core.formats.manifest import MANIFEST_NAME
 from filter_core.formats.reading import FrameSource
 from filter_core.formats.registry import read_source
@@ -150,7 +151,7 @@ def lost_by_size(frames: list[FrameSource], folder: Path) -> list[dict[str, int]
     return groups
 
 
-def counted(frames: list[FrameSource], task: EvaluationTask) -> dict[str, Any]:
+def counted(frames: list[FrameSource], task: EvaluationTask) -> EvaluationObject:
     shown = track(frames, "Measuring", disable=not sys.stderr.isatty())
     evaluation, problems = evaluate_source(shown, task)
     if problems:

@@ -21,7 +21,7 @@ from filter_core.segmentation.palettes import (
     PUBLISHED_COLORS,
     Palette,
 )
-from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray
+from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray, Profile
 from filter_core.values import nearest, place_of, shown
 
 _ALIASES: Final = {"street_light": "traffic_light"}
@@ -127,7 +127,7 @@ CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
 def accept_mask_of(
     class_name: str,
     family: str | None,
-    profile: str = "paper",
+    profile: Profile = "paper",
     override: Sequence[str | int] | None = None,
 ) -> int:
     """The tags whose pixels count for a class, as bits: bit t is set for tag t.
@@ -140,7 +140,7 @@ def accept_mask_of(
         A key of `filter_core.segmentation.palettes.FAMILIES`. None: nothing was
         measured, so only whether the class is mapped matters; the newest family that
         maps it answers.
-    profile : {"paper", "carlasimu"}
+    profile : Profile
         ``carlasimu`` (as family ``paper-table1``): one colour per class.
     override : tag names and numbers, or None
         Replaces the class's own set.
@@ -164,7 +164,7 @@ def accept_mask_of(
 
 
 @lru_cache(maxsize=1024)
-def _default_mask(class_name: str, family: str, profile: str) -> int:
+def _default_mask(class_name: str, family: str, profile: Profile) -> int:
     palette = FAMILIES[family]
     if profile == "carlasimu" or family == "paper-table1":
         color = PUBLISHED_COLORS.get(class_name)
@@ -189,7 +189,7 @@ def _mask_of_tags(tags: tuple[str | int, ...], palette: Palette, owner: str) -> 
 
 
 def _mask_in_any_family(
-    class_name: str, profile: str, override: Sequence[str | int] | None
+    class_name: str, profile: Profile, override: Sequence[str | int] | None
 ) -> int:
     for family in ("carla-0.9.14", "carla-0.9.10", "carla-0.9.0", "paper-table1"):
         if override is None:

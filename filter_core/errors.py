@@ -18,7 +18,7 @@ Messages name the thing, what was expected and what was found; never a server's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, TypedDict
+from typing import ClassVar, TypedDict
 
 
 class FilterError(ValueError):
@@ -36,7 +36,7 @@ class FilterError(ValueError):
         self.pointer = pointer
         self.kind = code or type(self).code
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Errors travel between processes with all that they say."""
         return restored, (type(self), self.args, vars(self))
 

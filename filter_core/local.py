@@ -25,14 +25,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any, Final, TypedDict, TypeVar
+from typing import Final, TypedDict, TypeVar
 
 import numpy as np
 
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import files_for
+from filter_core.config.keys import EvidenceName, files_for
 from filter_core.decisions.record import Decision, decided_boxes
 from filter_core.decisions.rules import decide
 from filter_core.errors import FilterError, LayoutError, ProblemObject, problem_of
@@ -68,16 +68,39 @@ _MAX_LINE: Final = 1 << 20
 """Characters of a file of truths that are read at a time, however long its lines."""
 
 
+class _OutcomeKey(TypedDict):
+    key: str
+
+
+class OutcomeObject(_OutcomeKey, total=False):
+    """A `FrameOutcome` as JSON: palette and decisions, or an error."""
+
+    palette: str | None
+    decisions: list[Decision] | None
+    error: ProblemObject
+
+
 @dataclass(frozen=True)
 class FrameOutcome:
-    """One frame's decisions, or why it has none."""
+    """One frame's decisions, or why it has none.
+
+    Attributes
+    ----------
+    key : str
+    palette : str or None
+        The tag family of its segmentation; None if there was none.
+    decisions : list of Decision, or None
+        In the order of its boxes; None if there is an error.
+    error : ProblemObject or None
+        Why the frame cannot be used.
+    """
 
     key: str
     palette: str | None = None
     decisions: list[Decision] | None = None
     error: ProblemObject | None = None
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> OutcomeObject:
         """The line that stands for this frame in a decisions file."""
         if self.error is not None:
             return {"key": self.key, "error": self.error}
@@ -140,14 +163,15 @@ class EvaluationTask:
     config : FilterConfig
     truth : Truth, or None
         None: an object is visible if its instance has a pixel.
-    channels : names out of `filter_core.evaluation.comparison.COMPARED`
+    channels : tuple of EvidenceName
+        The kinds of evidence that are compared.
     dataset : SegmentationOptions
         How segmentations are to be read.
     """
 
     config: FilterConfig = field(default_factory=FilterConfig)
     truth: Truth | None = None
-    channels: tuple[str, ...] = COMPARED
+    channels: tuple[EvidenceName, ...] = COMPARED
     dataset: SegmentationOptions = field(default_factory=SegmentationOptions)
 
 

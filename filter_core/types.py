@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import Final, TypeAlias
+from typing import Final, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,34 @@ FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 
 BoolArray: TypeAlias = NDArray[np.bool_]
+
+Profile: TypeAlias = Literal["paper", "carlasimu"]
+"""How boxes are counted and compared: as the paper is written, or as its authors'
+published code behaves."""
+
+ProjectionMode: TypeAlias = Literal["clipped", "naive"]
+"""How 3D boxes become rectangles: cut exactly at the image, or as in the paper."""
+
+VerdictName: TypeAlias = Literal["kept", "rejected", "unmeasured"]
+"""The values of `Verdict`."""
+
+ReasonLabel: TypeAlias = Literal[
+    "outside_image",
+    "covers_image",
+    "degenerate",
+    "out_of_range",
+    "unmapped_class",
+    "no_segmentation",
+    "no_visible_pixels",
+    "large_below_threshold",
+    "below_threshold",
+    "explained_by_nearer",
+    "hidden_by_depth",
+    "hidden_by_instance",
+    "too_few_lidar_points",
+    "visible",
+]
+"""The names of each `Reason` on the wire, by its number from 1."""
 
 UNKNOWN_TAG: Final = 255
 """The tag of a pixel whose colour or number is no tag of its family."""
@@ -402,9 +430,9 @@ class Reason(IntEnum):
     VISIBLE = 14
 
     @property
-    def label(self) -> str:
+    def label(self) -> ReasonLabel:
         """The reason's name on the wire, such as ``below_threshold``."""
-        return _LABELS[self]
+        return _LABELS[self - 1]
 
     @property
     def verdict(self) -> Verdict:
@@ -421,10 +449,11 @@ class Reason(IntEnum):
             raise ValueError(f"unknown reason {label!r}; known: {known}") from None
 
 
-# Lists, because hashing an enum is slow and both are read several times for every box
-# that is shown. Reasons count from 1, so index 0 is unused.
-_LABELS: Final = ["", *(reason.name.lower() for reason in Reason)]
+# Sequences, because hashing an enum is slow and both are read several times for every
+# box that is shown.
+_LABELS: Final[tuple[ReasonLabel, ...]] = get_args(ReasonLabel)
 
+# Reasons count from 1, so index 0 is unused.
 _VERDICTS: Final = [
     {
         Reason.VISIBLE: Verdict.KEPT,
@@ -583,14 +612,14 @@ class DecidedBoxes:
         """The class of one box."""
         return self.class_names[int(self.class_index[row])]
 
-    def effective_verdict(self, row: int) -> str:
+    def effective_verdict(self, row: int) -> VerdictName:
         """The effective verdict of one box, by its name on the wire."""
         answered = _VERDICT_OF_ANSWER[int(self.answer[row])]
         return (answered or _VERDICTS[int(self.reason[row])]).value
 
-    def reason_label(self, row: int) -> str:
+    def reason_label(self, row: int) -> ReasonLabel:
         """The reason of one box by its name on the wire."""
-        return _LABELS[int(self.reason[row])]
+        return _LABELS[int(self.reason[row]) - 1]
 
 
 _DECIDED_COLUMNS: Final = tuple(

@@ -9,7 +9,8 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.repositories.answers import AnswerRepository
-from filter_core.evaluation.agreement import Kappa, agreement
+from filter_core.evaluation.agreement import agreement
+from filter_core.evaluation.scores import Measured
 from unghost.wire.quality import Agreement, Pair, Reviewer
 
 
@@ -84,5 +85,5 @@ class Panel:
         )
 
 
-def _value(kappa: Kappa | None) -> float | None:
+def _value(kappa: Measured | None) -> float | None:
     return kappa.value if kappa else None

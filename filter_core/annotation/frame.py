@@ -20,7 +20,7 @@ from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.geometry.projection import BoxGeometry, Projections, project_boxes
 from filter_core.json_text import JsonLimits
-from filter_core.types import BoxesXYXY, FloatArray, IntArray
+from filter_core.types import BoxesXYXY, FloatArray, IntArray, ProjectionMode
 
 VERTICES: Final = "vertices"
 
@@ -105,11 +105,6 @@ class BoxAnnotation:
     extra: dict[str, object]
     raw: Mapping[str, object]
 
-    @property
-    def is_3d(self) -> bool:
-        """Whether the box needs a camera."""
-        return self.form in FORMS_3D
-
 
 @dataclass(frozen=True)
 class Sensor:
@@ -154,7 +149,9 @@ class FrameAnnotation:
 
 
 def frame_boxes_2d(
-    annotation: FrameAnnotation, wh: tuple[int, int], projection: str = "clipped"
+    annotation: FrameAnnotation,
+    wh: tuple[int, int],
+    projection: ProjectionMode = "clipped",
 ) -> BoxGeometry:
     """The rectangles of a frame's boxes in its image.
 
@@ -162,7 +159,7 @@ def frame_boxes_2d(
     ----------
     annotation : FrameAnnotation
     wh : (width, height) of the image, px
-    projection : {"clipped", "naive"}
+    projection : ProjectionMode
         How a 3D box becomes a rectangle; see `project_boxes`.
 
     Returns
@@ -254,7 +251,7 @@ def _fill_rectangles(
 
 
 def _fill_projections(
-    geometry: BoxGeometry, annotation: FrameAnnotation, projection: str
+    geometry: BoxGeometry, annotation: FrameAnnotation, projection: ProjectionMode
 ) -> None:
     boxes = annotation.boxes
     rows = np.concatenate([_rows_of(boxes, form) for form in FORMS_3D])
@@ -280,7 +277,7 @@ def _values(boxes: Sequence[BoxAnnotation], rows: IntArray) -> FloatArray:
     return np.array([boxes[row].values for row in rows], dtype=np.float64)
 
 
-def _measured_rectangles(seen: Projections, projection: str) -> BoxesXYXY:
+def _measured_rectangles(seen: Projections, projection: ProjectionMode) -> BoxesXYXY:
     # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
     xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
     nothing = np.isnan(xyxy).any(axis=1, keepdims=True)

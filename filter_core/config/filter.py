@@ -25,9 +25,10 @@ from filter_core.classes import MAX_ACCEPT, canonical_accept, canonical_class
 from filter_core.config.keys import (
     AUTO,
     CHANNELS,
-    EVIDENCE,
     SEMANTIC,
     STRONGEST_FIRST,
+    ChannelName,
+    EvidenceChoice,
     Key,
     Number,
     NumberRange,
@@ -50,7 +51,7 @@ from filter_core.segmentation.reading import (
     OrderOfChannels,
     SegmentationOptions,
 )
-from filter_core.types import FloatArray, IntArray
+from filter_core.types import FloatArray, IntArray, Profile, ProjectionMode
 from filter_core.values import place_of, pointer_token, shown
 
 
@@ -240,16 +241,16 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
     `ConfigError` when the object is made, so every `DecideConfig` is valid.
     """
 
-    profile: str = choice(
+    profile: Profile = choice(
         "paper",
-        ("paper", "carlasimu"),
+        get_args(Profile),
         "How boxes are counted and compared: as the paper says, or bit for bit as its "
         "authors' published code does.",
         shown_before="threshold_small_box",
     )
-    evidence: str = choice(
+    evidence: EvidenceChoice = choice(
         SEMANTIC,
-        tuple(one.name for one in EVIDENCE),
+        get_args(EvidenceChoice),
         "By what boxes are judged: the segmentation, or a channel beside it.",
     )
     depth_tolerance: Number = metres(
@@ -349,7 +350,7 @@ class DecideConfig(ClassKeys[Number, int, Number | None]):
         return type(self).from_mapping, (self.as_dict(),)
 
     @property
-    def channels(self) -> tuple[str, ...]:
+    def channels(self) -> tuple[ChannelName, ...]:
         """Channels to try in this order; the first with a number judges the box."""
         if self.evidence == SEMANTIC:
             return ()
@@ -379,9 +380,9 @@ class FilterConfig(DecideConfig):
     boxes projected.
     """
 
-    projection: str = choice(
+    projection: ProjectionMode = choice(
         "clipped",
-        ("clipped", "naive"),
+        get_args(ProjectionMode),
         "How 3D boxes become rectangles: cut exactly at the image, or as in the paper.",
         shown_before="depth_tolerance",
     )

@@ -10,7 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import Field, field, fields
-from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeAlias
+from typing import (
+    Any,
+    ClassVar,
+    Final,
+    Literal,
+    NamedTuple,
+    Protocol,
+    TypeAlias,
+    get_args,
+)
 
 from filter_core.errors import ConfigError
 from filter_core.values import place_of, pointer_token, shown, similar
@@ -48,6 +57,7 @@ class NumberRange(NamedTuple):
 
     Attributes
     ----------
+    low, high : float or int
     unit : str
         In the plural, such as ``metres``.
     whole : bool
@@ -292,12 +302,24 @@ def _quoted(key: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+ChannelName: TypeAlias = Literal[
+    "ordered", "depth", "depth_center", "instance", "lidar"
+]
+"""The channels: the kinds of evidence beside the segmentation."""
+
+EvidenceName: TypeAlias = Literal["semantic", ChannelName]
+"""The kinds of evidence: what a box can be judged by."""
+
+EvidenceChoice: TypeAlias = Literal[EvidenceName, "auto"]
+"""The values of the key ``evidence``."""
+
+
 class EvidenceKind(NamedTuple):
     """One value of the key ``evidence``: what boxes can be judged by.
 
     Attributes
     ----------
-    name : str
+    name : EvidenceChoice
         The value itself.
     needs : str
         What a frame must have, as text for people.
@@ -309,7 +331,7 @@ class EvidenceKind(NamedTuple):
         ``auto`` tries the strongest first; 0: ``auto`` does not try it.
     """
 
-    name: str
+    name: EvidenceChoice
     needs: str
     keeps: str
     file: str | None = None
@@ -371,13 +393,16 @@ EVIDENCE: Final = (
 They are the segmentation alone, the channels beside it, and ``auto``.
 """
 
-CHANNELS: Final = tuple(
-    one.name for one in EVIDENCE if one.name not in (SEMANTIC, AUTO)
-)
-"""The names of the channels beside the segmentation."""
+CHANNELS: Final[tuple[ChannelName, ...]] = get_args(ChannelName)
+"""The names of the channels beside the segmentation, in the order of listings."""
 
-STRONGEST_FIRST: Final = tuple(
-    one.name for one in sorted(EVIDENCE, key=lambda one: -one.strength) if one.strength
+_KINDS: Final = {one.name: one for one in EVIDENCE}
+
+STRONGEST_FIRST: Final[tuple[ChannelName, ...]] = tuple(
+    sorted(
+        (name for name in CHANNELS if _KINDS[name].strength),
+        key=lambda name: -_KINDS[name].strength,
+    )
 )
 """The channels that ``auto`` tries, in this order."""
 

@@ -17,9 +17,9 @@ from typing import Any, Final
 import numpy as np
 
 from filter_core.classes import accept_mask_of, canonical_class
-from filter_core.config.keys import CHANNELS, files_for
+from filter_core.config.keys import CHANNELS, ChannelName, files_for
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import IntArray
+from filter_core.types import IntArray, Profile, ProjectionMode
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
 
@@ -40,19 +40,19 @@ class MeasureConfig:
         Tags that count for a class, by its name; classes without one have the default.
     ignored : object or None
         The dataset's ignored pixels, which never count, as JSON.
-    channels : tuple of str
+    channels : tuple of ChannelName
         What is measured beside the segmentation: names of `CHANNELS`, in that order.
     depth_tolerance : float, metres
         See the key of that name.
     """
 
-    profile: str = "paper"
-    projection: str = "clipped"
+    profile: Profile = "paper"
+    projection: ProjectionMode = "clipped"
     own_reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     accept: Mapping[str, tuple[str | int, ...]] = field(default_factory=dict)
     ignored: Any | None = None
-    channels: tuple[str, ...] = ()
+    channels: tuple[ChannelName, ...] = ()
     depth_tolerance: float = 0.15
 
     @property
@@ -167,7 +167,9 @@ class MeasureConfig:
         return np.array(masks, dtype=np.int64)
 
 
-def _channels_of(stored: Mapping[str, Any]) -> tuple[tuple[str, ...], float | None]:
+def _channels_of(
+    stored: Mapping[str, Any],
+) -> tuple[tuple[ChannelName, ...], float | None]:
     """The channels and the `depth_tolerance` of a stored measurement."""
     found = stored.get("channels") or {}
     return tuple(found.get("names", ())), found.get("depth_tolerance")

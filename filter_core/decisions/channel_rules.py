@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.config.filter import DecideConfig
-from filter_core.config.keys import SEMANTIC
+from filter_core.config.keys import SEMANTIC, ChannelName, EvidenceName
 from filter_core.types import (
     NOT_MEASURED,
     BoolArray,
@@ -72,14 +72,14 @@ class JudgedBy(NamedTuple):
 
     Attributes
     ----------
-    channel : list of N str
+    channel : list of N EvidenceName
         The channel, or ``semantic``.
     number, needed : (N,) float64
         What the channel measured and the number that is needed, see `_CHANNELS`; NaN
         for ``semantic``.
     """
 
-    channel: list[str]
+    channel: list[EvidenceName]
     number: FloatArray
     needed: FloatArray
 
@@ -102,7 +102,7 @@ def judged_by(evidence: Evidence, config: DecideConfig) -> JudgedBy:
     return JudgedBy(list(channel), number, needed)
 
 
-def has_number(evidence: Evidence, channel: str) -> BoolArray:
+def has_number(evidence: Evidence, channel: EvidenceName) -> BoolArray:
     """(N,) bool: which boxes a channel, or the segmentation, has a number for."""
     if channel == SEMANTIC:
         return evidence.measured
@@ -120,7 +120,7 @@ def _boxes_to_judge(
 
 def _rows_of_channels(
     boxes: BoxesToJudge, may_judge: BoolArray
-) -> Iterator[tuple[str, IntArray]]:
+) -> Iterator[tuple[ChannelName, IntArray]]:
     """Each channel and the rows that it judges: rows of `may_judge`, none twice."""
     remaining = may_judge.copy()
     for name in boxes.config.channels:
@@ -135,7 +135,7 @@ class ChannelJudgement:
 
     Attributes
     ----------
-    channel : a name out of `filter_core.config.keys.CHANNELS`
+    channel : ChannelName
     kept : bool
     number : float
         What the channel judges by: pixels, points, or metres.
@@ -149,7 +149,7 @@ class ChannelJudgement:
         Names of the tags that count.
     """
 
-    channel: str
+    channel: ChannelName
     kept: bool
     number: float
     needed: float = 1
@@ -309,7 +309,7 @@ def _apart(gap: float) -> str:
     return f"{metres:.0f} m {where}" if metres >= 10 else f"{metres:.1f} m {where}"
 
 
-_CHANNELS: Final[Mapping[str, _Channel]] = {
+_CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
     "ordered": _Channel(
         number="owned_pixels",
         needed=_ordered_needed,

@@ -2,7 +2,7 @@
 
 `decision_dicts` makes a `Decision` of each box, under the keys of the API, from columns
 of evidence and decisions; it reads no pixels. `decided_boxes` makes the columns that
-label formats are written from. `occlusion_level` and `truncation` say how much of an
+label formats are written from. `occlusion_levels` and `truncation` say how much of an
 object is hidden and cut off, in the terms of label formats.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from filter_core.classes import accepted_names
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import SEMANTIC
+from filter_core.config.keys import SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import (
     DECIDED_BY_CHANNELS,
     ChannelJudgement,
@@ -35,6 +35,8 @@ from filter_core.types import (
     FloatArray,
     IntArray,
     Reason,
+    ReasonLabel,
+    VerdictName,
 )
 
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]
@@ -58,10 +60,10 @@ Decision = TypedDict(
         "id": str,
         "frame": str,  # the frame's key
         "class": str,
-        "verdict": str,  # a value of `Verdict`
-        "reason": str,  # a label of `Reason`
+        "verdict": VerdictName,
+        "reason": ReasonLabel,
         "explanation": str,
-        "evidence": str | None,  # `semantic` or the channel; None: nothing was measured
+        "evidence": EvidenceName | None,  # None: nothing was measured
         "match_percent": float | None,
         "threshold": float | None,  # percent
         "margin": float | None,  # percent
@@ -183,7 +185,7 @@ def decided_boxes(
         match_percent=_match_percent(evidence),
         occlusion=np.full(count, UNKNOWN_OCCLUSION)
         if channels is None
-        else _occlusion_levels(channels.nearer_percent),
+        else occlusion_levels(channels.nearer_percent),
     )
 
 
@@ -214,13 +216,13 @@ class _BoxFacts(NamedTuple):
     amodal_xyxy: list[float] | None
     visible_xyxy: list[float] | None
     edges: list[list[float]] | None
-    channel: str
+    channel: EvidenceName
     number: float
     needed: float
     depth_gap: float | None
     explained_by: int | None
     visible_pixels: int | None
-    nearer_percent: float | None
+    occluded: OcclusionLevel
     tight_xyxy: list[float] | None
 
 
@@ -307,7 +309,11 @@ def _of_channels(
 ) -> dict[str, Sequence[object]]:
     numbers = evidence.channels
     if numbers is None:
-        return {"channel": [SEMANTIC] * len(evidence)}
+        count = len(evidence)
+        return {
+            "channel": [SEMANTIC] * count,
+            "occluded": [UNKNOWN_OCCLUSION] * count,
+        }
     judged = judged_by(evidence, config)
     by_instance = numbers.instance_pixels != NOT_MEASURED
     visible = np.where(by_instance, numbers.instance_pixels, numbers.depth_pixels)
@@ -318,7 +324,7 @@ def _of_channels(
         "depth_gap": _numbers(numbers.depth_gap),
         "explained_by": _counts(numbers.explained_by),
         "visible_pixels": _counts(visible),
-        "nearer_percent": _numbers(numbers.nearer_percent),
+        "occluded": occlusion_levels(numbers.nearer_percent).tolist(),
         "tight_xyxy": _rectangles(numbers.tight_xyxy),
     }
 
@@ -372,7 +378,7 @@ def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
         "visible_xyxy": box.visible_xyxy,
         "tight_xyxy": box.tight_xyxy,
         "visible_pixels": box.visible_pixels,
-        "occluded": occlusion_level(box.nearer_percent),
+        "occluded": box.occluded,
         "truncated": truncation(box.amodal_xyxy, box.visible_xyxy),
         "edges": box.edges,
         "config": frame.config.digest,
@@ -415,17 +421,17 @@ def _judgement(
     )
 
 
-def occlusion_level(nearer_percent: float | None) -> OcclusionLevel:
-    """KITTI's level of occlusion.
+def occlusion_levels(nearer_percent: FloatArray) -> IntArray:
+    """KITTI's level of occlusion of N boxes.
 
     Parameters
     ----------
-    nearer_percent : float or None, percent of the silhouette
-        What something nearer covers; None or NaN: unknown.
+    nearer_percent : (N,) float64, percent of the silhouette
+        What something nearer covers; NaN: unknown.
 
     Returns
     -------
-    int
+    (N,) int64
         0 fully visible, 1 partly, 2 largely occluded, 3 unknown.
 
     References
@@ -433,15 +439,6 @@ def occlusion_level(nearer_percent: float | None) -> OcclusionLevel:
     .. [1] A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving? The
        KITTI vision benchmark suite", CVPR 2012; readme of the object development kit.
     """
-    if nearer_percent is None or math.isnan(nearer_percent):
-        return UNKNOWN_OCCLUSION
-    if nearer_percent >= _LARGELY_FROM:
-        return LARGELY_OCCLUDED
-    return PARTLY_OCCLUDED if nearer_percent >= _PARTLY_FROM else FULLY_VISIBLE
-
-
-def _occlusion_levels(nearer_percent: FloatArray) -> IntArray:
-    """`occlusion_level` of many boxes."""
     # Counts the limits that are reached: the levels above 0, in order.
     level = np.digitize(nearer_percent, (_PARTLY_FROM, _LARGELY_FROM))
     return np.where(np.isnan(nearer_percent), UNKNOWN_OCCLUSION, level)
@@ -450,7 +447,11 @@ def _occlusion_levels(nearer_percent: FloatArray) -> IntArray:
 def truncation(
     amodal_xyxy: Sequence[float] | None, visible_xyxy: Sequence[float] | None
 ) -> float | None:
-    """The share of a box's area outside the image, 0..1; None if unknown."""
+    """The share of a box's area outside the image, 0..1; None if unknown.
+
+    Both are rectangles in px, before and after clipping to the image; None or NaN
+    where there is none.
+    """
     if amodal_xyxy is None or math.isnan(amodal_xyxy[0]):
         return None
     whole = _area(amodal_xyxy)

@@ -8,16 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from filter_core.decisions.rules import Z95
+from filter_core.evaluation.scores import Measured
 from filter_core.types import BoolArray, FloatArray, IntArray
-
-
-@dataclass(frozen=True)
-class Kappa:
-    """Agreement beyond chance, -1..1, with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -47,8 +39,8 @@ class Pair:
         return int(np.trace(self.table))
 
     @property
-    def kappa(self) -> Kappa | None:
-        """Their agreement beyond chance."""
+    def kappa(self) -> Measured | None:
+        """Their agreement beyond chance, -1..1; None if undefined."""
         return cohen_kappa(self.table)
 
 
@@ -71,8 +63,8 @@ class Agreement:
     pairs: list[Pair]
 
     @property
-    def kappa(self) -> Kappa | None:
-        """Cohen's kappa of the sum of all pairs' tables; None if undefined."""
+    def kappa(self) -> Measured | None:
+        """Cohen's kappa of the sum of all pairs' tables, -1..1; None if undefined."""
         tables = [pair.table for pair in self.pairs]
         return cohen_kappa(np.sum(tables, axis=0)) if tables else None
 
@@ -117,18 +109,19 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
     return Agreement(int(several.sum()), int(unanimous.sum()), pairs)
 
 
-def cohen_kappa(table: IntArray) -> Kappa | None:
+def cohen_kappa(table: IntArray) -> Measured | None:
     """Agreement of two people beyond what chance would give.
 
     Parameters
     ----------
-    table : (K, K) of counts
+    table : (K, K) int64
         Boxes by the answer of the one, then of the other.
 
     Returns
     -------
-    Kappa or None
-        None if undefined: no boxes, or both always gave the same one answer.
+    Measured or None
+        -1..1, with its 95 % interval. None if undefined: no boxes, or both always gave
+        the same one answer.
 
     References
     ----------
@@ -147,7 +140,7 @@ def cohen_kappa(table: IntArray) -> Kappa | None:
         return None
     value = (observed - by_chance) / (1.0 - by_chance)
     half = Z95 * _standard_error(share, observed, by_chance, total)
-    return Kappa(value, max(-1.0, value - half), min(1.0, value + half))
+    return Measured(value, max(-1.0, value - half), min(1.0, value + half))
 
 
 def _standard_error(

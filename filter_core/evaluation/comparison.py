@@ -10,15 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, TypeAlias
+from typing import Final, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.config.keys import CHANNELS, SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import has_number
 from filter_core.decisions.rules import decide
-from filter_core.evaluation.scores import BANDS, Confusion, band_index
+from filter_core.evaluation.scores import (
+    BANDS,
+    Confusion,
+    ConfusionObject,
+    band_index,
+)
 from filter_core.types import (
     NOT_MEASURED,
     BoolArray,
@@ -27,11 +32,14 @@ from filter_core.types import (
     Reason,
 )
 
-COMPARED: Final = (SEMANTIC, *CHANNELS)
+COMPARED: Final[tuple[EvidenceName, ...]] = (SEMANTIC, *CHANNELS)
 """The kinds of evidence that can be compared."""
 
 MOST: Final = 20
 """How many errors are listed for each kind of evidence."""
+
+WrongVerdict: TypeAlias = Literal["kept_hidden", "rejected_visible"]
+"""The two ways in which a verdict can be wrong."""
 
 NameOf: TypeAlias = Callable[[int], Mapping[str, object]]
 """Gives the name of a box from its row; called only for boxes that are listed."""
@@ -41,6 +49,29 @@ def _by_row(row: int) -> dict[str, int]:
     return {"row": row}
 
 
+class BandObject(ConfusionObject):
+    """The counts of one band of distance as JSON."""
+
+    band: str
+
+
+class ScoreObject(ConfusionObject):
+    """A `ChannelScore` as JSON: all boxes together, then parts of them."""
+
+    judged: int
+    by_class: dict[str, ConfusionObject]
+    by_distance: list[BandObject]
+    worst: list[dict[str, object]]
+
+
+class EvaluationObject(TypedDict):
+    """An `Evaluation` as JSON; `channels` are the scores by kind of evidence."""
+
+    frames: int
+    boxes: int
+    channels: dict[EvidenceName, ScoreObject]
+
+
 class Evaluation:
     """Decides boxes by several kinds of evidence and counts right and wrong verdicts.
 
@@ -48,11 +79,12 @@ class Evaluation:
     ----------
     config : FilterConfig
         Thresholds and ranges; its key ``evidence`` is not used.
-    channels : names out of `COMPARED`
+    channels : tuple of EvidenceName
+        The kinds of evidence that are compared.
     """
 
     def __init__(
-        self, config: FilterConfig, channels: tuple[str, ...] = COMPARED
+        self, config: FilterConfig, channels: tuple[EvidenceName, ...] = COMPARED
     ) -> None:
         self.configs = {name: replace(config, evidence=name) for name in channels}
         self.scores = {name: ChannelScore() for name in channels}
@@ -86,7 +118,7 @@ class Evaluation:
             score.judged += int(np.count_nonzero(own & judged))
             score.worst.add(evidence, kept, np.where(judged, visible, kept), name_of)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> EvaluationObject:
         """The whole comparison, ready for JSON."""
         return {
             "frames": self.frames,
@@ -103,15 +135,15 @@ class WrongBox:
     ----------
     name : mapping
         What identifies the box in its source, such as frame and id.
-    error : str
-        ``kept_hidden`` or ``rejected_visible``, the fields of `Confusion`.
+    error : WrongVerdict
+        A field of `Confusion`.
     pixels : int
         The size of the error. If a ghost was kept: the pixels of its box. If a visible
         object was rejected: its visible pixels, by its instance or else its tags.
     """
 
     name: Mapping[str, object]
-    error: str
+    error: WrongVerdict
     pixels: int
 
     def as_dict(self) -> dict[str, object]:
@@ -177,7 +209,7 @@ class ChannelScore:
         """All boxes together."""
         return sum(self.by_band.values(), start=Confusion())
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> ScoreObject:
         """Ready for JSON; classes by name, bands from near to far."""
         bands = [name for name in BANDS if name in self.by_band]
         return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypedDict
 
 import numpy as np
 
@@ -17,17 +17,37 @@ BANDS: Final = ("0-50", "50-100", "100-150", "150-200", ">200", "unknown")
 _EDGES: Final = np.array([50.0, 100.0, 150.0, 200.0])
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A share with its 95 % interval, all 0..1."""
+class MeasuredObject(TypedDict):
+    """A `Measured` as JSON."""
 
     value: float
     low: float
     high: float
 
-    def as_dict(self) -> dict[str, float]:
+
+@dataclass(frozen=True)
+class Measured:
+    """A number with its 95 % interval: a share, 0..1, or a kappa, -1..1."""
+
+    value: float
+    low: float
+    high: float
+
+    def as_dict(self) -> MeasuredObject:
         """Ready for JSON."""
         return {"value": self.value, "low": self.low, "high": self.high}
+
+
+class ConfusionObject(TypedDict):
+    """A `Confusion` and its scores as JSON."""
+
+    kept_visible: int
+    kept_hidden: int
+    rejected_visible: int
+    rejected_hidden: int
+    precision: MeasuredObject | None
+    recall: MeasuredObject | None
+    f1: MeasuredObject | None
 
 
 @dataclass(frozen=True)
@@ -53,7 +73,7 @@ class Confusion:
 
     @classmethod
     def of(cls, kept: BoolArray, visible: BoolArray) -> Confusion:
-        """Count N boxes."""
+        """Count N boxes, of which `kept` and `visible` (N,) say what they are."""
         return cls(
             int(np.count_nonzero(kept & visible)),
             int(np.count_nonzero(kept & ~visible)),
@@ -106,17 +126,21 @@ class Confusion:
         low, high = _f1_of(found.low), _f1_of(found.high)
         return Measured(_f1_of(found.value), low, high)
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> ConfusionObject:
         """Counts and scores, ready for JSON."""
-        scores = {"precision": self.precision, "recall": self.recall, "f1": self.f1}
         return {
             "kept_visible": self.kept_visible,
             "kept_hidden": self.kept_hidden,
             "rejected_visible": self.rejected_visible,
             "rejected_hidden": self.rejected_hidden,
-        } | {
-            name: None if one is None else one.as_dict() for name, one in scores.items()
+            "precision": _object_or_none(self.precision),
+            "recall": _object_or_none(self.recall),
+            "f1": _object_or_none(self.f1),
         }
+
+
+def _object_or_none(score: Measured | None) -> MeasuredObject | None:
+    return None if score is None else score.as_dict()
 
 
 def share(part: int, whole: int) -> Measured | None:
@@ -129,6 +153,8 @@ def share(part: int, whole: int) -> Measured | None:
 
 def wilson_interval(part: int, whole: int) -> tuple[float, float]:
     """The 95 % Wilson interval of ``part / whole``; always within 0..1.
+
+    `whole` is 1 at least.
 
     References
     ----------

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Final, Literal
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
 from filter_core.types import BoolArray, Evidence, FloatArray, IntArray, Reason
+
+Target: TypeAlias = Literal["f1", "recall"]
+"""What the best threshold is best for."""
 
 _RESAMPLES: Final = 200
 """Bootstrap resamples for the interval."""
@@ -68,17 +71,28 @@ class Answers:
 class Goal:
     """What a threshold is chosen for.
 
-    ``f1``: the highest F1. ``recall``: the highest threshold that keeps at least this
-    part of what people keep.
+    Attributes
+    ----------
+    target : Target
+        ``f1``: the highest F1. ``recall``: the highest threshold that keeps at least
+        the share `recall` of what people keep.
+    recall : float, 0..1
     """
 
-    target: Literal["f1", "recall"] = "f1"
+    target: Target = "f1"
     recall: float = 0.99
 
 
 @dataclass(frozen=True)
 class Point:
-    """The scores of one threshold; None where nothing is kept, or to be kept."""
+    """The scores of one threshold.
+
+    Attributes
+    ----------
+    threshold : float, percent
+    precision, recall, f1 : float or None, 0..1
+        None where nothing is kept, or nothing is to be kept.
+    """
 
     threshold: float
     precision: float | None
@@ -88,7 +102,18 @@ class Point:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The threshold for a goal, its 95 % interval, and scores of other thresholds."""
+    """The best threshold for a goal, and the scores of others.
+
+    Attributes
+    ----------
+    threshold : float, percent
+    interval : (low, high), percent
+        Its 95 % interval.
+    at_current, at_suggested : Point
+        The scores of the threshold in use, and of the suggested one.
+    curve : list of Point
+        From the lowest threshold to the highest.
+    """
 
     threshold: float
     interval: tuple[float, float]
@@ -292,7 +317,7 @@ class Judged:
 
     @classmethod
     def joined(cls, parts: Iterable[Judged]) -> Judged:
-        """All parts in one; there must be at least one part."""
+        """The boxes of one or more parts, in the order of the parts."""
         listed = list(parts)
         return cls(
             *(
@@ -315,14 +340,27 @@ class Judged:
 
 
 def is_by_threshold(reason: NDArray[np.integer], large: BoolArray) -> BoolArray:
-    """(N,) bool: whether the threshold for small boxes decided."""
+    """(N,) bool: whether the threshold for small boxes decided.
+
+    `reason` (N,) and `large` (N,) are those of `Decisions`.
+    """
     decided: BoolArray = np.isin(reason, _BY_THRESHOLD) & ~large
     return decided
 
 
 @dataclass(frozen=True)
 class ClassSuggestion:
-    """The suggestion for one class, from `boxes` boxes of known truth."""
+    """The suggestion for one class.
+
+    Attributes
+    ----------
+    class_name : str
+    current : float, percent
+        The threshold in use.
+    boxes : int
+        Boxes of known truth that it was found from.
+    found : Suggestion
+    """
 
     class_name: str
     current: float
@@ -350,8 +388,10 @@ def suggest_per_class(
 
     Parameters
     ----------
-    judged : Judged under `config`
-    classes : name -> number that `judged.class_key` uses
+    judged : Judged
+        Under `config`.
+    classes : mapping of str to int
+        The number of each class in `judged.class_key`, by its name.
     config : FilterConfig
     goal : Goal
 

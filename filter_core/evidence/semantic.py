@@ -39,6 +39,7 @@ from filter_core.types import (
     FrameBoxes,
     IntArray,
     Mask,
+    Profile,
 )
 
 
@@ -56,7 +57,7 @@ class MeasureOptions:
         Profile ``carlasimu``: the one colour that counts, by class name.
     """
 
-    profile: str = "paper"
+    profile: Profile = "paper"
     histogram: bool = True
     class_colors: Mapping[str, RGB] = field(default_factory=lambda: PUBLISHED_COLORS)
 
@@ -169,7 +170,7 @@ def _areas(xyxy: BoxesXYXY) -> FloatArray:
     return areas
 
 
-def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: str) -> IntArray:
+def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
     if profile == "paper":
         return pixel_bounds(xyxy, wh)
     # The cast drops fractions, as int() in the published code; NaN cannot be cast.
@@ -278,7 +279,7 @@ def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
     return tag_counts
 
 
-def _match_percent(counts: _Counts, areas: FloatArray, profile: str) -> FloatArray:
+def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> FloatArray:
     if profile == "paper":
         return 100.0 * counts.matched_pixels / np.maximum(counts.box_pixels, 1)
     # The published code's order of operations, since matches equal to a threshold fail.

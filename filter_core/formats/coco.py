@@ -39,6 +39,7 @@ from filter_core.formats.reading import (
     ReadOptions,
     Unmatched,
     frame_key,
+    last_name,
     segmentation_folder,
     walk,
 )
@@ -135,11 +136,11 @@ def _match(
     images = FileIndex(walk(folder, IMAGE_SUFFIXES, [tags] if tags else []))
     segmentations = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
     named = [one for index in indices for one in _named(index)]
-    bases = Counter(_base(one.file) for one in named)
+    bases = Counter(last_name(one.file) for one in named)
     seen = Counter(one.key for one in named)
     rows = []
     for one in named:
-        alone = bases[_base(one.file)] == 1
+        alone = bases[last_name(one.file)] == 1
         image = images.take(f"{one.part}/{one.file}") if one.part else None
         image = image or images.take(one.file, by_base=alone)
         tag = segmentations.take(one.file, by_base=alone)
@@ -190,10 +191,6 @@ def _named(index: CocoIndex) -> Iterator[_Name]:
         yield _Name(
             index, row, key if isinstance(key, str) and key else file, file, part
         )
-
-
-def _base(key: str) -> str:
-    return key.rpartition("/")[2]
 
 
 _MOST_NAMED: Final = 3

@@ -25,19 +25,35 @@ from filter_core.formats.export import ExportError, Sink
 
 _SAFE: Final = " ()[]{}+-=_.,;!@#$^&~'"
 
+
 _RESERVED: Final = frozenset(
     {"con", "prn", "aux", "nul", "images", "labels"}
     | {f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10)}
 )
 """Names that Windows gives to devices, and those by which YOLO finds its labels."""
 
+
 _FILE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".txt", ".xml", ".json")
 """A folder that ends so could meet a file of the same name."""
+
 
 _MAX_PART_BYTES: Final = 180
 """File systems allow 255 for one name; a suffix is still to come."""
 
+
 _IN_PLACE_OF_SLASH: Final = "__"
+
+
+_IN_MEMORY: Final = 1024 * 1024
+
+
+_PIECE: Final = 64 * 1024
+
+
+_IMPOSSIBLE: Final = re.compile(
+    "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
+"""What XML 1.0 cannot hold, not even escaped."""
 
 
 def file_stem(key: str) -> str:
@@ -84,36 +100,6 @@ class FileNames:
         return taken
 
 
-def _safe_folder(part: str) -> str:
-    text = _safe_part(part)
-    if text.lower().endswith(_FILE_SUFFIXES):
-        head, _, suffix = text.rpartition(".")
-        return f"{head}%2E{suffix}"
-    return text
-
-
-def _safe_part(part: str) -> str:
-    letters = [
-        letter if letter.isalnum() or letter in _SAFE else _escaped(letter)
-        for letter in part
-    ]
-    # A leading dot hides a file; Windows drops a space or a dot at the end.
-    for place in (0, -1):
-        if letters and letters[place] in (" ", "."):
-            letters[place] = f"%{ord(letters[place]):02X}"
-    text = "".join(letters)
-    if text.partition(".")[0].lower() in _RESERVED:
-        return f"%{ord(text[0]):02X}{text[1:]}"
-    if len(text.encode("utf-8", "surrogatepass")) > _MAX_PART_BYTES:
-        digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
-        text = f"{text[: _MAX_PART_BYTES // 6]}%~{digest[:32]}"
-    return text or "%"
-
-
-def _escaped(letter: str) -> str:
-    return quote(letter, safe="", errors="surrogatepass")
-
-
 @contextmanager
 def folder_sink(folder: Path) -> Iterator[Sink]:
     """A sink that writes files into a new folder.
@@ -139,33 +125,6 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise
-
-
-class _Folder:
-    def __init__(self, root: Path) -> None:
-        self._root = root
-
-    def write(self, name: str, pieces: Iterable[bytes]) -> None:
-        parts = PurePosixPath(name).parts
-        if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
-            raise ExportError(f"{name[:80]!r} is no name of a file in an export")
-        path = self._root.joinpath(*parts)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Exclusive: what a system takes for the same name must not be lost.
-        with path.open("xb") as file:
-            file.writelines(pieces)
-
-
-def number_text(value: float) -> str:
-    """At least two decimals, as KITTI has, and up to four where they say more."""
-    # Adding zero takes the sign from a zero that was rounded.
-    text = f"{round(value, 4) + 0.0:.4f}"
-    return text[:-2] if text.endswith("00") else text.removesuffix("0")
-
-
-_IN_MEMORY: Final = 1024 * 1024
-
-_PIECE: Final = 64 * 1024
 
 
 class Spool:
@@ -223,21 +182,11 @@ def json_bytes(value: object, *, by_key: bool = False) -> bytes:
     return encoder.encode(value).encode("utf-8", "backslashreplace")
 
 
-# Made once: json.dumps makes one for each value that is not written in its own way.
-_COMPACT_JSON, _SORTED_JSON = (
-    json.JSONEncoder(
-        ensure_ascii=False,
-        separators=(",", ":"),
-        allow_nan=False,
-        sort_keys=sort_keys,
-    )
-    for sort_keys in (False, True)
-)
-
-_IMPOSSIBLE: Final = re.compile(
-    "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
-)
-"""What XML 1.0 cannot hold, not even escaped."""
+def number_text(value: float) -> str:
+    """At least two decimals, as KITTI has, and up to four where they say more."""
+    # Adding zero takes the sign from a zero that was rounded.
+    text = f"{round(value, 4) + 0.0:.4f}"
+    return text[:-2] if text.endswith("00") else text.removesuffix("0")
 
 
 def element(name: str, value: object) -> str:
@@ -258,6 +207,63 @@ def attributes(**values: object) -> str:
     return "".join(
         f" {name}={quoteattr(_possible(value))}" for name, value in values.items()
     )
+
+
+def _safe_folder(part: str) -> str:
+    text = _safe_part(part)
+    if text.lower().endswith(_FILE_SUFFIXES):
+        head, _, suffix = text.rpartition(".")
+        return f"{head}%2E{suffix}"
+    return text
+
+
+def _safe_part(part: str) -> str:
+    letters = [
+        letter if letter.isalnum() or letter in _SAFE else _escaped(letter)
+        for letter in part
+    ]
+    # A leading dot hides a file; Windows drops a space or a dot at the end.
+    for place in (0, -1):
+        if letters and letters[place] in (" ", "."):
+            letters[place] = f"%{ord(letters[place]):02X}"
+    text = "".join(letters)
+    if text.partition(".")[0].lower() in _RESERVED:
+        return f"%{ord(text[0]):02X}{text[1:]}"
+    if len(text.encode("utf-8", "surrogatepass")) > _MAX_PART_BYTES:
+        digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+        text = f"{text[: _MAX_PART_BYTES // 6]}%~{digest[:32]}"
+    return text or "%"
+
+
+def _escaped(letter: str) -> str:
+    return quote(letter, safe="", errors="surrogatepass")
+
+
+class _Folder:
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    def write(self, name: str, pieces: Iterable[bytes]) -> None:
+        parts = PurePosixPath(name).parts
+        if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
+            raise ExportError(f"{name[:80]!r} is no name of a file in an export")
+        path = self._root.joinpath(*parts)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Exclusive: what a system takes for the same name must not be lost.
+        with path.open("xb") as file:
+            file.writelines(pieces)
+
+
+# Made once: json.dumps makes one for each value that is not written in its own way.
+_COMPACT_JSON, _SORTED_JSON = (
+    json.JSONEncoder(
+        ensure_ascii=False,
+        separators=(",", ":"),
+        allow_nan=False,
+        sort_keys=sort_keys,
+    )
+    for sort_keys in (False, True)
+)
 
 
 def _possible(value: object) -> str:

@@ -33,6 +33,7 @@ from filter_core.json_text import read_json
 from filter_core.values import shown
 
 MANIFEST_NAME: Final = "manifest.jsonl"
+
 SEMANTIC_LIDAR_POINT: Final = np.dtype(
     [
         ("x", "<f4"), ("y", "<f4"), ("z", "<f4"),

@@ -24,6 +24,28 @@ MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """A larger label file is not one: ten thousand boxes take under a megabyte."""
 
 
+MAX_KEY: Final = 512
+
+
+KEYS_NAME: Final = "frames.jsonl"
+"""Says which frame each file belongs to, so that reading it back gives its key."""
+
+
+IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+
+
+_FOLDER_WORDS: Final = frozenset(
+    {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
+)
+"""Names of folders that say what their files are, not which frame they belong to."""
+
+
+_SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
+
+
+_BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
+
+
 @dataclass(frozen=True)
 class FrameSource:
     """One frame as a folder holds it.
@@ -33,7 +55,7 @@ class FrameSource:
     key : str
         Names the frame; may contain ``/``.
     annotation : mapping or None
-        As `filter_core.annotation.parse_annotation` takes it; None if `problem`.
+        As `parse_annotation` takes it; None if there is a `problem`.
     image, segmentation : Path or None
     others : mapping of str to Path
         ``depth``, ``instances``, ``lidar``, ``radar``, ``ignore_mask`` where given.
@@ -51,7 +73,14 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class Unmatched:
-    """A file that belongs to no frame, relative to the folder, and why."""
+    """A file that belongs to no frame.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the folder.
+    why : str
+    """
 
     path: str
     why: str
@@ -64,6 +93,8 @@ class FrameSet:
     Attributes
     ----------
     layout : str
+    frames : callable
+        Begins to read, and gives each frame once.
     classes : tuple of str or None
         The layout's own list of classes, in its order.
     count : int or None
@@ -103,52 +134,17 @@ class ReadOptions:
     default_class: str = "unknown"
 
 
-def read_label_text(path: Path, name: str) -> str:
-    """A label file's text.
-
-    Raises
-    ------
-    LayoutError
-        Not there, too large, or not UTF-8; names the file, never its folder.
-    """
-    try:
-        content = read_label_bytes(path, name)
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as exc:
-        raise LayoutError(
-            f"{name}: expected UTF-8 text, found byte {exc.object[exc.start]:#04x} "
-            f"at position {exc.start}"
-        ) from exc
-
-
-def read_label_bytes(path: Path, name: str) -> bytes:
-    """A label file's bytes; `LayoutError` as `read_label_text`."""
-    try:
-        size = path.stat().st_size
-        if size > MAX_LABEL_BYTES:
-            raise LayoutError(
-                f"{name}: expected at most {MAX_LABEL_BYTES} bytes, found {size}"
-            )
-        return path.read_bytes()
-    except OSError as exc:
-        raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
-
-
-MAX_KEY: Final = 512
-
-IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
-
-_FOLDER_WORDS: Final = frozenset(
-    {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
-)
-"""Names of folders that say what their files are, not which frame they belong to."""
-
-
 @dataclass(frozen=True)
 class FrameFiles:
     """The files of one frame, each relative to the folder it was searched in.
 
-    `map` is the town, where a list of the frames' keys says so.
+    Attributes
+    ----------
+    key : str
+    label : str
+    image, segmentation : str or None
+    map : str or None
+        The town, where a list of the frames' keys says so.
     """
 
     key: str
@@ -156,6 +152,19 @@ class FrameFiles:
     image: str | None = None
     segmentation: str | None = None
     map: str | None = None
+
+
+def segmentation_folder(root: Path) -> Path | None:
+    """The folder of the segmentations, if it has one of the usual names."""
+    candidates = (root / name for name in _SEGMENTATION_FOLDERS)
+    return next((path for path in candidates if path.is_dir()), None)
+
+
+def band_folders(root: Path) -> list[Path]:
+    """Labels of distance bands beside ``labels``, which hold the same boxes again."""
+    if not any((root / name).is_dir() for name in ("labels", "Annotations")):
+        return []
+    return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
 
 
 def walk(
@@ -176,61 +185,6 @@ def walk(
         for name in sorted(files):
             if not _is_hidden(name) and Path(name).suffix.lower() in suffixes:
                 yield (Path(folder) / name).relative_to(root).as_posix()
-
-
-def frame_key(name: str) -> str:
-    """The key of the frame a file belongs to, from its path inside the folder.
-
-    The suffix goes (only the last: ``a.b.png`` is ``a.b``), and so do folders that say
-    what kind of files they hold: ``train/images/7.png`` and ``train/labels/7.txt`` are
-    both ``train/7``. Accents are composed, since some systems store them apart.
-    """
-    path = PurePosixPath(unicodedata.normalize("NFC", name)).with_suffix("")
-    folders = [part for part in path.parts[:-1] if part.lower() not in _FOLDER_WORDS]
-    return "/".join([*folders, path.name])
-
-
-class FileIndex:
-    """Files by frame key; a second file of the same key is noted, not taken."""
-
-    def __init__(self, files: Iterable[str]) -> None:
-        self._by_key: dict[str, str] = {}
-        self._unused: dict[str, str] = {}
-        self.unmatched: list[Unmatched] = []
-        for file in files:
-            key = frame_key(file)
-            first = self._by_key.setdefault(key, file)
-            if first != file:
-                self.unmatched.append(
-                    Unmatched(file, f"same frame as {first}, which is used")
-                )
-        self._unused.update(self._by_key)
-        bases = Counter(map(_base, self._by_key))
-        self._by_base = {
-            _base(key): key for key in self._by_key if bases[_base(key)] == 1
-        }
-
-    def __iter__(self) -> Iterator[tuple[str, str]]:
-        return iter(sorted(self._by_key.items()))
-
-    def __len__(self) -> int:
-        return len(self._by_key)
-
-    def is_only_base(self, key: str) -> bool:
-        """Whether no other key ends in the same name."""
-        return _base(key) in self._by_base
-
-    def take(self, key: str, *, by_base: bool = False) -> str | None:
-        """The file of a frame; `by_base`: else the only one with its last name."""
-        if key not in self._by_key and by_base:
-            key = self._by_base.get(_base(key), key)
-        self._unused.pop(key, None)
-        return self._by_key.get(key)
-
-    def left_over(self, why: str) -> list[Unmatched]:
-        """What nobody took, and what could not be told apart."""
-        unused = [Unmatched(file, why) for file in self._unused.values()]
-        return [*self.unmatched, *unused]
 
 
 def match(
@@ -257,16 +211,64 @@ def match(
     return frames, unmatched
 
 
-def _is_hidden(name: str) -> bool:
-    return name.startswith(".") or name == "__MACOSX"
+class FileIndex:
+    """Files by frame key; a second file of the same key is noted, not taken."""
+
+    def __init__(self, files: Iterable[str]) -> None:
+        self._by_key: dict[str, str] = {}
+        self._unused: dict[str, str] = {}
+        self.unmatched: list[Unmatched] = []
+        for file in files:
+            key = frame_key(file)
+            first = self._by_key.setdefault(key, file)
+            if first != file:
+                self.unmatched.append(
+                    Unmatched(file, f"same frame as {first}, which is used")
+                )
+        self._unused.update(self._by_key)
+        bases = Counter(map(last_name, self._by_key))
+        self._by_base = {
+            last_name(key): key for key in self._by_key if bases[last_name(key)] == 1
+        }
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        return iter(sorted(self._by_key.items()))
+
+    def __len__(self) -> int:
+        return len(self._by_key)
+
+    def is_only_base(self, key: str) -> bool:
+        """Whether no other key ends in the same name."""
+        return last_name(key) in self._by_base
+
+    def take(self, key: str, *, by_base: bool = False) -> str | None:
+        """The file of a frame; `by_base`: else the only one with its last name."""
+        if key not in self._by_key and by_base:
+            key = self._by_base.get(last_name(key), key)
+        self._unused.pop(key, None)
+        return self._by_key.get(key)
+
+    def left_over(self, why: str) -> list[Unmatched]:
+        """What nobody took, and what could not be told apart."""
+        unused = [Unmatched(file, why) for file in self._unused.values()]
+        return [*self.unmatched, *unused]
 
 
-def _base(key: str) -> str:
+def frame_key(name: str) -> str:
+    """The key of the frame a file belongs to, from its path inside the folder.
+
+    The suffix goes (only the last: ``a.b.png`` is ``a.b``), and so do folders that say
+    what kind of files they hold: ``train/images/7.png`` and ``train/labels/7.txt`` are
+    both ``train/7``. Accents are composed, since some systems store them apart.
+    """
+    path = PurePosixPath(unicodedata.normalize("NFC", name)).with_suffix("")
+    folders = [part for part in path.parts[:-1] if part.lower() not in _FOLDER_WORDS]
+    return "/".join([*folders, path.name])
+
+
+def last_name(key: str) -> str:
+    """What stands behind the last slash of a key."""
     return key.rpartition("/")[2]
-
-
-KEYS_NAME: Final = "frames.jsonl"
-"""Says which frame each file belongs to, so that reading it back gives its key."""
 
 
 def with_keys(
@@ -304,6 +306,77 @@ def with_keys(
     return sorted(renamed, key=lambda one: one.key)
 
 
+def frame_of(
+    files: FrameFiles,
+    images: Path,
+    segmentations: Path | None,
+    annotation: Mapping[str, object] | None,
+    problem: FilterError | None,
+) -> FrameSource:
+    """A frame from the names of its files."""
+    tags = None
+    if segmentations is not None and files.segmentation is not None:
+        tags = segmentations / files.segmentation
+    if annotation is not None and files.map is not None:
+        annotation = {"map": files.map, **annotation}
+    return FrameSource(
+        key=files.key,
+        annotation=annotation,
+        image=images / files.image if files.image else None,
+        segmentation=tags,
+        problem=problem,
+    )
+
+
+def read_label_text(path: Path, name: str) -> str:
+    """A label file's text.
+
+    Raises
+    ------
+    LayoutError
+        Not there, too large, or not UTF-8; names the file, never its folder.
+    """
+    try:
+        content = read_label_bytes(path, name)
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as exc:
+        raise LayoutError(
+            f"{name}: expected UTF-8 text, found byte {exc.object[exc.start]:#04x} "
+            f"at position {exc.start}"
+        ) from exc
+
+
+def read_label_bytes(path: Path, name: str) -> bytes:
+    """A label file's bytes; `LayoutError` as `read_label_text`."""
+    try:
+        size = path.stat().st_size
+        if size > MAX_LABEL_BYTES:
+            raise LayoutError(
+                f"{name}: expected at most {MAX_LABEL_BYTES} bytes, found {size}"
+            )
+        return path.read_bytes()
+    except OSError as exc:
+        raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
+
+
+def read_columns(words: Sequence[str], at: str) -> list[float]:
+    """Finite numbers; LayoutError names the place and the word."""
+    numbers = []
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise LayoutError(f"{at}: expected a finite number, found {word[:40]!r}")
+        numbers.append(number)
+    return numbers
+
+
+def _is_hidden(name: str) -> bool:
+    return name.startswith(".") or name == "__MACOSX"
+
+
 def _read(path: Path) -> dict[str, tuple[str, str | None]]:
     named: dict[str, tuple[str, str | None]] = {}
     keys: set[str] = set()
@@ -334,57 +407,3 @@ def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:
             if not isinstance(value, dict):
                 raise LayoutError(f"{at}: expected an object")
             yield at, value
-
-
-def read_columns(words: Sequence[str], at: str) -> list[float]:
-    """Finite numbers; LayoutError names the place and the word."""
-    numbers = []
-    for word in words:
-        try:
-            number = float(word)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise LayoutError(f"{at}: expected a finite number, found {word[:40]!r}")
-        numbers.append(number)
-    return numbers
-
-
-_SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
-
-_BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
-
-
-def band_folders(root: Path) -> list[Path]:
-    """Labels of distance bands beside ``labels``, which hold the same boxes again."""
-    if not any((root / name).is_dir() for name in ("labels", "Annotations")):
-        return []
-    return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
-
-
-def segmentation_folder(root: Path) -> Path | None:
-    """The folder of the segmentations, if it has one of the usual names."""
-    candidates = (root / name for name in _SEGMENTATION_FOLDERS)
-    return next((path for path in candidates if path.is_dir()), None)
-
-
-def frame_of(
-    files: FrameFiles,
-    images: Path,
-    segmentations: Path | None,
-    annotation: Mapping[str, object] | None,
-    problem: FilterError | None,
-) -> FrameSource:
-    """A frame from the names of its files."""
-    tags = None
-    if segmentations is not None and files.segmentation is not None:
-        tags = segmentations / files.segmentation
-    if annotation is not None and files.map is not None:
-        annotation = {"map": files.map, **annotation}
-    return FrameSource(
-        key=files.key,
-        annotation=annotation,
-        image=images / files.image if files.image else None,
-        segmentation=tags,
-        problem=problem,
-    )

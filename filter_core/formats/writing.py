@@ -37,8 +37,12 @@ from filter_core.types import (
     IntArray,
 )
 
+PARTS: Final = ("train", "val")
+
+
 _LEAST_SIDE: Final = 0.01
 """Pixels; what is thinner would vanish when a format rounds it."""
+
 
 _LEAST_CUT: Final = 1e-9
 """Share of a box: what is cut at all is cut by more than nothing."""
@@ -122,165 +126,6 @@ class Traits:
     unplaced: bool = False
     keys: bool = False
     flat: bool = False
-
-
-class _BoxChooser:
-    """Chooses the boxes of each frame and counts what became of all of them.
-
-    Parameters
-    ----------
-    options : ExportOptions
-    tally : ExportTally
-    traits : Traits
-        Of the format.
-    """
-
-    def __init__(
-        self, options: ExportOptions, tally: ExportTally, traits: Traits
-    ) -> None:
-        self._options = options
-        self._tally = tally
-        self._traits = traits
-
-    def choose(self, frame: ExportFrame) -> ChosenBoxes:
-        """The boxes of one frame that are written, in the order they came."""
-        boxes, options = frame.boxes, self._options
-        number = self._tally.came(frame)
-        crowd = self._crowd(frame)
-        wanted, ignorable = self._wanted(boxes, crowd)
-        whole, used = _rectangles(boxes, options.boxes)
-        inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
-        placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
-        out = wanted & placed | wanted & self._traits.unplaced
-        ignored = ignorable & placed & (options.rejected == "dontcare")
-        row = np.flatnonzero(out | ignored)
-        chosen = ChosenBoxes(
-            row=row,
-            number=number[row],
-            xyxy=inside[row],
-            cut=_cut(frame, row),
-            ignored=ignored[row],
-        )
-        self._tally.written(number[out], used[out].tolist())
-        cut = np.zeros(len(boxes), np.bool_)
-        cut[row] = chosen.cut > 0
-        changed = np.flatnonzero(cut | ~out)
-        self._tally.changed(
-            frame,
-            number[changed].tolist(),
-            [
-                Change(each, "clipped", "beyond_image")
-                if out[each]
-                else Change(
-                    each,
-                    "dontcare" if ignored[each] else "dropped",
-                    self._reason(boxes, each, wanted=wanted[each], crowd=crowd[each]),
-                )
-                for each in changed.tolist()
-            ],
-        )
-        return chosen
-
-    def _crowd(self, frame: ExportFrame) -> BoolArray:
-        """(N,): boxes that stand for many objects, where a format cannot say so."""
-        if self._traits.crowds:
-            return np.zeros(len(frame.boxes), np.bool_)
-        return frame.given.is_crowd(len(frame.boxes))
-
-    def _wanted(
-        self, boxes: DecidedBoxes, crowd: BoolArray
-    ) -> tuple[BoolArray, BoolArray]:
-        """(N,): objects of the export; what else can be a region to ignore."""
-        if self._options.include == "all":
-            return ~crowd, crowd
-        verdict = self._verdict(boxes)
-        wanted = verdict == KEPT
-        if self._options.include_unmeasured:
-            wanted |= verdict == UNMEASURED
-        return wanted & ~crowd, crowd | (verdict == REJECTED)
-
-    def _verdict(self, boxes: DecidedBoxes) -> NDArray[np.uint8]:
-        effective = self._options.include == "effective"
-        return boxes.effective if effective else boxes.verdict
-
-    def _reason(
-        self, boxes: DecidedBoxes, row: int, *, wanted: bool, crowd: bool
-    ) -> str:
-        """Why a box is no object of the export."""
-        if crowd:
-            return "crowd"
-        if wanted:
-            # It has no rectangle, or one without extent.
-            absent = np.isnan(_rectangles(boxes[row : row + 1], self._options.boxes)[0])
-            return boxes.reason_label(row) if absent.any() else "degenerate"
-        by_person = self._options.include == "effective" and boxes.is_reviewed[row]
-        return "rejected_by_person" if by_person else boxes.reason_label(row)
-
-
-def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
-    """(N, 4): the rectangles that were asked for, or the next best; which (N,) it is.
-
-    NaN rows and empty names where there is none.
-    """
-    columns = {
-        "visible": (boxes.xyxy,),
-        "amodal": (boxes.amodal_xyxy, boxes.xyxy),
-        "tight": (boxes.tight_xyxy, boxes.visible_xyxy, boxes.xyxy),
-    }[which]
-    xyxy, *others = columns
-    known = ~np.isnan(xyxy[:, 0])
-    used = np.where(known, which, "")
-    for other in others:
-        found = ~known & ~np.isnan(other[:, 0])
-        xyxy = np.where(found[:, None], other, xyxy)
-        used = np.where(found, "visible", used)
-        known |= found
-    return xyxy, used
-
-
-def clipped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
-    """(N, 4): rectangles cut to the image; a side may be left without extent."""
-    # Not np.clip: whether a zero has a sign must not depend on the processor.
-    size = np.array([*wh, *wh], np.float64)
-    above = np.where(xyxy < 0.0, 0.0, xyxy)
-    inside: BoxesXYXY = np.where(above > size, size, above)
-    return inside
-
-
-def _cut(frame: ExportFrame, row: IntArray) -> FloatArray:
-    """(M,): shares of whole rectangles beyond the image; above 0 if anything is.
-
-    The annotation is only asked for boxes that end at the border: what was corrected
-    to lie inside ends there.
-    """
-    boxes, (width, height) = frame.boxes, frame.wh
-    whole, corrected = boxes.amodal_xyxy[row], boxes.xyxy[row]
-    given = np.isnan(whole[:, 0])
-    x_min, y_min, x_max, y_max = corrected.T
-    within = (x_min > 0) & (y_min > 0) & (x_max < width) & (y_max < height)
-    cut = np.zeros(len(row))
-    asked = np.flatnonzero(given & ~within)
-    if len(asked):
-        whole[asked] = frame.given.rectangles(row[asked].tolist())
-    beyond = np.flatnonzero(~(given & within))
-    if not len(beyond):
-        return cut
-    whole = whole[beyond]
-    inside = clipped(whole, frame.wh)
-    area = _area(whole)
-    left = np.divide(_area(inside), area, out=np.zeros(len(area)), where=area > 0)
-    share = np.minimum(np.maximum(1.0 - left, _LEAST_CUT), 1.0)
-    cut[beyond] = np.where((inside == whole).all(axis=1), 0.0, share)
-    return cut
-
-
-def _area(xyxy: BoxesXYXY) -> FloatArray:
-    sides = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 0.0)
-    area: FloatArray = sides[:, 0] * sides[:, 1]
-    return area
-
-
-PARTS: Final = ("train", "val")
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,6 +251,20 @@ def split_of(key: str, map_name: str | None, share: float) -> str:
     return "train" if place < share else "val"
 
 
+def band_name(band: int) -> str:
+    """The folder of a distance band, as carlasimu calls it."""
+    return f"label{band}"
+
+
+def clipped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
+    """(N, 4): rectangles cut to the image; a side may be left without extent."""
+    # Not np.clip: whether a zero has a sign must not depend on the processor.
+    size = np.array([*wh, *wh], np.float64)
+    above = np.where(xyxy < 0.0, 0.0, xyxy)
+    inside: BoxesXYXY = np.where(above > size, size, above)
+    return inside
+
+
 class _Run:
     """One export on its way from frame to frame."""
 
@@ -468,6 +327,148 @@ class _Run:
             self.context.sink(self.writer.image(out), [read()])
 
 
-def band_name(band: int) -> str:
-    """The folder of a distance band, as carlasimu calls it."""
-    return f"label{band}"
+class _BoxChooser:
+    """Chooses the boxes of each frame and counts what became of all of them.
+
+    Parameters
+    ----------
+    options : ExportOptions
+    tally : ExportTally
+    traits : Traits
+        Of the format.
+    """
+
+    def __init__(
+        self, options: ExportOptions, tally: ExportTally, traits: Traits
+    ) -> None:
+        self._options = options
+        self._tally = tally
+        self._traits = traits
+
+    def choose(self, frame: ExportFrame) -> ChosenBoxes:
+        """The boxes of one frame that are written, in the order they came."""
+        boxes, options = frame.boxes, self._options
+        number = self._tally.came(frame)
+        crowd = self._crowd(frame)
+        wanted, ignorable = self._wanted(boxes, crowd)
+        whole, used = _rectangles(boxes, options.boxes)
+        inside = clipped(np.where(np.isnan(whole), 0.0, whole), frame.wh)
+        placed = np.minimum(*(inside[:, 2:] - inside[:, :2]).T) >= _LEAST_SIDE
+        out = wanted & placed | wanted & self._traits.unplaced
+        ignored = ignorable & placed & (options.rejected == "dontcare")
+        row = np.flatnonzero(out | ignored)
+        chosen = ChosenBoxes(
+            row=row,
+            number=number[row],
+            xyxy=inside[row],
+            cut=_cut(frame, row),
+            ignored=ignored[row],
+        )
+        self._tally.written(number[out], used[out].tolist())
+        cut = np.zeros(len(boxes), np.bool_)
+        cut[row] = chosen.cut > 0
+        changed = np.flatnonzero(cut | ~out)
+        self._tally.changed(
+            frame,
+            number[changed].tolist(),
+            [
+                Change(each, "clipped", "beyond_image")
+                if out[each]
+                else Change(
+                    each,
+                    "dontcare" if ignored[each] else "dropped",
+                    self._reason(boxes, each, wanted=wanted[each], crowd=crowd[each]),
+                )
+                for each in changed.tolist()
+            ],
+        )
+        return chosen
+
+    def _crowd(self, frame: ExportFrame) -> BoolArray:
+        """(N,): boxes that stand for many objects, where a format cannot say so."""
+        if self._traits.crowds:
+            return np.zeros(len(frame.boxes), np.bool_)
+        return frame.given.is_crowd(len(frame.boxes))
+
+    def _wanted(
+        self, boxes: DecidedBoxes, crowd: BoolArray
+    ) -> tuple[BoolArray, BoolArray]:
+        """(N,): objects of the export; what else can be a region to ignore."""
+        if self._options.include == "all":
+            return ~crowd, crowd
+        verdict = self._verdict(boxes)
+        wanted = verdict == KEPT
+        if self._options.include_unmeasured:
+            wanted |= verdict == UNMEASURED
+        return wanted & ~crowd, crowd | (verdict == REJECTED)
+
+    def _verdict(self, boxes: DecidedBoxes) -> NDArray[np.uint8]:
+        effective = self._options.include == "effective"
+        return boxes.effective if effective else boxes.verdict
+
+    def _reason(
+        self, boxes: DecidedBoxes, row: int, *, wanted: bool, crowd: bool
+    ) -> str:
+        """Why a box is no object of the export."""
+        if crowd:
+            return "crowd"
+        if wanted:
+            # It has no rectangle, or one without extent.
+            absent = np.isnan(_rectangles(boxes[row : row + 1], self._options.boxes)[0])
+            return boxes.reason_label(row) if absent.any() else "degenerate"
+        by_person = self._options.include == "effective" and boxes.is_reviewed[row]
+        return "rejected_by_person" if by_person else boxes.reason_label(row)
+
+
+def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.str_]]:
+    """(N, 4): the rectangles that were asked for, or the next best; which (N,) it is.
+
+    NaN rows and empty names where there is none.
+    """
+    columns = {
+        "visible": (boxes.xyxy,),
+        "amodal": (boxes.amodal_xyxy, boxes.xyxy),
+        "tight": (boxes.tight_xyxy, boxes.visible_xyxy, boxes.xyxy),
+    }[which]
+    xyxy, *others = columns
+    known = ~np.isnan(xyxy[:, 0])
+    used = np.where(known, which, "")
+    for other in others:
+        found = ~known & ~np.isnan(other[:, 0])
+        xyxy = np.where(found[:, None], other, xyxy)
+        used = np.where(found, "visible", used)
+        known |= found
+    return xyxy, used
+
+
+def _cut(frame: ExportFrame, row: IntArray) -> FloatArray:
+    """(M,): shares of whole rectangles beyond the image; above 0 if anything is.
+
+    The annotation is only asked for boxes that end at the border: what was corrected
+    to lie inside ends there.
+    """
+    boxes, (width, height) = frame.boxes, frame.wh
+    whole, corrected = boxes.amodal_xyxy[row], boxes.xyxy[row]
+    given = np.isnan(whole[:, 0])
+    x_min, y_min, x_max, y_max = corrected.T
+    within = (x_min > 0) & (y_min > 0) & (x_max < width) & (y_max < height)
+    cut = np.zeros(len(row))
+    asked = np.flatnonzero(given & ~within)
+    if len(asked):
+        whole[asked] = frame.given.rectangles(row[asked].tolist())
+    beyond = np.flatnonzero(~(given & within))
+    if not len(beyond):
+        return cut
+    whole = whole[beyond]
+    inside = clipped(whole, frame.wh)
+    area = _area(whole)
+    left = np.divide(_area(inside), area, out=np.zeros(len(area)), where=area > 0)
+    share = np.minimum(np.maximum(1.0 - left, _LEAST_CUT), 1.0)
+    cut[beyond] = np.where((inside == whole).all(axis=1), 0.0, share)
+    return cut
+
+
+def _area(xyxy: BoxesXYXY) -> FloatArray:
+    sides = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 0.0)
+    area: FloatArray = sides[:, 0] * sides[:, 1]
+    return area

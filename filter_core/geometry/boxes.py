@@ -8,16 +8,20 @@ the pixels that the others touch. No 3D here.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from filter_core.errors import AnnotationError, FilterError
-from filter_core.types import BoolArray, BoxesXYXY, BoxState, FloatArray, IntArray
-
-_PROFILES: Final = ("paper", "carlasimu")
-"""``paper``: as the paper is written; ``carlasimu``: as its published code behaves."""
+from filter_core.types import (
+    BoolArray,
+    BoxesXYXY,
+    BoxState,
+    FloatArray,
+    IntArray,
+    Profile,
+)
 
 
 def _unchanged(boxes: FloatArray) -> FloatArray:
@@ -77,7 +81,7 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
 
 
 def correct_xyxy(
-    xyxy: ArrayLike, wh: tuple[int, int], profile: str = "paper"
+    xyxy: ArrayLike, wh: tuple[int, int], profile: Profile = "paper"
 ) -> tuple[BoxesXYXY, NDArray[np.uint8]]:
     """Correct the coordinates of boxes (Algorithm 1) and say what became of each.
 
@@ -86,7 +90,7 @@ def correct_xyxy(
     xyxy : (N, 4), px
         As given: may reach out of the image, be inverted, or have no area.
     wh : (width, height) of the image, px
-    profile : {"paper", "carlasimu"}
+    profile : Profile
 
     Returns
     -------
@@ -114,8 +118,8 @@ def correct_xyxy(
     .. [1] M. Chaar, J. Raiyn, G. Weidl, "Improve Bounding Box in Carla Simulator",
        VEHITS 2024, Algorithm 1.
     """
-    if profile not in _PROFILES:
-        expected = " or ".join(_PROFILES)
+    if profile not in get_args(Profile):
+        expected = " or ".join(get_args(Profile))
         raise FilterError(
             f"profile: expected {expected}, found {profile!r}", code="bad_profile"
         )

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import EDGES, as_vertices, in_carla_order
 from filter_core.geometry.camera import Camera
-from filter_core.types import BoolArray, BoxesXYXY, FloatArray, IntArray
+from filter_core.types import (
+    BoolArray,
+    BoxesXYXY,
+    FloatArray,
+    IntArray,
+    ProjectionMode,
+)
 
 NEAR_PLANE: Final = 0.1
 """Metres; Unreal's near plane is at 10 cm."""
-
-_MODES: Final = ("clipped", "naive")
 
 _NAIVE_START: Final = 10_000.0
 """px; where the paper's code starts its minimum; its maximum starts at minus this."""
@@ -133,7 +137,7 @@ class BoxGeometry:
 
 
 def project_boxes(
-    vertices: ArrayLike, camera: Camera, mode: str = "clipped"
+    vertices: ArrayLike, camera: Camera, mode: ProjectionMode = "clipped"
 ) -> Projections:
     """Rectangles and edges of 3D boxes in the image.
 
@@ -142,7 +146,7 @@ def project_boxes(
     vertices : (N, 8, 3), metres
         World corners, in any order: the shape is their convex hull.
     camera : Camera
-    mode : {"clipped", "naive"}
+    mode : ProjectionMode
         ``clipped``: the shape is clipped by the near plane and the image *before*
         minimum and maximum. ``naive``: the paper's minimum and maximum over the eight
         projected corners without a test of their depth; a corner behind the camera
@@ -164,8 +168,8 @@ def project_boxes(
     reference polygon clipping). Edges need CARLA's order; corners in another order are
     put into it first.
     """
-    if mode not in _MODES:
-        expected = " or ".join(_MODES)
+    if mode not in get_args(ProjectionMode):
+        expected = " or ".join(get_args(ProjectionMode))
         raise FilterError(
             f"projection: expected {expected}, found {mode!r}", code="bad_projection"
         )
@@ -189,7 +193,7 @@ def project_boxes(
 
 
 def project_box(
-    vertices: ArrayLike, camera: Camera, mode: str = "clipped"
+    vertices: ArrayLike, camera: Camera, mode: ProjectionMode = "clipped"
 ) -> Projection:
     """One box as the camera sees it; `project_boxes` for one.
 
@@ -197,7 +201,7 @@ def project_box(
     ----------
     vertices : (8, 3), metres
     camera : Camera
-    mode : {"clipped", "naive"}
+    mode : ProjectionMode
 
     Returns
     -------

@@ -5,7 +5,7 @@ Printed as tables, drawn as a picture, and suggested as thresholds for each clas
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,9 @@ from unghost.cli.sources import LocalFilterOptions, open_source, read_config
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
+    from filter_core.config.keys import EvidenceName
+    from filter_core.evaluation.comparison import EvaluationObject
+    from filter_core.evaluation.scores import ConfusionObject
     from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
     from filter_core.local import EvaluationTask, KnownBoxes
 
@@ -50,7 +53,7 @@ _TICKS: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 Score = Mapping[str, Any]
 
 
-def _channels() -> Iterable[str]:
+def _channels() -> tuple[EvidenceName, ...]:
     from filter_core.evaluation.comparison import COMPARED
 
     return COMPARED
@@ -156,27 +159,32 @@ def evaluate(options: EvaluateOptions) -> None:
 def _task(options: EvaluateOptions) -> EvaluationTask:
     from filter_core.local import EvaluationTask, read_truth
 
+    known = {str(name): name for name in _channels()}
     return EvaluationTask(
         config=read_config(options.config, options, options.screen),
         truth=None if options.truth is None else read_truth(options.truth),
-        channels=tuple(options.channel or _channels()),
+        channels=tuple(known[name] for name in options.channel or known),
     )
 
 
-def _print_evaluation(result: dict[str, Any], screen: Screen) -> None:
+def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
     """One table of the channels, one by distance and one by class."""
     channels = result["channels"]
     columns = ("channel", *_SCORE_COLUMNS, "judged")
     rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
     screen.table(columns, rows)
-    for key, title in (("by_distance", "metres"), ("by_class", "class")):
-        screen.table(
-            (title, "channel", *_SCORE_COLUMNS), _parts(channels, key), tag=title
-        )
+    by_distance = {
+        name: {part["band"]: part for part in one["by_distance"]}
+        for name, one in channels.items()
+    }
+    by_class = {name: one["by_class"] for name, one in channels.items()}
+    for title, parts in (("metres", by_distance), ("class", by_class)):
+        screen.table((title, "channel", *_SCORE_COLUMNS), _parts_rows(parts), tag=title)
 
 
-def _parts(channels: dict[str, Any], key: str) -> Iterator[tuple[object, ...]]:
-    parts = {name: dict(_named(one[key])) for name, one in channels.items()}
+def _parts_rows(
+    parts: Mapping[EvidenceName, Mapping[str, ConfusionObject]],
+) -> Iterator[tuple[object, ...]]:
     names = dict.fromkeys(part for each in parts.values() for part in each)
     for part in names:
         for channel, each in parts.items():
@@ -184,19 +192,15 @@ def _parts(channels: dict[str, Any], key: str) -> Iterator[tuple[object, ...]]:
                 yield part, channel, *_score_row(each[part])
 
 
-def _named(parts: Any) -> Iterable[tuple[str, dict[str, Any]]]:  # noqa: ANN401  # JSON
-    if isinstance(parts, dict):
-        return parts.items()
-    return [(one["band"], one) for one in parts]
-
-
-def _score_row(score: dict[str, Any]) -> tuple[object, ...]:
-    f1 = score["f1"] or {}
-    shares = [
-        (score["precision"] or {}).get("value"),
-        (score["recall"] or {}).get("value"),
-        *(f1.get(name) for name in ("value", "low", "high")),
-    ]
+def _score_row(score: ConfusionObject) -> tuple[object, ...]:
+    precision, recall, f1 = score["precision"], score["recall"], score["f1"]
+    shares = (
+        precision and precision["value"],
+        recall and recall["value"],
+        f1 and f1["value"],
+        f1 and f1["low"],
+        f1 and f1["high"],
+    )
     rounded = (None if one is None else round(one, 3) for one in shares)
     return (*rounded, score["kept_hidden"], score["rejected_visible"])
 

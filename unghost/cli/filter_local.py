@@ -298,7 +298,7 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
     outcome = frame
     if not isinstance(outcome, FrameOutcome):
         outcome = filter_one(outcome, config, SegmentationOptions())
-    content = _encoder()(outcome.as_dict()) + b"\n"
+    content = _encoder()(dict(outcome.as_dict())) + b"\n"
     if outcome.error is not None:
         return FrameLine(outcome.key, content, fault=outcome.error["detail"])
     verdicts = Counter(str(each["verdict"]) for each in outcome.decisions or ())

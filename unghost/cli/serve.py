@@ -234,6 +234,6 @@ class _Filling:
 def _reason_rows(numbers: Stats) -> Iterator[tuple[object, ...]]:
     from filter_core.types import Reason
 
-    verdicts = {reason.label: reason.verdict.value for reason in Reason}
+    verdicts: dict[str, str] = {reason.label: reason.verdict.value for reason in Reason}
     for reason, count in most_first(numbers.by_reason):
         yield count, verdicts.get(reason, ""), reason.replace("_", " ")

@@ -11,8 +11,9 @@ from app.repositories.box_filter import REVIEW_STATES
 from app.routes.frame_pictures import FileKind
 from app.security import Role
 from app.services.drawing import LayerName
-from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.config.keys import EvidenceName
 from filter_core.decisions.record import OcclusionLevel
+from filter_core.evaluation import comparison, thresholds
 from filter_core.formats import export
 from filter_core.formats.registry import EXPORT_FORMATS
 from filter_core.segmentation import reading
@@ -26,7 +27,7 @@ from unghost.wire import runs, words
         (words.Verdict, [one.value for one in Verdict]),
         (words.Answer, [*(one.name.lower() for one in Answer if one), "clear"]),
         (words.ReviewState, REVIEW_STATES),
-        (words.EvidenceKind, (SEMANTIC, *CHANNELS)),
+        (words.EvidenceKind, get_args(EvidenceName)),
         (words.OcclusionLevel, get_args(OcclusionLevel)),
         (words.FileKind, [one.value for one in FileKind]),
         (words.Layer, get_args(LayerName)),
@@ -40,6 +41,8 @@ from unghost.wire import runs, words
         (words.RejectedBoxes, get_args(export.Rejected)),
         (words.Rectangle, get_args(export.Boxes)),
         (words.Images, get_args(export.Images)),
+        (words.WrongVerdict, get_args(comparison.WrongVerdict)),
+        (words.ThresholdTarget, get_args(thresholds.Target)),
         (words.Role, [one.value for one in Role]),
     ],
 )

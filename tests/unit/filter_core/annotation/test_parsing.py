@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from filter_core.annotation.frame import Sensor
+from filter_core.annotation.frame import FORMS_3D, Sensor
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.geometry.pose import Transform
 
@@ -68,7 +68,7 @@ def test_the_boxes_of_the_contracts_example_are_read():
     assert [box.distance for box in boxes] == [12.5, None, None, None]
     assert (boxes[1].type_id, boxes[1].base_type) == ("vehicle.x", "van")
     assert boxes[2].instance_id == 4711
-    assert [box.is_3d for box in boxes] == [False, False, False, True]
+    assert [box.form in FORMS_3D for box in boxes] == [False, False, False, True]
 
 
 def test_bytes_text_and_mapping_say_the_same():

@@ -40,7 +40,9 @@ def test_every_channel_is_counted_on_the_same_boxes():
         "instance": 0,
         "lidar": 3,
     }
-    assert found["channels"]["depth"]["f1"]["value"] == 1.0
+    f1 = found["channels"]["depth"]["f1"]
+    assert f1 is not None
+    assert f1["value"] == 1.0
 
 
 def test_a_channel_without_numbers_says_how_few_it_judged():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.config.keys import STRONGEST_FIRST
+from filter_core.config.keys import STRONGEST_FIRST, EvidenceChoice
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import Decision
 from filter_core.errors import ImageError, ImageTooLarge
@@ -64,7 +64,7 @@ def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tags, metres, ids
 
 
-def decided(evidence: str, **contents: bytes) -> list[Decision]:
+def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
     tags, _, _ = scene()
     options = FrameOptions(sensors=contents)
     return filter_frame(

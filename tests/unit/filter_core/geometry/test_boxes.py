@@ -147,7 +147,7 @@ def test_a_number_that_is_not_finite_is_an_error_that_names_the_box(number, prof
 
 def test_an_unknown_profile_is_refused():
     with pytest.raises(FilterError, match="expected paper or carlasimu, found 'papre'"):
-        correct_xyxy([[1, 2, 3, 4]], WH, "papre")
+        correct_xyxy([[1, 2, 3, 4]], WH, "papre")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -204,7 +204,7 @@ def test_edges_differ_in_one_axis():
 
 def test_an_unknown_projection_is_refused():
     with pytest.raises(FilterError, match="expected clipped or naive, found 'exact'"):
-        project_box(unit_box(), AHEAD, "exact")
+        project_box(unit_box(), AHEAD, "exact")  # type: ignore[arg-type]
 
 
 def test_points_that_are_not_eight_are_refused():
