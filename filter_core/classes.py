@@ -228,7 +228,10 @@ def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray
 
 @lru_cache(maxsize=1024)
 def accepted_names(accept_mask: int, family: str) -> tuple[str, ...]:
-    """The names of the tags in an accept set, in the order of their numbers."""
+    """The names of the tags in an accept set, in the order of their numbers.
+
+    `accept_mask` is one of `accept_mask_of`, `family` a key of `FAMILIES`.
+    """
     tags = FAMILIES[family].tags
     accepted = accepts(accept_mask, np.arange(len(tags)))
     return tuple(tags[number].name for number in np.flatnonzero(accepted))
@@ -246,6 +249,13 @@ _TAG_NAMES: Final = {
 
 def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     """A config's accept set: tag names and numbers, sorted, each of them once.
+
+    Parameters
+    ----------
+    value : object
+        As a file or a request has it.
+    at : str
+        JSON pointer of the key.
 
     Raises
     ------

@@ -138,7 +138,11 @@ class LayoutError(FilterError):
 
 
 class Fault(TypedDict):
-    """One thing that is wrong, as a problem object lists it."""
+    """One thing that is wrong, as a problem object lists it.
+
+    `pointer` is the JSON pointer of the field; `code` is for programs, `detail` for
+    people.
+    """
 
     pointer: str
     code: str

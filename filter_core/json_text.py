@@ -139,7 +139,7 @@ def read_json(
 
 
 def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
-    """Raise the JsonError of a document that is beyond a limit; nothing is parsed."""
+    """Raise a `JsonError` if a document is beyond a limit; nothing is parsed."""
     if len(content) > limits.max_bytes:
         found = f"JSON of more than {limits.max_bytes} bytes"
         raise JsonError(found, code="json_too_large")

@@ -140,7 +140,10 @@ def filter_source(
 def filter_one(
     source: FrameSource, config: FilterConfig, dataset: SegmentationOptions
 ) -> FrameOutcome:
-    """Decide the boxes of one frame of a folder; never raises for bad input."""
+    """Decide the boxes of one frame of a folder; never raises for bad input.
+
+    Parameters are those of `filter_source`.
+    """
     try:
         measured = _measure(source, config, dataset)
         verdicts = decide(measured.evidence, config)
@@ -177,7 +180,16 @@ class EvaluationTask:
 
 @dataclass(frozen=True, eq=False)
 class KnownBoxes:
-    """Boxes of one frame whose truth is known: N `ids`, `evidence` and `visible`."""
+    """The N boxes of one frame whose truth is known.
+
+    Attributes
+    ----------
+    key : str
+        The frame's.
+    ids : tuple of N str
+    evidence : Evidence of N boxes
+    visible : (N,) bool
+    """
 
     key: str
     ids: tuple[str, ...]
@@ -303,7 +315,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A frame that cannot be exported, and why."""
+    """A frame that cannot be exported: its key, and why."""
 
     key: str
     problem: FilterError
@@ -432,6 +444,15 @@ def measure_source(
 ) -> MeasuredFrame:
     """Measure one frame of a folder under several channels, and decide nothing.
 
+    Parameters
+    ----------
+    source : FrameSource
+    config : FilterConfig
+        Its own channels are not measured.
+    dataset : SegmentationOptions
+        How the segmentations are to be read, above what the config says.
+    channels : tuple of EvidenceName
+
     Raises
     ------
     FilterError
@@ -501,7 +522,9 @@ def in_order(
 ) -> Generator[_Made, None, None]:
     """Work on many items in threads; the results come in the order of the items.
 
-    Only a few items are taken ahead, so that their number does not matter.
+    Only a few items are taken ahead, so that their number does not matter. `workers`
+    are threads, one more than there are cores by default; what `work` raises is raised
+    here.
     """
     count = workers or (os.cpu_count() or 1) + 1
     waiting: deque[Future[_Made]] = deque()

@@ -225,7 +225,7 @@ def read_and_measure(
     config: MeasureConfig | FilterConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
-    """The evidence of one frame in the forms that `filter_frame` takes."""
+    """The evidence of one frame; parameters and errors are those of `filter_frame`."""
     config = _measuring(config, options.dataset)
     if not isinstance(annotation, FrameAnnotation):
         annotation = parse_annotation(
@@ -242,6 +242,18 @@ def measure_frame(
     options: FrameOptions,
 ) -> MeasuredFrame:
     """The evidence of one frame: pixels are read here, and nothing is decided.
+
+    Parameters
+    ----------
+    annotation : FrameAnnotation
+    segmentation : Segmentation or None
+        None: only what needs no segmentation is measured.
+    config : MeasureConfig or FilterConfig
+    options : FrameOptions
+
+    Returns
+    -------
+    MeasuredFrame
 
     Raises
     ------

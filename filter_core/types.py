@@ -129,9 +129,17 @@ class FrameBoxes:
         image_wh: tuple[int, int],
         distance: Sequence[float] | FloatArray | None = None,
     ) -> FrameBoxes:
-        """Rectangles from a class name per box and one accept mask per class.
+        """Boxes from rectangles and class names.
 
-        A class that `accept_masks` does not have is not mapped.
+        Parameters
+        ----------
+        xyxy : (N, 4), px
+        classes : sequence of N str
+        accept_masks : mapping of str to int
+            By class; a class that it does not have is not mapped.
+        image_wh : (width, height) of the image, px
+        distance : (N,), metres, optional
+            Default: unknown.
         """
         names = tuple(dict.fromkeys(classes))
         index = {name: number for number, name in enumerate(names)}
@@ -304,7 +312,7 @@ class Evidence:
         return len(self.class_index)
 
     def take(self, rows: IntArray) -> Evidence:
-        """Some of the boxes, in the order asked for."""
+        """Some of the boxes, by their `rows` (M,), in the order asked for."""
         columns = {
             spec.name: getattr(self, spec.name)
             for spec in fields(self)

@@ -220,7 +220,10 @@ def read_list(
 
 
 def read_text(value: object, at: Place, faults: Faults, limit: int) -> str | None:
-    """A text that can be shown and stored, or None; null is None without a fault."""
+    """A text of at most `limit` characters that can be shown and stored, or None.
+
+    Null is None without a fault.
+    """
     if value is None:
         return None
     if not isinstance(value, str):

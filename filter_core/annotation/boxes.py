@@ -51,7 +51,10 @@ _BOX3D_KEYS: Final = ("transform", "location", "extent", "rotation")
 def read_boxes(
     value: object, faults: Faults, limits: AnnotationLimits
 ) -> tuple[BoxAnnotation, ...]:
-    """The boxes that are in order; every fault of the others is noted."""
+    """The boxes that are in order; every fault of the others is noted.
+
+    `value` is what the annotation has under ``boxes``.
+    """
     at = Place() / "boxes"
     if not isinstance(value, (list, tuple)):
         found = "nothing" if value is None else shown(value)
@@ -145,7 +148,7 @@ def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int 
 def read_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
 ) -> dict[str, object]:
-    """What is kept to be given back: the object `extra`, and all unknown keys."""
+    """What is kept to be given back: the object ``extra``, and all keys but `known`."""
     given = raw.get("extra")
     extra = {} if given is None else read_kept_object(given, at / "extra", faults)
     if raw.keys() <= known:

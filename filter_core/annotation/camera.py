@@ -164,7 +164,7 @@ def _first_3d_box(boxes: object) -> Place | None:
 
 
 def read_sensors(value: object, faults: Faults) -> dict[str, Sensor]:
-    """The sensors beside the camera by name; null is none."""
+    """The sensors beside the camera by name; null is none, faults are noted."""
     at = Place() / "sensors"
     given = read_kept_object(value, at, faults)
     sensors: dict[str, Sensor] = {}

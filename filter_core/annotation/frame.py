@@ -108,7 +108,15 @@ class BoxAnnotation:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor beside the camera: where it stands, and the object as it came."""
+    """A sensor beside the camera.
+
+    Attributes
+    ----------
+    transform : Transform or None
+        Where it stands in the world.
+    raw : mapping
+        The object as it came.
+    """
 
     transform: Transform | None
     raw: Mapping[str, object]
@@ -195,7 +203,10 @@ def frame_boxes_2d(
 
 
 def frame_vertices(annotation: FrameAnnotation) -> FloatArray:
-    """(N, 8, 3) metres: world corners of a frame's 3D boxes; NaN rows for 2D boxes."""
+    """(N, 8, 3) float64, metres: world corners of a frame's N boxes.
+
+    NaN rows for 2D boxes.
+    """
     boxes = annotation.boxes
     vertices = np.full((len(boxes), 8, 3), np.nan)
     given, actors = _rows_of(boxes, VERTICES), _rows_of(boxes, BOX3D)

@@ -50,7 +50,14 @@ _BY_PATH: Final = {
 
 @dataclass(frozen=True)
 class LoadedConfig:
-    """A configuration, and the keys of its file that it does not use."""
+    """A configuration as it was read from a file.
+
+    Attributes
+    ----------
+    config : FilterConfig
+    unused_keys : tuple of str
+        The keys of its file that it does not use.
+    """
 
     config: FilterConfig
     unused_keys: tuple[str, ...] = ()

@@ -190,7 +190,13 @@ class ClassConfig(
 
     @classmethod
     def from_mapping(cls, raw: object, *, at: str = "") -> ClassConfig:
-        """One class's overrides, checked; `at` is their JSON pointer."""
+        """One class's overrides, checked; `at` is their JSON pointer.
+
+        Raises
+        ------
+        ConfigError
+            Not a mapping, an unknown key, or a wrong value.
+        """
         if not isinstance(raw, Mapping):
             raise ConfigError(
                 f"{place_of(at)}expected a mapping of keys, found {shown(raw)}",
@@ -576,7 +582,15 @@ def _checked_class_name(name: object) -> str:
 
 
 class ConfigChange(NamedTuple):
-    """One key in which two configurations differ; `classes.van.accept` if nested."""
+    """One key in which two configurations differ.
+
+    Attributes
+    ----------
+    key : str
+        Such as ``classes.van.accept`` if it is nested.
+    before, after : object
+        Its values.
+    """
 
     key: str
     before: object
@@ -584,7 +598,7 @@ class ConfigChange(NamedTuple):
 
 
 def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
-    """Every key whose value differs, in the order of the keys.
+    """Every key whose value differs between `before` and `after`, in their order.
 
     An override that only one of them has is shown as None on the other side.
     """

@@ -207,7 +207,7 @@ def count(
     evidence: tuple[str, ...],
     later: bool = False,
 ) -> _Field:
-    """A key that counts something, such as pixels."""
+    """A key that counts something, such as pixels: the unit of `NumberRange`."""
     allowed = NumberRange(0, _MAX_COUNT, unit, whole=True)
     return declared(Key(allowed, default, sentence, evidence, later=later))
 
@@ -215,7 +215,10 @@ def count(
 def limit(
     null: float, sentence: str, *, carlasimu: str | None = None, later: bool = False
 ) -> _Field:
-    """A limit in metres. The default is no limit: null, and `null` in arrays."""
+    """A distance in metres that boxes are compared with; by default there is no limit.
+
+    No limit is null in files, and the number `null` in arrays of limits.
+    """
     allowed = NumberRange(0, _MAX_METRES, "metres", null=null)
     return declared(Key(allowed, None, sentence, carlasimu=carlasimu, later=later))
 
@@ -223,7 +226,7 @@ def limit(
 def metres(
     default: Number, sentence: str, *, evidence: tuple[str, ...], later: bool = False
 ) -> _Field:
-    """A length; measured numbers depend on it."""
+    """A length in metres that measured numbers depend on."""
     allowed = NumberRange(0, _MAX_METRES, "metres")
     key = Key(allowed, default, sentence, evidence, needs_pixels=True, later=later)
     return declared(key)
@@ -237,7 +240,7 @@ def choice(
     shown_before: str | None = None,
     later: bool = False,
 ) -> _Field:
-    """One of a few words; measured numbers depend on it."""
+    """A key whose value is one of a few words; measured numbers depend on it."""
     return declared(
         Key(
             Words(words),

@@ -88,7 +88,7 @@ def judged_by(evidence: Evidence, config: DecideConfig) -> JudgedBy:
     """The channel that each of N boxes is judged by, its number and what is needed.
 
     Rules that read no pixel are not considered: a channel is given for a box outside
-    the image as well.
+    the image as well. `evidence` is that of the N boxes.
     """
     count = len(evidence)
     channel = np.full(count, SEMANTIC, dtype=object)

@@ -27,7 +27,10 @@ _MOST_SHOWN: Final = 3
 
 
 class HiddenBy(TypedDict):
-    """A tag that a box's class does not accept, and how much of the box it covers."""
+    """A tag that a box's class does not accept.
+
+    `percent` is the share of the box's counted pixels that have it, 0..100.
+    """
 
     tag: int
     name: str
@@ -132,7 +135,7 @@ def explain(judgement: Judgement) -> str:
 
 
 def rounded_percent(value: float, against: float | None = None) -> str:
-    """A percentage for people, rounded only as far as the sentence stays true.
+    """A percentage, 0..100, for people, rounded only as far as the sentence stays true.
 
     Whole from 10 up, one decimal below; more decimals if the rounded number would be
     equal to `against`, 0 or 100, or on the other side of it, and the exact one is not.

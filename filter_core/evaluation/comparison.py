@@ -98,9 +98,17 @@ class Evaluation:
         frames: int = 1,
         name_of: NameOf = _by_row,
     ) -> None:
-        """Count boxes of one or more frames; `visible` (N,) is the truth.
+        """Count the boxes of one or more frames; unmeasured ones are left out.
 
-        Unmeasured boxes are left out.
+        Parameters
+        ----------
+        evidence : Evidence of N boxes
+        visible : (N,) bool
+            Whether each object is visible: the truth.
+        frames : int
+            How many frames the boxes are of.
+        name_of : callable
+            Gives the name of a box that is listed as an error, from its row.
         """
         self.frames += frames
         self.boxes += len(evidence)
@@ -160,7 +168,11 @@ class Worst:
     def add(
         self, evidence: Evidence, kept: BoolArray, visible: BoolArray, name_of: NameOf
     ) -> None:
-        """Add the errors among N boxes; `name_of` names boxes by their rows."""
+        """Add the errors among N boxes.
+
+        `kept` (N,) are the verdicts, `visible` (N,) the truth; `name_of` names boxes by
+        their rows.
+        """
         rows = np.flatnonzero(kept != visible)
         pixels = _wrong_pixels(evidence.take(rows), kept[rows])
         # Stable, so that the order of equal errors is always the same.

@@ -303,7 +303,7 @@ class Judged:
 
     @classmethod
     def of(cls, evidence: Evidence, config: FilterConfig, visible: BoolArray) -> Judged:
-        """Decide N boxes; unmeasured ones are left out."""
+        """Decide N boxes, of truth `visible` (N,); unmeasured ones are left out."""
         decisions = decide(evidence, config)
         known = decisions.reason != Reason.NO_SEGMENTATION
         return cls(
@@ -332,7 +332,7 @@ class Judged:
         return Confusion.of(self.kept, self.visible)
 
     def where(self, rows: BoolArray) -> Judged:
-        """Some of the boxes."""
+        """The boxes for which `rows` (N,) is True."""
         return Judged(*(getattr(self, spec.name)[rows] for spec in fields(self)))
 
     def __len__(self) -> int:

@@ -66,7 +66,7 @@ class Regions:
 
 
 def count_pixels(regions: Regions) -> IntArray:
-    """(N,) int64: the pixels of each rectangle that count."""
+    """(N,) int64: the pixels of each of N rectangles that are not ignored."""
     if regions.keep is None:
         return regions.areas
     kept = PixelCodes.of_tags(regions.keep.view(np.uint8), 2, np.ones(2, np.int64))

@@ -202,7 +202,7 @@ class InstancePixels:
 
 
 def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePixels:
-    """The pixels whose tag some box accepts, grouped by instance."""
+    """The pixels whose tag one of the `accept_mask` accepts, grouped by instance."""
     by_any = int(np.bitwise_or.reduce(np.asarray(accept_mask, np.int64)))
     accepted = accepts(by_any, _TAGS)[image.tags]
     rows, columns = np.nonzero(accepted)
@@ -300,7 +300,10 @@ def _nearness(distance: FloatArray) -> FloatArray:
 
 
 def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:
-    """(K,): intersection over union of one rectangle with K others."""
+    """(K,) float64, 0..1: intersection over union of one rectangle with K others.
+
+    `xyxy` is (4,), `rectangles` (K, 4), both px.
+    """
     low = np.maximum(xyxy[:2], rectangles[:, :2])
     high = np.minimum(xyxy[2:], rectangles[:, 2:])
     common = np.prod(np.maximum(high - low, 0.0), axis=1)

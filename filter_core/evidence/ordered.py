@@ -77,7 +77,10 @@ def owned_pixels(
 def near_to_far(
     accepted: Sequence[AcceptedPixels], distance: FloatArray, ids: Sequence[str]
 ) -> list[AcceptedPixels]:
-    """The boxes of known distance, nearest first; ties are ordered by id."""
+    """The boxes of known distance, nearest first; ties are ordered by id.
+
+    `distance` (N,), metres, and the N `ids` are those of all boxes of the frame.
+    """
     known = [one for one in accepted if not np.isnan(distance[one.silhouette.row])]
     return sorted(
         known,
@@ -107,7 +110,7 @@ _LEFT, _TOP, _WIDTH, _HEIGHT, _AREA = (
 
 
 def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
-    """(N, 4) int64: first column and row, last column and row + 1."""
+    """(N, 4) int64, px: first column and row, last column and row + 1, of N boxes."""
     corners = [
         (outline.x0, outline.y0, outline.x1, outline.y1)
         for outline in (box.silhouette for box in boxes)

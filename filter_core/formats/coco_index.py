@@ -29,6 +29,8 @@ from filter_core.types import IntArray
 def index_coco(path: Path, name: str) -> CocoIndex:
     """Read a file once and note where everything is.
 
+    `name` is the file, as errors name it.
+
     Raises
     ------
     LayoutError
@@ -383,7 +385,7 @@ def _no_constant(word: str) -> None:
 
 
 def decode_value(content: bytes, name: str) -> object:
-    """One value from its own bytes, as UTF-8."""
+    """One value from its own bytes, as UTF-8; `LayoutError` if they are no JSON."""
     try:
         return read_json(content)
     except JsonError as exc:

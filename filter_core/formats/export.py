@@ -26,18 +26,13 @@ from filter_core.values import Faults
 
 IMAGE_SUFFIX: Final = {"image/png": ".png", "image/jpeg": ".jpg"}
 
-
 Include = Literal["effective", "kept", "all"]
-
 
 Rejected = Literal["drop", "dontcare"]
 
-
 Boxes = Literal["visible", "amodal", "tight"]
 
-
 Images = Literal["copy", "none"]
-
 
 _CHOICES: Final = {
     "include": get_args(Include),
@@ -46,13 +41,10 @@ _CHOICES: Final = {
     "images": get_args(Images),
 }
 
-
 MAX_BANDS: Final = 16
-
 
 MAX_BAND: Final = 100_000
 """Metres; a label folder is named after its band."""
-
 
 Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
 """Takes a file's name inside the export and its content, piece by piece."""

@@ -25,30 +25,23 @@ from filter_core.formats.export import ExportError, Sink
 
 _SAFE: Final = " ()[]{}+-=_.,;!@#$^&~'"
 
-
 _RESERVED: Final = frozenset(
     {"con", "prn", "aux", "nul", "images", "labels"}
     | {f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10)}
 )
 """Names that Windows gives to devices, and those by which YOLO finds its labels."""
 
-
 _FILE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".txt", ".xml", ".json")
 """A folder that ends so could meet a file of the same name."""
-
 
 _MAX_PART_BYTES: Final = 180
 """File systems allow 255 for one name; a suffix is still to come."""
 
-
 _IN_PLACE_OF_SLASH: Final = "__"
-
 
 _IN_MEMORY: Final = 1024 * 1024
 
-
 _PIECE: Final = 64 * 1024
-
 
 _IMPOSSIBLE: Final = re.compile(
     "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"

@@ -243,7 +243,12 @@ def kitti_vertices(
     location: tuple[float, float, float],
     rotation_y: float,
 ) -> FloatArray:
-    """(8, 3) corners in CARLA's axes of the camera (forward, right, up) and order."""
+    """(8, 3) float64, metres: corners in CARLA's order and axes of the camera.
+
+    The axes are forward, right, up. `dimensions` are height, width and length in
+    metres, `location` is the middle of the lower face in KITTI's camera (right, down,
+    forward) in metres, and `rotation_y` radians.
+    """
     height, width, length = dimensions
     cos, sin = math.cos(rotation_y), math.sin(rotation_y)
     forward = np.array([cos, 0.0, -sin]) * length

@@ -23,25 +23,19 @@ from filter_core.json_text import read_json
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """A larger label file is not one: ten thousand boxes take under a megabyte."""
 
-
 MAX_KEY: Final = 512
-
 
 KEYS_NAME: Final = "frames.jsonl"
 """Says which frame each file belongs to, so that reading it back gives its key."""
 
-
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
-
 
 _FOLDER_WORDS: Final = frozenset(
     {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
 )
 """Names of folders that say what their files are, not which frame they belong to."""
 
-
 _SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
-
 
 _BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
 

@@ -25,8 +25,15 @@ _MARKS: Final = (*(verdict.value for verdict in VERDICTS), "unsure", "lossy")
 class Change(NamedTuple):
     """What became of a box that did not go out as it is.
 
-    `fate` is ``dontcare`` (it went out as a region to be ignored), ``dropped`` (it did
-    not go out) or ``clipped`` (it went out, cut by the image's border).
+    Attributes
+    ----------
+    row : int
+        Its place in the frame.
+    fate : str
+        ``dontcare`` (it went out as a region to be ignored), ``dropped`` (it did not go
+        out) or ``clipped`` (it went out, cut by the image's border).
+    reason : str
+        Why, such as the label of a `Reason`.
     """
 
     row: int

@@ -358,8 +358,9 @@ def _object(one: ChosenBox, frame: ExportFrame) -> Iterator[str]:
 def whole_pixels(xyxy: Sequence[float], wh: tuple[int, int]) -> list[int]:
     """``xmin ymin xmax ymax``: the nearest whole pixels, from 1, both ends included.
 
-    A rectangle has at least one pixel. The last pixel of the image has its width and
-    height as numbers, so no corner lies beyond it.
+    `xyxy` is a rectangle in px inside an image of `wh` (width, height). It has at least
+    one pixel. The last pixel of the image has its width and height as numbers, so no
+    corner lies beyond it.
     """
     low, high = [], []
     for axis, side in enumerate(wh):

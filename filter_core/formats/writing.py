@@ -39,17 +39,15 @@ from filter_core.types import (
 
 PARTS: Final = ("train", "val")
 
-
 _LEAST_SIDE: Final = 0.01
 """Pixels; what is thinner would vanish when a format rounds it."""
-
 
 _LEAST_CUT: Final = 1e-9
 """Share of a box: what is cut at all is cut by more than nothing."""
 
 
 class ChosenBox(NamedTuple):
-    """One box as it is written; see `ChosenBoxes`."""
+    """One row of `ChosenBoxes`."""
 
     row: int
     number: int
@@ -243,6 +241,8 @@ def write_labels(
 def split_of(key: str, map_name: str | None, share: float) -> str:
     """``train`` or ``val``, from the names alone: adding frames reshuffles nothing.
 
+    `share`, 0..1, is that of ``train``.
+
     Every map is split by a hash of its own, so that each gives about the same share;
     exact shares per map would need all frames at once, and would move frames later.
     """
@@ -257,7 +257,10 @@ def band_name(band: int) -> str:
 
 
 def clipped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
-    """(N, 4): rectangles cut to the image; a side may be left without extent."""
+    """(N, 4) float64, px: rectangles (N, 4) cut to the image of `wh` (width, height).
+
+    A side may be left without extent.
+    """
     # Not np.clip: whether a zero has a sign must not depend on the processor.
     size = np.array([*wh, *wh], np.float64)
     above = np.where(xyxy < 0.0, 0.0, xyxy)

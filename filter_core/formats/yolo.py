@@ -113,7 +113,13 @@ def _class_list(root: Path) -> str | None:
 
 @YOLO.reader
 def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
-    """The frames of a YOLO folder; errors as `_yolo_classes` and per frame."""
+    """The frames of a YOLO folder; a bad file is its frame's problem.
+
+    Raises
+    ------
+    LayoutError
+        There is no list of classes, or it cannot be read.
+    """
     classes = tuple(options.classes or _yolo_classes(root))
     tags = options.segmentation or segmentation_folder(root)
     folders = LabelFolders(
@@ -154,7 +160,11 @@ def _yolo_classes(root: Path) -> tuple[str, ...]:
 
 
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
-    """Names in the order of their numbers, which must be 0, 1, 2 and so on."""
+    """Names in the order of their numbers, which must be 0, 1, 2 and so on.
+
+    `names` is a list, or a mapping from number to name; `at` says where it stands. A
+    `LayoutError` says what is wrong with it.
+    """
     if isinstance(names, Mapping):
         numbered = list(names.items())
         keys = [key for key, _ in numbered]
@@ -173,7 +183,19 @@ def ordered_names(names: object, at: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class LabelFolders:
-    """Where a YOLO-like layout keeps its files, and what its numbers mean."""
+    """Where a YOLO-like layout keeps its files, and what its numbers mean.
+
+    Attributes
+    ----------
+    images, labels : Path
+        Folders.
+    segmentations : Path or None
+        A folder.
+    classes : tuple of str
+        Class names by their numbers.
+    default_class : str
+        The class of labels that carry none.
+    """
 
     images: Path
     labels: Path
@@ -183,7 +205,10 @@ class LabelFolders:
 
 
 def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:
-    """Frames of label files in YOLO's or carlasimu's form."""
+    """Frames of label files in YOLO's or carlasimu's form.
+
+    `labels` are the files, relative to the folder of the labels.
+    """
     tags = folders.segmentations
     frames, unmatched = match(
         labels,

@@ -84,7 +84,13 @@ def in_carla_order(vertices: ArrayLike) -> FloatArray:
 
 
 def as_vertices(vertices: ArrayLike) -> FloatArray:
-    """(N, 8, 3) float64 from N boxes or one; ``bad_shape`` (`FilterError`) else."""
+    """(N, 8, 3) float64 from N boxes or one.
+
+    Raises
+    ------
+    FilterError
+        ``bad_shape``: no eight points of three numbers for each box.
+    """
     boxes = np.asarray(vertices, dtype=np.float64)
     if boxes.size == 0:
         return boxes.reshape(0, 8, 3)

@@ -74,7 +74,16 @@ class Projections:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One box as the camera sees it; see `Projections`."""
+    """One box as the camera sees it; see `Projections`.
+
+    Attributes
+    ----------
+    visible_xyxy, amodal_xyxy : (4,) float64, px, or None
+        None where there is nothing.
+    edges : (E, 4) float64, px
+    distance : float, metres
+    status : DepthStatus
+    """
 
     visible_xyxy: FloatArray | None
     amodal_xyxy: FloatArray | None
@@ -121,9 +130,10 @@ class BoxGeometry:
         visible_xyxy: BoxesXYXY,
         edges: list[FloatArray | None],
     ) -> BoxGeometry:
-        """N boxes with what the service stores of them; NaN for everything else.
+        """N boxes of which only these numbers were stored; NaN for everything else.
 
-        The NaN arrays are read-only broadcast arrays, which take no memory.
+        The parameters are the attributes of these names. The NaN arrays are read-only
+        broadcast arrays, which take no memory.
         """
         count = len(edges)
         return cls(
@@ -255,7 +265,10 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
 
 
 def to_image_points(boxes: FloatArray, camera: Camera) -> FloatArray:
-    """(N, P, 3): ``u depth, v depth, depth`` of each of (N, P, 3) world points."""
+    """(N, P, 3) float64: ``u depth, v depth, depth`` of (N, P, 3) world points.
+
+    World points and depth are in metres, u and v in px.
+    """
     matrix = camera.world_to_image
     points: FloatArray = boxes @ matrix[:, :3].T + matrix[:, 3]
     return points

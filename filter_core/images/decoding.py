@@ -197,7 +197,16 @@ _SUM: Final = struct.Struct(">I")
 
 @dataclass(frozen=True)
 class InflatedPng:
-    """What a PNG has before its pixels, and its rows: each a filter and its bytes."""
+    """A PNG whose pixels are inflated, but whose filters are not undone yet.
+
+    Attributes
+    ----------
+    head : bytes
+        What it has before its pixels.
+    rows : (H, 1 + W C) uint8
+        Each row's filter and its bytes.
+    shape : (H, W, C)
+    """
 
     head: bytes
     rows: NDArray[np.uint8]

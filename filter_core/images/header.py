@@ -104,7 +104,9 @@ def read_image_header(
 def require_size(
     header: ImageHeader, expected_wh: tuple[int, int], *, what: str, than: str
 ) -> None:
-    """Refuse an image whose size is not the expected one.
+    """Refuse an image whose size is not the expected one, (width, height) in px.
+
+    `what` is the image and `than` what it is compared with, as the error names them.
 
     Raises
     ------

@@ -54,7 +54,16 @@ _MARKER_IN_SCAN: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 @dataclass(frozen=True)
 class JpegHeader:
-    """What the frame's header says; 1, 3 or 4 channels of 8 bits."""
+    """What the frame's header says.
+
+    Attributes
+    ----------
+    width, height : int, px
+    channels : int
+        1, 3 or 4, of 8 bits each.
+    marker : int
+        The second byte of the marker, which says how the picture is coded.
+    """
 
     width: int
     height: int

@@ -241,7 +241,7 @@ def run_ends(flat: PixelValues, stops: IntArray | None = None) -> IntArray:
 
 
 def run_lengths(ends: IntArray) -> IntArray:
-    """How many elements each run has."""
+    """(R,) int64: how many elements each run has; `ends` (R,) are their last places."""
     lengths = np.empty_like(ends)
     lengths[:1] = ends[:1] + 1
     np.subtract(ends[1:], ends[:-1], out=lengths[1:])

@@ -75,7 +75,17 @@ _BIT_DEPTHS: Final = {
 
 @dataclass(frozen=True)
 class PngHeader:
-    """What the first chunk says; `color_type` is one of 0, 2, 3, 4 and 6."""
+    """What the first chunk says.
+
+    Attributes
+    ----------
+    width, height : int, px
+    bit_depth : int
+        Bits of one sample.
+    color_type : int
+        0, 2, 3, 4 or 6.
+    is_interlaced : bool
+    """
 
     width: int
     height: int

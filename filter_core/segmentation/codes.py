@@ -42,7 +42,7 @@ COLOR_BITS: Final = _N_COLORS - 1
 
 
 def packed(rgb: RGB, order: ChannelOrder = "rgb") -> int:
-    """The colour as it lies in memory when channels were written in this order."""
+    """A colour as one number of 24 bits, its channels packed in this order."""
     red, green, blue = rgb if order == "rgb" else rgb[::-1]
     return red << 16 | green << 8 | blue
 

@@ -48,7 +48,7 @@ class UnknownPalette(FilterError):
 
 @dataclass(frozen=True)
 class Tag:
-    """One row of a palette."""
+    """One row of a palette: a tag's number, its name and its colour."""
 
     tag: int
     name: str
@@ -57,7 +57,14 @@ class Tag:
 
 @dataclass(frozen=True)
 class Palette:
-    """One tag family: tag, name and colour are a bijection inside it."""
+    """One tag family: tag, name and colour are a bijection inside it.
+
+    Attributes
+    ----------
+    name : str
+    tags : tuple of Tag
+        Tag t is at place t.
+    """
 
     name: str
     tags: tuple[Tag, ...]

@@ -32,7 +32,7 @@ _NEWEST_FIRST: Final = (
 
 
 class Reading(NamedTuple):
-    """One way to understand the colours of an image."""
+    """One way to understand colours: a tag family and an order of channels."""
 
     family: str
     order: ChannelOrder
@@ -53,7 +53,12 @@ class Reading(NamedTuple):
 class Named:
     """What was named rather than left to recognition, and by whom.
 
-    `family` None and `order` None: not named.
+    Attributes
+    ----------
+    family, order : str or None
+        None: not named.
+    sources : mapping or None
+        Who named each of them, for errors.
     """
 
     family: str | None = None

@@ -220,7 +220,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
 
 
 def looks_raw(rgb: NDArray[np.uint8]) -> bool:
-    """Whether all that an image has are small numbers in red alone, or blue alone."""
+    """Whether (H, W, 3) pixels have small numbers in red alone, or in blue alone."""
     red, green, blue = (_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE))
     return green == 0 and (red == 0) != (blue == 0) and red + blue <= LAST_TAG
 
@@ -326,7 +326,10 @@ def _refuse_contradiction(counts: IntArray, family: str, named: Named) -> None:
 def raw_segmentation(
     tags: TagImage, counts: IntArray, family: str, order: ChannelOrder
 ) -> Segmentation:
-    """Tags of a known family; others are Unknown, counted and noted."""
+    """Tags (H, W) of a known family; others are Unknown, counted and noted.
+
+    `counts` (256,) are the pixels of each tag, `order` is the answer's `channel_order`.
+    """
     known = len(palette_of(family).tags)
     unknown = int(counts[known:].sum())
     notes = [] if order == "rgb" else ["the raw tags are in the blue channel"]
