@@ -30,6 +30,7 @@ from app.services.box_selection import Selection, to_filter
 from app.services.boxes import PageRequest, list_boxes
 from app.services.context import ServiceContext
 from app.services.datasets import statistics as dataset_statistics
+from app.services.numbers import NumbersCache
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.runs import carry_out
@@ -145,7 +146,7 @@ def previews(context: ServiceContext) -> dict[str, float]:
         limits = PreviewLimits(100, 50)
         preview(context, session, dataset, config, limits)
         measurement = dataset.active_measurement_id or 0
-        held = context.numbers.load(session, dataset.id, measurement)
+        held = context.one(NumbersCache).load(session, dataset.id, measurement)
         took = median(lambda: preview(context, session, dataset, config, limits))
     numbers = held.evidence
     columns = [getattr(numbers, name) for name in READ_BY_A_DECISION]

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, Response
 from app.access import service as access
 from app.access import service as tokens
 from app.access.audit import AuditTrail
+from app.access.gate import LastUses, RecentCallers
 from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
 from app.errors import BadRequest, Forbidden
@@ -92,7 +93,7 @@ def log_in(
     lifetime = timedelta(hours=services.settings.session_hours)
     opened = access.log_in(AuditTrail(writing, principal), by, lifetime)
     found = access.by_session(writing, opened)
-    services.last_uses.note(principal.token_id)
+    services.one(LastUses).note(principal.token_id)
     shown = NewSession(**dict(_session(writing, found)), session=opened)
     return written(shown, 201, NO_STORE)
 
@@ -111,7 +112,7 @@ def log_out(
     access.log_out(session, principal)
     if principal.session_hash is not None:
         make_room(services, session)
-    services.callers.forget_on_commit(session)
+    services.one(RecentCallers).forget_on_commit(session)
     return Response(status_code=204)
 
 
@@ -186,5 +187,5 @@ def revoke_token(
     """Take a token back; the sessions that it opened end as well."""
     tokens.revoke(audit, token_id)
     make_room(services, session)
-    services.callers.forget_on_commit(session)
+    services.one(RecentCallers).forget_on_commit(session)
     return Response(status_code=204)

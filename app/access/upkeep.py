@@ -16,6 +16,7 @@ from typing import Final
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.first_token import is_first_token_due, renew_first_token
+from app.access.gate import LastUses, WrongSecrets
 from app.access.queries import Tokens
 from app.db.base import utc_now
 from app.logs import server_log
@@ -54,15 +55,15 @@ def _write(context: ServiceContext) -> None:
 
 def write_upkeep(context: ServiceContext) -> None:
     """Write what there is to write; nothing, if nobody came in."""
-    wrong = context.wrong_secrets.take()
+    wrong = context.one(WrongSecrets).take()
     if wrong:
         server_log.warning("within a minute %s", wrong)
-    uses = context.last_uses.take()
+    uses = context.one(LastUses).take()
     if uses:
         try:
             _note(context, uses)
         except BaseException:
-            context.last_uses.put_back(uses)
+            context.one(LastUses).put_back(uses)
             raise
     file = context.settings.token_file
     with context.database.read() as session:

@@ -14,6 +14,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.access import service as access
 from app.access.audit import AuditTrail
+from app.access.gate import LastUses, RecentCallers, WrongSecrets
 from app.db.engine import Database, once_committed
 from app.errors import DatabaseBusy, Forbidden, Unauthorised
 from app.http.idempotency import claim_on_begin
@@ -90,7 +91,7 @@ async def _identify(request: Request) -> Principal:
     header = request.headers.get("authorization")
     if header is None:
         raise Unauthorised("show a token: Authorization: Bearer ug_...")
-    callers = services_of(request).callers
+    callers = services_of(request).one(RecentCallers)
     principal = callers.find(header)
     if principal is None:
         before = callers.taken_back
@@ -98,7 +99,7 @@ async def _identify(request: Request) -> Principal:
         with counting_wrong(request):
             principal = await run_in_threadpool(_look_up, request, secret)
         callers.remember(header, principal, before)
-    services_of(request).last_uses.note(principal.token_id)
+    services_of(request).one(LastUses).note(principal.token_id)
     by_page = principal.session_hash is not None and request.method not in SAFE_METHODS
     if by_page and not comes_from_no_other_page(request.headers):
         raise Forbidden("the page's session only writes for the page itself")
@@ -116,7 +117,7 @@ def counting_wrong(request: Request) -> Iterator[None]:
         yield
     except Unauthorised:
         address = request.client.host if request.client else None
-        services_of(request).wrong_secrets.note(address or "-")
+        services_of(request).one(WrongSecrets).note(address or "-")
         raise
 
 

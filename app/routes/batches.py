@@ -22,9 +22,11 @@ from app.http.routing import LARGE_BODY, ApiRouter
 from app.incoming import HeldBytes
 from app.logs import current_request_id
 from app.routes.datasets import DatasetName
+from app.services.active import PlanCache
 from app.services.batch_work import BatchOf, FrameLine
 from app.services.batches import ArchiveFrames, BatchIntake
 from app.services.context import ServiceContext
+from app.services.open_batches import OpenBatches
 from app.storage.room import require_room
 
 ARCHIVE: Final = "application/x-tar"
@@ -107,7 +109,7 @@ class BatchAnswer(Response):
 
     def _place(self) -> AbstractContextManager[None]:
         settings = self._services.settings
-        return self._services.batches.enter(
+        return self._services.one(OpenBatches).enter(
             self._request.state.principal.token_id,
             most=settings.max_open_batches,
             most_of_one=settings.max_open_batches_per_token,
@@ -128,7 +130,7 @@ class BatchAnswer(Response):
     def _require_dataset(self) -> None:
         require_room(self._services.settings, self._services.storage)
         with self._services.database.read() as session:
-            self._services.plans.active(session, self._batch.dataset)
+            self._services.one(PlanCache).active(session, self._batch.dataset)
 
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
         places = self._request.app.state.batches

@@ -22,7 +22,7 @@ from app.http.routing import (
     without_length,
 )
 from app.services.context import ServiceContext
-from app.services.pictures import Drawing
+from app.services.pictures import Drawing, DrawnPictures
 from app.storage import Blob
 
 IMMUTABLE: Final = "private, max-age=31536000, immutable"
@@ -94,12 +94,12 @@ async def drawn_response(
         return Response(status_code=304, headers=headers)
     if asks_for_head(request):  # its length alone is not worth drawing it
         return without_length(Response(media_type=drawing.media_type, headers=headers))
-    content = services.drawn.find(drawing.tag)
+    content = services.one(DrawnPictures).find(drawing.tag)
     if content is None:
         content = await _drawn(request, services, drawing)
     if content is None:
         return Response(status_code=CLIENT_LEFT)
-    services.drawn.keep(drawing.tag, content)
+    services.one(DrawnPictures).keep(drawing.tag, content)
     return Response(content, media_type=drawing.media_type, headers=headers)
 
 
@@ -126,7 +126,7 @@ async def _drawn(
     except GivenUp:
         raise stopping() from None
     except PixelsRefused as refused:
-        services.drawn.refuse(drawing.tag, refused)
+        services.one(DrawnPictures).refuse(drawing.tag, refused)
         raise
     finally:
         given_up.set()

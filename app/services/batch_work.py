@@ -22,7 +22,7 @@ from app.incoming import in_turn
 from app.repositories.active import key_rows
 from app.repositories.decisions import DecisionRepository
 from app.security import Principal
-from app.services.active import ActiveDataset
+from app.services.active import ActiveDataset, PlanCache
 from app.services.batch_frames import IncomingFrame
 from app.services.context import ServiceContext
 from app.services.frame_keys import checked_key
@@ -164,7 +164,7 @@ def _store(
     context: ServiceContext, batch: BatchOf, works: Sequence[FrameWork]
 ) -> list[FrameLine]:
     with context.database.write() as session:
-        active = context.plans.active(session, batch.dataset)
+        active = context.one(PlanCache).active(session, batch.dataset)
         ready = [work.ready for work in works if work.ready is not None]
         lines = _insert(context, session, active, ready)
         for work in works:

@@ -20,7 +20,7 @@ from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.number_filter import selected
-from app.services.numbers import DatasetNumbers
+from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.reviews import effective_verdict
 from app.services.run_requests import active_measurement
 from app.services.statistics import in_conflict
@@ -51,11 +51,11 @@ def count_boxes(
     if not wanted.has_ranges or not most:
         return most
     by_numbers = wanted.effective is None and wanted.conflict is None
-    held = by_numbers and context.numbers.fits(session, dataset.id)
+    held = by_numbers and context.one(NumbersCache).fits(session, dataset.id)
     if not held or wanted.review not in ANSWERED_OTHERWISE:
         return BoxProbes(session).count(wanted)
     measurement = active_measurement(session, dataset)
-    numbers = context.numbers.load(session, dataset.id, measurement.id)
+    numbers = context.one(NumbersCache).load(session, dataset.id, measurement.id)
     config = config_of(active_version(session, dataset))
     unreviewed = replace(wanted, review="")
     whole = numbers.counted(

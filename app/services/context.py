@@ -1,27 +1,26 @@
-"""What services share for the life of the process."""
+"""What the whole service shares for the life of the process."""
 
 from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final, TypeVar, cast
 
-from app.access.gate import LastUses, RecentCallers, WrongSecrets
 from app.db.engine import Database
 from app.engine import LocalEngine
 from app.engine.pixels import PixelPool
 from app.incoming import OpenBodies
 from app.jobs.leases import Leases
-from app.services.active import PlanCache
-from app.services.blob_count import BlobCount
-from app.services.numbers import NumbersCache
-from app.services.open_batches import OpenBatches
-from app.services.pictures import DrawnPictures
 from app.services.shared_looks import SharedLooks
 from app.settings import Settings
 from app.storage import BlobStore
 from app.storage.room import Reserve
 from filter_core.config.filter import FilterConfig
+
+Kind = TypeVar("Kind")
+
+_MAKING: Final = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,22 @@ class ServiceContext:
     drawers: PixelPool
     """Draws pictures: however many are asked for, frames are measured meanwhile."""
     default_config: FilterConfig = field(default_factory=FilterConfig)
-    numbers: NumbersCache = field(default_factory=NumbersCache)
-    plans: PlanCache = field(default_factory=PlanCache)
-    callers: RecentCallers = field(default_factory=RecentCallers)
-    batches: OpenBatches = field(default_factory=OpenBatches)
-    blob_count: BlobCount = field(default_factory=BlobCount)
     leases: Leases = field(default_factory=Leases)
-    last_uses: LastUses = field(default_factory=LastUses)
-    wrong_secrets: WrongSecrets = field(default_factory=WrongSecrets)
     something_to_remove: threading.Event = field(default_factory=threading.Event)
-    drawn: DrawnPictures = field(default_factory=DrawnPictures)
+    owned: dict[type, object] = field(default_factory=dict)
+    """What `one` has made."""
+
+    def one(self, kind: type[Kind]) -> Kind:
+        """The one `kind` of this process, made when it is first asked for.
+
+        So each capability keeps what it remembers, a cache or a counter, without the
+        context knowing it.
+        """
+        found = self.owned.get(kind)
+        if found is None:
+            with _MAKING:
+                found = self.owned.setdefault(kind, kind())
+        return cast(Kind, found)
 
     @cached_property
     def reserve(self) -> Reserve:

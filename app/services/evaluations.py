@@ -12,7 +12,7 @@ from app.db.tables import Dataset, Run
 from app.repositories.answers import AnswerRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
-from app.services.numbers import DatasetNumbers
+from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_requests import (
     RunRequest,
     active_measurement,
@@ -53,7 +53,8 @@ def evaluation(
         config_of(active_version(session, dataset)), (SEMANTIC, *channels)
     )
     truth_of = _by_people(session, dataset) if truth == "people" else _by_instances
-    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+    cache = context.one(NumbersCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         _compare(compared, numbers, *truth_of(numbers))
     missing = [name for name in CHANNELS if name not in channels]
     return Evaluation.model_validate(

@@ -11,7 +11,9 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.logs import error_log
 from app.metrics import Gauge
 from app.ops.queries import Totals
+from app.services.blob_count import BlobCount
 from app.services.context import ServiceContext
+from app.services.open_batches import OpenBatches
 from filter_core.types import Reason
 
 
@@ -26,7 +28,7 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
         found = []
     up = Gauge.of("unghost_database_up", "1 if the database answers.", bool(found))
     yield from (up, *found)
-    counted = context.blob_count.newest(context.database, context.engine)
+    counted = context.one(BlobCount).newest(context.database, context.engine)
     if counted is not None:
         yield Gauge.of("unghost_blobs", "Files stored, counted lately.", counted.files)
         text = "Bytes of all stored files, counted lately."
@@ -37,7 +39,7 @@ def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     engine = context.engine
     yield Gauge.of("unghost_workers", "Threads that measure pixels.", engine.workers)
     yield Gauge.of("unghost_workers_busy", "Those that measure now.", engine.busy)
-    open_now = context.batches.open
+    open_now = context.one(OpenBatches).open
     yield Gauge.of("unghost_batches_open", "Batches being received.", open_now)
     text = "Bytes of requests that are in memory."
     yield Gauge.of("unghost_open_body_bytes", text, context.bodies.open_bytes)

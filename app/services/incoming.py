@@ -14,7 +14,7 @@ from app.incoming import in_turn, is_large
 from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
 from app.security import Principal
-from app.services.active import ActiveDataset
+from app.services.active import ActiveDataset, PlanCache
 from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent
@@ -110,7 +110,7 @@ def received(
     app.engine.pixels.GivenUp
         `given_up` was set while a child process measured it.
     """
-    active, known = context.plans.before_measuring(
+    active, known = context.one(PlanCache).before_measuring(
         context.database, dataset, upload.key
     )
     prepared = _prepare(context, upload)

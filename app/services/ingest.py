@@ -10,6 +10,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from app.services.active import PlanCache
 from app.services.context import ServiceContext
 from app.services.frame_answer import describe_new
 from app.services.frame_rows import write_frames
@@ -66,7 +67,7 @@ def prepare_frame(
         ready = received(context, name, upload, given_up)
     except FilterError as error:
         with context.database.write() as noting:
-            active = context.plans.active(noting, name)
+            active = context.one(PlanCache).active(noting, name)
             note_problem(noting, active.row.dataset_id, upload.key, error)
         raise
     if isinstance(ready, ReadyFrame):
@@ -86,7 +87,7 @@ def store_frame(
     """
     if isinstance(ready, int):
         return StoredFrame(ready, created=False)
-    active, known = context.plans.active_and_key(session, name, ready.key)
+    active, known = context.one(PlanCache).active_and_key(session, name, ready.key)
     same = stored_already(known, ready.prepared, name)
     if same is not None:
         return StoredFrame(same, created=False)

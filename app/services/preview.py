@@ -24,7 +24,7 @@ from app.services.counting import (
     reason_counts,
 )
 from app.services.measuring import DatasetReading, plan_for
-from app.services.numbers import DatasetNumbers
+from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.recounting import recount
 from app.services.run_requests import active_measurement, needs_pixels
 from filter_core.config.filter import FilterConfig
@@ -60,7 +60,8 @@ def preview(
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     found = _Preview(names, config_of(active_version(session, dataset)), config, limits)
-    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+    cache = context.one(NumbersCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         evidence = numbers.evidence
         if is_recounted:
             evidence = _recounted(session, dataset, numbers, plan)
@@ -164,7 +165,8 @@ def current_histogram(
     measurement = active_measurement(session, dataset)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     counts: IntArray = np.zeros((len(names), bins), np.int64)
-    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+    cache = context.one(NumbersCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         counts += numbers.match_counts(bins)
     return histogram(names, counts, config_of(active_version(session, dataset)))
 

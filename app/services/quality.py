@@ -15,6 +15,7 @@ from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE
+from app.services.numbers import NumbersCache
 from app.services.reviewers import Panel
 from app.services.run_requests import active_measurement
 from app.services.statistics import count
@@ -92,7 +93,8 @@ def _by_instances(
     """How many boxes have a truth, and those that can be judged."""
     measurement = active_measurement(session, dataset)
     total, judged = 0, []
-    for (numbers,) in context.numbers.parts(session, dataset.id, measurement.id):
+    cache = context.one(NumbersCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         rows, visible = truth_from_instances(numbers.evidence)
         total += len(rows)
         judged.append(Judged.of(numbers.evidence.take(rows), config, visible))

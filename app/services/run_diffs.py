@@ -22,7 +22,7 @@ from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
 from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE, flip_of
-from app.services.numbers import DatasetNumbers
+from app.services.numbers import DatasetNumbers, NumbersCache
 from filter_core.decisions.rules import decide
 from filter_core.types import Decisions, FloatArray, IntArray, Verdict
 from unghost.wire.runs import Diff, Flip, FlipCounts
@@ -70,7 +70,8 @@ def run_diff(
     ]
     measurements = [run.measurement_id or 0 for run in runs]
     diff = _Diff(page)
-    for numbers in context.numbers.parts(session, runs[1].dataset_id, *measurements):
+    cache = context.one(NumbersCache)
+    for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
         decisions = [
             decide(part.evidence, config)
             for part, config in zip(numbers, configs, strict=True)

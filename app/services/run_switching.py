@@ -29,7 +29,7 @@ from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.context import ServiceContext
-from app.services.numbers import DatasetNumbers
+from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_measuring import RunScope, Stored, is_measured
 from app.services.run_states import job_of, run_at_work
 from filter_core.config.filter import FilterConfig
@@ -56,7 +56,8 @@ class BeforeAndAfter:
         """One after the other, as much of the dataset as may be held in memory."""
         dataset = DatasetRepository(session).with_id(run.dataset_id)
         both = dataset.active_measurement_id or 0, run.measurement_id or 0
-        for before, after in context.numbers.parts(session, dataset.id, *both):
+        cache = context.one(NumbersCache)
+        for before, after in cache.parts(session, dataset.id, *both):
             yield cls(before, after)
 
 
@@ -71,7 +72,7 @@ def decide_all(context: ServiceContext, run_id: int, stored: Stored) -> None:
     # Loading a million numbers holds no lock; the transaction finds them cached.
     with context.database.read() as session:
         run = run_at_work(session, run_id)
-        if context.numbers.fits(session, run.dataset_id):
+        if context.one(NumbersCache).fits(session, run.dataset_id):
             next(BeforeAndAfter.parts(context, session, run))
     with context.database.write() as session:
         run = run_at_work(session, run_id)

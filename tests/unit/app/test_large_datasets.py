@@ -42,7 +42,7 @@ def put(street, key, annotation):
 def outcome(street, config, most_boxes, *, activate=True):
     """All that a run leaves, with box ids counted from the first one of the dataset."""
     run_id = street.request(config, activate=activate)
-    context = replace(street.context, numbers=NumbersCache(most_boxes))
+    context = replace(street.context, owned={NumbersCache: NumbersCache(most_boxes)})
     carry_out(context, run_id)
     with street.context.database.read() as session:
         run = RunRepository(session).with_id(run_id)

@@ -63,7 +63,7 @@ def beside(place, distance):
 
 
 def asked(street, most_boxes, question):
-    context = replace(street.context, numbers=NumbersCache(most_boxes))
+    context = replace(street.context, owned={NumbersCache: NumbersCache(most_boxes)})
     with context.database.read() as session:
         return question(context, session, street.row(session))
 
@@ -165,7 +165,7 @@ def test_boxes_of_a_range_are_counted_without_holding_them(street, review):
 
 def test_no_more_than_a_part_is_read_at_a_time(street):
     def most_at_once(context, session, dataset):
-        parts = context.numbers.parts(
+        parts = context.one(NumbersCache).parts(
             session, dataset.id, dataset.active_measurement_id
         )
         return [len(numbers) for (numbers,) in parts]

@@ -16,6 +16,7 @@ from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
 from app.services.exports import ExportRequest, request_export
 from app.services.incoming import MAX_TEXT
+from app.services.numbers import NumbersCache
 from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.runs import carry_out
 from filter_core.types import Reason
@@ -125,7 +126,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
     run_id = street.request({"min_visible_pixels": 10**6})
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, numbers=numbers), run_id)
+    carry_out(replace(services.context, owned={NumbersCache: numbers}), run_id)
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)

@@ -47,7 +47,7 @@ def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
     run_id = street.request(wanted["config"])
     numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
 
-    carry_out(replace(services.context, numbers=numbers), run_id)
+    carry_out(replace(services.context, owned={NumbersCache: numbers}), run_id)
 
     assert len(street.reasons()) == 4
     assert street.tallies() == street.recounted()
@@ -192,7 +192,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, co
     run_id = street.request(config)
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, numbers=numbers), run_id)
+    carry_out(replace(services.context, owned={NumbersCache: numbers}), run_id)
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert street.wait(run_id).state == "cancelled"
@@ -246,7 +246,7 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
                 seen.append(described_run(services.context, elsewhere, run))
             return super().load(session, dataset_id, measurement_id)
 
-    carry_out(replace(services.context, numbers=Watched()), run_id)
+    carry_out(replace(services.context, owned={NumbersCache: Watched()}), run_id)
 
     assert {(run.state, run.done) for run in seen} == {("running", 1)}
     assert services.context.engine.reported(job_of(run_id)) == 0
