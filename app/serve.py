@@ -20,6 +20,7 @@ from sqlalchemy.exc import DatabaseError
 
 from app.access.first_token import make_first_code, write_secret
 from app.access.service import code_is_over
+from app.context import ServiceContext
 from app.engine import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
@@ -29,7 +30,6 @@ from app.package import VERSION
 from app.process.connections import raise_descriptor_limit
 from app.process.lifespan import UnusableConfig
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
-from app.services.context import ServiceContext
 from app.settings import Settings, bracketed
 from unghost.wire.note import note_path
 

@@ -24,10 +24,10 @@ from pathlib import Path
 
 from sqlalchemy import select
 
+from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository
-from app.services.context import ServiceContext
 from app.services.exports import ExportRequest, request_export
 from benchmarks.bench_runs import opened
 from benchmarks.million import Wanted, make

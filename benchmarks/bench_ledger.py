@@ -24,12 +24,12 @@ from pathlib import Path
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.engine import Job, LocalEngine
 from app.engine.chunk import DONE, ChunkWork
 from app.jobs.driver import ChunkDriver
 from app.jobs.queries import Span
 from app.process.lifespan import running
-from app.services.context import ServiceContext
 from app.settings import Settings
 from benchmarks.bench_batch import peak_mib
 

@@ -25,6 +25,7 @@ import numpy as np
 from sqlalchemy import bindparam, create_engine, insert, make_url, select, text, update
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import Base
 from app.db.bulk import copy_in, execute_many, run_each, update_rows
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
@@ -32,7 +33,6 @@ from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
 from app.process.lifespan import running
 from app.repositories.datasets import DatasetRepository
 from app.security import Principal, Role
-from app.services.context import ServiceContext
 from app.services.datasets import NewDataset, create_dataset
 from app.services.ingest import FrameUpload, prepare_frame, store_frame
 from app.services.measuring import DatasetReading

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Dataset, Run
@@ -28,7 +29,6 @@ from app.process.lifespan import pixel_pool
 from app.repositories.datasets import DatasetRepository
 from app.services.box_selection import Selection, to_filter
 from app.services.boxes import PageRequest, list_boxes
-from app.services.context import ServiceContext
 from app.services.datasets import statistics as dataset_statistics
 from app.services.numbers import NumbersCache
 from app.services.preview import PreviewLimits, preview

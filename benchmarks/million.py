@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.bulk import insert_rows
 from app.db.evidence_record import pack_numbers
@@ -17,7 +18,6 @@ from app.db.tables import Box, Dataset, Decision, Frame, FrameEvidence
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.tallies import TallyRepository
-from app.services.context import ServiceContext
 from app.services.datasets import NewDataset, create_dataset
 from app.services.measuring import DatasetReading
 from app.services.statistics import tallies_of

@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy import func, select
 
 from app.access.audit import AuditTrail
+from app.context import ServiceContext
 from app.db.tables import Dataset, Decision, Run
 from app.process.lifespan import running
 from app.repositories.datasets import DatasetRepository
@@ -23,7 +24,6 @@ from app.repositories.tallies import TallyKey, TallyRepository
 from app.security import Principal, Role
 from app.services import datasets, frames, reviews
 from app.services.configs import active_version, config_of
-from app.services.context import ServiceContext
 from app.services.history import history
 from app.services.ingest import (
     FrameUpload,

@@ -18,9 +18,9 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.access.first_token import is_first_token_due, renew_first_token
 from app.access.gate import LastUses, WrongSecrets
 from app.access.queries import Tokens
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.logs import server_log
-from app.services.context import ServiceContext
 
 EVERY_S: Final = 60.0
 

@@ -15,6 +15,7 @@ from starlette.concurrency import run_in_threadpool
 from app.access import service as access
 from app.access.audit import AuditTrail
 from app.access.gate import LastUses, RecentCallers, WrongSecrets
+from app.context import ServiceContext
 from app.db.engine import Database, once_committed
 from app.errors import DatabaseBusy, Forbidden, Unauthorised
 from app.http.idempotency import claim_on_begin
@@ -25,7 +26,6 @@ from app.security import (
     bearer_token,
     comes_from_no_other_page,
 )
-from app.services.context import ServiceContext
 from app.settings import Settings
 from app.storage.room import DELETING_BYTES
 

@@ -11,11 +11,11 @@ from fastapi import Header, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
+from app.context import ServiceContext
 from app.engine import Job
 from app.errors import Forbidden, Unauthorised
 from app.http.deps import authorise, current_principal, settings_of
 from app.security import Role
-from app.services.context import ServiceContext
 from app.services.job_events import (
     NOTHING_SEEN,
     JobEvent,

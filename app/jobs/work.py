@@ -16,6 +16,7 @@ from typing import Any, Final
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import Chunk
 from app.db.transient import in_a_line, is_transient
@@ -23,7 +24,6 @@ from app.engine import Job, JobStopped
 from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.errors import AppError
 from app.jobs.queries import DECISION, ChunkRepository, LeaseRepository
-from app.services.context import ServiceContext
 from app.services.export_writing import export_at_work, write_chunk
 from app.services.run_measuring import Stored, frames_left, measure_chunk
 from app.services.run_states import run_at_work

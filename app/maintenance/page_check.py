@@ -15,8 +15,8 @@ from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from app.context import ServiceContext
 from app.db.engine import Database
-from app.services.context import ServiceContext
 
 LONGEST_S: Final = 60.0
 ADVICE: Final = (

@@ -19,9 +19,9 @@ from sqlalchemy import delete, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.engine import Database
 from app.db.tables import Dataset, DatasetClass, Flips, Frame, Problem, Run
-from app.services.context import ServiceContext
 from app.storage.room import Reserve
 
 FRAMES_AT_A_TIME: Final = 200

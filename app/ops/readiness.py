@@ -10,6 +10,7 @@ from typing import Final
 from anyio import CapacityLimiter, Lock, to_thread
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+from app.context import ServiceContext
 from app.db.migrate import current_revision, head_revision
 from app.db.transient import takes_writes
 from app.errors import Fault, NotReady, TryLater
@@ -17,7 +18,6 @@ from app.logs import error_log
 from app.maintenance.page_check import ADVICE
 from app.package import migrations_dir
 from app.process.loop_watch import LoopWatch
-from app.services.context import ServiceContext
 from app.storage.room import free_bytes
 
 RETRY_S: Final = 5

@@ -9,6 +9,7 @@ from datetime import timedelta
 from app.access.first_token import ensure_first_token
 from app.access.upkeep import keeping_tokens
 from app.addresses import LOCAL_ENGINE
+from app.context import ServiceContext
 from app.db.engine import Database, migrating_alone
 from app.db.migrate import migrate
 from app.engine import LocalEngine
@@ -28,7 +29,6 @@ from app.maintenance.datafolder import (
 from app.maintenance.page_check import checking_pages
 from app.maintenance.removals import removing
 from app.package import migrations_dir
-from app.services.context import ServiceContext
 from app.services.job_watch import watching_jobs
 from app.settings import Settings
 from app.storage import make_folder, open_store

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Final
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.addresses import LOCAL_ENGINE, EngineAddress
+from app.context import ServiceContext
 from app.db.transient import in_a_line, is_transient
 from app.engine import UnusableEngine
 from app.engine.cluster import work_with
@@ -38,7 +39,6 @@ from app.logs import configure_logging, server_log
 from app.maintenance.datafolder import CannotMaintain
 from app.memory import keep_freed_memory, settle
 from app.process.lifespan import attached, certificates_of
-from app.services.context import ServiceContext
 from app.settings import Settings
 
 if TYPE_CHECKING:

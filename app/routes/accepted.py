@@ -5,9 +5,9 @@ from __future__ import annotations
 from fastapi import Response
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db import tables
 from app.http.pages import written
-from app.services.context import ServiceContext
 from app.services.run_states import described_run
 from unghost.wire.runs import Run
 

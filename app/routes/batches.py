@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
+from app.context import ServiceContext
 from app.errors import UnsupportedMedia
 from app.http.bodies import UntilStopped
 from app.http.deps import AppServices, CurrentPrincipal
@@ -25,7 +26,6 @@ from app.routes.datasets import DatasetName
 from app.services.active import PlanCache
 from app.services.batch_work import BatchOf, FrameLine
 from app.services.batches import ArchiveFrames, BatchIntake
-from app.services.context import ServiceContext
 from app.services.open_batches import OpenBatches
 from app.storage.room import require_room
 

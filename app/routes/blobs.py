@@ -11,6 +11,7 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from starlette.datastructures import Headers
 
+from app.context import ServiceContext
 from app.engine.pixels import GivenUp, PixelsRefused
 from app.errors import RangeNotSatisfiable
 from app.http.bodies import stopping
@@ -21,7 +22,6 @@ from app.http.routing import (
     has_left,
     without_length,
 )
-from app.services.context import ServiceContext
 from app.services.pictures import Drawing, DrawnPictures
 from app.storage import Blob
 

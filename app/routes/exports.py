@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.access import service as access
 from app.access.audit import Act
+from app.context import ServiceContext
 from app.db import tables
 from app.http.deps import (
     AppServices,
@@ -28,7 +29,6 @@ from app.routes.blobs import file_response
 from app.routes.datasets import DatasetName
 from app.schemas.pictures import RESUMABLE, file_of
 from app.security import Role
-from app.services.context import ServiceContext
 from app.services.export_writing import job_of
 from app.services.exports import (
     MEDIA_TYPE,

@@ -10,6 +10,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Path, Query, Request, Response
 from starlette.requests import ClientDisconnect
 
+from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.engine.pixels import GivenUp
 from app.http.bodies import stopping
@@ -30,7 +31,6 @@ from app.routes.frame_upload import ANNOTATION, FrameParts, described_body
 from app.routes.selections import selection_of
 from app.services import frames
 from app.services.box_selection import to_filter
-from app.services.context import ServiceContext
 from app.services.frame_keys import checked_key
 from app.services.ingest import FrameUpload, prepare_frame, store_frame
 from unghost.wire.boxes import FrameListQuery

@@ -6,6 +6,7 @@ from fastapi import Request, Response
 from sqlalchemy.orm import Session
 
 from app.access.audit import Act
+from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.db.tables import Dataset
 from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessable
@@ -16,7 +17,6 @@ from app.routes.selections import selection_of
 from app.services import reviews
 from app.services.boxes import describe_box
 from app.services.bulk_selection import select_boxes
-from app.services.context import ServiceContext
 from unghost.wire.boxes import BulkIn, Review, ReviewBatch, ReviewIn, UndoneBatch
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")

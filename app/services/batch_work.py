@@ -10,6 +10,7 @@ from typing import Final
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.errors import (
     AppError,
     Forbidden,
@@ -24,7 +25,6 @@ from app.repositories.decisions import DecisionRepository
 from app.security import Principal
 from app.services.active import ActiveDataset, PlanCache
 from app.services.batch_frames import IncomingFrame
-from app.services.context import ServiceContext
 from app.services.frame_keys import checked_key
 from app.services.frame_rows import write_frames
 from app.services.incoming import (

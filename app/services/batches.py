@@ -12,11 +12,11 @@ from typing import Final
 
 from anyio import CapacityLimiter, to_thread
 
+from app.context import ServiceContext
 from app.errors import AppError, NotReady
 from app.incoming import HeldBytes, OpenBodies
 from app.services.batch_frames import FrameAssembler, FrameLimits, IncomingFrame
 from app.services.batch_work import BatchOf, FrameLine, FrameWork, store, work_on
-from app.services.context import ServiceContext
 from app.services.tar_stream import BLOCK, TarLimits, TarStream
 from app.settings import Settings
 

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.repositories.box_filter import BoxFilter
 from app.repositories.box_probes import BoxProbes
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
-from app.services.context import ServiceContext
 from app.services.number_filter import selected
 from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.reviews import effective_verdict

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.errors import StaleSnapshot, TooLarge, Unprocessable
 from app.repositories.box_filter import BoxFilter
@@ -24,7 +25,6 @@ from app.repositories.box_probes import BoxProbes
 from app.repositories.reviews import ReviewRepository
 from app.services.box_counts import count_boxes
 from app.services.box_selection import Selection, to_filter
-from app.services.context import ServiceContext
 from filter_core.types import IntArray
 
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.engine import Job
 from app.jobs.queries import ChunkRepository
-from app.services.context import ServiceContext
 
 
 def interrupt_until_written(

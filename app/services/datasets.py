@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
@@ -19,7 +20,6 @@ from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, ProblemRepository, RunRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, add_version
-from app.services.context import ServiceContext
 from app.services.measuring import DatasetReading, plan_for
 from app.services.run_requests import (
     RunRequest,

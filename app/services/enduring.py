@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Final, TypeVar
 
+from app.context import ServiceContext
 from app.errors import StorageAway
-from app.services.context import ServiceContext
 
 PAUSES_S: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
 _LOOK_S: Final = 0.25

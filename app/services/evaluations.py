@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Dataset, Run
 from app.repositories.answers import AnswerRepository
 from app.services.configs import active_version, config_of
-from app.services.context import ServiceContext
 from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_requests import (
     RunRequest,

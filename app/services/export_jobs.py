@@ -9,6 +9,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.transient import in_a_line, is_transient
 from app.engine import JobStopped
@@ -17,7 +18,6 @@ from app.jobs.leases import JobLease
 from app.jobs.queries import ChunkRepository, Span
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ExportRepository
-from app.services.context import ServiceContext
 from app.services.export_writing import OPEN, export_at_work, job_of
 
 __all__ = ["OPEN", "job_of", "make_export", "start_exports"]

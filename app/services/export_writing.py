@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Dataset, Export
 from app.engine import Job, JobStopped
@@ -29,7 +30,6 @@ from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version
-from app.services.context import ServiceContext
 from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames

@@ -12,6 +12,7 @@ from typing import Any, Final
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db import tables
 from app.db.base import utc_now
 from app.db.tables import Dataset
@@ -21,7 +22,6 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ExportRepository
 from app.services.cancelling import interrupt_until_written
-from app.services.context import ServiceContext
 from app.services.export_jobs import OPEN, job_of, start_exports
 from app.services.job_quota import require_a_place
 from app.storage import Blob

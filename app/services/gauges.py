@@ -8,11 +8,11 @@ from pathlib import Path
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from app.context import ServiceContext
 from app.logs import error_log
 from app.metrics import Gauge
 from app.ops.queries import Totals
 from app.services.blob_count import BlobCount
-from app.services.context import ServiceContext
 from app.services.open_batches import OpenBatches
 from filter_core.types import Reason
 

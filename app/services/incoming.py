@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from app.context import ServiceContext
 from app.errors import FrameConflict
 from app.incoming import in_turn, is_large
 from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
 from app.security import Principal
 from app.services.active import ActiveDataset, PlanCache
-from app.services.context import ServiceContext
 from app.services.frame_files import CheckedFiles, check_files
 from app.services.frame_rows import FrameContent
 from app.services.measuring import measure_files

@@ -10,8 +10,8 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.services.active import PlanCache
-from app.services.context import ServiceContext
 from app.services.frame_answer import describe_new
 from app.services.frame_rows import write_frames
 from app.services.incoming import (

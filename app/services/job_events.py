@@ -13,11 +13,11 @@ from typing import Final, NamedTuple
 
 from anyio import sleep
 
+from app.context import ServiceContext
 from app.engine import Job
 from app.errors import NotFound, TooManyRequests
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ExportRepository, RunRepository
-from app.services.context import ServiceContext
 from app.services.exports import describe_export
 from app.services.run_states import described_run
 from app.services.shared_looks import INTERVAL_S, Seen

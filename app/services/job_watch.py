@@ -11,11 +11,11 @@ from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from app.context import ServiceContext
 from app.engine import Job
 from app.jobs.leases import has_ended
 from app.jobs.queries import LeaseRepository
 from app.repositories.runs import ExportRepository, RunRepository
-from app.services.context import ServiceContext
 from app.services.export_jobs import start_exports
 from app.services.export_writing import job_of as export_job
 from app.services.run_states import job_of as run_job

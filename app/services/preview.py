@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.services.configs import active_version, config_of
-from app.services.context import ServiceContext
 from app.services.counting import (
     REASONS,
     VERDICT_CODE,

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.repositories.answers import AnsweredBox, AnswerRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, config_of
-from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE
 from app.services.numbers import NumbersCache
 from app.services.reviewers import Panel

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import rfc3339, utc_now
 from app.db.tables import Dataset
 from app.repositories.box_filter import BoxFilter
@@ -19,7 +20,6 @@ from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyRepository
 from app.services.box_counts import count_alike, count_boxes
 from app.services.box_selection import Selection, to_filter
-from app.services.context import ServiceContext
 from app.services.decisions import DecisionReader
 from app.services.queue_order import QueueOrder, boxes_in_order
 

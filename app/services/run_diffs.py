@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Run
 from app.errors import BadRequest, Conflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
-from app.services.context import ServiceContext
 from app.services.counting import VERDICT_CODE, flip_of
 from app.services.numbers import DatasetNumbers, NumbersCache
 from filter_core.decisions.rules import decide

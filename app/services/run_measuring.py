@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Chunk, Frame, Run
 from app.engine import Job, JobStopped
 from app.jobs.queries import ChunkRepository, Span
@@ -20,7 +21,6 @@ from app.repositories.evidence import EvidenceRepository, EvidenceRow
 from app.repositories.frames import FileRow, FrameRepository
 from app.repositories.runs import ConfigRepository
 from app.services.configs import config_of
-from app.services.context import ServiceContext
 from app.services.enduring import enduring
 from app.services.measuring import measure_files, packed, plan_of
 from app.services.pixel_work import MEASURED, FrameFiles

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import ConfigVersion, Dataset, Measurement, Run
 from app.errors import NotFound
 from app.package import FILTER_CORE_VERSION
@@ -13,7 +14,6 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import active_version, add_version, config_of
-from app.services.context import ServiceContext
 from app.services.job_quota import require_a_place
 from app.services.measuring import DatasetReading, plan_for
 from filter_core.config.filter import FilterConfig

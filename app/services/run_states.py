@@ -6,11 +6,11 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db import tables
 from app.engine import Job, JobStopped
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
-from app.services.context import ServiceContext
 from unghost.wire.runs import Run
 
 OPEN: Final = ("queued", "running")

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Dataset, Run
 from app.engine import Job, JobStopped
@@ -28,7 +29,6 @@ from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
-from app.services.context import ServiceContext
 from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_measuring import RunScope, Stored, is_measured
 from app.services.run_states import job_of, run_at_work

@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Run
 from app.db.transient import in_a_line, is_transient
@@ -27,7 +28,6 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.runs import RunRepository
 from app.services.cancelling import interrupt_until_written
-from app.services.context import ServiceContext
 from app.services.run_measuring import RunScope, plan_frames
 from app.services.run_states import OPEN, job_of, run_at_work
 from filter_core.errors import FilterError

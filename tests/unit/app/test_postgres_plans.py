@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from sqlalchemy.orm import Session
 
+from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.repositories.active import key_rows
 from app.repositories.box_pages import ORDERS, BoxPages
@@ -20,7 +21,6 @@ from app.repositories.known_frames import known_frames
 from app.repositories.tallies import TallyRepository
 from app.services.box_selection import Selection, to_filter
 from app.services.boxes import describe_box
-from app.services.context import ServiceContext
 from app.services.queue import QueueRequest, next_boxes, outlook
 from app.services.statistics import count
 from benchmarks.million import BOXES_PER_FRAME, Wanted, make
