@@ -507,9 +507,10 @@ VERDICTS: Final = tuple(Verdict)
 
 KEPT, REJECTED, UNMEASURED = (np.uint8(code) for code in range(len(VERDICTS)))
 
-_VERDICT_OF_REASON: Final = np.array(
+VERDICT_OF_REASON: Final = np.array(
     [VERDICTS.index(verdict) for verdict in _VERDICTS], np.uint8
 )
+"""The filter's verdict of each reason, as an index into `VERDICTS`."""
 
 
 class Answer(IntEnum):
@@ -597,7 +598,7 @@ class DecidedBoxes:
     @property
     def verdict(self) -> NDArray[np.uint8]:
         """(N,) uint8: the filter's verdict, an index into `VERDICTS`."""
-        verdict: NDArray[np.uint8] = _VERDICT_OF_REASON[self.reason]
+        verdict: NDArray[np.uint8] = VERDICT_OF_REASON[self.reason]
         return verdict
 
     @property

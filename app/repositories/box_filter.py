@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -10,6 +10,7 @@ from typing import NamedTuple
 from sqlalchemy import ColumnElement, and_, false, or_
 
 from app.db.tables import Decision
+from app.verdicts import REVIEW_STATES, is_effective, is_in_conflict, is_not_in_conflict
 from filter_core.types import Reason, Verdict
 
 
@@ -84,13 +85,13 @@ class BoxFilter:
         if self.class_ids is not None:
             found.append(Decision.class_id.in_(self.class_ids))
         if self.review:
-            found.append(_REVIEW_STATES[self.review]())
+            found.append(REVIEW_STATES[self.review].condition())
         if self.effective is not None:
             found.append(is_effective(self.effective))
         if self.toss_up is not None:
             found.append(Decision.toss_up.is_(self.toss_up))
         if self.conflict is not None:
-            found.append(_contradicted() if self.conflict else _uncontradicted())
+            found.append(is_in_conflict() if self.conflict else is_not_in_conflict())
         return found + self._ranges()
 
     def unanswered(self) -> list[ColumnElement[bool]]:
@@ -119,7 +120,8 @@ class BoxFilter:
     @property
     def only_answered(self) -> bool:
         """Whether all of them were answered: few boxes, with an index of their own."""
-        return self.review in ANSWERED or self.conflict is True
+        answers = REVIEW_STATES[self.review].answers if self.review else ("",)
+        return "" not in answers or self.conflict is True
 
     def _ranges(self) -> list[ColumnElement[bool]]:
         found: list[ColumnElement[bool]] = []
@@ -136,68 +138,12 @@ class BoxFilter:
         return found
 
 
-ANSWERED = frozenset({"decided", "keep", "reject", "unsure", "any"})
-"""States of review in which a person has said something."""
-
-REVIEW_STATES = ("undecided", "decided", "keep", "reject", "unsure", "none", "any")
-
-
-def _undecided() -> ColumnElement[bool]:
-    return or_(Decision.review.is_(None), Decision.review == "unsure")
-
-
-def _contradicted() -> ColumnElement[bool]:
-    # Said first and alone, for the index on boxes that were answered.
-    kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
-    return and_(
-        Decision.review.in_(("keep", "reject")),
-        or_(
-            and_(Decision.review == "keep", Decision.reason.in_(rejected)),
-            and_(Decision.review == "reject", Decision.reason.in_(kept)),
-        ),
-    )
-
-
-def _uncontradicted() -> ColumnElement[bool]:
-    # Not `not_`: of a box without an answer that would be unknown, and leave it out.
-    kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
-    return or_(
-        _undecided(),
-        and_(Decision.review == "keep", Decision.reason.not_in(rejected)),
-        and_(Decision.review == "reject", Decision.reason.not_in(kept)),
-    )
-
-
-_REVIEW_STATES: dict[str, Callable[[], ColumnElement[bool]]] = {
-    "undecided": _undecided,
-    "decided": lambda: Decision.review.in_(("keep", "reject")),
-    "keep": lambda: Decision.review == "keep",
-    "reject": lambda: Decision.review == "reject",
-    "unsure": lambda: Decision.review == "unsure",
-    # Said so that SQLite does not take it for what its partial index holds, and that
-    # PostgreSQL still knows how many they are.
-    "none": lambda: Decision.review.is_(None).is_(True),
-    "any": lambda: Decision.review.is_not(None),
-}
-
 THRESHOLD_REASONS = (
     Reason.VISIBLE,
     Reason.BELOW_THRESHOLD,
     Reason.LARGE_BELOW_THRESHOLD,
 )
 """Reasons of decisions that have a margin."""
-
-
-def reasons_of(verdict: Verdict) -> tuple[int, ...]:
-    """The reasons that give this verdict."""
-    return tuple(int(reason) for reason in Reason if reason.verdict is verdict)
-
-
-def is_effective(verdict: Verdict) -> ColumnElement[bool]:
-    """A person's keep or reject counts; without one, the filter's verdict."""
-    by_filter = and_(_undecided(), Decision.reason.in_(reasons_of(verdict)))
-    answer = {Verdict.KEPT: "keep", Verdict.REJECTED: "reject"}.get(verdict)
-    return or_(Decision.review == answer, by_filter) if answer else by_filter
 
 
 def is_near(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
-from app.db.tables import Frame
+from app.db.tables import Frame, Tally
 
 _FRAMES: Final = 20_000
 """Frames that are looked at together, and the most of a range."""
@@ -41,3 +41,28 @@ def _page(session: Session, dataset_id: int, after: int) -> list[tuple[int, int]
         .limit(_FRAMES)
     )
     return [(row[0], row[1]) for row in session.execute(rows)]
+
+
+def frames_state(session: Session, dataset_id: int) -> tuple[int, int]:
+    """Changes whenever boxes come or go: ids only grow, and are never reused.
+
+    Read from the tallies: counting the frames of a large dataset would take longer
+    than deciding them.
+    """
+    newest = (
+        select(Frame.id)
+        .where(only_in(dataset_id))
+        .order_by(Frame.dataset_id.desc(), Frame.id.desc())
+        .limit(1)
+    )
+    boxes = select(func.sum(Tally.boxes)).where(Tally.dataset_id == dataset_id)
+    return session.scalar(newest) or 0, session.scalar(boxes) or 0
+
+
+def only_in(dataset_id: int) -> ColumnElement[bool]:
+    """A dataset as a range of one, for what is in the order of dataset and then id.
+
+    Told the dataset itself, PostgreSQL sees that only the id makes the order, and may
+    go through the frames of all datasets by their ids.
+    """
+    return Frame.dataset_id.between(dataset_id, dataset_id)

@@ -23,10 +23,11 @@ from sqlalchemy.orm import Session, undefer
 
 from app.db.base import utc_now
 from app.db.bulk import chunks, insert_rows, run, run_each, upsert_in
-from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Problem, Tally
+from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
 from app.repositories.datasets import is_deleted
+from app.repositories.frame_ranges import only_in
 
 # Built once: every upload runs them, and building costs more than running.
 _TAKE_IDS: Final = (
@@ -40,9 +41,6 @@ _TAKE_IDS: Final = (
         )
     )
     .returning(IdBlock.name, IdBlock.next_id)
-)
-_FORGET_PROBLEMS: Final = delete(Problem).where(
-    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
 )
 
 
@@ -134,7 +132,7 @@ class FrameRepository:
         order = (Frame.dataset_id, column)
         rows = (
             select(Frame)
-            .where(_only_in(wanted.dataset_id), Frame.superseded_at.is_(None))
+            .where(only_in(wanted.dataset_id), Frame.superseded_at.is_(None))
             .order_by(*(order if ascending else [each.desc() for each in order]))
             .limit(page.limit + 1)
         )
@@ -203,21 +201,6 @@ class FrameRepository:
             .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
         )
         return self._session.scalar(rows) or 0
-
-    def state(self, dataset_id: int) -> tuple[int, int]:
-        """Changes whenever boxes come or go: ids only grow, and are never reused.
-
-        Read from the tallies: counting the frames of a large dataset would take longer
-        than deciding them.
-        """
-        newest = (
-            select(Frame.id)
-            .where(_only_in(dataset_id))
-            .order_by(Frame.dataset_id.desc(), Frame.id.desc())
-            .limit(1)
-        )
-        boxes = select(func.sum(Tally.boxes)).where(Tally.dataset_id == dataset_id)
-        return self._session.scalar(newest) or 0, self._session.scalar(boxes) or 0
 
     def first_with_image(self, dataset_id: int) -> int | None:
         """A frame whose picture can stand for the dataset."""
@@ -303,10 +286,6 @@ class FrameRepository:
             delete(Frame).where(Frame.dataset_id == dataset_id, Frame.key == key)
         )
 
-    def forget_problems(self, dataset_id: int, key: str) -> None:
-        """The frame came in after all."""
-        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
-
     def sources(self, frame_id: int) -> dict[str, Box]:
         """Boxes of a frame by the sender's own ids."""
         rows = select(Box).where(Box.frame_id == frame_id)
@@ -332,15 +311,6 @@ def _blob(file: FileRow) -> dict[str, Any]:
         "media_type": file.media_type,
         "created_at": utc_now(),
     }
-
-
-def _only_in(dataset_id: int) -> ColumnElement[bool]:
-    """A dataset as a range of one, for what is in the order of dataset and then id.
-
-    Told the dataset itself, PostgreSQL sees that only the id makes the order, and may
-    go through the frames of all datasets by their ids.
-    """
-    return Frame.dataset_id.between(dataset_id, dataset_id)
 
 
 def _has_box(wanted: BoxFilter) -> ColumnElement[bool]:

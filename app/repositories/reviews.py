@@ -17,17 +17,6 @@ from app.errors import LostRace
 from filter_core.types import IntArray
 
 
-class LatestReview(NamedTuple):
-    """The answer that counts for a box."""
-
-    box_id: int
-    revision: int
-    verdict: str
-    comment: str
-    reviewer: str
-    batch_id: int | None
-
-
 class AnsweredBox(NamedTuple):
     """A box that has got an answer at some time."""
 
@@ -131,33 +120,6 @@ class ReviewRepository:
             newest_of = before
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
 
-    def latest(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
-        """The newest answer of each box that has one."""
-        found: dict[int, LatestReview] = {}
-        for chunk in chunks(box_ids):
-            found |= self._latest(chunk)
-        return found
-
-    def _latest(self, box_ids: Sequence[int]) -> dict[int, LatestReview]:
-        newest = (
-            select(Review.box_id, func.max(Review.revision).label("revision"))
-            .where(Review.box_id.in_(box_ids))
-            .group_by(Review.box_id)
-            .subquery()
-        )
-        rows = select(
-            Review.box_id,
-            Review.revision,
-            Review.verdict,
-            Review.comment,
-            Review.reviewer,
-            Review.batch_id,
-        ).join(
-            newest,
-            (Review.box_id == newest.c.box_id) & (Review.revision == newest.c.revision),
-        )
-        return {row[0]: LatestReview(*row) for row in self._session.execute(rows)}
-
     def newest_id(self) -> int:
         """The number of the newest answer of all datasets; 0 if there is none."""
         return self._session.scalar(select(func.max(Review.id))) or 0
@@ -167,12 +129,3 @@ class ReviewRepository:
         # Not distinct: SQLite would read all answers in the order of their boxes.
         rows = select(Review.box_id).where(Review.id > review_id)
         return np.fromiter(self._session.scalars(rows), np.int64)
-
-    def last_id(self, dataset_id: int) -> int:
-        """The number of the newest answer in a dataset; 0 if there is none."""
-        rows = (
-            select(func.max(Review.id))
-            .join(Decision, Decision.box_id == Review.box_id)
-            .where(Decision.dataset_id == dataset_id)
-        )
-        return self._session.scalar(rows) or 0

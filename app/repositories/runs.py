@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
+from typing import Final
 
-from sqlalchemy import func, select, update
+from sqlalchemy import bindparam, delete, func, select, update
 from sqlalchemy.orm import Session
 
-from app.db.bulk import NewestPage, newest
+from app.db.bulk import NewestPage, newest, run
 from app.db.engine import once_committed
 from app.db.flip_record import find_flip
 from app.db.tables import ConfigVersion, Dataset, Export, Flips, Problem, Run
 from app.errors import NotFound
 from app.metrics import REFUSED
 from app.repositories.datasets import is_deleted, is_there
+
+_FORGET_PROBLEMS: Final = delete(Problem).where(
+    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
+)
 
 
 class ConfigRepository:
@@ -217,6 +222,10 @@ class ProblemRepository:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+
+    def forget(self, dataset_id: int, key: str) -> None:
+        """The frame came in after all."""
+        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
 
     def add(self, problem: Problem) -> None:
         """Insert."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -21,25 +20,9 @@ from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
 from app.services.number_filter import selected
 from app.services.numbers import DatasetNumbers, NumbersCache
-from app.services.reviews import effective_verdict
 from app.services.run_requests import active_measurement
-from app.services.statistics import in_conflict
+from app.verdicts import REVIEW_STATES, effective_verdict, in_conflict
 from filter_core.config.filter import FilterConfig
-
-ANSWERS_OF: Final = {
-    "undecided": ("", "unsure"),
-    "decided": ("keep", "reject"),
-    "keep": ("keep",),
-    "reject": ("reject",),
-    "unsure": ("unsure",),
-    "none": ("",),
-    "any": ("keep", "reject", "unsure"),
-}
-"""What the boxes of each state of review were answered last; empty: nothing."""
-
-
-ANSWERED_OTHERWISE: Final = {"": None, "undecided": "decided", "none": "any"}
-"""States of review that most boxes are in, and the state of all others."""
 
 
 def count_boxes(
@@ -52,7 +35,10 @@ def count_boxes(
         return most
     by_numbers = wanted.effective is None and wanted.conflict is None
     held = by_numbers and context.one(NumbersCache).fits(session, dataset.id)
-    if not held or wanted.review not in ANSWERED_OTHERWISE:
+    # Boxes that somebody answered are few, and counted by their index; where all others
+    # are asked for, they are all boxes less those.
+    others = REVIEW_STATES[wanted.review].others if wanted.review else None
+    if not held or (wanted.review and others is None):
         return BoxProbes(session).count(wanted)
     measurement = active_measurement(session, dataset)
     numbers = context.one(NumbersCache).load(session, dataset.id, measurement.id)
@@ -61,7 +47,6 @@ def count_boxes(
     whole = numbers.counted(
         (config.digest, unreviewed), lambda: _selected(numbers, config, unreviewed)
     )
-    others = ANSWERED_OTHERWISE[wanted.review]
     if others is None:
         return whole
     return whole - BoxProbes(session).count(replace(wanted, review=others))
@@ -91,7 +76,7 @@ def _fits_answer(wanted: BoxFilter, key: TallyKey) -> bool:
     effective = effective_verdict(key.reason, key.review)
     conflict = in_conflict(key.reason, key.review)
     return (
-        (not wanted.review or key.review in ANSWERS_OF[wanted.review])
+        (not wanted.review or key.review in REVIEW_STATES[wanted.review].answers)
         and (wanted.effective is None or effective == wanted.effective.value)
         and (wanted.conflict is None or conflict is wanted.conflict)
     )

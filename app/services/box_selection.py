@@ -8,14 +8,10 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Dataset
 from app.errors import BadRequest
-from app.repositories.box_filter import (
-    REVIEW_STATES,
-    BoxFilter,
-    ClassThresholds,
-    reasons_of,
-)
+from app.repositories.box_filter import BoxFilter, ClassThresholds
 from app.repositories.datasets import DatasetRepository
 from app.services.configs import active_version, config_of
+from app.verdicts import REVIEW_STATES, reasons_of
 from filter_core.types import Reason, Verdict
 
 

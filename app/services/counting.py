@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from filter_core.config.filter import FilterConfig
-from filter_core.types import Decisions, Evidence, IntArray, Reason, Verdict
+from filter_core.types import (
+    VERDICT_OF_REASON,
+    VERDICTS,
+    Decisions,
+    Evidence,
+    IntArray,
+    Reason,
+)
 from unghost.wire.datasets import Histogram
 from unghost.wire.runs import Flip, FlipSide
 
-_VERDICTS: Final = tuple(Verdict)
-REASONS: Final = max(Reason) + 1
-"""Columns of a table by reason, as many as their highest number asks for."""
+REASONS: Final = len(VERDICT_OF_REASON)
+"""Columns of a table by reason."""
 _MAX_PERCENT: Final = 100.0
-
-VERDICT_CODE: Final[NDArray[np.uint8]] = np.zeros(REASONS, np.uint8)
-"""The verdict of each reason, as its place among the verdicts."""
-for _reason in Reason:
-    VERDICT_CODE[_reason] = _VERDICTS.index(_reason.verdict)
 
 
 def reason_counts(evidence: Evidence, decisions: Decisions) -> IntArray:
@@ -35,9 +35,9 @@ def reason_counts(evidence: Evidence, decisions: Decisions) -> IntArray:
 def outcome(names: Sequence[str], table: IntArray) -> dict[str, Any]:
     """How many boxes got each verdict and reason, altogether and per class."""
     per_reason = table.sum(axis=0)
-    verdicts = np.zeros((len(names), len(_VERDICTS)), np.int64)
+    verdicts = np.zeros((len(names), len(VERDICTS)), np.int64)
     for reason in Reason:
-        verdicts[:, VERDICT_CODE[reason]] += table[:, reason]
+        verdicts[:, VERDICT_OF_REASON[reason]] += table[:, reason]
     return {
         "counts": _by_verdict(verdicts.sum(axis=0)),
         "by_reason": {
@@ -113,5 +113,5 @@ def histogram(
 def _by_verdict(counts: IntArray) -> dict[str, int]:
     return {
         verdict.value: int(count)
-        for verdict, count in zip(_VERDICTS, counts, strict=True)
+        for verdict, count in zip(VERDICTS, counts, strict=True)
     }

@@ -24,9 +24,9 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import CurrentRow, DecisionRepository
 from app.repositories.evidence import EvidenceRepository, EvidenceRow
 from app.repositories.frames import FrameRepository
-from app.repositories.reviews import LatestReview, ReviewRepository
+from app.repositories.latest_answers import LatestAnswers, LatestReview
 from app.services.configs import active_version, config_of
-from app.services.reviews import effective_verdict
+from app.verdicts import effective_verdict
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.record import (
@@ -195,7 +195,7 @@ class DecisionReader:
             decide(numbers, self.config),
             geometry,
         )
-        reviews = ReviewRepository(self._session).latest(
+        reviews = LatestAnswers(self._session).of(
             box_id for box_id in ids if rows[box_id].revision
         )
         masks = numbers.accept_mask.tolist()

@@ -27,6 +27,7 @@ from app.jobs.queries import ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.reviews import ReviewRepository
+from app.repositories.latest_answers import LatestAnswers
 from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version
@@ -130,7 +131,7 @@ def _head(session: Session, dataset: Dataset) -> ExportHead:
             "dataset": dataset.name,
             "run": dataset.active_run_id,
             "config": active_version(session, dataset).digest,
-            "last_review": ReviewRepository(session).last_id(dataset.id),
+            "last_review": LatestAnswers(session).last_id(dataset.id),
             "frames": FrameRepository(session).count(dataset.id),
         },
         expected_boxes=sum(tallies.values()),

@@ -15,8 +15,8 @@ from app.services.decisions import (
     rounded_edges,
 )
 from app.services.frame_rows import FrameContent, WrittenFrame
-from app.services.reviews import effective_verdict
 from app.services.statistics import count, summary, tallies_of
+from app.verdicts import effective_verdict
 from filter_core.decisions.record import decision_dicts
 from unghost.wire.frames import FrameDetails, StoredFile
 

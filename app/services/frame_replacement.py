@@ -12,6 +12,7 @@ from app.db.base import utc_now
 from app.db.tables import Frame
 from app.repositories.decisions import DecisionRepository
 from app.repositories.frames import FrameRepository
+from app.repositories.latest_answers import LatestAnswers
 from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from filter_core.annotation.frame import GEOMETRIES
@@ -51,7 +52,7 @@ def carry_reviews(
     answered = reviews.answered_boxes(old.id)
     if not answered:
         return [], {}
-    latest = reviews.latest(former.id for former in answered)
+    latest = LatestAnswers(session).of(former.id for former in answered)
     new = {box["source_id"]: box for box in boxes}
     annotation = FrameRepository(session).with_id(old.id, annotation=True).annotation
     carried: list[dict[str, Any]] = []

@@ -21,6 +21,7 @@ from app.repositories.active import KeyRow
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository, NewBoxes
+from app.repositories.runs import ProblemRepository
 from app.repositories.tallies import TallyRepository
 from app.security import Principal
 from app.services.active import ActiveDataset
@@ -91,7 +92,7 @@ def write_frames(
             written[number] = replace(row, carried=carried)
     for content, known in work:
         if known.has_problem:
-            frames.forget_problems(active.row.dataset_id, content.key)
+            ProblemRepository(session).forget(active.row.dataset_id, content.key)
     once_committed(session, partial(_count, contents, written))
     return written
 

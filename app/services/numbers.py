@@ -19,8 +19,7 @@ from sqlalchemy.orm import Session
 from app.db.evidence_record import to_evidence, unpack_channels, unpack_numbers
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
-from app.repositories.frame_ranges import frame_ranges
-from app.repositories.frames import FrameRepository
+from app.repositories.frame_ranges import frame_ranges, frames_state
 from app.services.counting import match_counts
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
@@ -94,7 +93,7 @@ class NumbersCache:
     ) -> DatasetNumbers:
         """The numbers as this session sees them."""
         key = (dataset_id, measurement_id)
-        state = FrameRepository(session).state(dataset_id)
+        state = frames_state(session, dataset_id)
         with self._lock:
             held = self._held.get(key)
             if held is not None and held.state == state:
@@ -107,7 +106,7 @@ class NumbersCache:
 
     def fits(self, session: Session, dataset_id: int) -> bool:
         """Whether the numbers of a dataset may be held in memory as a whole."""
-        return FrameRepository(session).state(dataset_id)[1] <= self._max_boxes
+        return frames_state(session, dataset_id)[1] <= self._max_boxes
 
     def parts(
         self, session: Session, dataset_id: int, *measurement_ids: int

@@ -15,8 +15,6 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.services.configs import active_version, config_of
 from app.services.counting import (
-    REASONS,
-    VERDICT_CODE,
     flip_of,
     histogram,
     match_counts,
@@ -30,7 +28,7 @@ from app.services.run_requests import active_measurement, needs_pixels
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.rules import decide
-from filter_core.types import Decisions, Evidence, IntArray, Reason
+from filter_core.types import VERDICT_OF_REASON, Decisions, Evidence, IntArray, Reason
 from unghost.wire.datasets import Histogram
 from unghost.wire.runs import Flip, FlipCounts, Flips, Preview
 
@@ -81,7 +79,9 @@ class _Preview:
     ) -> None:
         self._names, self._active, self._config = names, active, config
         self._limits = limits
-        self._reasons: IntArray = np.zeros((len(names), REASONS), np.int64)
+        self._reasons: IntArray = np.zeros(
+            (len(names), len(VERDICT_OF_REASON)), np.int64
+        )
         self._matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
         self._sides = {side: np.zeros(len(names), np.int64) for side in _SIDES}
         self._flipped = 0
@@ -97,7 +97,9 @@ class _Preview:
             if evidence is numbers.evidence
             else match_counts(evidence, self._limits.bins)
         )
-        rows = np.flatnonzero(VERDICT_CODE[before.reason] != VERDICT_CODE[after.reason])
+        rows = np.flatnonzero(
+            VERDICT_OF_REASON[before.reason] != VERDICT_OF_REASON[after.reason]
+        )
         self._flipped += len(rows)
         for side, decisions in zip(_SIDES, (before, after), strict=True):
             those = rows[decisions.reason[rows] == Reason.VISIBLE]

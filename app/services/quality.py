@@ -14,7 +14,6 @@ from app.repositories.answers import AnsweredBox, AnswerRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.tallies import TallyRepository
 from app.services.configs import active_version, config_of
-from app.services.counting import VERDICT_CODE
 from app.services.numbers import NumbersCache
 from app.services.reviewers import Panel
 from app.services.run_requests import active_measurement
@@ -28,7 +27,7 @@ from filter_core.evaluation.thresholds import (
     is_by_threshold,
     suggest_per_class,
 )
-from filter_core.types import Verdict
+from filter_core.types import VERDICT_OF_REASON, Verdict
 from unghost.wire.quality import Band, Confusion, Quality, Suggestion
 from unghost.wire.words import Truth
 
@@ -76,7 +75,7 @@ def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
     columns = list(zip(*boxes, strict=True)) or [()] * len(AnsweredBox._fields)
     _, class_id, reason, large, match, distance, review = columns
     reasons = np.array(reason, np.int64)
-    verdict = VERDICT_CODE[reasons]
+    verdict = VERDICT_OF_REASON[reasons]
     return Judged(
         np.array(class_id, np.int64),
         np.array(distance, np.float64),

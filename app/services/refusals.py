@@ -9,7 +9,6 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.tables import Problem
-from app.repositories.frames import FrameRepository
 from app.repositories.runs import ProblemRepository
 from filter_core.errors import AnnotationErrors, FilterError, problem_of
 
@@ -41,7 +40,6 @@ def note_problem(
     session: Session, dataset_id: int, key: str, error: FilterError
 ) -> None:
     """Remember a refusal, so that nobody has to search for a missing frame."""
-    FrameRepository(session).forget_problems(dataset_id, key)
-    ProblemRepository(session).add(
-        Problem(dataset_id=dataset_id, key=key, error=described(error))
-    )
+    problems = ProblemRepository(session)
+    problems.forget(dataset_id, key)
+    problems.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))

@@ -20,9 +20,8 @@ from app.repositories.reviews import ReviewRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.security import Principal
 from app.services.others_answers import require_own
-from filter_core.types import Reason
+from app.verdicts import effective_verdict
 from unghost.wire.boxes import Review
-from unghost.wire.words import Verdict
 
 
 @dataclass(frozen=True)
@@ -32,15 +31,6 @@ class Answer:
     verdict: str
     comment: str
     reviewer: str
-
-
-def effective_verdict(reason: int, review: str | None) -> Verdict:
-    """A person's keep or reject counts; without one, the filter's verdict."""
-    if review == "keep":
-        return "kept"
-    if review == "reject":
-        return "rejected"
-    return Reason(reason).verdict.value
 
 
 def review_box(

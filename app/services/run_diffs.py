@@ -21,10 +21,16 @@ from app.errors import BadRequest, Conflict
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository, RunRepository
 from app.services.configs import config_of
-from app.services.counting import VERDICT_CODE, flip_of
+from app.services.counting import flip_of
 from app.services.numbers import DatasetNumbers, NumbersCache
 from filter_core.decisions.rules import decide
-from filter_core.types import Decisions, FloatArray, IntArray, Verdict
+from filter_core.types import (
+    VERDICT_OF_REASON,
+    Decisions,
+    FloatArray,
+    IntArray,
+    Verdict,
+)
 from unghost.wire.runs import Diff, Flip, FlipCounts
 
 _KEPT, _REJECTED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.REJECTED))
@@ -164,7 +170,7 @@ class _Diff:
 
     def add(self, before: _Decided, after: _Decided) -> None:
         """Count a part, and keep what the page lists of it."""
-        old, new = (VERDICT_CODE[each.reasons] for each in (before, after))
+        old, new = (VERDICT_OF_REASON[each.reasons] for each in (before, after))
         flips = np.flatnonzero(old != new)
         self.compared += len(after.rows)
         self.counts[_ALL] += _by_class(after, flips)

@@ -25,6 +25,7 @@ from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
+from app.repositories.frame_ranges import frames_state
 from app.repositories.reviews import ReviewRepository
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
@@ -90,7 +91,7 @@ def switch(
     """Store flips and counts; if the run activates, make its verdicts current."""
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     active = config_of(active_version(session, dataset))
-    boxes = FrameRepository(session).state(dataset.id)[1]
+    boxes = frames_state(session, dataset.id)[1]
     turn = _Turn(session, run, _Progress(context, run.id, run.total, boxes))
     for numbers in BeforeAndAfter.parts(context, session, run):
         turn.decide(numbers, active, config)

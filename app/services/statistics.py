@@ -4,17 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
 
 from app.repositories.tallies import TallyKey
-from app.services.reviews import effective_verdict
+from app.verdicts import effective_verdict, in_conflict, needs_review
 from filter_core.types import Reason, Verdict
-
-NOTHING_TO_SEE: Final = frozenset({Reason.OUTSIDE_IMAGE, Reason.DEGENERATE})
-"""Rejected by geometry alone: a picture could not change anybody's mind."""
-
-CONTRADICTED: Final = {"keep": Verdict.REJECTED, "reject": Verdict.KEPT}
-"""The verdict that an answer says the opposite of."""
 
 
 @dataclass
@@ -35,21 +28,6 @@ class Counts:
     to_review: int = 0
     conflicts: int = 0
     toss_ups: int = 0
-
-
-def needs_review(reason: int, toss_up: bool, review: str | None) -> bool:
-    """Nobody has decided, and the filter's word alone should not be the last.
-
-    That is: rejected for what the pixels show, not measured, or a toss-up.
-    """
-    if review in ("keep", "reject") or Reason(reason) in NOTHING_TO_SEE:
-        return False
-    return toss_up or Reason(reason) is not Reason.VISIBLE
-
-
-def in_conflict(reason: int, review: str | None) -> bool:
-    """A person's keep or reject says the opposite of the filter."""
-    return CONTRADICTED.get(review or "") is Reason(reason).verdict
 
 
 def count(tallies: Mapping[TallyKey, int]) -> Counts:

@@ -16,6 +16,7 @@ from app.db.tables import Dataset
 from app.repositories.active import key_rows
 from app.repositories.box_pages import ORDERS, BoxPages
 from app.repositories.datasets import DatasetRepository
+from app.repositories.frame_ranges import frames_state
 from app.repositories.frames import FrameFilter, FramePage, FrameRepository
 from app.repositories.known_frames import known_frames
 from app.repositories.tallies import TallyRepository
@@ -164,7 +165,7 @@ def test_counts_come_from_tallies(session, dataset):
     def read():
         assert count(TallyRepository(session).of_dataset(dataset.id)).boxes == BOXES
         TallyRepository(session).present(dataset.id)
-        FrameRepository(session).state(dataset.id)
+        frames_state(session, dataset.id)
 
     check(session, read, most=500)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from app.repositories.tallies import TallyKey
-from app.services.statistics import count, needs_review, summary, tallies_of
+from app.services.statistics import count, summary, tallies_of
+from app.verdicts import needs_review
 from filter_core.types import Reason
 
 SEEN, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)

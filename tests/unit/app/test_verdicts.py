@@ -1,0 +1,102 @@
+"""The verdict that counts: the same in Python, on columns and in SQL."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from sqlalchemy import create_engine, insert, select
+
+from app.db.base import Base
+from app.db.tables import Decision
+from app.verdicts import (
+    REVIEW_STATES,
+    effective_verdict,
+    in_conflict,
+    is_effective,
+    is_in_conflict,
+    is_not_in_conflict,
+)
+from filter_core.types import VERDICTS, Answer, DecidedBoxes, Reason, Verdict
+
+ANSWERS = (None, "keep", "reject", "unsure")
+BOXES = list(product(Reason, ANSWERS))
+"""Every reason under every answer: box 0, 1, 2 ..."""
+
+
+@pytest.fixture(scope="module")
+def matching():
+    """The boxes for which a condition holds, as a database finds them."""
+    engine = create_engine("sqlite://")
+    table = Base.metadata.tables[Decision.__tablename__]
+    table.create(engine)
+    rows = [
+        {"box_id": number, "reason": int(reason), "review": answer}
+        for number, (reason, answer) in enumerate(BOXES)
+    ]
+    same: dict[str, object] = {
+        column.name: 0
+        for column in table.columns
+        if not column.nullable and column.name not in rows[0]
+    }
+    with engine.begin() as connection:
+        connection.execute(insert(table), [{**row, **same} for row in rows])
+
+        def found(condition):
+            return set(connection.scalars(select(table.c.box_id).where(condition)))
+
+        yield found
+    engine.dispose()
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_the_effective_verdict_is_one_in_python_on_columns_and_in_sql(
+    matching, verdict
+):
+    codes = [Answer[(answer or "none").upper()] for _, answer in BOXES]
+    columns = replace(
+        DecidedBoxes.empty(),
+        reason=np.array([reason for reason, _ in BOXES], np.uint8),
+        answer=np.array(codes, np.uint8),
+    )
+
+    expected = {
+        number
+        for number, (reason, answer) in enumerate(BOXES)
+        if effective_verdict(reason, answer) == verdict.value
+    }
+
+    assert expected
+    assert matching(is_effective(verdict)) == expected
+    code = VERDICTS.index(verdict)
+    assert set(np.flatnonzero(columns.effective == code).tolist()) == expected
+
+
+def test_a_conflict_is_one_in_python_and_in_sql(matching):
+    expected = {
+        number
+        for number, (reason, answer) in enumerate(BOXES)
+        if in_conflict(reason, answer)
+    }
+
+    assert expected
+    assert matching(is_in_conflict()) == expected
+    assert matching(is_not_in_conflict()) == set(range(len(BOXES))) - expected
+
+
+@pytest.mark.parametrize("name", REVIEW_STATES)
+def test_a_state_of_review_says_the_same_by_its_answers_and_in_sql(matching, name):
+    state = REVIEW_STATES[name]
+
+    expected = {
+        number
+        for number, (_, answer) in enumerate(BOXES)
+        if (answer or "") in state.answers
+    }
+
+    assert matching(state.condition()) == expected
+    if state.others is not None:
+        others = matching(REVIEW_STATES[state.others].condition())
+        assert others == set(range(len(BOXES))) - expected
