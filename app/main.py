@@ -37,6 +37,7 @@ from app.process.connections import Connections
 from app.process.lifespan import running
 from app.process.loop_watch import LoopWatch
 from app.routes.batches import router as batches_router
+from app.routes.boxes import crops_router, history_router
 from app.routes.boxes import router as boxes_router
 from app.routes.configs import router as configs_router
 from app.routes.datasets import router as datasets_router
@@ -44,6 +45,7 @@ from app.routes.evaluations import router as evaluations_router
 from app.routes.exports import router as exports_router
 from app.routes.frame_pictures import router as frame_pictures_router
 from app.routes.frames import router as frames_router
+from app.routes.frames import upload_router
 from app.routes.known_frames import router as known_frames_router
 from app.routes.quality import router as quality_router
 from app.routes.queue import router as queue_router
@@ -55,11 +57,14 @@ ROUTERS: Final = (
     audit_router,
     batches_router,
     boxes_router,
+    history_router,
+    crops_router,
     configs_router,
     datasets_router,
     evaluations_router,
     exports_router,
     frame_pictures_router,
+    upload_router,
     frames_router,
     health_router,
     known_frames_router,

@@ -38,12 +38,11 @@ def _lay_in_frames() -> None:
 
 
 def _lay_in_decisions() -> None:
-    from app.repositories.decisions import DecisionRepository
 
     def deadly(*_: Any) -> Any:
         _die()
 
-    type.__setattr__(DecisionRepository, "record_flips", deadly)
+    type.__setattr__(RunRepository, "record_flips", deadly)
 
 
 def _lay_in_exports() -> None:

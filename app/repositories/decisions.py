@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from sqlalchemy import func, insert, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from app.db.bulk import Written, chunks, update_rows
-from app.db.flip_record import BOXES_PER_ROW, pack_flips
-from app.db.tables import Box, Decision, Flips
+from app.db.tables import Box, Decision
 from app.errors import NotFound
 from app.repositories.box_filter import BoxFilter
 from app.repositories.datasets import is_deleted
@@ -126,26 +125,6 @@ class DecisionRepository:
         for row in self._session.execute(rows):
             found[row[0]].append(TallyRow(row[1], row[2], row[3], row[4], row[5]))
         return found
-
-    def record_flips(
-        self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
-    ) -> None:
-        """Store for ever what a run changed; ids are in order."""
-        portions = [
-            slice(start, start + BOXES_PER_ROW)
-            for start in range(0, len(box_ids), BOXES_PER_ROW)
-        ]
-        rows = [
-            {
-                "run_id": run_id,
-                "first_box_id": int(box_ids[part][0]),
-                "last_box_id": int(box_ids[part][-1]),
-                "boxes": pack_flips(box_ids[part], before[part], after[part]),
-            }
-            for part in portions
-        ]
-        if rows:
-            self._session.execute(insert(Flips), rows)
 
     def refresh(
         self, box_ids: IntArray, before: Decisions, after: Decisions, written: Written

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+import numpy as np
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks
 from app.db.tables import Decision, Review
+from filter_core.types import IntArray
 
 
 class LatestReview(NamedTuple):
@@ -64,3 +66,13 @@ class LatestAnswers:
             .where(Decision.dataset_id == dataset_id)
         )
         return self._session.scalar(rows) or 0
+
+    def newest_id(self) -> int:
+        """The number of the newest answer of all datasets; 0 if there is none."""
+        return self._session.scalar(select(func.max(Review.id))) or 0
+
+    def boxes_after(self, review_id: int) -> IntArray:
+        """The box of each answer after this one, of all datasets."""
+        # Not distinct: SQLite would read all answers in the order of their boxes.
+        rows = select(Review.box_id).where(Review.id > review_id)
+        return np.fromiter(self._session.scalars(rows), np.int64)

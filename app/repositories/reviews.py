@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 from sqlalchemy import Executable, exists, func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
@@ -14,7 +13,6 @@ from sqlalchemy.orm import Session
 from app.db.bulk import chunks, update_rows
 from app.db.tables import Box, Decision, Frame, Review
 from app.errors import LostRace
-from filter_core.types import IntArray
 
 
 class AnsweredBox(NamedTuple):
@@ -119,13 +117,3 @@ class ReviewRepository:
                         before[origin] = newest
             newest_of = before
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
-
-    def newest_id(self) -> int:
-        """The number of the newest answer of all datasets; 0 if there is none."""
-        return self._session.scalar(select(func.max(Review.id))) or 0
-
-    def boxes_after(self, review_id: int) -> IntArray:
-        """The box of each answer after this one, of all datasets."""
-        # Not distinct: SQLite would read all answers in the order of their boxes.
-        rows = select(Review.box_id).where(Review.id > review_id)
-        return np.fromiter(self._session.scalars(rows), np.int64)

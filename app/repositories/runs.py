@@ -6,16 +6,17 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Final
 
-from sqlalchemy import bindparam, delete, func, select, update
+from sqlalchemy import bindparam, delete, func, insert, select, update
 from sqlalchemy.orm import Session
 
 from app.db.bulk import NewestPage, newest, run
 from app.db.engine import once_committed
-from app.db.flip_record import find_flip
+from app.db.flip_record import BOXES_PER_ROW, find_flip, pack_flips
 from app.db.tables import ConfigVersion, Dataset, Export, Flips, Problem, Run
 from app.errors import NotFound
 from app.metrics import REFUSED
 from app.repositories.datasets import is_deleted, is_there
+from filter_core.types import IntArray
 
 _FORGET_PROBLEMS: Final = delete(Problem).where(
     Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
@@ -168,6 +169,26 @@ class RunRepository:
             for row in self._session.execute(rows)
             if find_flip(row[1], box_id) is not None
         ]
+
+    def record_flips(
+        self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
+    ) -> None:
+        """Store for ever what a run changed; ids are in order."""
+        portions = [
+            slice(start, start + BOXES_PER_ROW)
+            for start in range(0, len(box_ids), BOXES_PER_ROW)
+        ]
+        rows = [
+            {
+                "run_id": run_id,
+                "first_box_id": int(box_ids[part][0]),
+                "last_box_id": int(box_ids[part][-1]),
+                "boxes": pack_flips(box_ids[part], before[part], after[part]),
+            }
+            for part in portions
+        ]
+        if rows:
+            self._session.execute(insert(Flips), rows)
 
 
 class ExportRepository:

@@ -23,6 +23,8 @@ from unghost.wire.boxes import Box, BoxListQuery, BoxPage, History
 from unghost.wire.frames import CropQuery
 
 router = ApiRouter(prefix="/api/v1", tag="boxes")
+history_router = ApiRouter(prefix="/api/v1", tag="boxes")
+crops_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
 @router.get("/boxes", response_model=BoxPage)
@@ -51,7 +53,7 @@ def get_box(box_id: RowId, session: ReadSession) -> boxes.NeighbouredDecision:
     return boxes.with_neighbours(session, box_id)
 
 
-@router.get(
+@history_router.get(
     "/boxes/{box_id}/history",
     response_model=History,
     response_model_exclude_unset=True,
@@ -71,7 +73,7 @@ def _crop(
     return found.crop(query.layer, xyxy, query.pad, query.height)
 
 
-@router.get(
+@crops_router.get(
     "/boxes/{box_id}/crop",
     response_class=Response,
     responses=JPEG,

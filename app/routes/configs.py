@@ -18,12 +18,13 @@ from app.http.pages import Newest, written
 from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ConfigRepository
-from app.routes.accepted import accepted_run
+from app.routes.accepted import accepted
 from app.routes.config_body import ConfigBody, described_config
 from app.routes.datasets import DatasetName
 from app.services.configs import active_version, add_version, describe_version
 from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
+from app.services.run_states import described_run
 from app.services.runs import start_after
 from filter_core.config.filter import FilterConfig
 from unghost.wire.model import Page
@@ -99,7 +100,7 @@ def activate_config(
     run = request_run(services, session, found, wanted)
     audit.note(Act.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
     start_after(services, session)
-    return accepted_run(services, session, run)
+    return accepted(described_run(services, session, run))
 
 
 @router.post("/datasets/{dataset}/preview")

@@ -20,7 +20,7 @@ from app.http.pages import Cursor, Limit, Newest, page_response
 from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import ProblemRepository
-from app.routes.accepted import accepted_run
+from app.routes.accepted import accepted
 from app.schemas.datasets import (
     DatasetIn,
     DatasetPatch,
@@ -28,6 +28,7 @@ from app.schemas.datasets import (
 from app.services import datasets
 from app.services.measuring import DatasetReading
 from app.services.preview import current_histogram
+from app.services.run_states import described_run
 from app.services.runs import start_after
 from unghost.wire import datasets as wire
 from unghost.wire.model import Page
@@ -109,7 +110,7 @@ def change_dataset(
     if run is None:
         return datasets.describe_dataset(session, found)
     start_after(services, session)
-    return accepted_run(services, session, run)
+    return accepted(described_run(services, session, run))
 
 
 @router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])

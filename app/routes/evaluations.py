@@ -9,9 +9,10 @@ from fastapi import Query, Response
 from app.http.deps import AppServices, CurrentPrincipal, ReadSession, WriteSession
 from app.http.routing import ApiRouter
 from app.repositories.datasets import DatasetRepository
-from app.routes.accepted import accepted_run
+from app.routes.accepted import accepted
 from app.routes.datasets import DatasetName
 from app.services.evaluations import evaluation, request_evaluation
+from app.services.run_states import described_run
 from app.services.runs import start_after
 from unghost.wire.quality import Evaluation, EvaluationQuery
 from unghost.wire.runs import Run
@@ -30,7 +31,7 @@ def create_evaluation(
     found = DatasetRepository(session).named(dataset)
     run = request_evaluation(services, session, found, principal.name)
     start_after(services, session)
-    return accepted_run(services, session, run)
+    return accepted(described_run(services, session, run))
 
 
 @router.get("/datasets/{dataset}/evaluations")

@@ -37,6 +37,7 @@ from unghost.wire.boxes import FrameListQuery
 from unghost.wire.frames import Frame, FrameSummary, StoredFrame
 from unghost.wire.model import Page
 
+upload_router = ApiRouter(prefix="/api/v1", tag="frames")
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
 FrameKey = Annotated[str, Path(max_length=2000)]
@@ -55,7 +56,7 @@ async def frame_upload(
     return FrameUpload(checked_key(key), parts[ANNOTATION], files, principal, replace)
 
 
-@router.put(
+@upload_router.put(
     "/datasets/{dataset}/frames/{key:any}",
     status_code=201,
     response_model=StoredFrame,

@@ -22,7 +22,7 @@ from app.db.tables import Dataset
 from app.errors import StaleSnapshot, TooLarge, Unprocessable
 from app.repositories.box_filter import BoxFilter
 from app.repositories.box_probes import BoxProbes
-from app.repositories.reviews import ReviewRepository
+from app.repositories.latest_answers import LatestAnswers
 from app.services.box_counts import count_boxes
 from app.services.box_selection import Selection, to_filter
 from filter_core.types import IntArray
@@ -125,7 +125,7 @@ def _snapshot(
         filters=_digest(dataset, wanted),
         total=total,
         last_box=BoxProbes(session).newest_id(),
-        last_review=ReviewRepository(session).newest_id(),
+        last_review=LatestAnswers(session).newest_id(),
         run=dataset.active_run_id or 0,
     )
 
@@ -147,6 +147,6 @@ def _changed(session: Session, ids: IntArray, before: Snapshot, now: Snapshot) -
         return len(ids)
     changed = ids > before.last_box
     if now.last_review > before.last_review:
-        answered = ReviewRepository(session).boxes_after(before.last_review)
+        answered = LatestAnswers(session).boxes_after(before.last_review)
         changed |= np.isin(ids, answered)
     return int(np.count_nonzero(changed))

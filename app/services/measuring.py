@@ -19,8 +19,7 @@ from app.db.evidence_record import (
 from app.db.tables import Dataset, Measurement
 from app.engine.pixels import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
-from app.services import pixel_work
-from app.services.pixel_work import FrameFiles
+from app.services.pixel_work import FrameFiles, is_simple, measure
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -92,8 +91,8 @@ def measure_files(
     """
     # Only what is read there travels: not what came along, to be given back by exports.
     needed = replace(annotation, raw={}, extra={}, weather={})
-    work = pixel_work.measure, plan, needed, files
-    if pixel_work.is_simple(plan, needed, files):
+    work = measure, plan, needed, files
+    if is_simple(plan, needed, files):
         measured, decode_s, measure_s = pool.run_here(*work)
     else:
         measured, decode_s, measure_s = pool.run(*work, given_up=given_up)

@@ -17,8 +17,7 @@ from app.errors import NotFound
 from app.repositories.datasets import DatasetRepository
 from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FileRow, FrameRepository
-from app.services import drawing
-from app.services.drawing import DrawnBox, Layer, LayerName
+from app.services.drawing import DrawnBox, Layer, LayerName, crop, overlay, thumbnail
 from app.storage import BlobStore
 from filter_core.errors import FilterError
 
@@ -104,7 +103,7 @@ class FramePictures:
 
         def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
             image = self.storage.read(digest)
-            return pool.run(drawing.thumbnail, image, given_up=given_up)
+            return pool.run(thumbnail, image, given_up=given_up)
 
         return Drawing(f"{digest}-thumbnail", JPEG, draw)
 
@@ -116,7 +115,7 @@ class FramePictures:
 
         def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
             files = self._read(layer)
-            return pool.run(drawing.crop, files, xyxy, pad, height, given_up=given_up)
+            return pool.run(crop, files, xyxy, pad, height, given_up=given_up)
 
         return Drawing(self._tag("crop", xyxy, layer, pad, height), JPEG, draw)
 
@@ -128,7 +127,7 @@ class FramePictures:
 
         def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
             files = self._read(layer)
-            return pool.run(drawing.overlay, files, boxes, edges, given_up=given_up)
+            return pool.run(overlay, files, boxes, edges, given_up=given_up)
 
         tag = self._tag("overlay", layer, "3d" if edges else "2d", boxes)
         return Drawing(tag, JPEG if boxes else PNG, draw)

@@ -16,7 +16,7 @@ from app.repositories.box_filter import BoxFilter
 from app.repositories.box_probes import BoxProbes
 from app.repositories.claims import ClaimRepository
 from app.repositories.datasets import DatasetRepository
-from app.repositories.reviews import ReviewRepository
+from app.repositories.latest_answers import LatestAnswers
 from app.repositories.tallies import TallyRepository
 from app.services.box_counts import count_alike, count_boxes
 from app.services.box_selection import Selection, to_filter
@@ -112,7 +112,7 @@ def _take(
     tallies = TallyRepository(session)
     alike, present = tallies.of_dataset(dataset.id), tallies.present(dataset.id)
     seed = dataset.id if wanted.seed is None else wanted.seed
-    answers = ReviewRepository(session).newest_id() // ANSWERS_PER_SHUFFLE
+    answers = LatestAnswers(session).newest_id() // ANSWERS_PER_SHUFFLE
     found: list[int] = []
     for part in queue.parts:
         order = QueueOrder(

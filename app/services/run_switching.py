@@ -27,6 +27,7 @@ from app.repositories.evidence import EvidenceRepository
 from app.repositories.frames import FrameRepository
 from app.repositories.frame_ranges import frames_state
 from app.repositories.reviews import ReviewRepository
+from app.repositories.latest_answers import LatestAnswers
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
 from app.services.configs import active_version, config_of
@@ -102,7 +103,7 @@ def switch(
     run.changed, run.done = turn.changed, run.total
     run.counts = {verdict.value: turn.counts[verdict] for verdict in Verdict}
     run.state, run.finished_at = "done", utc_now()
-    run.last_review_id = ReviewRepository(session).newest_id()
+    run.last_review_id = LatestAnswers(session).newest_id()
     session.flush()
 
 
@@ -125,7 +126,7 @@ class _Turn:
         before = numbers.before.decided(active)
         after = decide(numbers.after.evidence, config)
         ids, flipped = numbers.after.box_ids, before.reason != after.reason
-        DecisionRepository(self._session).record_flips(
+        RunRepository(self._session).record_flips(
             self._run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
         )
         self.changed += int(flipped.sum())
