@@ -42,6 +42,8 @@ def _lay_in_decisions() -> None:
     def deadly(*_: Any) -> Any:
         _die()
 
+    from app.repositories.runs import RunRepository
+
     type.__setattr__(RunRepository, "record_flips", deadly)
 
 
