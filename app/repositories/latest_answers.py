@@ -10,7 +10,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks
-from app.db.tables import Decision, Review
+from app.db.tables import Box, Decision, Frame, Review
 from filter_core.types import IntArray
 
 
@@ -76,3 +76,14 @@ class LatestAnswers:
         # Not distinct: SQLite would read all answers in the order of their boxes.
         rows = select(Review.box_id).where(Review.id > review_id)
         return np.fromiter(self._session.scalars(rows), np.int64)
+
+    def reviewers_of(self, dataset_id: int, key: str) -> dict[str, int]:
+        """How many answers each person gave on a frame, in all of its revisions."""
+        rows = (
+            select(Review.reviewer, func.count())
+            .join(Box, Box.id == Review.box_id)
+            .join(Frame, Frame.id == Box.frame_id)
+            .where(Frame.dataset_id == dataset_id, Frame.key == key)
+            .group_by(Review.reviewer)
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}

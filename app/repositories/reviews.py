@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from sqlalchemy import Executable, exists, func, insert, select
+from sqlalchemy import Executable, exists, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks, update_rows
-from app.db.tables import Box, Decision, Frame, Review
+from app.db.tables import Box, Decision, Review
 from app.errors import LostRace
 
 
@@ -67,17 +67,6 @@ class ReviewRepository:
         """All answers on a box, oldest first."""
         rows = select(Review).where(Review.box_id == box_id).order_by(Review.revision)
         return list(self._session.scalars(rows))
-
-    def reviewers_of(self, dataset_id: int, key: str) -> dict[str, int]:
-        """How many answers each person gave on a frame, in all of its revisions."""
-        rows = (
-            select(Review.reviewer, func.count())
-            .join(Box, Box.id == Review.box_id)
-            .join(Frame, Frame.id == Box.frame_id)
-            .where(Frame.dataset_id == dataset_id, Frame.key == key)
-            .group_by(Review.reviewer)
-        )
-        return {row[0]: row[1] for row in self._session.execute(rows)}
 
     def answered_boxes(self, frame_id: int) -> list[AnsweredBox]:
         """Boxes of a frame on which somebody ever answered."""

@@ -20,7 +20,7 @@ from app.repositories.frames import (
     FramePage,
     FrameRepository,
 )
-from app.repositories.reviews import ReviewRepository
+from app.repositories.latest_answers import LatestAnswers
 from app.repositories.tallies import TallyKey
 from app.security import Principal
 from app.services.decisions import DecisionReader, StoredDecision
@@ -182,7 +182,7 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     current = frames.current(dataset.id, key)
     if current is None:
         raise NotFound("frame", key)
-    answers = ReviewRepository(session).reviewers_of(dataset.id, key)
+    answers = LatestAnswers(session).reviewers_of(dataset.id, key)
     of_others = require_own(by, answers, f"deleting frame {key!r}")
     retire(session, current)
     frames.remove(dataset.id, key)
