@@ -26,7 +26,6 @@ from app.engine import Job, JobStopped
 from app.jobs.queries import ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.frames import FrameRepository
-from app.repositories.reviews import ReviewRepository
 from app.repositories.latest_answers import LatestAnswers
 from app.repositories.runs import ExportRepository
 from app.repositories.tallies import TallyRepository

@@ -24,9 +24,7 @@ from app.jobs.queries import DECISION, ChunkRepository
 from app.repositories.datasets import DatasetRepository
 from app.repositories.decisions import DecisionRepository
 from app.repositories.evidence import EvidenceRepository
-from app.repositories.frames import FrameRepository
 from app.repositories.frame_ranges import frames_state
-from app.repositories.reviews import ReviewRepository
 from app.repositories.latest_answers import LatestAnswers
 from app.repositories.runs import RunRepository
 from app.repositories.tallies import TallyKey, TallyRepository
