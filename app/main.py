@@ -13,6 +13,10 @@ from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
 from app.access.routes import audit_router, session_router, tokens_router
+from app.boxes.routes import crops_router, frames_router
+from app.boxes.routes import pictures_router as frame_pictures_router
+from app.boxes.routes import router as boxes_router
+from app.datasets.routes import router as datasets_router
 from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
 from app.http.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
@@ -29,6 +33,9 @@ from app.http.middleware import (
 from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
 from app.http.static import content_security_policy
 from app.http.static import router as page_router
+from app.ingest.routes import router as batches_router
+from app.ingest.routes import router as known_frames_router
+from app.ingest.routes import upload_router
 from app.metrics import RequestMetrics
 from app.ops.readiness import Readiness
 from app.ops.routes import router as health_router
@@ -36,20 +43,12 @@ from app.package import VERSION, static_dir
 from app.process.connections import Connections
 from app.process.lifespan import running
 from app.process.loop_watch import LoopWatch
-from app.routes.batches import router as batches_router
-from app.routes.boxes import crops_router, history_router
-from app.routes.boxes import router as boxes_router
+from app.quality.routes import evaluations_router
+from app.quality.routes import router as quality_router
+from app.review.routes import history_router, queue_router
+from app.review.routes import router as reviews_router
 from app.routes.configs import router as configs_router
-from app.routes.datasets import router as datasets_router
-from app.routes.evaluations import router as evaluations_router
 from app.routes.exports import router as exports_router
-from app.routes.frame_pictures import router as frame_pictures_router
-from app.routes.frames import router as frames_router
-from app.routes.frames import upload_router
-from app.routes.known_frames import router as known_frames_router
-from app.routes.quality import router as quality_router
-from app.routes.queue import router as queue_router
-from app.routes.reviews import router as reviews_router
 from app.routes.runs import router as runs_router
 from app.settings import Settings
 

@@ -26,7 +26,7 @@ from sqlalchemy import select
 
 from app.context import ServiceContext
 from app.db.tables import Dataset
-from app.repositories.datasets import DatasetRepository
+from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.services.exports import ExportRequest, request_export
 from benchmarks.bench_runs import opened

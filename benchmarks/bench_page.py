@@ -31,7 +31,7 @@ from playwright.sync_api import (
 from sqlalchemy import insert, select
 
 from app.db.tables import Frame, FrameFile
-from app.repositories.datasets import DatasetRepository
+from app.measuring.queries import DatasetRepository
 from benchmarks.bench_runs import opened
 from benchmarks.million import BOXES_PER_FRAME, NAME, fill
 from benchmarks.page_trace import milliseconds_per_frame

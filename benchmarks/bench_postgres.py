@@ -26,16 +26,16 @@ from sqlalchemy import bindparam, create_engine, insert, make_url, select, text,
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
+from app.datasets.service import NewDataset, create_dataset
 from app.db.base import Base
 from app.db.bulk import copy_in, execute_many, run_each, update_rows
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
+from app.ingest.service import FrameUpload, prepare_frame, store_frame
+from app.measuring.plan import DatasetReading
+from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
-from app.repositories.datasets import DatasetRepository
 from app.security import Principal, Role
-from app.services.datasets import NewDataset, create_dataset
-from app.services.ingest import FrameUpload, prepare_frame, store_frame
-from app.services.measuring import DatasetReading
 from app.settings import Settings
 from benchmarks.million import BOXES_PER_FRAME, MadeRows, Wanted, make, rows_of
 from filter_core.config.filter import FilterConfig

@@ -18,20 +18,20 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.boxes.filter import Selection, to_filter
+from app.boxes.reader import PageRequest, list_boxes
 from app.context import ServiceContext
+from app.datasets.service import statistics as dataset_statistics
 from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Dataset, Run
 from app.engine import LocalEngine
+from app.measuring.columns import ColumnCache
+from app.measuring.queries import DatasetRepository
 from app.memory import settle
 from app.package import migrations_dir
 from app.process.lifespan import pixel_pool
-from app.repositories.datasets import DatasetRepository
-from app.services.box_selection import Selection, to_filter
-from app.services.boxes import PageRequest, list_boxes
-from app.services.datasets import statistics as dataset_statistics
-from app.services.numbers import NumbersCache
-from app.services.preview import PreviewLimits, preview
+from app.runs.flips import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.runs import carry_out
 from app.settings import Settings
@@ -146,7 +146,7 @@ def previews(context: ServiceContext) -> dict[str, float]:
         limits = PreviewLimits(100, 50)
         preview(context, session, dataset, config, limits)
         measurement = dataset.active_measurement_id or 0
-        held = context.one(NumbersCache).load(session, dataset.id, measurement)
+        held = context.one(ColumnCache).load(session, dataset.id, measurement)
         took = median(lambda: preview(context, session, dataset, config, limits))
     numbers = held.evidence
     columns = [getattr(numbers, name) for name in READ_BY_A_DECISION]

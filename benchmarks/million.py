@@ -10,17 +10,17 @@ import numpy as np
 from numpy.random import Generator
 from sqlalchemy.orm import Session
 
+from app.boxes.counts import tallies_of
+from app.boxes.current import TallyRepository
+from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
+from app.datasets.service import NewDataset, create_dataset
 from app.db.base import utc_now
 from app.db.bulk import insert_rows
-from app.db.evidence_record import pack_numbers
 from app.db.tables import Box, Dataset, Decision, Frame, FrameEvidence
-from app.repositories.datasets import DatasetRepository
-from app.repositories.frames import FrameRepository
-from app.repositories.tallies import TallyRepository
-from app.services.datasets import NewDataset, create_dataset
-from app.services.measuring import DatasetReading
-from app.services.statistics import tallies_of
+from app.measuring.evidence import pack_numbers
+from app.measuring.plan import DatasetReading
+from app.measuring.queries import DatasetRepository
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence

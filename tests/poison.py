@@ -12,6 +12,8 @@ import signal
 import time
 from typing import Any
 
+from app.measuring.pixels import measure_files
+
 FRAMES, DECISIONS, EXPORTS = "frames", "decisions", "exports"
 
 
@@ -25,9 +27,9 @@ def lay_poison(kind: str = FRAMES) -> None:
 
 
 def _lay_in_frames() -> None:
-    from app.services import measuring, run_measuring
+    from app.services import run_measuring
 
-    measure = measuring.measure_files
+    measure = measure_files
 
     def deadly(pool: Any, plan: Any, annotation: Any, files: Any) -> Any:
         if "poison" in annotation.raw:

@@ -15,24 +15,21 @@ from typing import Any
 from sqlalchemy import func, select
 
 from app.access.audit import AuditTrail
+from app.boxes import frames
+from app.boxes.current import TallyKey, TallyRepository
 from app.context import ServiceContext
+from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Run
+from app.ingest.service import FrameUpload, StoredFrame, prepare_frame, store_frame
+from app.measuring.active import active_version, config_of
+from app.measuring.plan import DatasetReading
+from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
-from app.repositories.datasets import DatasetRepository
 from app.repositories.runs import RunRepository
-from app.repositories.tallies import TallyKey, TallyRepository
+from app.review import service as reviews
+from app.review.history import history
+from app.runs.flips import PreviewLimits, preview
 from app.security import Principal, Role
-from app.services import datasets, frames, reviews
-from app.services.configs import active_version, config_of
-from app.services.history import history
-from app.services.ingest import (
-    FrameUpload,
-    StoredFrame,
-    prepare_frame,
-    store_frame,
-)
-from app.services.measuring import DatasetReading
-from app.services.preview import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.runs import carry_out
 from app.settings import Settings

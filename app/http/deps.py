@@ -250,3 +250,5 @@ async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:
 
 
 Audited = Annotated[AuditTrail, Depends(audit_trail)]
+
+DatasetName = Annotated[str, Path(max_length=100)]

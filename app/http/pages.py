@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 from app.db.bulk import NewestPage, Row
 from app.http.deps import MAX_ID
 from unghost.wire.model import ResponseModel
+from unghost.wire.runs import Run
 
 
 @dataclass(frozen=True)
@@ -81,3 +82,8 @@ Cursor = Annotated[
     str | None,
     Query(max_length=2000, description="`next_cursor` of the page before this one."),
 ]
+
+
+def accepted(run: Run) -> Response:
+    """202 with a run, and where to ask for it."""
+    return written(run, 202, {"Location": f"/api/v1/runs/{run.id}"})

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db.tables import Chunk
 from app.engine import EngineAway, WorkerDied
@@ -23,7 +24,6 @@ from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWA
 from app.jobs.leases import JobLease
 from app.jobs.queries import DECISION, ChunkRepository, Span
 from app.jobs.work import MOST_ATTEMPTS, work_here
-from app.repositories.frames import FrameRepository
 from app.services.run_measuring import frames_left
 
 LOOK_S: Final = 0.1

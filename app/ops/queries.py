@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from app.db.tables import Blob, Dataset, Export, Run, Tally
-from app.repositories.datasets import is_there
+from app.measuring.queries import is_there
 
 STATES: Final = ("queued", "running", "done", "failed", "cancelled")
 

@@ -11,10 +11,10 @@ from fastapi.responses import PlainTextResponse
 from app.http.deps import AppServices
 from app.http.routing import ApiRouter, OpenRouter
 from app.metrics import WORK, RequestMetrics, process_facts
+from app.ops.gauges import gauges
 from app.ops.readiness import Readiness
 from app.package import VERSION
 from app.process.connections import Connections
-from app.services.gauges import gauges
 from unghost.wire.access import Alive, Ready, Version
 
 PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"

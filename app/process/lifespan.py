@@ -132,7 +132,7 @@ def pixel_pool(settings: Settings, children: int) -> PixelPool:
         children,
         seconds=settings.max_pixel_seconds,
         memory_bytes=int(settings.max_pixel_memory_bytes),
-        preload=("app.services.pixel_work", "app.services.drawing"),
+        preload=("app.measuring.pixels", "app.boxes.drawing"),
     )
 
 

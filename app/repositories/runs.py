@@ -2,76 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from functools import partial
-from typing import Final
-
-from sqlalchemy import bindparam, delete, func, insert, select, update
+from sqlalchemy import func, insert, select, update
 from sqlalchemy.orm import Session
 
-from app.db.bulk import NewestPage, newest, run
-from app.db.engine import once_committed
+from app.db.bulk import NewestPage, newest
 from app.db.flip_record import BOXES_PER_ROW, find_flip, pack_flips
-from app.db.tables import ConfigVersion, Dataset, Export, Flips, Problem, Run
+from app.db.tables import Export, Flips, Run
 from app.errors import NotFound
-from app.metrics import REFUSED
-from app.repositories.datasets import is_deleted, is_there
+from app.measuring.queries import is_deleted
 from filter_core.types import IntArray
-
-_FORGET_PROBLEMS: Final = delete(Problem).where(
-    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
-)
-
-
-class ConfigRepository:
-    """Rows of `config_versions`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
-        """A dataset's version with this digest."""
-        return self._session.scalar(
-            select(ConfigVersion).where(
-                ConfigVersion.dataset_id == dataset_id, ConfigVersion.digest == digest
-            )
-        )
-
-    def with_id(self, config_id: int) -> ConfigVersion:
-        """A version that another row refers to."""
-        found = self._session.get(ConfigVersion, config_id)
-        if found is None:
-            raise NotFound("config", config_id)
-        return found
-
-    def with_digest(self, digest: str) -> ConfigVersion:
-        """Any dataset's version with this digest; they are equal."""
-        rows = (
-            select(ConfigVersion)
-            .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
-            .where(ConfigVersion.digest == digest, is_there())
-        )
-        found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
-        if found is None:
-            raise NotFound("config", digest)
-        return found
-
-    def add(self, version: ConfigVersion) -> ConfigVersion:
-        """Insert."""
-        self._session.add(version)
-        self._session.flush()
-        return version
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[ConfigVersion]:
-        """Versions, newest first."""
-        return newest(self._session, ConfigVersion, dataset_id, page)
-
-    def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
-        """Digests by id."""
-        rows = select(ConfigVersion.id, ConfigVersion.digest).where(
-            ConfigVersion.id.in_(set(config_ids))
-        )
-        return {row[0]: row[1] for row in self._session.execute(rows)}
 
 
 class RunRepository:
@@ -235,34 +174,4 @@ class ExportRepository:
         )
         if author is not None:
             rows = rows.where(Export.created_by == author)
-        return self._session.scalar(rows) or 0
-
-
-class ProblemRepository:
-    """Rows of `problems`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def forget(self, dataset_id: int, key: str) -> None:
-        """The frame came in after all."""
-        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
-
-    def add(self, problem: Problem) -> None:
-        """Insert."""
-        self._session.add(problem)
-        self._session.flush()
-        once_committed(self._session, partial(REFUSED.add, 1))
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
-        """Problems, newest first."""
-        return newest(self._session, Problem, dataset_id, page)
-
-    def count(self, dataset_id: int) -> int:
-        """How many frames of a dataset were refused and have not come since."""
-        rows = (
-            select(func.count())
-            .select_from(Problem)
-            .where(Problem.dataset_id == dataset_id)
-        )
         return self._session.scalar(rows) or 0

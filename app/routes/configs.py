@@ -11,18 +11,16 @@ from app.http.deps import (
     AppServices,
     Audited,
     CurrentPrincipal,
+    DatasetName,
     ReadSession,
     WriteSession,
 )
-from app.http.pages import Newest, written
+from app.http.pages import Newest, accepted, written
 from app.http.routing import ApiRouter
-from app.repositories.datasets import DatasetRepository
-from app.repositories.runs import ConfigRepository
-from app.routes.accepted import accepted
+from app.measuring.active import active_version, add_version, describe_version
+from app.measuring.queries import ConfigRepository, DatasetRepository
 from app.routes.config_body import ConfigBody, described_config
-from app.routes.datasets import DatasetName
-from app.services.configs import active_version, add_version, describe_version
-from app.services.preview import PreviewLimits, preview
+from app.runs.flips import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import described_run
 from app.services.runs import start_after

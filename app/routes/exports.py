@@ -15,19 +15,18 @@ from app.http.deps import (
     AppServices,
     Audited,
     CurrentPrincipal,
+    DatasetName,
     ReadSession,
     RowId,
     WriteSession,
     counting_wrong,
 )
+from app.http.files import RESUMABLE, file_of, file_response
 from app.http.pages import Newest, written
 from app.http.routing import ApiRouter, OpenRouter
 from app.jobs.stream import LastEventId, events_of, watch
-from app.repositories.datasets import DatasetRepository
+from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
-from app.routes.blobs import file_response
-from app.routes.datasets import DatasetName
-from app.schemas.pictures import RESUMABLE, file_of
 from app.security import Role
 from app.services.export_writing import job_of
 from app.services.exports import (

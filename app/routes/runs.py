@@ -8,15 +8,21 @@ from fastapi import Depends, Query, Request, Response
 
 from app.access.audit import Act
 from app.db import tables
-from app.http.deps import MAX_ID, AppServices, Audited, ReadSession, RowId, WriteSession
-from app.http.pages import Cursor, Limit, Newest, linked
+from app.http.deps import (
+    MAX_ID,
+    AppServices,
+    Audited,
+    DatasetName,
+    ReadSession,
+    RowId,
+    WriteSession,
+)
+from app.http.pages import Cursor, Limit, Newest, accepted, linked
 from app.http.routing import ApiRouter
 from app.jobs.stream import LastEventId, events_of, watch
-from app.repositories.datasets import DatasetRepository
-from app.repositories.runs import ConfigRepository, RunRepository
-from app.routes.accepted import accepted
-from app.routes.datasets import DatasetName
-from app.services.run_diffs import DiffPage, compared_runs, run_diff
+from app.measuring.queries import ConfigRepository, DatasetRepository
+from app.repositories.runs import RunRepository
+from app.runs.flips import DiffPage, compared_runs, run_diff
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import describe_run, described_run, job_of
 from app.services.runs import cancel_run, start_after

@@ -10,9 +10,9 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FileRow, FrameRepository
+from app.boxes.reader import DecisionReader, StoredDecision
 from app.db.tables import Dataset, Frame
-from app.repositories.frames import FileRow, FrameRepository
-from app.services.decisions import DecisionReader, StoredDecision
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
 from filter_core.types import DecidedBoxes

@@ -9,6 +9,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.transient import in_a_line, is_transient
@@ -16,7 +17,6 @@ from app.engine import JobStopped
 from app.jobs.driver import ChunkDriver, ChunkFailed
 from app.jobs.leases import JobLease
 from app.jobs.queries import ChunkRepository, Span
-from app.repositories.frames import FrameRepository
 from app.repositories.runs import ExportRepository
 from app.services.export_writing import OPEN, export_at_work, job_of
 

@@ -19,17 +19,16 @@ from typing import Any, Final
 
 from sqlalchemy.orm import Session
 
+from app.boxes.current import TallyRepository
+from app.boxes.queries import FrameRepository, LatestAnswers
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Dataset, Export
 from app.engine import Job, JobStopped
 from app.jobs.queries import ChunkRepository
-from app.repositories.datasets import DatasetRepository
-from app.repositories.frames import FrameRepository
-from app.repositories.latest_answers import LatestAnswers
+from app.measuring.active import active_version
+from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
-from app.repositories.tallies import TallyRepository
-from app.services.configs import active_version
 from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames

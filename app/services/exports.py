@@ -12,14 +12,14 @@ from typing import Any, Final
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db import tables
 from app.db.base import utc_now
 from app.db.tables import Dataset
 from app.errors import Conflict
 from app.jobs.queries import ChunkRepository
-from app.repositories.datasets import DatasetRepository
-from app.repositories.frames import FrameRepository
+from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.services.cancelling import interrupt_until_written
 from app.services.export_jobs import OPEN, job_of, start_exports

@@ -16,7 +16,7 @@ from anyio import sleep
 from app.context import ServiceContext
 from app.engine import Job
 from app.errors import NotFound, TooManyRequests
-from app.repositories.datasets import DatasetRepository
+from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository, RunRepository
 from app.services.exports import describe_export
 from app.services.run_states import described_run

@@ -12,20 +12,23 @@ from typing import Any, Final, NamedTuple
 
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FileRow, FrameRepository
 from app.context import ServiceContext
 from app.db.tables import Chunk, Frame, Run
 from app.engine import Job, JobStopped
 from app.jobs.queries import ChunkRepository, Span
-from app.repositories.datasets import DatasetRepository
-from app.repositories.evidence import EvidenceRepository, EvidenceRow
-from app.repositories.frames import FileRow, FrameRepository
-from app.repositories.runs import ConfigRepository
-from app.services.configs import config_of
+from app.measuring.active import config_of
+from app.measuring.evidence import packed, recount, recounted_row
+from app.measuring.pixels import MEASURED, FrameFiles, measure_files, naming
+from app.measuring.plan import plan_of
+from app.measuring.queries import (
+    ConfigRepository,
+    DatasetRepository,
+    EvidenceRepository,
+    EvidenceRow,
+    note_problem,
+)
 from app.services.enduring import enduring
-from app.services.measuring import measure_files, packed, plan_of
-from app.services.pixel_work import MEASURED, FrameFiles
-from app.services.recounting import recount, recounted_row
-from app.services.refusals import naming, note_problem
 from app.services.run_states import job_of, run_at_work
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig

@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
-from app.db.tables import ConfigVersion, Dataset, Measurement, Run
+from app.db.tables import ConfigVersion, Dataset, Run
 from app.errors import NotFound
-from app.package import FILTER_CORE_VERSION
-from app.repositories.evidence import EvidenceRepository
-from app.repositories.frames import FrameRepository
-from app.repositories.runs import ConfigRepository, RunRepository
-from app.services.configs import active_version, add_version, config_of
+from app.measuring.active import active_version, add_version, config_of
+from app.measuring.plan import DatasetReading, _measurement_for, needs_pixels, plan_for
+from app.measuring.queries import ConfigRepository, EvidenceRepository
+from app.repositories.runs import RunRepository
 from app.services.job_quota import require_a_place
-from app.services.measuring import DatasetReading, plan_for
 from filter_core.config.filter import FilterConfig
-from filter_core.config.measure import MeasureConfig
 
 
 @dataclass(frozen=True)
@@ -72,58 +70,6 @@ def coming_settings(
     )
     config = config_of(ConfigRepository(session).with_id(run.config_id))
     return replace(reading, **measurement.options["dataset"]), config
-
-
-def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> bool:
-    """Whether the numbers of this plan have to be read from images."""
-    active = active_measurement(session, dataset)
-    if plan.is_covered_by(active.options):
-        return False
-    return plan.pixel_digest != active.pixel_digest
-
-
-def active_measurement(session: Session, dataset: Dataset) -> Measurement:
-    """The measurement whose numbers are current."""
-    if dataset.active_measurement_id is None:
-        raise RuntimeError(f"dataset {dataset.name!r} has no measurement")
-    return EvidenceRepository(session).measurement_with_id(
-        dataset.active_measurement_id
-    )
-
-
-def _measurement_for(
-    session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasureConfig
-) -> Measurement:
-    """The active measurement, if it has all that is needed and perhaps more."""
-    active = active_measurement(session, dataset)
-    same_settings = active.options["dataset"] == reading.as_columns()
-    if same_settings and plan.is_covered_by(active.options):
-        return active
-    return measurement_of(session, dataset.id, reading, plan)
-
-
-def measurement_of(
-    session: Session, dataset_id: int, reading: DatasetReading, plan: MeasureConfig
-) -> Measurement:
-    """The row that names a plan, made when it is first used."""
-    evidence = EvidenceRepository(session)
-    known = evidence.measurement(dataset_id, plan.digest)
-    if known is not None:
-        return known
-    options = {
-        **plan.as_dict(),
-        "sources": dict(plan.reading.sources),
-        "dataset": reading.as_columns(),
-    }
-    return evidence.add_measurement(
-        Measurement(
-            dataset_id=dataset_id,
-            digest=plan.digest,
-            pixel_digest=plan.pixel_digest,
-            options=options,
-            filter_core_version=FILTER_CORE_VERSION,
-        )
-    )
 
 
 def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVersion:

@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.db import tables
 from app.engine import Job, JobStopped
-from app.repositories.datasets import DatasetRepository
-from app.repositories.runs import ConfigRepository, RunRepository
+from app.measuring.queries import ConfigRepository, DatasetRepository
+from app.repositories.runs import RunRepository
 from unghost.wire.runs import Run
 
 OPEN: Final = ("queued", "running")

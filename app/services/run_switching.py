@@ -16,20 +16,17 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
+from app.boxes.current import DecisionRepository, TallyKey, TallyRepository
+from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Dataset, Run
 from app.engine import Job, JobStopped
 from app.jobs.queries import DECISION, ChunkRepository
-from app.repositories.datasets import DatasetRepository
-from app.repositories.decisions import DecisionRepository
-from app.repositories.evidence import EvidenceRepository
-from app.repositories.frame_ranges import frames_state
-from app.repositories.latest_answers import LatestAnswers
+from app.measuring.active import active_version, config_of
+from app.measuring.columns import ColumnCache, DatasetColumns
+from app.measuring.queries import DatasetRepository, EvidenceRepository, frames_state
 from app.repositories.runs import RunRepository
-from app.repositories.tallies import TallyKey, TallyRepository
-from app.services.configs import active_version, config_of
-from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_measuring import RunScope, Stored, is_measured
 from app.services.run_states import job_of, run_at_work
 from filter_core.config.filter import FilterConfig
@@ -46,8 +43,8 @@ class BeforeAndAfter:
     """Numbers that are current now, and those that a run decides on: of a dataset,
     or of a range of its frames."""
 
-    before: DatasetNumbers
-    after: DatasetNumbers
+    before: DatasetColumns
+    after: DatasetColumns
 
     @classmethod
     def parts(
@@ -56,7 +53,7 @@ class BeforeAndAfter:
         """One after the other, as much of the dataset as may be held in memory."""
         dataset = DatasetRepository(session).with_id(run.dataset_id)
         both = dataset.active_measurement_id or 0, run.measurement_id or 0
-        cache = context.one(NumbersCache)
+        cache = context.one(ColumnCache)
         for before, after in cache.parts(session, dataset.id, *both):
             yield cls(before, after)
 
@@ -72,7 +69,7 @@ def decide_all(context: ServiceContext, run_id: int, stored: Stored) -> None:
     # Loading a million numbers holds no lock; the transaction finds them cached.
     with context.database.read() as session:
         run = run_at_work(session, run_id)
-        if context.one(NumbersCache).fits(session, run.dataset_id):
+        if context.one(ColumnCache).fits(session, run.dataset_id):
             next(BeforeAndAfter.parts(context, session, run))
     with context.database.write() as session:
         run = run_at_work(session, run_id)
@@ -150,7 +147,7 @@ class _Turn:
         if measured_anew:
             repository.refresh_numbers(ids, numbers.after.evidence, self._progress)
 
-    def _tally(self, numbers: DatasetNumbers, decisions: Decisions) -> None:
+    def _tally(self, numbers: DatasetColumns, decisions: Decisions) -> None:
         """Count everything anew: cheaper, and surer, than counting what changed."""
         if not len(numbers):
             return

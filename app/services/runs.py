@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Run
@@ -24,8 +25,7 @@ from app.errors import AppError, Conflict
 from app.jobs.driver import ChunkDriver, ChunkFailed
 from app.jobs.leases import JobLease
 from app.jobs.queries import DECISION, ChunkRepository, Span
-from app.repositories.evidence import EvidenceRepository
-from app.repositories.frames import FrameRepository
+from app.measuring.queries import EvidenceRepository
 from app.repositories.runs import RunRepository
 from app.services.cancelling import interrupt_until_written
 from app.services.run_measuring import RunScope, plan_frames

@@ -12,7 +12,7 @@ from functools import partial
 import pytest
 
 from app.db.engine import Database
-from app.services.reviews import Answer, review_box
+from app.review.service import Answer, review_box
 from tests.api import frames as scene
 from tests.api.resources import Api
 from tests.databases import url_of

@@ -19,9 +19,9 @@ LEVELS: Final = (
     {"ingest"},
     {"review", "quality", "process"},
     {"runs", "exports"},
+    {"services"},
     {"boxes"},
     {"jobs"},
-    {"services"},
     {"repositories"},
     {"access"},
     {"http", "maintenance"},
@@ -37,12 +37,11 @@ LEVELS: Final = (
 )
 """From the top down: a room imports what stands below it, and nothing else."""
 UPWARDS: Final[set[tuple[str, str]]] = {
-    ("access", "services"),
+    ("context", "jobs"),
+    ("context", "services"),
     ("http", "access"),
-    ("http", "services"),
-    ("maintenance", "services"),
-    ("services", "jobs"),
-    ("services", "ops"),
+    ("jobs", "boxes"),
+    ("jobs", "services"),
 }
 """What still goes the other way; to be taken out of here as it goes."""
 

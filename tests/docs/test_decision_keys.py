@@ -9,9 +9,8 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints, is_type
 import pytest
 from pydantic import BaseModel
 
+from app.boxes.reader import NeighbouredDecision, StoredDecision
 from app.package import static_dir
-from app.services.boxes import NeighbouredDecision
-from app.services.decisions import StoredDecision
 from filter_core.decisions.explain import HiddenBy
 from filter_core.decisions.record import Decision
 from filter_core.formats.decisions import COLUMNS

@@ -23,8 +23,7 @@ import pytest
 
 from app.errors import AppError
 from app.http.bodies import PartLimits, read_parts
-from app.services.batch_frames import FrameAssembler, FrameLimits
-from app.services.tar_stream import TarLimits, TarStream
+from app.ingest.tar import FrameAssembler, FrameLimits, TarLimits, TarStream
 from filter_core.annotation.parsing import parse_annotation, without_key
 from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig

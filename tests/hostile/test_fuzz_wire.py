@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from app.errors import AppError
 from app.http.bodies import PartLimits, read_parts
-from app.services.tar_stream import TarLimits, TarStream
+from app.ingest.tar import TarLimits, TarStream
 from tests.api import archives
 from tests.api import frames as scene
 from tests.hostile.mutations import EXAMPLES, damaged, little_memory, many

@@ -93,7 +93,7 @@ def _plan(
     segmentations, `ignored` its polygons, `channels` what is measured beyond what the
     configuration decides by.
     """
-    from app.services.measuring import DatasetReading, plan_for
+    from app.measuring.plan import DatasetReading, plan_for
 
     reading = DatasetReading("street", ignore_mask=ignored, **(dataset or {}))
     plan = plan_for(reading, FilterConfig.from_mapping(config or {}))

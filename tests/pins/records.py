@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from app.db.evidence_record import (
+from app.db.flip_record import pack_flips
+from app.measuring.evidence import (
     Geometry,
     pack_channels,
     pack_geometry,
     pack_numbers,
     pack_tag_counts,
 )
-from app.db.flip_record import pack_flips
 from filter_core.types import N_TAGS, ChannelNumbers, Evidence, Reason, Verdict
 
 _BOXES = 3

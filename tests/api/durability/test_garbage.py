@@ -9,7 +9,7 @@ import pytest
 
 from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.gc import collect
-from app.repositories.datasets import DatasetRepository
+from app.measuring.queries import DatasetRepository
 from app.settings import Settings
 from app.storage import FolderStorage, alone_in, sha256_of
 from tests.api import frames as scene

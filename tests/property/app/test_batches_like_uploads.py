@@ -10,13 +10,11 @@ from anyio import CapacityLimiter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.boxes import frames as described
 from app.errors import FrameConflict, NotFound
-from app.services import frames as described
-from app.services.batch_frames import IncomingFrame
-from app.services.batch_work import BatchOf
-from app.services.batches import BatchIntake
-from app.services.incoming import FrameUpload
-from app.services.ingest import prepare_frame, store_frame
+from app.ingest.batch import BatchIntake
+from app.ingest.service import BatchOf, FrameUpload, prepare_frame, store_frame
+from app.ingest.tar import IncomingFrame
 from filter_core.errors import FilterError
 from tests.api import frames as scene
 

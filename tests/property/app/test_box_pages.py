@@ -13,14 +13,12 @@ from hypothesis import strategies as st
 from sqlalchemy import create_engine, delete, insert
 from sqlalchemy.orm import Session
 
+from app.boxes.counts import count_alike
+from app.boxes.current import TallyKey, TallyRepository
+from app.boxes.filter import BoxFilter, BoxProbes, ClassThresholds
+from app.boxes.orders import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
 from app.db.base import Base
 from app.db.tables import Decision, Tally
-from app.repositories.box_filter import BoxFilter, ClassThresholds
-from app.repositories.box_orders import CROWDED_PERCENT, NEAR_PERCENT
-from app.repositories.box_pages import ORDERS, BoxPages
-from app.repositories.box_probes import BoxProbes
-from app.repositories.tallies import TallyKey, TallyRepository
-from app.services.box_counts import count_alike
 from filter_core.types import Reason, Verdict
 
 DATASET, OTHER = 1, 2

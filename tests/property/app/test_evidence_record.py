@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from app.db.evidence_record import (
+from app.measuring.evidence import (
     CHANNEL_NUMBERS,
     NUMBERS,
     Geometry,

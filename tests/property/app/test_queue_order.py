@@ -8,15 +8,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import select
 
+from app.boxes.counts import count_alike, count_boxes
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.orders import BoxPages
 from app.db.tables import Decision
-from app.repositories.box_filter import BoxFilter
-from app.repositories.box_pages import BoxPages
-from app.repositories.box_probes import BoxProbes
-from app.repositories.tallies import TallyRepository
-from app.services.box_counts import count_alike, count_boxes
-from app.services.box_selection import Selection, to_filter
-from app.services.queue_order import QueueOrder, boxes_in_order
-from app.services.shuffling import Shuffle
+from app.review.queue import QueueOrder, Shuffle, boxes_in_order
 from tests.api import frames as scene
 
 BOXES = [

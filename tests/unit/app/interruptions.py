@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from app.services.numbers import DatasetNumbers, NumbersCache
+from app.measuring.columns import ColumnCache, DatasetColumns
 from app.services.run_states import job_of
 from app.services.runs import cancel_run
 
 
-class InterruptedNumbers(NumbersCache):
+class InterruptedNumbers(ColumnCache):
     """Numbers whose loading somebody's upload gets ahead of, once."""
 
     def __init__(self, interruption: Callable[[], object], *, before: bool) -> None:
@@ -19,7 +19,7 @@ class InterruptedNumbers(NumbersCache):
         self._waiting = [interruption]
         self._before = before
 
-    def load(self, session, dataset_id, measurement_id) -> DatasetNumbers:
+    def load(self, session, dataset_id, measurement_id) -> DatasetColumns:
         if self._before:
             self._interrupt()
         loaded = super().load(session, dataset_id, measurement_id)
@@ -31,7 +31,7 @@ class InterruptedNumbers(NumbersCache):
             self._waiting.pop()()
 
 
-class CancelledNumbers(NumbersCache):
+class CancelledNumbers(ColumnCache):
     """Numbers that are loaded for the third time while somebody cancels the run.
 
     Twice they are loaded before the last transaction, and then within it.
@@ -43,7 +43,7 @@ class CancelledNumbers(NumbersCache):
         self._loads = 0
         self.answers: list[Future[str]] = []
 
-    def load(self, session, dataset_id, measurement_id) -> DatasetNumbers:
+    def load(self, session, dataset_id, measurement_id) -> DatasetColumns:
         self._loads += 1
         if self._loads == 3:
             pool = ThreadPoolExecutor(1)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from app.boxes.filter import Selection, to_filter
 from app.errors import BadRequest
-from app.services.box_selection import Selection, to_filter
 from filter_core.types import Reason
 
 

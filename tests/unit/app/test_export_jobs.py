@@ -8,9 +8,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from app.repositories.datasets import DatasetRepository
+from app.datasets.service import remove_dataset
+from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
-from app.services.datasets import remove_dataset
 from app.services.export_frames import ExportFrames
 from app.services.export_jobs import job_of, make_export, start_exports
 from app.services.exports import ExportRequest, cancel_export, request_export

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from app.repositories.datasets import DatasetRepository
-from app.services.datasets import remove_dataset
+from app.datasets.service import remove_dataset
+from app.measuring.queries import DatasetRepository
 from tests.services import running_services
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from app.repositories.frame_ranges import frame_ranges
+from app.measuring.columns import ColumnCache
+from app.measuring.queries import frame_ranges
 from app.repositories.runs import RunRepository
-from app.services.numbers import NumbersCache
 from app.services.runs import carry_out
 from tests.api import frames as scene
 
@@ -42,7 +42,7 @@ def put(street, key, annotation):
 def outcome(street, config, most_boxes, *, activate=True):
     """All that a run leaves, with box ids counted from the first one of the dataset."""
     run_id = street.request(config, activate=activate)
-    context = replace(street.context, owned={NumbersCache: NumbersCache(most_boxes)})
+    context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
     carry_out(context, run_id)
     with street.context.database.read() as session:
         run = RunRepository(session).with_id(run_id)

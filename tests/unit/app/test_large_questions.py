@@ -9,13 +9,18 @@ from typing import Any
 
 import pytest
 
-from app.repositories.box_filter import BoxFilter
-from app.services.box_counts import count_boxes
-from app.services.evaluations import evaluation, request_evaluation
-from app.services.numbers import NumbersCache
-from app.services.preview import PreviewLimits, current_histogram, preview
-from app.services.quality import quality
-from app.services.run_diffs import DiffPage, compared_runs, run_diff
+from app.boxes.counts import count_boxes
+from app.boxes.filter import BoxFilter
+from app.measuring.columns import ColumnCache
+from app.quality.service import evaluation, quality, request_evaluation
+from app.runs.flips import (
+    DiffPage,
+    PreviewLimits,
+    compared_runs,
+    current_histogram,
+    preview,
+    run_diff,
+)
 from app.services.runs import carry_out
 from filter_core.config.filter import FilterConfig
 from filter_core.evaluation.thresholds import Goal
@@ -63,7 +68,7 @@ def beside(place, distance):
 
 
 def asked(street, most_boxes, question):
-    context = replace(street.context, owned={NumbersCache: NumbersCache(most_boxes)})
+    context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
     with context.database.read() as session:
         return question(context, session, street.row(session))
 
@@ -165,7 +170,7 @@ def test_boxes_of_a_range_are_counted_without_holding_them(street, review):
 
 def test_no_more_than_a_part_is_read_at_a_time(street):
     def most_at_once(context, session, dataset):
-        parts = context.one(NumbersCache).parts(
+        parts = context.one(ColumnCache).parts(
             session, dataset.id, dataset.active_measurement_id
         )
         return [len(numbers) for (numbers,) in parts]

@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import pytest
 
-from app.repositories.box_pages import ORDERS, BoxPages
-from app.repositories.frames import FrameFilter, FramePage, FrameRepository
-from app.repositories.known_frames import known_frames
+from app.boxes.current import TallyRepository
+from app.boxes.filter import Selection, to_filter
+from app.boxes.orders import ORDERS, BoxPages
+from app.boxes.queries import FrameFilter, FramePage, FrameRepository
+from app.ingest.queries import known_frames
+from app.ingest.service import MAX_TEXT
+from app.measuring.columns import ColumnCache
 from app.repositories.runs import ExportRepository
-from app.repositories.tallies import TallyRepository
-from app.services.box_selection import Selection, to_filter
+from app.runs.flips import DiffPage, compared_runs, run_diff
 from app.services.exports import ExportRequest, request_export
-from app.services.incoming import MAX_TEXT
-from app.services.numbers import NumbersCache
-from app.services.run_diffs import DiffPage, compared_runs, run_diff
 from app.services.runs import carry_out
 from filter_core.types import Reason
 from tests.api import frames as scene
@@ -126,7 +126,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
     run_id = street.request({"min_visible_pixels": 10**6})
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, owned={NumbersCache: numbers}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_id)
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)

@@ -11,19 +11,17 @@ from typing import Any
 import pytest
 from sqlalchemy.orm import Session
 
+from app.boxes.counts import count
+from app.boxes.current import TallyRepository
+from app.boxes.filter import Selection, to_filter
+from app.boxes.orders import ORDERS, BoxPages
+from app.boxes.queries import FrameFilter, FramePage, FrameRepository
+from app.boxes.reader import describe_box
 from app.context import ServiceContext
 from app.db.tables import Dataset
-from app.repositories.active import key_rows
-from app.repositories.box_pages import ORDERS, BoxPages
-from app.repositories.datasets import DatasetRepository
-from app.repositories.frame_ranges import frames_state
-from app.repositories.frames import FrameFilter, FramePage, FrameRepository
-from app.repositories.known_frames import known_frames
-from app.repositories.tallies import TallyRepository
-from app.services.box_selection import Selection, to_filter
-from app.services.boxes import describe_box
-from app.services.queue import QueueRequest, next_boxes, outlook
-from app.services.statistics import count
+from app.ingest.queries import known_frames
+from app.measuring.queries import DatasetRepository, frames_state, key_rows
+from app.review.queue import QueueRequest, next_boxes, outlook
 from benchmarks.million import BOXES_PER_FRAME, Wanted, make
 from tests.databases import migrated_postgres
 from tests.services import running_services

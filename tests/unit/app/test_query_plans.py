@@ -8,11 +8,10 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxProbes, Selection, to_filter
+from app.boxes.orders import BoxPages
 from app.db.tables import Decision
-from app.repositories.box_pages import BoxPages
-from app.repositories.box_probes import BoxProbes
-from app.repositories.tallies import TallyRepository
-from app.services.box_selection import Selection, to_filter
 from tests.api import frames as scene
 from tests.statements import Statement, statements_of
 

@@ -10,8 +10,8 @@ import pytest
 from sqlalchemy import select
 
 from app.db.tables import Blob, Frame, FrameFile, Problem
+from app.measuring.columns import ColumnCache, DatasetColumns
 from app.repositories.runs import RunRepository
-from app.services.numbers import DatasetNumbers, NumbersCache
 from app.services.run_states import described_run, job_of
 from app.services.runs import cancel_run, carry_out, start_runs
 from filter_core.types import Reason
@@ -47,7 +47,7 @@ def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
     run_id = street.request(wanted["config"])
     numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
 
-    carry_out(replace(services.context, owned={NumbersCache: numbers}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_id)
 
     assert len(street.reasons()) == 4
     assert street.tallies() == street.recounted()
@@ -192,7 +192,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, co
     run_id = street.request(config)
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, owned={NumbersCache: numbers}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_id)
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert street.wait(run_id).state == "cancelled"
@@ -238,15 +238,15 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
     run_id = street.request({"min_visible_pixels": 10**6})
     seen = []
 
-    class Watched(NumbersCache):
-        def load(self, session, dataset_id, measurement_id) -> DatasetNumbers:
+    class Watched(ColumnCache):
+        def load(self, session, dataset_id, measurement_id) -> DatasetColumns:
             services.context.engine.report(job_of(run_id), 1)
             with services.context.database.read() as elsewhere:
                 run = RunRepository(elsewhere).with_id(run_id)
                 seen.append(described_run(services.context, elsewhere, run))
             return super().load(session, dataset_id, measurement_id)
 
-    carry_out(replace(services.context, owned={NumbersCache: Watched()}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: Watched()}), run_id)
 
     assert {(run.state, run.done) for run in seen} == {("running", 1)}
     assert services.context.engine.reported(job_of(run_id)) == 0

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from app.engine.pixels import PixelPool
-from app.services.measuring import DatasetReading, measure_files, plan_for
-from app.services.pixel_work import SIMPLE_BOXES, FrameFiles
+from app.measuring.pixels import SIMPLE_BOXES, FrameFiles, measure_files
+from app.measuring.plan import DatasetReading, plan_for
 from filter_core import FilterConfig, FilterError, parse_annotation
 from tests.unit.app import pixel_acts
 

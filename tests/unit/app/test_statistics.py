@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from app.repositories.tallies import TallyKey
-from app.services.statistics import count, summary, tallies_of
+from app.boxes.counts import count, summary, tallies_of
+from app.boxes.current import TallyKey
 from app.verdicts import needs_review
 from filter_core.types import Reason
 

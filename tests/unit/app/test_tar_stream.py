@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.errors import TooLarge, UnsupportedMedia
-from app.services.tar_stream import BadArchive, Member, TarLimits, TarStream
+from app.ingest.tar import BadArchive, Member, TarLimits, TarStream
 
 LIMITS = TarLimits(max_archive_bytes=10**9, max_member_bytes=10_000, max_members=20)
 END = bytes(1024)

@@ -6,13 +6,12 @@ from typing import get_args
 
 import pytest
 
+from app.boxes.drawing import LayerName
+from app.boxes.routes import FileKind
 from app.ops.queries import STATES
-from app.routes.frame_pictures import FileKind
 from app.security import Role
-from app.services.drawing import LayerName
-from filter_core.config.keys import EvidenceName
 from app.verdicts import REVIEW_STATES
-from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.config.keys import EvidenceName
 from filter_core.decisions.record import OcclusionLevel
 from filter_core.evaluation import comparison, thresholds
 from filter_core.formats import export

@@ -1,0 +1,1 @@
+"""Frames and their boxes: stored, selected, counted, answered, drawn."""

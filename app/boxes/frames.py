@@ -1,0 +1,319 @@
+"""Frames as they are answered: in lists, alone, by their files and pictures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.access.audit import Act, AuditTrail
+from app.boxes.counts import count, summary
+from app.boxes.current import DecisionRepository, TallyKey, require_own, retire
+from app.boxes.drawing import (
+    JPEG,
+    PNG,
+    Drawing,
+    DrawnBox,
+    Layer,
+    LayerName,
+    crop,
+    overlay,
+    thumbnail,
+)
+from app.boxes.queries import (
+    FileRow,
+    FrameFilter,
+    FramePage,
+    FrameRepository,
+    LatestAnswers,
+)
+from app.boxes.reader import DecisionReader, StoredDecision
+from app.db.tables import Dataset, Frame
+from app.engine.pixels import PixelPool
+from app.errors import BadRequest, NoSuchFile, NotFound
+from app.measuring.queries import DatasetRepository, EvidenceRepository
+from app.security import Principal
+from app.storage import BlobStore
+from unghost.wire.frames import FrameDetails, StoredFile
+
+
+def stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, StoredFile]:
+    """Files of a frame by kind, and where to get them."""
+    return {
+        kind: StoredFile(
+            url=f"/api/v1/frames/{frame_id}/{kind}",
+            sha256=file.sha256,
+            media_type=file.media_type,
+            size_bytes=file.size_bytes,
+        )
+        for kind, file in files.items()
+    }
+
+
+_MAX_ID: Final = 2**63 - 1
+_ID_DIGITS: Final = 19
+
+
+@dataclass(frozen=True)
+class PageRequest:
+    """Which page of a list, and in which order: ``key`` or ``id``, ``-`` backwards."""
+
+    sort: str
+    cursor: str | None
+    limit: int
+
+
+def page_of_frames(
+    session: Session, wanted: FrameFilter, page: PageRequest
+) -> tuple[list[Frame], str | None]:
+    """Frames of one page, and the cursor of the next."""
+    by_key = page.sort.endswith("key")
+    after: str | int | None = page.cursor
+    if page.cursor is not None and not by_key:
+        if not page.cursor.isascii() or not page.cursor.isdecimal():
+            raise BadRequest(f"cursor {page.cursor[:80]!r} is not one of ours")
+        after = min(int(page.cursor[:_ID_DIGITS]), _MAX_ID)
+    chosen = FramePage(by_key, page.sort.startswith("-"), after, page.limit)
+    rows = FrameRepository(session).page(wanted, chosen)
+    if len(rows) <= page.limit:
+        return rows, None
+    last = rows[page.limit - 1]
+    return rows[: page.limit], last.key if by_key else str(last.id)
+
+
+def frame_summaries(
+    session: Session, dataset: Dataset, frames: Sequence[Frame]
+) -> list[dict[str, object]]:
+    """Rows of a list of frames, each a `wire.FrameSummary` as a dict."""
+    facts = _Facts(session, dataset, [frame.id for frame in frames])
+    return [facts.summary(frame) for frame in frames]
+
+
+class _Facts:
+    """What answers on frames are made of beside their rows: read once for them all."""
+
+    def __init__(self, session: Session, dataset: Dataset, ids: Sequence[int]) -> None:
+        self.dataset = dataset
+        self.files = FrameRepository(session).files(ids)
+        self._tallies = DecisionRepository(session).per_frame(ids)
+        measurement = dataset.active_measurement_id or 0
+        self.reports = EvidenceRepository(session).reports(ids, measurement)
+
+    def summary(self, frame: Frame) -> dict[str, object]:
+        """What a list says of one frame."""
+        files, report = self.files[frame.id], self.reports.get(frame.id)
+        return {
+            "id": frame.id,
+            "key": frame.key,
+            "revision": frame.revision,
+            "width": frame.width,
+            "height": frame.height,
+            "map": frame.map,
+            "has_image": "image" in files,
+            "has_segmentation": "segmentation" in files,
+            "lossy": bool((report or {}).get("lossy")),
+            "created_at": frame.created_at,
+            "counts": summary(count(_keyed(self._tallies[frame.id]))),
+        }
+
+    def details(self, frame: Frame) -> FrameDetails:
+        """What there is to say of one frame beside its boxes."""
+        annotation = frame.annotation
+        return FrameDetails(
+            **self.summary(frame),
+            dataset=self.dataset.name,
+            camera=annotation.get("camera"),
+            carla_version=frame.carla_version,
+            captured_text=frame.captured_at,
+            weather=annotation.get("weather"),
+            superseded=frame.superseded_at is not None,
+            segmentation=self.reports.get(frame.id),
+            files=stored_files(frame.id, self.files[frame.id]),
+        )
+
+
+def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
+    """A `wire.Frame`; its decisions are dicts, since there may be thousands of them."""
+    frame, details, decisions = _described(session, frame_id)
+    previous_id, next_id = FrameRepository(session).neighbours(frame)
+    return details.model_dump() | {
+        "previous_id": previous_id,
+        "next_id": next_id,
+        "boxes": decisions,
+    }
+
+
+def describe_stored(session: Session, frame_id: int) -> dict[str, Any]:
+    """A `wire.StoredFrame`, the answer to an upload; its decisions are dicts."""
+    _, details, decisions = _described(session, frame_id)
+    return {
+        "frame": details,
+        "segmentation": details.segmentation,
+        "decisions": decisions,
+    }
+
+
+def decisions_of(session: Session, frame_id: int) -> list[StoredDecision]:
+    """Decisions on the boxes of a frame."""
+    frame = FrameRepository(session).with_id(frame_id, annotation=True)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    return DecisionReader(session, dataset).of_frame(frame)
+
+
+def _described(
+    session: Session, frame_id: int
+) -> tuple[Frame, FrameDetails, list[StoredDecision]]:
+    frame = FrameRepository(session).with_id(frame_id, annotation=True)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    details = _Facts(session, dataset, [frame.id]).details(frame)
+    return frame, details, DecisionReader(session, dataset).of_frame(frame)
+
+
+def frame_id_of(session: Session, dataset: str, key: str) -> int:
+    """The id of the newest revision under a key; NotFound."""
+    found = DatasetRepository(session).named(dataset)
+    current = FrameRepository(session).current(found.id, key)
+    if current is None:
+        raise NotFound("frame", key)
+    return current.id
+
+
+def frame_file(session: Session, frame_id: int, kind: str) -> FileRow:
+    """A file of a frame; NotFound if it has none of this kind."""
+    FrameRepository(session).with_id(frame_id)
+    found = FrameRepository(session).files([frame_id])[frame_id].get(kind)
+    if found is None:
+        raise NoSuchFile(kind, frame_id)
+    return found
+
+
+def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -> None:
+    """Delete a frame with all its revisions, and the answers on them.
+
+    Raises
+    ------
+    NotFound
+        There is no such frame.
+    Forbidden
+        Other people's answers are among them, and this is no admin.
+    """
+    session = audit.session
+    frames = FrameRepository(session)
+    current = frames.current(dataset.id, key)
+    if current is None:
+        raise NotFound("frame", key)
+    answers = LatestAnswers(session).reviewers_of(dataset.id, key)
+    of_others = require_own(by, answers, f"deleting frame {key!r}")
+    retire(session, current)
+    frames.remove(dataset.id, key)
+    audit.note(
+        Act.FRAME_DELETED,
+        key,
+        dataset=dataset.name,
+        answers=sum(answers.values()),
+        of_others=of_others,
+    )
+
+
+def _keyed(rows: Sequence[Any]) -> dict[TallyKey, int]:
+    return {
+        TallyKey(row.class_id, row.reason, row.toss_up, row.review): row.boxes
+        for row in rows
+    }
+
+
+@dataclass(frozen=True)
+class FramePictures:
+    """A frame's files, and how its segmentation was read."""
+
+    storage: BlobStore
+    files: Mapping[str, FileRow]
+    report: Mapping[str, Any] | None
+
+    def thumbnail(self) -> Drawing:
+        """A small picture of the image; NotFound."""
+        if "image" not in self.files:
+            raise NotFound("image of frame", "without one")
+        digest = self.files["image"].sha256
+
+        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+            image = self.storage.read(digest)
+            return pool.run(thumbnail, image, given_up=given_up)
+
+        return Drawing(f"{digest}-thumbnail", JPEG, draw)
+
+    def crop(
+        self, layer: LayerName, xyxy: Sequence[float], pad: float, height: int
+    ) -> Drawing:
+        """The part of a layer around a rectangle; NotFound."""
+        self._require(layer)
+
+        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+            files = self._read(layer)
+            return pool.run(crop, files, xyxy, pad, height, given_up=given_up)
+
+        return Drawing(self._tag("crop", xyxy, layer, pad, height), JPEG, draw)
+
+    def overlay(
+        self, layer: LayerName, boxes: Sequence[DrawnBox], *, edges: bool
+    ) -> Drawing:
+        """A layer with boxes drawn on it; NotFound."""
+        self._require(layer)
+
+        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+            files = self._read(layer)
+            return pool.run(overlay, files, boxes, edges, given_up=given_up)
+
+        tag = self._tag("overlay", layer, "3d" if edges else "2d", boxes)
+        return Drawing(tag, JPEG if boxes else PNG, draw)
+
+    def _tag(self, *what: object) -> str:
+        digests = [file.sha256 for _, file in sorted(self.files.items())]
+        text = json.dumps([digests, self.report, what], default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    def _require(self, layer: LayerName) -> None:
+        needs_segmentation = layer != "image" or "image" not in self.files
+        if needs_segmentation and (
+            "segmentation" not in self.files or self.report is None
+        ):
+            raise NotFound("segmentation of frame", "without one")
+
+    def _read(self, layer: LayerName) -> Layer:
+        needed = {"image", "segmentation"}
+        if layer == "segmentation":
+            needed = {"segmentation"}
+        elif layer == "image" and "image" in self.files:
+            needed = {"image"}
+        read = {
+            kind: self.storage.read(file.sha256)
+            for kind, file in self.files.items()
+            if kind in needed
+        }
+        return Layer(layer, read.get("image"), read.get("segmentation"), self.report)
+
+
+def frame_pictures(
+    storage: BlobStore, session: Session, frame_id: int
+) -> FramePictures:
+    """What can be drawn of a frame; NotFound."""
+    frame = FrameRepository(session).with_id(frame_id)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    reports = EvidenceRepository(session).reports(
+        [frame_id], dataset.active_measurement_id or 0
+    )
+    files = FrameRepository(session).files([frame_id])[frame_id]
+    return FramePictures(storage, files, reports.get(frame_id))
+
+
+def visible_rectangle(decision: Mapping[str, Any]) -> list[float]:
+    """The rectangle to cut out; NotFound for a box outside of the image."""
+    xyxy: list[float] | None = decision["xyxy"]
+    if xyxy is None:
+        raise NotFound("picture of box outside of the image", decision["box_id"])
+    return xyxy

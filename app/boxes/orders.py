@@ -1,0 +1,495 @@
+"""The orders that people review in, each read off an index, page by page.
+
+Doubt depends on thresholds that change, so it cannot be a column: a million rows would
+have to be rewritten for every trial. The match does not change. Around a class's
+threshold the index on (dataset, class, match) is already in order of doubt, upwards for
+kept boxes and downwards for rejected ones: a page is a merge of these streams.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+from sqlalchemy import (
+    ColumnElement,
+    CompoundSelect,
+    Select,
+    SQLColumnExpression,
+    and_,
+    case,
+    literal,
+    not_,
+    or_,
+    select,
+    union_all,
+)
+from sqlalchemy.orm import Session
+
+from app.boxes.filter import (
+    THRESHOLD_REASONS,
+    BoxFilter,
+    BoxProbes,
+    ClassThresholds,
+    Side,
+    is_near,
+)
+from app.db.tables import Decision
+from app.errors import BadRequest
+from filter_core.types import Reason
+
+NEAR_PERCENT: Final = 5.0
+"""A margin up to this makes a box doubtful even if no toss-up."""
+CROWDED_PERCENT: Final = 50.0
+"""From this share on, another box may have lent a hidden one its pixels."""
+
+
+@dataclass(frozen=True)
+class Present:
+    """What occurs in a dataset, so that no stream is opened in vain."""
+
+    reasons: tuple[int, ...]
+    class_ids: frozenset[int]
+    toss_ups: bool
+    large: bool
+
+
+@dataclass(frozen=True)
+class BoxOrder:
+    """The streams of each tier for one filter; all boxes of a tier precede the next."""
+
+    wanted: BoxFilter
+    present: Present
+
+    def by_id(self) -> list[Stream]:
+        """In the order of their ids."""
+        return self._by_id()
+
+    def by_match(self, sign: int) -> list[Stream]:
+        """By their match, upwards or downwards."""
+        every = self.wanted.conditions()
+        if self.wanted.only_answered:
+            known = Decision.match_percent.is_not(None)
+            column = self._column(Decision.match_percent)
+            return [Stream(column, [*every, known], sign=sign)]
+        if self.wanted.margin_max is not None:
+            return [
+                Stream(Decision.match_percent, conditions, sign=sign)
+                for _, conditions in self._sides([], self.wanted.margin_max)
+            ]
+        return [
+            Stream(
+                Decision.match_percent,
+                [
+                    *every,
+                    Decision.class_id == class_id,
+                    Decision.match_percent.is_not(None),
+                ],
+                sign=sign,
+            )
+            for class_id in self._class_ids()
+        ]
+
+    def unmatched(self) -> list[Stream]:
+        """Those without a match, by id."""
+        return self._by_id(Decision.match_percent.is_(None))
+
+    def by_crowding(self) -> list[Stream]:
+        """The most crowded first."""
+        return self._crowding([])
+
+    def toss_ups(self) -> list[Stream]:
+        """Toss-ups, the nearest to their threshold first."""
+        if not self.present.toss_ups or self.wanted.toss_up is False:
+            return []
+        return self._around([Decision.toss_up.is_(True)], rare=True)
+
+    def near(self) -> list[Stream]:
+        """Others near their threshold."""
+        if self.wanted.toss_up:
+            return []
+        return self._around([Decision.toss_up.is_(False)], NEAR_PERCENT)
+
+    def crowded(self) -> list[Stream]:
+        """Others that are kept and crowded."""
+        if not self._goes_beyond_near():
+            return []
+        far = not_(is_near(self._thresholds(), NEAR_PERCENT))
+        return self._crowding([Decision.toss_up.is_(False), far, self._is_crowded()])
+
+    def far(self) -> list[Stream]:
+        """All others that a threshold decided."""
+        if not self._goes_beyond_near():
+            return []
+        far = not_(is_near(self._thresholds(), NEAR_PERCENT))
+        plain = Decision.toss_up.is_(False)
+        return self._around([plain, far, not_(self._is_crowded())])
+
+    def without_threshold(self) -> list[Stream]:
+        """Those that no threshold decided, by reason and id."""
+        if not self._goes_beyond_near():
+            return []
+        others = [
+            reason
+            for reason in self.present.reasons
+            if reason not in [int(known) for known in THRESHOLD_REASONS]
+            and (not self.wanted.reasons or reason in self.wanted.reasons)
+        ]
+        every = replace(self.wanted, reasons=()).conditions()
+        return [
+            Stream(Decision.box_id, [*every, self._column(Decision.reason) == reason])
+            for reason in others
+        ]
+
+    def _goes_beyond_near(self) -> bool:
+        """Whether there can be boxes that are neither toss-ups nor near."""
+        most = self.wanted.margin_max
+        return not self.wanted.toss_up and (most is None or most > NEAR_PERCENT)
+
+    def _by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
+        # One stream per reason: "reason in (...) order by id" would sort them all.
+        # Without reasons one per class: no index is by dataset and id alone. Those
+        # that people answered are few, and have an index of their own.
+        wanted = self.wanted
+        if wanted.only_answered:
+            return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
+        # Said beside "reason = ...", "reason in (...)" may be what an index is read by.
+        every = [*replace(wanted, reasons=()).conditions(), *conditions]
+        if wanted.reasons:
+            reasons = [r for r in self.present.reasons if r in wanted.reasons]
+            parts = [Decision.reason == reason for reason in reasons]
+        else:
+            parts = [Decision.class_id == class_id for class_id in self._class_ids()]
+        return [Stream(Decision.box_id, [*every, part]) for part in parts]
+
+    def _crowding(self, conditions: Sequence[ColumnElement[bool]]) -> list[Stream]:
+        every = [*self.wanted.conditions(), *conditions]
+        return [Stream(self._column(Decision.crowding), every, sign=-1)]
+
+    def _is_crowded(self) -> ColumnElement[bool]:
+        return and_(
+            self._column(Decision.reason) == int(Reason.VISIBLE),
+            self._column(Decision.crowding) >= CROWDED_PERCENT,
+        )
+
+    def _column(self, column: SQLColumnExpression[Any]) -> SQLColumnExpression[Any]:
+        # Of few boxes, found by their answers, no other index is to be read.
+        return column + 0 if self.wanted.only_answered else column
+
+    def _around(
+        self,
+        conditions: Sequence[ColumnElement[bool]],
+        within: float | None = None,
+        *,
+        rare: bool = False,
+    ) -> list[Stream]:
+        if self.wanted.only_answered:
+            every = [*self.wanted.conditions(), *conditions]
+            return self._around_answered(every, within)
+        margins = (within, self.wanted.margin_max)
+        within = min((each for each in margins if each is not None), default=None)
+        return [
+            Stream(
+                Decision.match_percent,
+                [*each, *([] if rare or side.large else self.wanted.unanswered())],
+                side.threshold,
+                side.sign,
+            )
+            for side, each in self._sides(conditions, within)
+        ]
+
+    def _sides(
+        self, conditions: Sequence[ColumnElement[bool]], within: float | None
+    ) -> Iterator[tuple[Side, list[ColumnElement[bool]]]]:
+        """Each side of each class's thresholds, and the conditions of its boxes.
+
+        Along one side of one threshold a margin is an end of the index. As the filter
+        says it, every row would be held against all sides of all classes.
+        """
+        every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
+        for wanted in self._thresholds():
+            for side in filter(self._occurs, wanted.sides()):
+                yield (
+                    side,
+                    [
+                        *every,
+                        Decision.class_id == wanted.class_id,
+                        Decision.large.is_(side.large),
+                        Decision.reason == int(side.reason),
+                        *_bounds(side, within),
+                    ],
+                )
+
+    def _around_answered(
+        self, every: Sequence[ColumnElement[bool]], within: float | None
+    ) -> list[Stream]:
+        # Few boxes, found by their answers: sorting them is quicker than passing by
+        # all the others on the way along the matches.
+        distances = [
+            (
+                and_(
+                    Decision.class_id == wanted.class_id,
+                    Decision.large.is_(side.large),
+                    Decision.reason == int(side.reason),
+                ),
+                (Decision.match_percent - side.threshold) * side.sign,
+            )
+            for wanted in self._thresholds()
+            for side in wanted.sides()
+            if self._occurs(side)
+        ]
+        if not distances:
+            return []
+        distance = case(*distances)
+        bounds = [distance >= 0] if within is None else [distance.between(0, within)]
+        return [Stream(distance, [*every, *bounds])]
+
+    def _occurs(self, side: Side) -> bool:
+        if side.large and not self.present.large:
+            return False
+        return not self.wanted.reasons or side.reason in self.wanted.reasons
+
+    def _class_ids(self) -> list[int]:
+        return [wanted.class_id for wanted in self._thresholds()]
+
+    def _thresholds(self) -> list[ClassThresholds]:
+        wanted = self.wanted.class_ids
+        return [
+            each
+            for each in self.wanted.thresholds
+            if each.class_id in self.present.class_ids
+            and (wanted is None or each.class_id in wanted)
+        ]
+
+
+class Position(NamedTuple):
+    """Where a page ended: the tier, the score in it, the stream, and the box."""
+
+    tier: int
+    score: float
+    stream: int
+    box_id: int
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Boxes in index order whose score rises by `sign` times a column."""
+
+    column: SQLColumnExpression[Any]
+    conditions: Sequence[ColumnElement[bool]]
+    origin: float = 0.0
+    sign: int = 1
+
+    def score(self) -> ColumnElement[Any]:
+        """Distance from the origin, rising along the stream."""
+        return (self.column - self.origin) * self.sign
+
+    def beyond(self, number: int, at: Position) -> list[ColumnElement[bool]]:
+        """Only rows after a position, with a bound that the index can use."""
+        if at.score == float("-inf"):
+            return []
+        value = self.origin + self.sign * at.score
+        bound = (
+            self.column >= value - _EPSILON
+            if self.sign > 0
+            else self.column <= value + _EPSILON
+        )
+        score, last = self.score(), self._last_id(number, at)
+        later = Decision.box_id > last if self.sign > 0 else Decision.box_id < last
+        return [bound, or_(score > at.score, and_(score == at.score, later))]
+
+    def _last_id(self, number: int, at: Position) -> int:
+        """The box after which rows of the same score are still to come.
+
+        Streams before the one where the page ended gave all of theirs, those after it
+        none. Said by a value, the statement is the same for every page, and compiled
+        once.
+        """
+        if number == at.stream:
+            return at.box_id
+        has_all_to_come = number > at.stream
+        return -1 if has_all_to_come == (self.sign > 0) else _MAX_ID
+
+    def rows(self, number: int, at: Position, limit: int) -> Select[Any]:
+        """The next rows of this stream alone."""
+        order = (
+            (self.column, Decision.box_id)
+            if self.sign > 0
+            else (self.column.desc(), Decision.box_id.desc())
+        )
+        inner = (
+            select(
+                self.score().label("score"),
+                literal(number).label("stream"),
+                Decision.box_id.label("box_id"),
+            )
+            .where(*self.conditions, *self.beyond(number, at))
+            .order_by(*order)
+            .limit(limit)
+            .subquery()
+        )
+        return select(inner.c.score, inner.c.stream, inner.c.box_id)
+
+
+_EPSILON: Final = 1e-9
+_MAX_ID: Final = 2**63 - 1
+
+
+def _bounds(side: Side, within: float | None) -> list[ColumnElement[bool]]:
+    column, threshold = Decision.match_percent, side.threshold
+    inner = column >= threshold if side.sign > 0 else column <= threshold
+    if within is None:
+        return [inner]
+    limit = threshold + side.sign * within
+    return [inner, column <= limit if side.sign > 0 else column >= limit]
+
+
+Tier = Callable[[BoxOrder], list[Stream]]
+
+TIERS: Final[Mapping[str, Sequence[Tier]]] = {
+    "id": (BoxOrder.by_id,),
+    "doubt": (
+        BoxOrder.toss_ups,
+        BoxOrder.near,
+        BoxOrder.crowded,
+        BoxOrder.far,
+        BoxOrder.without_threshold,
+    ),
+    "match_percent": (lambda order: order.by_match(1), BoxOrder.unmatched),
+    "-match_percent": (lambda order: order.by_match(-1), BoxOrder.unmatched),
+    "crowding": (BoxOrder.by_crowding,),
+}
+"""The tiers of each order, built one by one: most pages end in the first."""
+
+ORDERS: Final = tuple(TIERS)
+WINDOW: Final = 1 << 14
+"""Ids that are looked through in their order before all boxes of a range are sorted."""
+
+_NO_STREAM: Final = 1 << 30
+"""Comes after all streams: none of them has another box of the same id."""
+
+
+class BoxPages:
+    """Keyset pages over current decisions."""
+
+    def __init__(self, session: Session, wanted: BoxFilter, present: Present) -> None:
+        self._session = session
+        self._wanted = wanted
+        self._order_of = BoxOrder(wanted, present)
+
+    def page(self, order: str, cursor: str, limit: int) -> tuple[list[int], str | None]:
+        """Ids of the next boxes, and the cursor of the page after them."""
+        at = decode(cursor) if cursor else START
+        found: list[Position] = []
+        for tier in range(at.tier, len(TIERS[order])):
+            start = at if tier == at.tier else START
+            asked = _Asked(self._order_of, order, tier, limit + 1 - len(found))
+            found += self._next_of(asked, start)
+            if len(found) > limit:
+                break
+        more = len(found) > limit
+        found = found[:limit]
+        cursor_after = encode(found[-1]) if more and found else None
+        return [position.box_id for position in found], cursor_after
+
+    def _next_of(self, asked: _Asked, at: Position) -> list[Position]:
+        if asked.order == "id" and self._wanted.is_found_by_match:
+            found = self._in_window(asked, at)
+            if len(found) == asked.limit:
+                return found
+        return self._merged(asked, at)
+
+    def _in_window(self, asked: _Asked, at: Position) -> list[Position]:
+        # An index finds the boxes of a range in the order of their matches: all would
+        # be sorted for a page. Of a wide range, a page's worth is soon passed by.
+        after = at.box_id if at != START else self._before_first()
+        rows = (
+            select(Decision.box_id)
+            .where(
+                Decision.box_id > after,
+                Decision.box_id <= after + WINDOW,
+                *self._wanted.conditions_by_id(),
+            )
+            .order_by(Decision.box_id)
+            .limit(asked.limit)
+        )
+        return [
+            Position(asked.tier, float(box_id), _NO_STREAM, box_id)
+            for box_id in self._session.scalars(rows)
+        ]
+
+    def _before_first(self) -> int:
+        present = self._order_of.present.class_ids
+        span = BoxProbes(self._session).span(self._wanted.dataset_id, present)
+        return span[0] - 1 if span else 0
+
+    def _merged(self, asked: _Asked, at: Position) -> list[Position]:
+        plan = _first_page(asked) if at == START else _page(asked, at)
+        if plan.query is None:
+            return []
+        rows = [
+            (float(row[0]), int(row[1]), int(row[2]))
+            for row in self._session.execute(plan.query)
+        ]
+        rows.sort(key=lambda row: (row[0], row[1], row[2] * plan.signs[row[1]]))
+        return [Position(asked.tier, *row) for row in rows[: asked.limit]]
+
+
+class _Asked(NamedTuple):
+    """A part of a page: so many boxes of one tier."""
+
+    order_of: BoxOrder
+    order: str
+    tier: int
+    limit: int
+
+
+class _Plan(NamedTuple):
+    """The statement that reads it, if there is anything, and each stream's sign."""
+
+    query: Select[Any] | CompoundSelect[Any] | None
+    signs: Sequence[int]
+
+
+def _page(asked: _Asked, at: Position) -> _Plan:
+    streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.order_of)
+    parts = [
+        stream.rows(number, at, asked.limit) for number, stream in enumerate(streams)
+    ]
+    signs = [stream.sign for stream in streams]
+    if not parts:
+        return _Plan(None, signs)
+    return _Plan(union_all(*parts) if len(parts) > 1 else parts[0], signs)
+
+
+@lru_cache(maxsize=128)
+def _first_page(asked: _Asked) -> _Plan:
+    # Kept, as a queue begins anew for every answer: putting together the statement of
+    # some sixty streams takes several times as long as running it.
+    return _page(asked, START)
+
+
+START: Final = Position(0, float("-inf"), -1, 0)
+
+
+def encode(position: Position) -> str:
+    """The cursor that stands for a position."""
+    text = json.dumps(list(position), separators=(",", ":"))
+    return base64.urlsafe_b64encode(text.encode()).decode().rstrip("=")
+
+
+def decode(cursor: str) -> Position:
+    """The position of a cursor; BadRequest if it is none of ours."""
+    try:
+        padded = cursor + "=" * (-len(cursor) % 4)
+        tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))
+        position = Position(int(tier), float(score), int(stream), int(box_id))
+        if not all(-_MAX_ID <= number <= _MAX_ID for number in position):
+            raise ValueError(position)
+        return position
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise BadRequest(f"cursor {cursor!r} is not one of ours") from error

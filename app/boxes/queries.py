@@ -1,0 +1,393 @@
+"""SQL of frames, their files, blobs and boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from sqlalchemy import (
+    ColumnElement,
+    Text,
+    bindparam,
+    case,
+    delete,
+    exists,
+    func,
+    select,
+    type_coerce,
+    update,
+)
+from sqlalchemy.orm import Session, undefer
+
+from app.boxes.filter import BoxFilter
+from app.db.base import utc_now
+from app.db.bulk import chunks, insert_rows, run, run_each, upsert_in
+from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
+from app.errors import NotFound
+from app.measuring.queries import is_deleted, only_in
+from filter_core.types import IntArray
+
+# Built once: every upload runs them, and building costs more than running.
+_TAKE_IDS: Final = (
+    update(IdBlock)
+    .values(
+        next_id=IdBlock.next_id
+        + case(
+            (IdBlock.name == "frames", bindparam("frames")),
+            (IdBlock.name == "boxes", bindparam("boxes")),
+            else_=0,
+        )
+    )
+    .returning(IdBlock.name, IdBlock.next_id)
+)
+
+
+class FileRow(NamedTuple):
+    """A file of a frame."""
+
+    kind: str
+    sha256: str
+    size_bytes: int
+    media_type: str
+
+
+@dataclass(frozen=True)
+class FrameFilter:
+    """Which frames of a dataset to list."""
+
+    dataset_id: int
+    key_prefix: str = ""
+    boxes: BoxFilter | None = None
+
+
+@dataclass(frozen=True)
+class FramePage:
+    """Which page of a list of frames: by key or by arrival, from where on."""
+
+    by_key: bool
+    backwards: bool
+    after: str | int | None
+    limit: int
+
+
+@dataclass(frozen=True)
+class NewBoxes:
+    """Boxes and current decisions of a new frame, as rows."""
+
+    boxes: list[dict[str, Any]] = field(default_factory=list)
+    decisions: list[dict[str, Any]] = field(default_factory=list)
+
+
+class FrameRepository:
+    """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def current(self, dataset_id: int, key: str) -> Frame | None:
+        """The newest revision under a key."""
+        return self._session.scalar(
+            select(Frame).where(
+                Frame.dataset_id == dataset_id,
+                Frame.key == key,
+                Frame.superseded_at.is_(None),
+            )
+        )
+
+    def with_id(self, frame_id: int, *, annotation: bool = False) -> Frame:
+        """A frame, with its annotation on request; NotFound."""
+        options = [undefer(Frame.annotation)] if annotation else []
+        found = self._session.get(Frame, frame_id, options=options)
+        if found is None or is_deleted(self._session, found.dataset_id):
+            raise NotFound("frame", frame_id)
+        return found
+
+    def with_ids(self, frame_ids: Iterable[int]) -> dict[int, Frame]:
+        """Frames with their annotations, by id."""
+        rows = (
+            select(Frame)
+            .where(Frame.id.in_(set(frame_ids)))
+            .options(undefer(Frame.annotation))
+        )
+        return {frame.id: frame for frame in self._session.scalars(rows)}
+
+    def heads(self, frame_ids: Iterable[int]) -> dict[int, Frame]:
+        """Frames without their annotations, by id."""
+        rows = select(Frame).where(Frame.id.in_(set(frame_ids)))
+        return {frame.id: frame for frame in self._session.scalars(rows)}
+
+    def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
+        """The senders' own ids of boxes."""
+        found: dict[int, str] = {}
+        for chunk in chunks(box_ids):
+            rows = select(Box.id, Box.source_id).where(Box.id.in_(chunk))
+            found |= {row[0]: row[1] for row in self._session.execute(rows)}
+        return found
+
+    def page(self, wanted: FrameFilter, page: FramePage) -> list[Frame]:
+        """The next current frames, one more than asked for if there are more."""
+        column, ascending = Frame.key if page.by_key else Frame.id, not page.backwards
+        order = (Frame.dataset_id, column)
+        rows = (
+            select(Frame)
+            .where(only_in(wanted.dataset_id), Frame.superseded_at.is_(None))
+            .order_by(*(order if ascending else [each.desc() for each in order]))
+            .limit(page.limit + 1)
+        )
+        if page.after is not None:
+            rows = rows.where(column > page.after if ascending else column < page.after)
+        if wanted.key_prefix:
+            rows = rows.where(
+                Frame.key >= wanted.key_prefix,
+                Frame.key < wanted.key_prefix + "\U0010ffff",
+            )
+        if wanted.boxes is not None:
+            rows = rows.where(_has_box(wanted.boxes))
+        return list(self._session.scalars(rows))
+
+    def chunk(self, dataset_id: int, *, after: str, limit: int) -> list[Frame]:
+        """The next current frames by key, for work on all of them."""
+        rows = (
+            select(Frame)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                Frame.key > after,
+            )
+            .order_by(Frame.key)
+            .limit(limit)
+        )
+        return list(self._session.scalars(rows))
+
+    def annotation_texts(self, frame_ids: Iterable[int]) -> dict[int, str]:
+        """The JSON of annotations as it is stored, by frame; nothing is decoded."""
+        rows = select(Frame.id, type_coerce(Frame.annotation, Text)).where(
+            Frame.id.in_(list(frame_ids))
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
+
+    def existing(self, frame_ids: Iterable[int]) -> set[int]:
+        """Those of these frames that were not deleted."""
+        rows = select(Frame.id).where(Frame.id.in_(list(frame_ids)))
+        return set(self._session.scalars(rows))
+
+    def neighbours(self, frame: Frame) -> tuple[int | None, int | None]:
+        """Ids of the frames before and after, in the order of keys."""
+        of_dataset = (
+            Frame.dataset_id == frame.dataset_id,
+            Frame.superseded_at.is_(None),
+        )
+        before = (
+            select(Frame.id)
+            .where(*of_dataset, Frame.key < frame.key)
+            .order_by(Frame.key.desc())
+            .limit(1)
+        )
+        after = (
+            select(Frame.id)
+            .where(*of_dataset, Frame.key > frame.key)
+            .order_by(Frame.key)
+            .limit(1)
+        )
+        return self._session.scalar(before), self._session.scalar(after)
+
+    def count(self, dataset_id: int) -> int:
+        """How many current frames a dataset has."""
+        rows = (
+            select(func.count())
+            .select_from(Frame)
+            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
+        )
+        return self._session.scalar(rows) or 0
+
+    def first_with_image(self, dataset_id: int) -> int | None:
+        """A frame whose picture can stand for the dataset."""
+        rows = (
+            select(Frame.id)
+            .join(FrameFile, FrameFile.frame_id == Frame.id)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                FrameFile.kind == "image",
+            )
+            .order_by(Frame.id)
+            .limit(1)
+        )
+        return self._session.scalar(rows)
+
+    def files(self, frame_ids: Iterable[int]) -> dict[int, dict[str, FileRow]]:
+        """Files of frames by kind."""
+        found: dict[int, dict[str, FileRow]] = {key: {} for key in frame_ids}
+        rows = (
+            select(
+                FrameFile.frame_id,
+                FrameFile.kind,
+                Blob.sha256,
+                Blob.size_bytes,
+                Blob.media_type,
+            )
+            .join(Blob, Blob.sha256 == FrameFile.sha256)
+            .where(FrameFile.frame_id.in_(found))
+        )
+        for row in self._session.execute(rows):
+            file = FileRow(row.kind, row.sha256, row.size_bytes, row.media_type)
+            found[row.frame_id][file.kind] = file
+        return found
+
+    def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
+        """Reserve so many ids of frames and of boxes; the first of each."""
+        taken: Any = run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
+        after: dict[str, int] = dict(taken.all())
+        if not after.keys() >= {"frames", "boxes"}:
+            raise RuntimeError(f"the table id_blocks has only {sorted(after)}")
+        return after["frames"] - frames, after["boxes"] - boxes
+
+    def add(
+        self,
+        frames: Sequence[Mapping[str, Any]],
+        files: Mapping[int, Sequence[FileRow]],
+    ) -> None:
+        """Insert frames and their files, which are given by the ids of the frames."""
+        session = self._session
+        distinct = {one.sha256: one for each in files.values() for one in each}
+        run_each(
+            session,
+            _new_blobs(session.connection().dialect.name),
+            [_blob(file) for file in distinct.values()],
+        )
+        insert_rows(session, Frame, frames)
+        insert_rows(
+            session,
+            FrameFile,
+            [
+                {"frame_id": frame_id, "kind": file.kind, "sha256": file.sha256}
+                for frame_id, each in files.items()
+                for file in each
+            ],
+        )
+
+    def add_boxes(self, new: NewBoxes) -> None:
+        """Insert boxes and their current decisions."""
+        insert_rows(self._session, Box, new.boxes)
+        insert_rows(self._session, Decision, new.decisions)
+
+    def supersede(self, frame: Frame) -> None:
+        """A newer revision is coming: this one has no current decisions any more."""
+        self._session.execute(
+            update(Frame).where(Frame.id == frame.id).values(superseded_at=utc_now())
+        )
+        self._session.execute(delete(Decision).where(Decision.frame_id == frame.id))
+
+    def remove(self, dataset_id: int, key: str) -> None:
+        """Delete every revision under a key."""
+        self._session.execute(
+            delete(Frame).where(Frame.dataset_id == dataset_id, Frame.key == key)
+        )
+
+    def sources(self, frame_id: int) -> dict[str, Box]:
+        """Boxes of a frame by the sender's own ids."""
+        rows = select(Box).where(Box.frame_id == frame_id)
+        return {box.source_id: box for box in self._session.scalars(rows)}
+
+    def box(self, box_id: int) -> Box:
+        """A box; NotFound."""
+        found = self._session.get(Box, box_id)
+        if found is None:
+            raise NotFound("box", box_id)
+        return found
+
+
+@lru_cache
+def _new_blobs(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
+    return upsert_in(dialect, Blob).on_conflict_do_nothing()
+
+
+def _blob(file: FileRow) -> dict[str, Any]:
+    return {
+        "sha256": file.sha256,
+        "size_bytes": file.size_bytes,
+        "media_type": file.media_type,
+        "created_at": utc_now(),
+    }
+
+
+def _has_box(wanted: BoxFilter) -> ColumnElement[bool]:
+    return exists().where(Decision.frame_id == Frame.id, *wanted.conditions())
+
+
+class LatestReview(NamedTuple):
+    """The answer that counts for a box."""
+
+    box_id: int
+    revision: int
+    verdict: str
+    comment: str
+    reviewer: str
+    batch_id: int | None
+
+
+class LatestAnswers:
+    """The newest answers on boxes; `app.review` alone adds to them."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def of(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
+        """The newest answer of each box that has one."""
+        found: dict[int, LatestReview] = {}
+        for chunk in chunks(box_ids):
+            found |= self._latest(chunk)
+        return found
+
+    def _latest(self, box_ids: Sequence[int]) -> dict[int, LatestReview]:
+        newest = (
+            select(Review.box_id, func.max(Review.revision).label("revision"))
+            .where(Review.box_id.in_(box_ids))
+            .group_by(Review.box_id)
+            .subquery()
+        )
+        rows = select(
+            Review.box_id,
+            Review.revision,
+            Review.verdict,
+            Review.comment,
+            Review.reviewer,
+            Review.batch_id,
+        ).join(
+            newest,
+            (Review.box_id == newest.c.box_id) & (Review.revision == newest.c.revision),
+        )
+        return {row[0]: LatestReview(*row) for row in self._session.execute(rows)}
+
+    def last_id(self, dataset_id: int) -> int:
+        """The number of the newest answer in a dataset; 0 if there is none."""
+        rows = (
+            select(func.max(Review.id))
+            .join(Decision, Decision.box_id == Review.box_id)
+            .where(Decision.dataset_id == dataset_id)
+        )
+        return self._session.scalar(rows) or 0
+
+    def newest_id(self) -> int:
+        """The number of the newest answer of all datasets; 0 if there is none."""
+        return self._session.scalar(select(func.max(Review.id))) or 0
+
+    def boxes_after(self, review_id: int) -> IntArray:
+        """The box of each answer after this one, of all datasets."""
+        # Not distinct: SQLite would read all answers in the order of their boxes.
+        rows = select(Review.box_id).where(Review.id > review_id)
+        return np.fromiter(self._session.scalars(rows), np.int64)
+
+    def reviewers_of(self, dataset_id: int, key: str) -> dict[str, int]:
+        """How many answers each person gave on a frame, in all of its revisions."""
+        rows = (
+            select(Review.reviewer, func.count())
+            .join(Box, Box.id == Review.box_id)
+            .join(Frame, Frame.id == Box.frame_id)
+            .where(Frame.dataset_id == dataset_id, Frame.key == key)
+            .group_by(Review.reviewer)
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}

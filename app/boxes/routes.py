@@ -1,0 +1,327 @@
+"""Routes of frames, boxes, and pictures of both."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from enum import Enum
+from typing import Annotated
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import Depends, Path, Query, Request, Response
+
+from app.boxes import frames
+from app.boxes import reader as boxes
+from app.boxes.counts import count_boxes
+from app.boxes.drawing import Drawing, DrawnBox, DrawnPictures
+from app.boxes.filter import selection_of, to_filter
+from app.boxes.frames import decisions_of, frame_file, frame_pictures, visible_rectangle
+from app.boxes.queries import FrameFilter
+from app.boxes.snapshot import take_snapshot
+from app.context import ServiceContext
+from app.db.engine import begin_as_work
+from app.engine.pixels import GivenUp, PixelsRefused
+from app.http.bodies import stopping
+from app.http.deps import (
+    AppServices,
+    Audited,
+    CurrentPrincipal,
+    DatasetName,
+    ReadSession,
+    RowId,
+    make_room,
+)
+from app.http.files import (
+    FILE,
+    JPEG,
+    PICTURE,
+    RESUMABLE,
+    REVALIDATE,
+    TAGGED,
+    blob_headers,
+    file_response,
+    is_known,
+    known_response,
+)
+from app.http.pages import page_response, written
+from app.http.routing import (
+    CLIENT_LEFT,
+    ApiRouter,
+    TokenPlaces,
+    asks_for_head,
+    has_left,
+    without_length,
+)
+from app.measuring.queries import DatasetRepository
+from unghost.wire.boxes import Box, BoxListQuery, BoxPage, FrameListQuery
+from unghost.wire.frames import CropQuery, Frame, FrameSummary, OverlayQuery
+from unghost.wire.model import Page
+
+
+async def drawn_response(
+    request: Request, services: ServiceContext, drawing: Drawing
+) -> Response:
+    """A picture, drawn unless the browser has it or it was drawn lately.
+
+    As many are drawn at the same time as there are processes for it, and one fewer for
+    one token; the others wait without a thread. A client that leaves ends the drawing
+    of its picture, and so does a stop of the service: it can be asked for again.
+    """
+    headers = blob_headers(drawing.tag) | {"Cache-Control": REVALIDATE}
+    if is_known(request, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    if asks_for_head(request):  # its length alone is not worth drawing it
+        return without_length(Response(media_type=drawing.media_type, headers=headers))
+    content = services.one(DrawnPictures).find(drawing.tag)
+    if content is None:
+        content = await _drawn(request, services, drawing)
+    if content is None:
+        return Response(status_code=CLIENT_LEFT)
+    services.one(DrawnPictures).keep(drawing.tag, content)
+    return Response(content, media_type=drawing.media_type, headers=headers)
+
+
+async def _drawn(
+    request: Request, services: ServiceContext, drawing: Drawing
+) -> bytes | None:
+    """The picture itself; None if nobody waits for it any more.
+
+    Raises
+    ------
+    NotReady
+        The service stops.
+    """
+    given_up = threading.Event()
+    drawn = asyncio.ensure_future(_draw(request, services, drawing, given_up))
+    left = asyncio.ensure_future(has_left(request))
+    stop = services.engine.stopping
+    try:
+        with stop.telling(given_up.set):
+            if stop.is_set():
+                raise stopping()
+            await asyncio.wait({drawn, left}, return_when=asyncio.FIRST_COMPLETED)
+            return drawn.result() if drawn.done() else None
+    except GivenUp:
+        raise stopping() from None
+    except PixelsRefused as refused:
+        services.one(DrawnPictures).refuse(drawing.tag, refused)
+        raise
+    finally:
+        given_up.set()
+        drawn.cancel()
+        left.cancel()
+        await asyncio.wait({drawn, left})
+
+
+async def _draw(
+    request: Request,
+    services: ServiceContext,
+    drawing: Drawing,
+    given_up: threading.Event,
+) -> bytes:
+    of_token: TokenPlaces = request.app.state.drawing
+    places: CapacityLimiter = request.app.state.drawings
+    async with of_token.of(request.state.principal.token_id):
+        return await to_thread.run_sync(
+            drawing.draw, services.drawers, given_up, limiter=places
+        )
+
+
+router = ApiRouter(prefix="/api/v1", tag="boxes")
+
+crops_router = ApiRouter(prefix="/api/v1", tag="boxes")
+
+
+@router.get("/boxes", response_model=BoxPage)
+def list_boxes(
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
+    query: Annotated[BoxListQuery, Query()],
+) -> Response:
+    """Boxes of a dataset by id, doubt, match or crowding."""
+    dataset = DatasetRepository(session).named(query.dataset)
+    selection = selection_of(query)
+    wanted = to_filter(session, dataset, selection)
+    page = boxes.PageRequest(query.sort, query.cursor or "", query.limit)
+    items, cursor = boxes.list_boxes(session, dataset, wanted, page)
+    if not query.count:
+        return page_response(request, items, cursor)
+    total = count_boxes(services, session, dataset, wanted)
+    snapshot = take_snapshot(session, dataset, selection, total)
+    return page_response(request, items, cursor, total=total, snapshot=snapshot)
+
+
+@router.get("/boxes/{box_id}", response_model=Box)
+def get_box(box_id: RowId, session: ReadSession) -> boxes.NeighbouredDecision:
+    """A box, its decision, and the boxes that overlap it."""
+    return boxes.with_neighbours(session, box_id)
+
+
+def _crop(
+    box_id: RowId, services: AppServices, query: Annotated[CropQuery, Query()]
+) -> Drawing:
+    with services.database.read() as session:
+        decision = boxes.describe_box(session, box_id)
+        found = frame_pictures(services.storage, session, decision["frame_id"])
+    xyxy = visible_rectangle(decision)
+    return found.crop(query.layer, xyxy, query.pad, query.height)
+
+
+@crops_router.get(
+    "/boxes/{box_id}/crop",
+    response_class=Response,
+    responses=JPEG,
+    openapi_extra=TAGGED,
+)
+async def get_crop(
+    request: Request,
+    services: AppServices,
+    drawing: Annotated[Drawing, Depends(_crop)],
+) -> Response:
+    """The part of the frame around a box as JPEG."""
+    return await drawn_response(request, services, drawing)
+
+
+pictures_router = ApiRouter(prefix="/api/v1", tag="frames")
+
+
+class FileKind(str, Enum):
+    """A file that a frame can have."""
+
+    IMAGE = "image"
+    SEGMENTATION = "segmentation"
+    DEPTH = "depth"
+    INSTANCES = "instances"
+    LIDAR = "lidar"
+    RADAR = "radar"
+
+
+def _thumbnail(frame_id: RowId, services: AppServices) -> Drawing:
+    with services.database.read() as session:
+        return frame_pictures(services.storage, session, frame_id).thumbnail()
+
+
+@pictures_router.get(
+    "/frames/{frame_id}/thumbnail",
+    response_class=Response,
+    responses=JPEG,
+    openapi_extra=TAGGED,
+)
+async def get_thumbnail(
+    request: Request,
+    services: AppServices,
+    drawing: Annotated[Drawing, Depends(_thumbnail)],
+) -> Response:
+    """A small JPEG of the image."""
+    return await drawn_response(request, services, drawing)
+
+
+def _overlay(
+    frame_id: RowId, services: AppServices, query: Annotated[OverlayQuery, Query()]
+) -> Drawing:
+    wanted = query.verdicts()
+    with services.database.read() as session:
+        found = frame_pictures(services.storage, session, frame_id)
+        shown = decisions_of(session, frame_id) if wanted else []
+    boxes = [
+        DrawnBox(one["effective_verdict"], one["xyxy"], one["edges"])
+        for one in shown
+        if one["effective_verdict"] in wanted
+    ]
+    return found.overlay(query.layer, boxes, edges=query.edges == "3d")
+
+
+@pictures_router.get(
+    "/frames/{frame_id}/overlay",
+    response_class=Response,
+    responses=PICTURE,
+    openapi_extra=TAGGED,
+)
+async def get_overlay(
+    request: Request,
+    services: AppServices,
+    drawing: Annotated[Drawing, Depends(_overlay)],
+) -> Response:
+    """A layer of the frame with its boxes as JPEG; without boxes, lossless PNG."""
+    return await drawn_response(request, services, drawing)
+
+
+@pictures_router.get(
+    "/frames/{frame_id}/{kind}",
+    response_class=Response,
+    responses=FILE,
+    openapi_extra=RESUMABLE,
+)
+def get_file(
+    frame_id: RowId,
+    kind: FileKind,
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
+) -> Response:
+    """A file of the frame, byte for byte as it was sent."""
+    file = frame_file(session, frame_id, kind.value)
+    known = known_response(request, file.sha256)
+    if known is not None:
+        return known
+    if asks_for_head(request):  # its content is compared with its hash by a GET
+        blob = services.storage.whole(file.sha256, size_bytes=file.size_bytes)
+        return file_response(request, blob, file.sha256, file.media_type)
+    blob = services.storage.intact(file.sha256, size_bytes=file.size_bytes)
+    return file_response(request, blob, file.sha256, file.media_type)
+
+
+frames_router = ApiRouter(prefix="/api/v1", tag="frames")
+
+FrameKey = Annotated[str, Path(max_length=2000)]
+
+
+@frames_router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])
+def list_frames(
+    request: Request,
+    dataset: DatasetName,
+    session: ReadSession,
+    query: Annotated[FrameListQuery, Query()],
+) -> Response:
+    """Frames by key or arrival; with filters on boxes, those that have such a box."""
+    found = DatasetRepository(session).named(dataset)
+    selection = selection_of(query)
+    boxes = to_filter(session, found, selection) if selection.selects() else None
+    rows, cursor = frames.page_of_frames(
+        session,
+        FrameFilter(found.id, query.key, boxes),
+        frames.PageRequest(query.sort, query.cursor, query.limit),
+    )
+    return page_response(request, frames.frame_summaries(session, found, rows), cursor)
+
+
+@frames_router.get("/datasets/{dataset}/frames/{key:any}", response_model=Frame)
+def get_frame_by_key(
+    dataset: DatasetName, key: FrameKey, session: ReadSession
+) -> Response:
+    """The newest revision of the frame under a key."""
+    frame_id = frames.frame_id_of(session, dataset, key)
+    return written(frames.describe_frame(session, frame_id))
+
+
+@frames_router.delete("/datasets/{dataset}/frames/{key:any}", status_code=204)
+def delete_frame(
+    dataset: DatasetName,
+    key: FrameKey,
+    services: AppServices,
+    principal: CurrentPrincipal,
+    audit: Audited,
+) -> Response:
+    """Delete a frame with all its revisions and answers; others' need an admin."""
+    begin_as_work(audit.session)
+    found = DatasetRepository(audit.session).named(dataset)
+    frames.remove_frame(audit, principal, found, key)
+    make_room(services, audit.session)
+    return Response(status_code=204)
+
+
+@frames_router.get("/frames/{frame_id}", response_model=Frame)
+def get_frame(frame_id: RowId, session: ReadSession) -> Response:
+    """A frame with its boxes, their evidence, decisions and answers."""
+    return written(frames.describe_frame(session, frame_id))

@@ -1,0 +1,150 @@
+"""All boxes of a filter, for one answer on every one of them: those that were seen.
+
+A list is answered with a *snapshot* of its filter: how many boxes it selects, and the
+newest box, answer and run that there were. Ids only grow, so whoever answers all boxes
+later can be told whether any of them is newer than what they saw, without a note of
+each: no newer box among as many boxes means that they are the same boxes, as they were.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.boxes.counts import count_boxes
+from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.queries import LatestAnswers
+from app.context import ServiceContext
+from app.db.tables import Dataset
+from app.errors import StaleSnapshot, TooLarge, Unprocessable
+from filter_core.types import IntArray
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What a filter selected when somebody looked; `filters` says which filter."""
+
+    filters: str
+    total: int
+    last_box: int
+    last_review: int
+    run: int
+
+    def encoded(self) -> str:
+        """As it goes over the wire: opaque, and the same for the same state."""
+        text = json.dumps(list(asdict(self).values()), separators=(",", ":"))
+        return base64.urlsafe_b64encode(text.encode()).decode().rstrip("=")
+
+    @classmethod
+    def decoded(cls, text: str) -> Snapshot:
+        """The snapshot that `encoded` wrote; Unprocessable for any other text."""
+        try:
+            padded = text + "=" * (-len(text) % 4)
+            filters, *numbers = json.loads(base64.urlsafe_b64decode(padded))
+            return cls(str(filters), *(_stored(number) for number in numbers))
+        except (ValueError, TypeError, OverflowError, RecursionError) as error:
+            raise Unprocessable(
+                "snapshot: expected one that a list of boxes was answered with, found "
+                f"{text[:80]!r}",
+                code="bad_snapshot",
+            ) from error
+
+
+def _stored(number: int | str) -> int:
+    """A number as a database stores it; ValueError for any other."""
+    whole = int(number)
+    if not 0 <= whole < 2**63:
+        raise ValueError("expected a number from 0 to 2**63 - 1")
+    return whole
+
+
+def take_snapshot(
+    session: Session, dataset: Dataset, wanted: Selection, total: int
+) -> str:
+    """The state of a filter that selects `total` boxes, to be answered later."""
+    return _snapshot(session, dataset, wanted, total).encoded()
+
+
+def select_boxes(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    wanted: Selection,
+    seen: str,
+) -> list[int]:
+    """All boxes of a filter, if they are those of a snapshot and as they were then.
+
+    Raises
+    ------
+    Unprocessable
+        The snapshot is of another filter, or none at all.
+    StaleSnapshot
+        A box came, went, was decided anew or was answered since.
+    TooLarge
+        More boxes than one act may answer.
+    """
+    before = Snapshot.decoded(seen)
+    boxes = to_filter(session, dataset, wanted)
+    total = count_boxes(context, session, dataset, boxes)
+    now = _snapshot(session, dataset, wanted, total)
+    if now.filters != before.filters:
+        raise Unprocessable(
+            "snapshot: expected that of a list with this filter of this dataset, "
+            "found that of another list",
+            code="bad_snapshot",
+        )
+    limit = context.settings.max_bulk_boxes
+    if total > limit:
+        raise TooLarge(
+            f"the filter selects {total} boxes, one bulk review changes at most {limit}"
+        )
+    ids = _ids(session, boxes)
+    changed = _changed(session, ids, before, now)
+    if changed or total != before.total:
+        raise StaleSnapshot(
+            expected=before.total,
+            found=total,
+            changed=changed,
+            current={"total": total, "snapshot": now.encoded()},
+        )
+    return [int(box_id) for box_id in ids]
+
+
+def _snapshot(
+    session: Session, dataset: Dataset, wanted: Selection, total: int
+) -> Snapshot:
+    return Snapshot(
+        filters=_digest(dataset, wanted),
+        total=total,
+        last_box=BoxProbes(session).newest_id(),
+        last_review=LatestAnswers(session).newest_id(),
+        run=dataset.active_run_id or 0,
+    )
+
+
+def _digest(dataset: Dataset, wanted: Selection) -> str:
+    """Names a filter by what was asked for: what it selects may change."""
+    given = {key: value for key, value in asdict(wanted).items() if value is not None}
+    asked: dict[str, Any] = {"dataset": dataset.id, "filter": given}
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _ids(session: Session, boxes: BoxFilter) -> IntArray:
+    return np.sort(BoxProbes(session).every(boxes))
+
+
+def _changed(session: Session, ids: IntArray, before: Snapshot, now: Snapshot) -> int:
+    """How many of these boxes are not as they were: new, decided anew, or answered."""
+    if now.run != before.run:
+        return len(ids)
+    changed = ids > before.last_box
+    if now.last_review > before.last_review:
+        answered = LatestAnswers(session).boxes_after(before.last_review)
+        changed |= np.isin(ids, answered)
+    return int(np.count_nonzero(changed))

@@ -1,0 +1,156 @@
+"""Datasets, and everything that is counted over one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Query, Request, Response
+
+from app.access.audit import Act
+from app.datasets import service as datasets
+from app.db.tables import Problem
+from app.http.deps import (
+    ADMIN,
+    AppServices,
+    Audited,
+    DatasetName,
+    ReadSession,
+    WriteSession,
+    make_room,
+)
+from app.http.pages import Cursor, Limit, Newest, accepted, page_response
+from app.http.routing import ApiRouter
+from app.measuring.plan import DatasetReading
+from app.measuring.queries import DatasetRepository, ProblemRepository
+from app.runs.flips import current_histogram
+from app.schemas.datasets import DatasetIn, DatasetPatch
+from app.services.run_states import described_run
+from app.services.runs import start_after
+from unghost.wire import datasets as wire
+from unghost.wire.model import Page
+from unghost.wire.runs import Run
+
+router = ApiRouter(prefix="/api/v1", tag="datasets")
+
+Confirmation = Annotated[
+    str | None, Query(description="The dataset's name once more; nothing else will do.")
+]
+
+
+@router.get("/datasets", response_model=Page[wire.Dataset])
+def list_datasets(
+    request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
+) -> Response:
+    """Datasets by name, with their counts."""
+    found = DatasetRepository(session).page(after=cursor or "", limit=limit + 1)
+    items = [datasets.describe_dataset(session, one) for one in found[:limit]]
+    return page_response(request, items, items[-1].name if len(found) > limit else None)
+
+
+@router.post("/datasets", status_code=201, response_model=wire.Dataset)
+def create_dataset(
+    body: DatasetIn,
+    response: Response,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+) -> wire.Dataset:
+    """Make a dataset; its first configuration is the service's own."""
+    mask = body.ignore_mask
+    reading = DatasetReading(
+        name=body.name,
+        palette=body.palette,
+        encoding=body.encoding,
+        channel_order=body.channel_order,
+        lossy_segmentation=body.lossy_segmentation,
+        ignore_mask=mask.stored() if mask else None,
+    )
+    wanted = datasets.NewDataset(
+        reading, body.description, body.classes, services.default_config, audit.name
+    )
+    dataset = datasets.create_dataset(session, wanted)
+    audit.note(Act.DATASET_CREATED, dataset.name)
+    response.headers["Location"] = f"/api/v1/datasets/{dataset.name}"
+    return datasets.describe_dataset(session, dataset)
+
+
+@router.get("/datasets/{dataset}", response_model=wire.Dataset)
+def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
+    """A dataset and where it stands."""
+    found = DatasetRepository(session).named(dataset)
+    return datasets.describe_dataset(session, found)
+
+
+@router.patch(
+    "/datasets/{dataset}",
+    response_model=wire.Dataset,
+    responses={202: {"model": Run, "description": "Measured again first."}},
+)
+def change_dataset(
+    dataset: DatasetName,
+    body: DatasetPatch,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+) -> Any:  # noqa: ANN401  # a dataset, or the run that changes it
+    """Change a dataset; how segmentations are read changes by a run (202)."""
+    found = DatasetRepository(session).named(dataset)
+    changes = body.model_dump(exclude_unset=True)
+    if body.ignore_mask is not None:
+        changes["ignore_mask"] = body.ignore_mask.stored()
+    run = datasets.change_dataset(services, session, found, changes, audit.name)
+    audit.note(
+        Act.DATASET_CHANGED, dataset, changed=sorted(changes), run=run and run.id
+    )
+    if run is None:
+        return datasets.describe_dataset(session, found)
+    start_after(services, session)
+    return accepted(described_run(services, session, run))
+
+
+@router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])
+def delete_dataset(
+    dataset: DatasetName,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+    confirm: Confirmation = None,
+) -> Response:
+    """Delete a dataset with everything in it; `confirm` repeats its name."""
+    found = DatasetRepository(session).named(dataset)
+    datasets.remove_dataset(services, session, found, confirm)
+    audit.note(Act.DATASET_DELETED, dataset)
+    make_room(services, session)
+    return Response(status_code=204)
+
+
+@router.get("/datasets/{dataset}/stats", response_model=wire.Stats)
+def get_stats(dataset: DatasetName, session: ReadSession) -> wire.Stats:
+    """Everything that can be counted without looking at a box."""
+    return datasets.statistics(session, DatasetRepository(session).named(dataset))
+
+
+@router.get("/datasets/{dataset}/histogram", response_model=wire.Histogram)
+def get_histogram(
+    dataset: DatasetName,
+    session: ReadSession,
+    services: AppServices,
+    bins: Annotated[int, Query(ge=2, le=200)] = 50,
+) -> wire.Histogram:
+    """match_percent per class, with the thresholds of the active configuration."""
+    found = DatasetRepository(session).named(dataset)
+    return current_histogram(services, session, found, bins)
+
+
+@router.get("/datasets/{dataset}/problems", response_model=Page[wire.RefusedFrame])
+def list_problems(
+    dataset: DatasetName, wanted: Newest, session: ReadSession
+) -> Response:
+    """Frames that were refused and have not come in since, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = ProblemRepository(session).page(found.id, wanted.page)
+    return wanted.answer(rows, _refused)
+
+
+def _refused(problem: Problem) -> wire.RefusedFrame:
+    return wire.RefusedFrame.model_validate(problem, from_attributes=True)

@@ -1,0 +1,195 @@
+"""Datasets: made with a configuration, described with their counts, changed by runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.boxes.counts import count, summary
+from app.boxes.current import TallyRepository
+from app.boxes.queries import FrameRepository
+from app.context import ServiceContext
+from app.db.base import utc_now
+from app.db.engine import once_committed
+from app.db.tables import Dataset, Run
+from app.errors import BadRequest
+from app.jobs.queries import ChunkRepository
+from app.measuring.active import active_version, add_version
+from app.measuring.plan import DatasetReading, measurement_of, plan_for
+from app.measuring.queries import (
+    ConfigRepository,
+    DatasetRepository,
+    EvidenceRepository,
+    ProblemRepository,
+)
+from app.repositories.runs import RunRepository
+from app.services.run_requests import RunRequest, coming_settings, request_run
+from filter_core.config.filter import FilterConfig
+from unghost.wire import datasets as wire
+
+CARLA_CLASSES: Final = (
+    "car",
+    "truck",
+    "van",
+    "bus",
+    "motorcycle",
+    "bicycle",
+    "walker",
+    "traffic_light",
+)
+"""The classes of a dataset that names none, in the order of its exports."""
+
+
+@dataclass(frozen=True)
+class NewDataset:
+    """A dataset as it was asked for."""
+
+    reading: DatasetReading
+    description: str
+    classes: Sequence[str] | None
+    config: FilterConfig
+    author: str
+
+
+def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
+    """A dataset with its first configuration active and nothing in it."""
+    reading, config, author = wanted.reading, wanted.config, wanted.author
+    plan = plan_for(reading, config)
+    dataset = DatasetRepository(session).add(
+        Dataset(
+            name=reading.name,
+            description=wanted.description,
+            created_by=author,
+            **reading.as_columns(),
+        ),
+        list(
+            dict.fromkeys(CARLA_CLASSES if wanted.classes is None else wanted.classes)
+        ),
+    )
+    version, _ = add_version(session, dataset, config, author=author)
+    measurement = measurement_of(session, dataset.id, reading, plan)
+    now = utc_now()
+    run = RunRepository(session).add(
+        Run(
+            dataset_id=dataset.id,
+            config_id=version.id,
+            measurement_id=measurement.id,
+            kind="decide",
+            state="done",
+            activate=True,
+            counts={},
+            created_by=author,
+            started_at=now,
+            finished_at=now,
+        )
+    )
+    dataset.active_config_id = version.id
+    dataset.active_run_id = run.id
+    dataset.active_measurement_id = measurement.id
+    session.flush()
+    return dataset
+
+
+def change_dataset(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    changes: Mapping[str, Any],
+    author: str,
+) -> Run | None:
+    """Change the description at once; what is read otherwise is measured again first.
+
+    The dataset's settings change when that run is done, so that they always say how its
+    current numbers were read.
+    """
+    if "description" in changes:
+        DatasetRepository(session).change(
+            dataset, {"description": changes["description"]}
+        )
+    current, config = coming_settings(session, dataset)
+    reading = replace(
+        current, **{key: changes[key] for key in changes if key != "description"}
+    )
+    if reading == current:
+        return None
+    return request_run(
+        context, session, dataset, RunRequest(config, author, True, reading)
+    )
+
+
+def remove_dataset(
+    context: ServiceContext, session: Session, dataset: Dataset, confirmed: str | None
+) -> None:
+    """Delete a dataset with everything in it; its blobs stay until they are swept.
+
+    Nobody sees it from the commit on. Its rows go bit by bit after that.
+
+    Raises
+    ------
+    BadRequest
+        The name was not said once more.
+    """
+    if confirmed != dataset.name:
+        found = "nothing" if confirmed is None else repr(confirmed)
+        raise BadRequest(
+            f"deleting dataset {dataset.name!r} takes all its frames and answers along "
+            f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
+            code="not_confirmed",
+        )
+    ChunkRepository(session).forget_dataset(dataset.id)
+    DatasetRepository(session).hide(dataset)
+    once_committed(session, context.something_to_remove.set)
+
+
+def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
+    """A dataset as it is answered."""
+    counts = count(TallyRepository(session).of_dataset(dataset.id))
+    frames = FrameRepository(session)
+    return wire.Dataset(
+        name=dataset.name,
+        description=dataset.description,
+        classes=tuple(DatasetRepository(session).classes(dataset.id)),
+        classes_frozen=dataset.classes_frozen_at is not None,
+        palette=dataset.palette,
+        encoding=dataset.encoding,
+        channel_order=dataset.channel_order,
+        lossy_segmentation=dataset.lossy_segmentation,
+        has_ignore_mask=dataset.ignore_mask is not None,
+        created_at=dataset.created_at,
+        config=active_version(session, dataset).digest,
+        active_run=dataset.active_run_id,
+        thumbnail_frame_id=frames.first_with_image(dataset.id),
+        counts=wire.DatasetCounts(
+            frames=frames.count(dataset.id),
+            **summary(counts),
+            problems=ProblemRepository(session).count(dataset.id),
+        ),
+    )
+
+
+def statistics(session: Session, dataset: Dataset) -> wire.Stats:
+    """Everything that can be counted without looking at a box."""
+    counts = count(TallyRepository(session).of_dataset(dataset.id))
+    names = {
+        key: name
+        for name, key in DatasetRepository(session).classes(dataset.id).items()
+    }
+    active = ConfigRepository(session).with_id(dataset.active_config_id or 0)
+    return wire.Stats(
+        frames=FrameRepository(session).count(dataset.id),
+        **summary(counts),
+        unsure=counts.unsure,
+        conflicts=counts.conflicts,
+        toss_ups=counts.toss_ups,
+        lossy=EvidenceRepository(session).lossy_boxes(
+            dataset.active_measurement_id or 0
+        ),
+        effective=counts.effective,
+        by_reason=counts.by_reason,
+        by_class={names[key]: of for key, of in counts.by_class.items()},
+        config=active.digest,
+        run=dataset.active_run_id,
+    )

@@ -1,0 +1,172 @@
+"""Files as answers: strong entity tags, conditional requests, single ranges."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from fastapi import Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
+from starlette.datastructures import Headers
+
+from app.errors import RangeNotSatisfiable
+from app.storage import Blob
+
+IMMUTABLE: Final = "private, max-age=31536000, immutable"
+REVALIDATE: Final = "private, no-cache"
+_MAX_DIGITS: Final = 18
+_SANDBOX: Final = "default-src 'none'; sandbox"
+
+
+def known_response(request: Request, digest: str) -> Response | None:
+    """The answer to whoever has a file already: it is not even looked at."""
+    headers = blob_headers(digest)
+    if not is_known(request, headers["ETag"]):
+        return None
+    return Response(status_code=304, headers=headers)
+
+
+def file_response(
+    request: Request, blob: Blob, digest: str, media_type: str, name: str = ""
+) -> Response:
+    """A file that never changes under its digest."""
+    headers = blob_headers(digest)
+    if name:
+        headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    if is_known(request, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    if request.headers.get("if-range", headers["ETag"]) != headers["ETag"]:
+        # What there is at the other end is a part of another file.
+        _without_range(request)
+    else:
+        _check_range(request, blob.size_bytes)
+    if blob.path is not None:
+        return FileResponse(blob.path, media_type=media_type, headers=headers)
+    return _streamed(request, blob, media_type, headers)
+
+
+def _streamed(
+    request: Request, blob: Blob, media_type: str, headers: dict[str, str]
+) -> Response:
+    """A blob from elsewhere, as a file would be answered; some of it at a time."""
+    # Read anew: a range that is not to be answered was taken out of them.
+    wanted = Headers(scope=request.scope).get("range", "")
+    size, span = blob.size_bytes, wanted.partition("=")[2]
+    first, end = 0, size
+    if span:
+        start, _, last = span.strip().partition("-")
+        first = int(start) if start else max(0, size - int(last))
+        end = min(int(last) + 1, size) if start and last else size
+        headers["Content-Range"] = f"bytes {first}-{end - 1}/{size}"
+    headers |= {"Accept-Ranges": "bytes", "Content-Length": str(end - first)}
+    return StreamingResponse(
+        blob.pieces(first, end),
+        status_code=206 if span else 200,
+        media_type=media_type,
+        headers=headers,
+    )
+
+
+def blob_headers(tag: str) -> dict[str, str]:
+    """A blob is data: whatever it claims to be, no browser may run it."""
+    return {
+        "ETag": f'"{tag}"',
+        "Cache-Control": IMMUTABLE,
+        "Content-Security-Policy": _SANDBOX,
+    }
+
+
+def is_known(request: Request, etag: str) -> bool:
+    known = request.headers.get("if-none-match", "")
+    tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
+    return etag in tags or known.strip() == "*"
+
+
+def _check_range(request: Request, size: int) -> None:
+    """Leave single ranges to the answer; take several as none, as HTTP allows."""
+    wanted = request.headers.get("range", "")
+    unit, _, spans = wanted.partition("=")
+    if unit.strip().lower() != "bytes" or "," in spans:
+        _without_range(request)
+        return
+    first, dash, last = spans.strip().partition("-")
+    numbers = all(part == "" or _is_offset(part) for part in (first, last))
+    if not dash or not numbers or (first == "" and last == ""):
+        _without_range(request)
+        return
+    if last and first and int(last) < int(first):
+        _without_range(request)
+        return
+    empty_suffix = first == "" and int(last) == 0
+    if empty_suffix or (first and int(first) >= size):
+        raise RangeNotSatisfiable(size_bytes=size)
+
+
+def _is_offset(text: str) -> bool:
+    # Superscripts are digits as well, and int() refuses thousands of them.
+    return text.isdecimal() and len(text) <= _MAX_DIGITS
+
+
+def _without_range(request: Request) -> None:
+    headers = [
+        (name, value)
+        for name, value in request.scope["headers"]
+        if name not in (b"range", b"if-range")
+    ]
+    request.scope["headers"] = headers
+
+
+_UNCHANGED: Final[dict[int | str, dict[str, Any]]] = {
+    304: {"description": "What you have is still it."}
+}
+_PARTS: Final[dict[int | str, dict[str, Any]]] = {
+    **_UNCHANGED,
+    416: {"description": "There is no such part of the file."},
+}
+_FILE_TYPES: Final = (
+    "image/png",
+    "image/jpeg",
+    "application/x-ply",
+    "application/x-npy",
+)
+
+
+def _headers(**meanings: str) -> dict[str, Any]:
+    """Headers that a route honours, for the OpenAPI document."""
+    described = [
+        {
+            "name": name.replace("_", "-"),
+            "in": "header",
+            "required": False,
+            "description": meaning,
+            "schema": {"type": "string"},
+        }
+        for name, meaning in meanings.items()
+    ]
+    return {"parameters": described}
+
+
+def picture_of(*types: str) -> dict[int | str, dict[str, Any]]:
+    """Answers of a route that draws."""
+    content: dict[str, Any] = {name: {} for name in types}
+    return {200: {"content": content, "description": "The picture."}, **_UNCHANGED}
+
+
+def file_of(*types: str) -> dict[int | str, dict[str, Any]]:
+    """Answers of a route that sends a file, or one part of it."""
+    content: dict[str, Any] = {name: {} for name in types}
+    return {
+        200: {"content": content, "description": "The file."},
+        206: {"content": content, "description": "The part that was asked for."},
+        **_PARTS,
+    }
+
+
+TAGGED: Final = _headers(If_None_Match="Entity tags of what you have.")
+RESUMABLE: Final = _headers(
+    If_None_Match="Entity tags of what you have.",
+    Range="One range of bytes; several are taken as none.",
+    If_Range="Entity tag of the file that the range is of.",
+)
+JPEG: Final = picture_of("image/jpeg")
+PICTURE: Final = picture_of("image/jpeg", "image/png")
+FILE: Final = file_of(*_FILE_TYPES)

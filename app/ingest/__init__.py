@@ -1,0 +1,1 @@
+"""Frames on their way in: checked, measured, stored, one or many."""

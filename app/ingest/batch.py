@@ -1,0 +1,338 @@
+"""Many frames from one stream: stored and told while the rest still comes."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from functools import partial
+from typing import Final
+
+from anyio import CapacityLimiter, to_thread
+
+from app.context import ServiceContext
+from app.errors import AppError, NotReady, TooManyRequests
+from app.incoming import HeldBytes, OpenBodies
+from app.ingest.service import BatchOf, FrameLine, FrameWork, store, work_on
+from app.ingest.tar import (
+    BLOCK,
+    FrameAssembler,
+    FrameLimits,
+    IncomingFrame,
+    TarLimits,
+    TarStream,
+)
+from app.settings import Settings
+
+MOST_TOGETHER: Final = 32
+"""Frames of one transaction."""
+LONGEST_WAIT_S: Final = 0.1
+"""How long a frame waits for others to share its transaction."""
+MAX_IN_FLIGHT: Final = 96
+"""Frames between being received and being told; their images are on the disk."""
+MAX_RECEIVED_BYTES: Final = 64 * 1024**2
+"""Bytes of frames that are received and not measured yet; one more frame fits."""
+
+_Started = asyncio.Future[FrameWork]
+
+
+class ArchiveFrames:
+    """Frames of an archive as its bytes come in; `held` counts what is kept of them."""
+
+    def __init__(
+        self, settings: Settings, chunks: AsyncIterator[bytes], held: HeldBytes
+    ) -> None:
+        self._chunks, self._held = chunks, held
+        self._first = b""
+        self._tar = TarStream(
+            TarLimits(
+                max_archive_bytes=int(settings.max_batch_bytes),
+                max_member_bytes=int(settings.max_part_bytes),
+                max_members=settings.max_batch_members,
+            )
+        )
+        self._frames = FrameAssembler(
+            FrameLimits(
+                max_parts=settings.max_parts,
+                max_part_bytes=int(settings.max_part_bytes),
+                max_frame_bytes=int(settings.max_body_bytes),
+            )
+        )
+        self._ready: deque[IncomingFrame] = deque()
+        self._fault: Exception | None = None
+
+    async def begin(self) -> None:
+        """Read as much as shows that this is an archive at all."""
+        received = 0
+        async for chunk in self._chunks:
+            received += len(chunk)
+            try:
+                self._take(chunk)
+            except AppError as fault:
+                if not self._ready:
+                    raise
+                self._fault = fault  # told after what came before it
+            if received >= BLOCK:
+                return
+        self._tar.close()
+
+    async def __aiter__(self) -> AsyncIterator[IncomingFrame]:
+        """Each frame as soon as it is complete; what is wrong with the archive."""
+        for frame in self._given():
+            yield frame
+        if self._fault is not None:
+            raise self._fault
+        async for chunk in self._chunks:
+            try:
+                self._take(chunk)
+            finally:
+                # What was complete before a fault is stored all the same.
+                for frame in self._given():
+                    yield frame
+        self._tar.close()
+        for frame in self._frames.finish():
+            yield frame
+
+    def _take(self, chunk: bytes) -> None:
+        for member in self._tar.feed(chunk):
+            self._ready.extend(self._frames.add(member))
+        self._hold()
+
+    def _given(self) -> Iterator[IncomingFrame]:
+        """Frames that are complete; whoever takes one counts it from there on."""
+        while self._ready:
+            frame = self._ready.popleft()
+            self._hold()
+            yield frame
+
+    def _hold(self) -> None:
+        complete = sum(frame.size_bytes for frame in self._ready)
+        self._held.hold(self._tar.size_bytes + self._frames.size_bytes + complete)
+
+
+class BatchIntake:
+    """Measures frames in all threads, stores some at a time, and tells of each.
+
+    What is kept of a frame counts as bytes of its sender until nobody keeps it, also
+    when the batch has ended before.
+    """
+
+    def __init__(
+        self, context: ServiceContext, batch: BatchOf, places: CapacityLimiter
+    ) -> None:
+        self._context, self._batch, self._to_store = context, batch, places
+        self._started: asyncio.Queue[_Started | None] = asyncio.Queue()
+        self._places = asyncio.Semaphore(MAX_IN_FLIGHT)
+        self._room = _Room(MAX_RECEIVED_BYTES)
+        self._held: _Started | None = None
+        self._counted: deque[_CountedFrame] = deque()
+
+    async def lines(
+        self, frames: AsyncIterator[IncomingFrame]
+    ) -> AsyncIterator[list[FrameLine]]:
+        """What became of each frame, in their order, as soon as it is durable.
+
+        Frames that share a transaction are durable, and told, together.
+
+        Raises what ended the frames before their time, after all that came before.
+        """
+        receiving = asyncio.create_task(self._receive(frames))
+        try:
+            while works := await self._some():
+                for together in _of_different_keys(works):
+                    lines = await self._store(together)
+                    yield lines
+                    for _ in lines:
+                        self._places.release()
+                        self._counted.popleft().let_go()
+                works, together = [], []  # nothing is kept while the next ones come
+            await receiving
+        finally:
+            receiving.cancel()
+            self._throw_away()
+            for counted in self._counted:
+                counted.let_go()
+
+    async def _receive(self, frames: AsyncIterator[IncomingFrame]) -> None:
+        """Start work on frames while there is room; the client waits otherwise."""
+        try:
+            async for frame in frames:
+                if self._context.engine.stopping.is_set():
+                    raise NotReady("the service stops; send the rest again later")
+                size = frame.size_bytes
+                future = asyncio.wrap_future(await self._start(frame, size))
+                future.add_done_callback(partial(self._room.give_back, size))
+                self._started.put_nowait(future)
+        finally:
+            self._started.put_nowait(None)
+
+    async def _start(self, frame: IncomingFrame, size: int) -> Future[FrameWork]:
+        bodies, token_id = self._context.bodies, self._batch.sender.token_id
+        counted = _CountedFrame(bodies, token_id, size)
+        try:
+            await self._places.acquire()
+            await self._room.take(size)
+            future = self._context.engine.start(self._work_on, frame)
+        except BaseException:
+            counted.never_started()
+            raise
+        future.add_done_callback(counted.measured)
+        self._counted.append(counted)
+        return future
+
+    def _work_on(self, frame: IncomingFrame) -> FrameWork:
+        return work_on(self._context, self._batch, frame)
+
+    async def _some(self) -> list[FrameWork]:
+        """The next frames that are ready at about the same time; none at the end."""
+        first = self._held or await self._started.get()
+        self._held = None
+        if first is None:
+            return []
+        works = [await first]
+        until = asyncio.get_running_loop().time() + LONGEST_WAIT_S
+        while len(works) < MOST_TOGETHER and not self._started.empty():
+            following = self._started.get_nowait()
+            if following is None:
+                self._started.put_nowait(None)
+                break
+            left = until - asyncio.get_running_loop().time()
+            await asyncio.wait({following}, timeout=max(left, 0.0))
+            if not following.done() or following.exception() is not None:
+                self._held = following
+                break
+            works.append(following.result())
+        return works
+
+    async def _store(self, works: list[FrameWork]) -> list[FrameLine]:
+        async with self._to_store:
+            return await to_thread.run_sync(store, self._context, self._batch, works)
+
+    def _throw_away(self) -> None:
+        """Drafts of frames that were on their way when the batch ended early."""
+        left = [self._held]
+        while not self._started.empty():
+            left.append(self._started.get_nowait())
+        for started in left:
+            if started is not None:
+                started.add_done_callback(self._discard)
+
+    def _discard(self, future: asyncio.Future[FrameWork]) -> None:
+        if future.cancelled() or future.exception() is not None:
+            return
+        drafts = future.result().drafts
+        if drafts is not None:
+            self._context.storage.discard([drafts])
+
+
+class _CountedFrame:
+    """Bytes kept of a frame: all until it is measured, some until it is told."""
+
+    def __init__(self, bodies: OpenBodies, token_id: int, size: int) -> None:
+        bodies.take(token_id, size)
+        self._bodies, self._token_id, self._size = bodies, token_id, size
+        self._is_measured = self._is_let_go = False
+        self._lock = threading.Lock()
+
+    def measured(self, done: Future[FrameWork]) -> None:
+        """Called in the thread that has measured it, or where it was cancelled."""
+        failed = done.cancelled() or done.exception() is not None
+        kept = 0 if failed else done.result().size_bytes
+        with self._lock:
+            self._is_measured = True
+            self._lower(0 if self._is_let_go else kept)
+
+    def let_go(self) -> None:
+        """It is told, or nobody waits for it; what is worked on is kept until then."""
+        with self._lock:
+            self._is_let_go = True
+            if self._is_measured:
+                self._lower(0)
+
+    def never_started(self) -> None:
+        """Nothing works on it."""
+        with self._lock:
+            self._lower(0)
+
+    def _lower(self, size: int) -> None:
+        less = max(self._size - size, 0)
+        self._size -= less
+        self._bodies.give_back(self._token_id, less)
+
+
+class _Room:
+    """Bytes that may be held; whoever needs more waits."""
+
+    def __init__(self, size_bytes: int) -> None:
+        self._free = size_bytes
+        self._freed = asyncio.Event()
+
+    async def take(self, size_bytes: int) -> None:
+        """Wait until anything is free, and take this much."""
+        while self._free <= 0:
+            self._freed.clear()
+            await self._freed.wait()
+        self._free -= size_bytes
+
+    def give_back(self, size_bytes: int, _done: object = None) -> None:
+        """These are free again."""
+        self._free += size_bytes
+        self._freed.set()
+
+
+def _of_different_keys(works: list[FrameWork]) -> Iterator[list[FrameWork]]:
+    """In their order, cut wherever a key comes again."""
+    together: dict[str, FrameWork] = {}
+    for work in works:
+        if work.key in together:
+            yield list(together.values())
+            together = {}
+        together[work.key] = work
+    yield list(together.values())
+
+
+_RETRY_S: Final = 5
+
+
+class OpenBatches:
+    """How many batches are being received by this process; belongs to its loop."""
+
+    def __init__(self) -> None:
+        self._by_token: Counter[int] = Counter()
+
+    @property
+    def open(self) -> int:
+        """How many there are."""
+        return self._by_token.total()
+
+    @contextmanager
+    def enter(self, token_id: int, *, most: int, most_of_one: int) -> Iterator[None]:
+        """A place for one more.
+
+        Raises
+        ------
+        TooManyRequests
+            As many are open already as may be, by all tokens or by this.
+        """
+        if self._by_token[token_id] >= most_of_one:
+            raise TooManyRequests(
+                f"{most_of_one} batches of this token are being received; send this "
+                "one when one of them is done",
+                retry_after_s=_RETRY_S,
+            )
+        if self.open >= most:
+            raise TooManyRequests(
+                f"{most} batches are being received; send this one when one of them "
+                "is done",
+                retry_after_s=_RETRY_S,
+            )
+        self._by_token[token_id] += 1
+        try:
+            yield
+        finally:
+            self._by_token[token_id] -= 1
+            if not self._by_token[token_id]:
+                del self._by_token[token_id]

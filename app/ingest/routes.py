@@ -1,0 +1,337 @@
+"""Routes that take frames in: one, many, and what is known of them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections import Counter
+from collections.abc import AsyncIterator
+from contextlib import AbstractContextManager
+from typing import Annotated, Any, Final
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import Depends, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+from starlette.types import Receive, Scope, Send
+
+from app.boxes import frames
+from app.boxes.routes import FrameKey
+from app.context import ServiceContext
+from app.engine.pixels import GivenUp
+from app.errors import Unprocessable, UnsupportedMedia
+from app.http.bodies import PartLimits, UntilStopped, read_parts, stopping
+from app.http.deps import (
+    AppServices,
+    CurrentPrincipal,
+    DatasetName,
+    ReadSession,
+    services_of,
+    settings_of,
+)
+from app.http.middleware import BODY_ALLOWANCE
+from app.http.pages import written
+from app.http.problems import problem_of
+from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left
+from app.incoming import HeldBytes
+from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
+from app.ingest.files import KINDS, checked_key
+from app.ingest.queries import known_frames
+from app.ingest.service import (
+    BatchOf,
+    FrameLine,
+    FrameUpload,
+    prepare_frame,
+    store_frame,
+)
+from app.logs import current_request_id
+from app.measuring.active import PlanCache
+from app.measuring.queries import DatasetRepository
+from app.storage.room import require_room
+from unghost.wire.frames import KnownFrame, KnownFrames, KnownFramesIn, StoredFrame
+
+ARCHIVE: Final = "application/x-tar"
+LINES: Final = "application/x-ndjson"
+
+router = ApiRouter(prefix="/api/v1", tag="frames")
+
+_BODY: Final = {
+    "requestBody": {
+        "required": True,
+        "content": {ARCHIVE: {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+_ANSWER: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "content": {LINES: {"schema": {"type": "string"}}},
+        "description": "A line per frame as soon as it is stored, and a last one.",
+    }
+}
+
+
+@router.post(
+    "/datasets/{dataset}/batches",
+    response_class=Response,
+    responses=_ANSWER,
+    openapi_extra={**LARGE_BODY, **_BODY},
+)
+async def post_batch(
+    dataset: DatasetName,
+    request: Request,
+    principal: CurrentPrincipal,
+    services: AppServices,
+    replace: Annotated[
+        bool, Query(description="Store other content as the next revision.")
+    ] = False,
+) -> Response:
+    """Store the frames of a tar while it comes; each is answered once it is durable."""
+    _expect_archive(request)
+    return BatchAnswer(request, services, BatchOf(dataset, principal, replace))
+
+
+def _expect_archive(request: Request) -> None:
+    media_type = request.headers.get("content-type", "")
+    if media_type.partition(";")[0].strip().lower() != ARCHIVE:
+        raise UnsupportedMedia(
+            f"the body must be {ARCHIVE}, it says {media_type or 'nothing'!r}"
+        )
+    coding = request.headers.get("content-encoding", "identity")
+    if coding.lower() != "identity":
+        raise UnsupportedMedia(
+            f"the body must not be encoded, it says {coding[:80]!r}; images are "
+            "compressed already"
+        )
+
+
+class BatchAnswer(Response):
+    """Reads the request while it answers; nothing else may listen to the request."""
+
+    media_type = LINES
+
+    def __init__(
+        self, request: Request, services: ServiceContext, batch: BatchOf
+    ) -> None:
+        super().__init__()
+        del self.headers["content-length"]
+        self._request, self._services, self._batch = request, services, batch
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """What is wrong before the first frame is a problem, as everywhere."""
+        services = self._services
+        with self._place():
+            await run_in_threadpool(self._require_dataset)
+            stop = services.engine.stopping
+            pieces = UntilStopped(self._request.stream(), stop)
+            with stop.telling(pieces.wake):
+                held: HeldBytes = scope[BODY_ALLOWANCE].held
+                frames = ArchiveFrames(services.settings, pieces, held)
+                await frames.begin()
+                await self._answer(frames, send)
+
+    def _place(self) -> AbstractContextManager[None]:
+        settings = self._services.settings
+        return self._services.one(OpenBatches).enter(
+            self._request.state.principal.token_id,
+            most=settings.max_open_batches,
+            most_of_one=settings.max_open_batches_per_token,
+        )
+
+    async def _answer(self, frames: ArchiveFrames, send: Send) -> None:
+        await send(
+            {
+                "type": "http.response.start",
+                "status": self.status_code,
+                "headers": self.raw_headers,
+            }
+        )
+        async for lines in self._lines(frames):
+            await send({"type": "http.response.body", "body": lines, "more_body": True})
+        await send({"type": "http.response.body", "body": b""})
+
+    def _require_dataset(self) -> None:
+        require_room(self._services.settings, self._services.storage)
+        with self._services.database.read() as session:
+            self._services.one(PlanCache).active(session, self._batch.dataset)
+
+    async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
+        places = self._request.app.state.batches
+        intake = BatchIntake(self._services, self._batch, places)
+        told: Counter[str] = Counter(stored=0, same=0, refused=0)
+        end: dict[str, Any] = {"end": True}
+        try:
+            async for lines in intake.lines(aiter(frames)):
+                yield b"".join([self._told(line, told) for line in lines])
+        except ClientDisconnect:
+            return  # nobody is left to be told
+        except Exception as error:
+            end["problem"] = self._problem(error)
+        yield _line({**end, "frames": told.total(), **told})
+
+    def _told(self, line: FrameLine, told: Counter[str]) -> bytes:
+        status = self._status(line)
+        self._request.app.state.metrics.observe_frame(status)
+        told[_KINDS.get(status, "refused")] += 1
+        return _line(self._described(line, status))
+
+    def _status(self, line: FrameLine) -> int:
+        if line.error is not None:
+            return problem_of(line.error).status
+        return 201 if line.created else 200
+
+    def _described(self, line: FrameLine, status: int) -> dict[str, Any]:
+        described = {
+            "key": line.key,
+            "status": status,
+            "frame_id": line.frame_id,
+            "decisions": line.verdicts,
+        }
+        if line.error is not None:
+            described["problem"] = self._problem(line.error)
+        return described
+
+    def _problem(self, error: Exception) -> dict[str, Any]:
+        return problem_of(error).document(
+            instance=self._request.url.path, request_id=current_request_id.get()
+        )
+
+
+_KINDS: Final = {201: "stored", 200: "same"}
+
+
+def _line(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, ensure_ascii=False).encode() + b"\n"
+
+
+ANNOTATION: Final = "annotation"
+_MEDIA_TYPE: Final = "multipart/form-data"
+
+
+async def frame_parts(request: Request) -> dict[str, bytes]:
+    """The parts of an upload by name; always with an annotation."""
+    media_type = request.headers.get("content-type", "")
+    if media_type.partition(";")[0].strip().lower() != _MEDIA_TYPE:
+        raise UnsupportedMedia(
+            f"the body must be {_MEDIA_TYPE}, it says {media_type or 'nothing'!r}"
+        )
+    settings = settings_of(request)
+    require_room(settings, services_of(request).storage)
+    limits = PartLimits(settings.max_parts, settings.max_part_bytes)
+    parts: dict[str, bytes] = {}
+    for part in await read_parts(media_type, request.stream(), limits):
+        if part.name not in (ANNOTATION, *KINDS):
+            raise Unprocessable(
+                f"unknown part {part.name!r}; "
+                f"expected {ANNOTATION}, {', '.join(KINDS)}",
+                code="unknown_part",
+            )
+        if part.name in parts:
+            raise Unprocessable(
+                f"part {part.name!r} was sent twice", code="repeated_part"
+            )
+        parts[part.name] = part.content
+    if ANNOTATION not in parts:
+        raise Unprocessable(
+            f"expected a part {ANNOTATION!r} with the frame's JSON, found "
+            f"{', '.join(parts) or 'no part'}",
+            code="missing_annotation",
+        )
+    return parts
+
+
+FrameParts = Annotated[dict[str, bytes], Depends(frame_parts)]
+
+
+def described_body() -> dict[str, Any]:
+    """The body for the OpenAPI document: FastAPI cannot see into a dependency."""
+    binary = {"type": "string", "format": "binary"}
+    properties: dict[str, Any] = dict.fromkeys(KINDS, binary)
+    properties[ANNOTATION] = {
+        "type": "string",
+        "contentMediaType": "application/json",
+        "description": "Boxes, camera and more; see the guide to formats.",
+    }
+    schema = {"type": "object", "properties": properties, "required": [ANNOTATION]}
+    content = {_MEDIA_TYPE: {"schema": schema}}
+    body = {"requestBody": {"required": True, "content": content}}
+    return {**body, **body_up_to("max_body_bytes")}
+
+
+upload_router = ApiRouter(prefix="/api/v1", tag="frames")
+
+
+async def frame_upload(
+    key: FrameKey,
+    parts: FrameParts,
+    principal: CurrentPrincipal,
+    replace: Annotated[
+        bool, Query(description="Store other content as the next revision.")
+    ] = False,
+) -> FrameUpload:
+    """A frame as it was sent. Asynchronous: not worth a thread of its own."""
+    files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
+    return FrameUpload(checked_key(key), parts[ANNOTATION], files, principal, replace)
+
+
+@upload_router.put(
+    "/datasets/{dataset}/frames/{key:any}",
+    status_code=201,
+    response_model=StoredFrame,
+    responses={200: {"model": StoredFrame, "description": "Stored already."}},
+    openapi_extra=described_body(),
+)
+async def put_frame(
+    request: Request,
+    dataset: DatasetName,
+    upload: Annotated[FrameUpload, Depends(frame_upload)],
+    services: AppServices,
+) -> Response:
+    """Store a frame: measured, decided and durable before this is answered."""
+    # One thread does all of it, out of some that only uploads have: the shared ones
+    # might all wait for frames that take long, and to change threads costs as much as
+    # to decide a frame.
+    places: CapacityLimiter = request.app.state.uploads
+    given_up = threading.Event()
+    watching = asyncio.ensure_future(_tell_when_left(request, given_up))
+    try:
+        return await to_thread.run_sync(
+            _store, services, dataset, upload, given_up, limiter=places
+        )
+    except GivenUp:
+        raise (ClientDisconnect if given_up.is_set() else stopping)() from None
+    finally:
+        watching.cancel()
+
+
+async def _tell_when_left(request: Request, given_up: threading.Event) -> None:
+    await has_left(request)
+    given_up.set()
+
+
+def _store(
+    services: ServiceContext,
+    dataset: str,
+    upload: FrameUpload,
+    given_up: threading.Event,
+) -> Response:
+    ready = prepare_frame(services, dataset, upload, given_up)
+    with services.database.write() as session:
+        stored = store_frame(services, session, dataset, ready)
+    # Made when others may write again: it takes as long as all the rows.
+    if stored.describe is not None:
+        answer = stored.describe()
+    else:
+        with services.database.read() as reading:
+            answer = frames.describe_stored(reading, stored.frame_id)
+    headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
+    return written(answer, 201 if stored.created else 200, headers)
+
+
+@router.post("/datasets/{dataset}/known-frames", response_model=KnownFrames)
+def find_known_frames(
+    dataset: DatasetName, body: KnownFramesIn, session: ReadSession
+) -> KnownFrames:
+    """Which of up to 1000 keys are stored, each with the digest of its content."""
+    found = DatasetRepository(session).named(dataset)
+    rows = known_frames(session, found.id, body.keys)
+    return KnownFrames(items=tuple(KnownFrame(**row._asdict()) for row in rows))

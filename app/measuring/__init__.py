@@ -1,0 +1,1 @@
+"""Datasets, configurations and evidence: what is measured, and how it is decided."""

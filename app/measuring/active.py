@@ -1,0 +1,158 @@
+"""Versions of configurations, and how frames are measured and decided now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final, TypeAlias
+
+from sqlalchemy.orm import Session
+
+from app.db import tables
+from app.db.engine import Database
+from app.db.tables import Dataset
+from app.measuring.plan import plan_of
+from app.measuring.queries import (
+    ActiveRow,
+    ConfigRepository,
+    EvidenceRepository,
+    KeyRow,
+    active_row,
+    active_row_and_key,
+    glance,
+)
+from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
+from unghost.wire.runs import ConfigVersion
+
+MAX_PLANS: Final = 256
+
+_Plans: TypeAlias = tuple[MeasureConfig, FilterConfig]
+
+
+@dataclass(frozen=True)
+class ActiveDataset:
+    """A dataset as an upload meets it: how its frames are measured, and decided."""
+
+    name: str
+    row: ActiveRow
+    plan: MeasureConfig
+    config: FilterConfig
+
+
+class PlanCache:
+    """Plans by what names them: parsed once, though every upload asks.
+
+    The dataset is part of that: a plan says who asked for what, for its errors.
+    """
+
+    def __init__(self) -> None:
+        self._held: dict[tuple[str, str, str], _Plans] = {}
+
+    def active(self, session: Session, name: str) -> ActiveDataset:
+        """The dataset as this session sees it; NotFound."""
+        return self._dataset(session, name, active_row(session, name))
+
+    def active_and_key(
+        self, session: Session, name: str, key: str
+    ) -> tuple[ActiveDataset, KeyRow]:
+        """The same, and what it has under a frame's key."""
+        row, known = active_row_and_key(session, name, key)
+        return self._dataset(session, name, row), known
+
+    def before_measuring(
+        self, database: Database, name: str, key: str
+    ) -> tuple[ActiveDataset, KeyRow]:
+        """The same, with a session only where there is more to read."""
+        row, known = glance(database.engine, name, key)
+        plans = self._held.get(_named(name, row))
+        if plans is not None:
+            return ActiveDataset(name, row, *plans), known
+        with database.read() as session:
+            return self.active_and_key(session, name, key)
+
+    def _dataset(self, session: Session, name: str, row: ActiveRow) -> ActiveDataset:
+        key = _named(name, row)
+        plans = self._held.get(key)
+        if plans is None:
+            plans = _load(session, row)
+            if len(self._held) >= MAX_PLANS:
+                self._held.clear()
+            self._held[key] = plans
+        return ActiveDataset(name, row, *plans)
+
+
+def _named(name: str, row: ActiveRow) -> tuple[str, str, str]:
+    return name, row.config_digest, row.measurement_digest
+
+
+def _load(session: Session, row: ActiveRow) -> _Plans:
+    config = config_of(ConfigRepository(session).with_id(row.config_id))
+    measurement = EvidenceRepository(session).measurement_with_id(row.measurement_id)
+    return plan_of(measurement, config), config
+
+
+def add_version(
+    session: Session,
+    dataset: Dataset,
+    config: FilterConfig,
+    *,
+    author: str,
+    unused_keys: Sequence[str] = (),
+) -> tuple[tables.ConfigVersion, bool]:
+    """The version with this content, and whether it is new."""
+    configs = ConfigRepository(session)
+    known = configs.find(dataset.id, config.digest)
+    if known is not None:
+        return known, False
+    version = tables.ConfigVersion(
+        dataset_id=dataset.id,
+        digest=config.digest,
+        body=config.as_dict(),
+        unused_keys=list(unused_keys),
+        created_by=author,
+    )
+    return configs.add(version), True
+
+
+def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
+    """The version whose verdicts are current."""
+    if dataset.active_config_id is None:
+        raise RuntimeError(f"dataset {dataset.name!r} has no active config")
+    return ConfigRepository(session).with_id(dataset.active_config_id)
+
+
+def config_of(version: tables.ConfigVersion) -> FilterConfig:
+    """A version as the filter takes it; parsed once per process."""
+    return _parsed(version.digest, _Body(version.body))
+
+
+def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigVersion:
+    """A version as it is answered."""
+    return ConfigVersion(
+        digest=version.digest,
+        config=version.body,
+        unused_keys=tuple(version.unused_keys),
+        created_by=version.created_by,
+        created_at=version.created_at,
+        active=version.id == dataset.active_config_id,
+    )
+
+
+class _Body:
+    """A config's body that the cache ignores: the digest already names it."""
+
+    def __init__(self, body: Mapping[str, Any]) -> None:
+        self.body = body
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Body)
+
+
+@lru_cache(maxsize=256)
+def _parsed(_digest: str, body: _Body) -> FilterConfig:
+    return FilterConfig.from_mapping(body.body)

@@ -1,0 +1,284 @@
+"""All boxes of a dataset as columns: decided and counted in one pass.
+
+A million boxes are decided in milliseconds once their numbers are in memory. They are
+loaded when first needed, kept while they fit, and loaded anew when frames came or went.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session
+
+from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
+from app.measuring.queries import (
+    DatasetRepository,
+    EvidenceRepository,
+    frame_ranges,
+    frames_state,
+)
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
+from filter_core.types import (
+    VERDICT_OF_REASON,
+    VERDICTS,
+    Decisions,
+    Evidence,
+    IntArray,
+    Reason,
+)
+from unghost.wire.datasets import Histogram
+from unghost.wire.runs import Flip, FlipSide
+
+REASONS: Final = len(VERDICT_OF_REASON)
+"""Columns of a table by reason."""
+_MAX_PERCENT: Final = 100.0
+
+
+def reason_counts(evidence: Evidence, decisions: Decisions) -> IntArray:
+    """(classes, reasons): how many boxes of each class got each reason."""
+    packed = evidence.class_index * np.int32(REASONS) + decisions.reason
+    cells = len(evidence.class_names) * REASONS
+    table: IntArray = np.bincount(packed, minlength=cells).reshape(-1, REASONS)
+    return table
+
+
+def outcome(names: Sequence[str], table: IntArray) -> dict[str, Any]:
+    """How many boxes got each verdict and reason, altogether and per class."""
+    per_reason = table.sum(axis=0)
+    verdicts = np.zeros((len(names), len(VERDICTS)), np.int64)
+    for reason in Reason:
+        verdicts[:, VERDICT_OF_REASON[reason]] += table[:, reason]
+    return {
+        "counts": _by_verdict(verdicts.sum(axis=0)),
+        "by_reason": {
+            reason.label: int(per_reason[reason])
+            for reason in Reason
+            if per_reason[reason]
+        },
+        "by_class": {
+            name: _by_verdict(row)
+            for name, row in zip(names, verdicts, strict=True)
+            if row.any()
+        },
+        "reasons_by_class": {
+            name: {reason.label: int(row[reason]) for reason in Reason if row[reason]}
+            for name, row in zip(names, table, strict=True)
+            if row.any()
+        },
+    }
+
+
+def flip_of(
+    ids: tuple[int, int], evidence: Evidence, row: int, reasons: tuple[int, int]
+) -> Flip:
+    """A box that is decided otherwise.
+
+    Parameters
+    ----------
+    ids : (int, int)
+        Of the box and of its frame.
+    evidence : Evidence
+        Of the second decision; `row` is the box's.
+    reasons : (int, int)
+        Codes of `Reason`: before, and after.
+    """
+    before, after = (Reason(code) for code in reasons)
+    match = float(evidence.match_percent[row])
+    return Flip(
+        box_id=ids[0],
+        frame_id=ids[1],
+        class_name=evidence.class_names[int(evidence.class_index[row])],
+        match_percent=None if match != match else match,
+        before=FlipSide(verdict=before.verdict.value, reason=before.label),
+        after=FlipSide(verdict=after.verdict.value, reason=after.label),
+    )
+
+
+def match_counts(evidence: Evidence, bins: int) -> IntArray:
+    """(classes, bins): measured boxes by match_percent, in equal bins from 0 to 100."""
+    match = evidence.match_percent[evidence.measured]
+    # What has no match (outside, degenerate) is no part of a histogram of matches.
+    known = match == match
+    scaled = match[known] * (bins / _MAX_PERCENT)
+    bin_of = np.minimum(scaled.astype(np.int32), bins - 1)
+    packed = evidence.class_index[evidence.measured][known] * np.int32(bins) + bin_of
+    counts = np.bincount(packed, minlength=len(evidence.class_names) * bins)
+    table: IntArray = counts.reshape(-1, bins)
+    return table
+
+
+def histogram(
+    names: Sequence[str], counts: IntArray, config: FilterConfig
+) -> Histogram:
+    """The counts of classes that occur, with the thresholds of a configuration."""
+    limits = config.thresholds_for(names).threshold_small_box
+    occurs = np.flatnonzero(counts.sum(axis=1)).tolist()
+    return Histogram(
+        edges=np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),
+        classes={names[index]: counts[index].tolist() for index in occurs},
+        thresholds={names[index]: float(limits[index]) for index in occurs},
+    )
+
+
+def _by_verdict(counts: IntArray) -> dict[str, int]:
+    return {
+        verdict.value: int(count)
+        for verdict, count in zip(VERDICTS, counts, strict=True)
+    }
+
+
+MAX_CACHED_BOXES: Final = 8_000_000
+"""About 100 bytes each."""
+PARTS: Final = 16
+"""A larger dataset is worked through in parts of this fraction of it."""
+MAX_KEPT_COUNTS: Final = 64
+"""Filters whose number of boxes is kept: the queue and lists ask again and again."""
+
+
+@dataclass(frozen=True)
+class DatasetColumns:
+    """Evidence of all current boxes of a dataset, in the order of their ids.
+
+    Not `complete`: some frames are not measured yet, and will be in the same `state`.
+    """
+
+    state: tuple[int, int]
+    complete: bool
+    box_ids: IntArray
+    frame_ids: IntArray
+    class_ids: IntArray
+    evidence: Evidence
+    _known: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.box_ids)
+
+    def decided(self, config: FilterConfig) -> Decisions:
+        """Decisions of the configuration asked for last, such as the active one."""
+        held: tuple[str, Decisions] | None = self._known.get("decided")
+        if held is None or held[0] != config.digest:
+            held = (config.digest, decide(self.evidence, config))
+            self._known["decided"] = held
+        return held[1]
+
+    def counted(self, what: Hashable, count: Callable[[], int]) -> int:
+        """A count of these numbers, kept for whoever asks for the same again."""
+        held: OrderedDict[Hashable, int] = self._known.setdefault(
+            "counts", OrderedDict()
+        )
+        found = held.get(what)
+        if found is None:
+            found = held[what] = count()
+            while len(held) > MAX_KEPT_COUNTS:
+                held.popitem(last=False)
+        return found
+
+    def match_counts(self, bins: int) -> IntArray:
+        """Counts of matches per class; thresholds do not change them."""
+        held: tuple[int, IntArray] | None = self._known.get("match_counts")
+        if held is None or held[0] != bins:
+            held = (bins, match_counts(self.evidence, bins))
+            self._known["match_counts"] = held
+        return held[1]
+
+
+class ColumnCache:
+    """Columns of the datasets used last."""
+
+    def __init__(self, max_boxes: int = MAX_CACHED_BOXES) -> None:
+        self._max_boxes = max_boxes
+        self._held: OrderedDict[tuple[int, int], DatasetColumns] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def load(
+        self, session: Session, dataset_id: int, measurement_id: int
+    ) -> DatasetColumns:
+        """The numbers as this session sees them."""
+        key = (dataset_id, measurement_id)
+        state = frames_state(session, dataset_id)
+        with self._lock:
+            held = self._held.get(key)
+            if held is not None and held.state == state:
+                self._held.move_to_end(key)
+                return held
+        loaded = load_columns(session, dataset_id, measurement_id, state)
+        if loaded.complete:
+            self._hold(key, loaded)
+        return loaded
+
+    def fits(self, session: Session, dataset_id: int) -> bool:
+        """Whether the numbers of a dataset may be held in memory as a whole."""
+        return frames_state(session, dataset_id)[1] <= self._max_boxes
+
+    def parts(
+        self, session: Session, dataset_id: int, *measurement_ids: int
+    ) -> Iterator[tuple[DatasetColumns, ...]]:
+        """A dataset's numbers under each measurement, at least one part of it.
+
+        As a whole if they may be held in memory, in ranges of frames else: those that
+        are measured under one of them only are in that one's part. Whoever counts part
+        by part needs no more memory for a hundred million boxes than for eight.
+        """
+        if self.fits(session, dataset_id):
+            yield tuple(self.load(session, dataset_id, id_) for id_ in measurement_ids)
+            return
+        boxes = max(1, self._max_boxes // PARTS)
+        for frames in frame_ranges(session, dataset_id, boxes=boxes):
+            found = {
+                id_: load_columns(session, dataset_id, id_, frames=frames)
+                for id_ in set(measurement_ids)
+            }
+            yield tuple(found[id_] for id_ in measurement_ids)
+
+    def _hold(self, key: tuple[int, int], loaded: DatasetColumns) -> None:
+        with self._lock:
+            self._held.pop(key, None)
+            if len(loaded) > self._max_boxes:
+                return
+            self._held[key] = loaded
+            while sum(map(len, self._held.values())) > self._max_boxes:
+                self._held.popitem(last=False)
+
+
+def load_columns(
+    session: Session,
+    dataset_id: int,
+    measurement_id: int,
+    state: tuple[int, int] = (0, 0),
+    *,
+    frames: tuple[int, int] | None = None,
+) -> DatasetColumns:
+    """Read them from the database: all, or those of frames from one id to another."""
+    rows = EvidenceRepository(session).numbers(
+        dataset_id, measurement_id, frames=frames
+    )
+    counts = np.array([row.box_count for row in rows], np.int64)
+    record = unpack_numbers([row.numbers for row in rows], counts.tolist())
+    classes = DatasetRepository(session).classes(dataset_id)
+    firsts = np.array([row.first_box_id for row in rows], np.int64)
+    return DatasetColumns(
+        state=state,
+        complete=int(counts.sum()) == state[1],
+        box_ids=_consecutive(firsts, counts),
+        frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
+        class_ids=record["class_id"].astype(np.int64),
+        evidence=replace(
+            to_evidence(record, list(classes), list(classes.values())),
+            channels=unpack_channels([row.channels for row in rows], counts.tolist()),
+        ),
+    )
+
+
+def _consecutive(firsts: IntArray, counts: IntArray) -> IntArray:
+    """``first, first + 1, ...`` per frame, one after the other."""
+    total = int(counts.sum())
+    starts = np.cumsum(counts) - counts
+    within: NDArray[np.int64] = np.arange(total) - np.repeat(starts, counts)
+    return np.repeat(firsts, counts) + within

@@ -1,0 +1,311 @@
+"""Rows of evidence: packed, unpacked, and counted again for other configurations.
+
+A database row per box would cost thirty inserts a frame and seconds to load a million
+of them. A frame's evidence never changes, so it is packed column-wise into one value:
+little-endian, fixed width, readable with ``numpy.frombuffer`` alone.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.measuring.queries import EvidenceRow
+from filter_core.config.measure import MeasureConfig
+from filter_core.evidence.semantic import with_accept_sets
+from filter_core.geometry.projection import BoxGeometry
+from filter_core.pipeline import MeasuredFrame
+from filter_core.types import (
+    N_TAGS,
+    ChannelNumbers,
+    Evidence,
+    NumberColumn,
+    number_columns,
+)
+
+_COUNT: Final = np.dtype([("box", "<u2"), ("tag", "u1"), ("pixels", "<u4")])
+_ABSENT: Final = (float("nan"),) * 4
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Rectangles and edges of a box that came in three dimensions."""
+
+    amodal_xyxy: tuple[float, ...] | None
+    visible_xyxy: tuple[float, ...] | None
+    edges: NDArray[np.float32]
+
+
+class RecordLayout:
+    """Columns of numbers as records of fixed width, one for each box.
+
+    Records are written in the newest layout. Those of an older one lack the columns
+    that were added since; they are recognised by their bytes per box, and what they
+    lack is read as "nothing measured".
+
+    Parameters
+    ----------
+    columns : mapping
+        What each column holds, by its name.
+    """
+
+    def __init__(self, columns: Mapping[str, NumberColumn]) -> None:
+        self.columns = columns
+        newest = max(column.since for column in columns.values())
+        self._layouts = [_record_dtype(columns, one) for one in range(1, newest + 1)]
+        self.dtype = self._layouts[-1]
+        self._nothing = np.zeros(1, self.dtype)
+        for name, column in columns.items():
+            self._nothing[name] = column.missing
+
+    def read(
+        self, packed: Sequence[bytes | None], counts: Sequence[int]
+    ) -> NDArray[np.void]:
+        """The records of many frames, one after the other, in the newest layout.
+
+        Parameters
+        ----------
+        packed : bytes of each frame
+            None: nothing was measured of its boxes.
+        counts : boxes of each frame
+
+        Raises
+        ------
+        ValueError
+            Bytes that no layout has for so many boxes.
+        """
+        size = self.dtype.itemsize
+        lengths = [-1 if one is None else len(one) for one in packed]
+        if lengths == [size * boxes for boxes in counts]:
+            return np.frombuffer(b"".join(filter(None, packed)), self.dtype)
+        return np.concatenate(
+            [self._one(one, boxes) for one, boxes in zip(packed, counts, strict=True)]
+        )
+
+    def _one(self, packed: bytes | None, boxes: int) -> NDArray[np.void]:
+        found = np.repeat(self._nothing, boxes)
+        if packed is not None:
+            record = np.frombuffer(packed, self._layout_of(len(packed), boxes))
+            for name in record.dtype.names or ():
+                found[name] = record[name]
+        return found
+
+    def _layout_of(self, length: int, boxes: int) -> np.dtype[np.void]:
+        for layout in self._layouts:
+            if length == layout.itemsize * boxes:
+                return layout
+        sizes = " or ".join(str(layout.itemsize) for layout in self._layouts)
+        raise ValueError(
+            f"expected records of {sizes} bytes for {boxes} boxes, found {length} bytes"
+        )
+
+
+def _record_dtype(
+    columns: Mapping[str, NumberColumn], layout: int
+) -> np.dtype[np.void]:
+    """The columns of a layout: the older before those that were added."""
+    had = {name: one for name, one in columns.items() if one.since <= layout}
+    return np.dtype(
+        [
+            (name, np.dtype(one.stored or one.dtype).newbyteorder("<"), one.shape)
+            for name, one in sorted(had.items(), key=lambda item: item[1].since)
+        ]
+    )
+
+
+_CLASS_ID: Final = NumberColumn("the database's id of its class", "", "i4", 0)
+
+_EVIDENCE: Final = number_columns(Evidence)
+
+
+def _geometry(found: BoxGeometry) -> list[Geometry | None]:
+    return [
+        None
+        if edges is None
+        else Geometry(
+            _row(found.amodal_xyxy[row]),
+            _row(found.visible_xyxy[row]),
+            edges.astype(np.float32),
+        )
+        for row, edges in enumerate(found.edges)
+    ]
+
+
+def _row(values: Any) -> tuple[float, ...] | None:  # noqa: ANN401  # a row of an array
+    return None if np.isnan(values[0]) else tuple(values.tolist())
+
+
+def pack_channels(numbers: ChannelNumbers | None) -> bytes | None:
+    """What the channels say; None if none was measured."""
+    if numbers is None:
+        return None
+    record = np.zeros(len(numbers), CHANNEL_NUMBERS.dtype)
+    for name in CHANNEL_NUMBERS.columns:
+        record[name] = getattr(numbers, name)
+    return record.tobytes()
+
+
+def pack_geometry(boxes: Sequence[Geometry | None]) -> bytes:
+    """Per box: number of edges (-1: not given in 3D), two rectangles, the edges."""
+    parts = []
+    for box in boxes:
+        if box is None:
+            parts.append(struct.pack("<h", -1))
+            continue
+        amodal, visible = box.amodal_xyxy or _ABSENT, box.visible_xyxy or _ABSENT
+        parts.append(struct.pack("<h8d", len(box.edges), *amodal, *visible))
+        parts.append(np.asarray(box.edges, "<f4").tobytes())
+    return b"".join(parts) if any(box is not None for box in boxes) else b""
+
+
+def pack_numbers(evidence: Evidence, class_ids: Sequence[int]) -> bytes:
+    """Pack evidence; `class_ids` are the database's ids of ``evidence.class_names``."""
+    record = np.zeros(len(evidence), NUMBERS.dtype)
+    record["class_id"] = np.asarray(class_ids, np.int32)[evidence.class_index]
+    for name, column in _EVIDENCE.items():
+        values = getattr(evidence, name)
+        record[name] = column.missing if values is None else values
+    return record.tobytes()
+
+
+def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:
+    """Only the tags that occur; most of a histogram is zeros."""
+    if counts is None:
+        return b""
+    box, tag = np.nonzero(counts)
+    record = np.zeros(len(box), _COUNT)
+    record["box"], record["tag"] = box, tag
+    record["pixels"] = counts[box, tag]
+    return record.tobytes()
+
+
+def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
+    """The columns of an evidence row."""
+    return {
+        "numbers": pack_numbers(measured.evidence, class_ids),
+        "tag_counts": pack_tag_counts(measured.evidence.tag_counts),
+        "geometry": pack_geometry(_geometry(measured.geometry)),
+        "channels": pack_channels(measured.evidence.channels),
+        "segmentation": measured.segmentation,
+        "lossy": measured.lossy,
+    }
+
+
+CHANNEL_NUMBERS: Final = RecordLayout(number_columns(ChannelNumbers))
+
+NUMBERS: Final = RecordLayout({"class_id": _CLASS_ID, **_EVIDENCE})
+
+
+def unpack_numbers(packed: Sequence[bytes], counts: Sequence[int]) -> NDArray[np.void]:
+    """The records of many frames, one after the other; `counts` are their boxes."""
+    return NUMBERS.read(packed, counts)
+
+
+def to_evidence(
+    record: NDArray[np.void],
+    class_names: Sequence[str],
+    class_ids: Sequence[int],
+    tag_counts: NDArray[np.int32] | None = None,
+) -> Evidence:
+    """Evidence whose classes are named again; without what the channels say."""
+    index_of = np.full(max(class_ids, default=0) + 1, -1, np.int32)
+    index_of[list(class_ids)] = np.arange(len(class_ids), dtype=np.int32)
+    return Evidence(
+        class_names=tuple(class_names),
+        class_index=index_of[record["class_id"]],
+        tag_counts=tag_counts,
+        **_columns(record, _EVIDENCE),
+    )
+
+
+def unpack_channels(
+    packed: Sequence[bytes | None], counts: Sequence[int]
+) -> ChannelNumbers | None:
+    """The channels' numbers of many frames; `counts` are their boxes.
+
+    None if no frame has any. A frame without is one of which nothing was measured.
+    """
+    if not any(packed):
+        return None
+    record = CHANNEL_NUMBERS.read(packed, counts)
+    return ChannelNumbers(**_columns(record, CHANNEL_NUMBERS.columns))
+
+
+def _columns(
+    record: NDArray[np.void], columns: Mapping[str, NumberColumn]
+) -> dict[str, Any]:
+    """Each column by itself, in the type that it has in memory."""
+    return {
+        name: np.ascontiguousarray(record[name], column.dtype)
+        for name, column in columns.items()
+    }
+
+
+def unpack_tag_counts(packed: bytes, boxes: int) -> NDArray[np.int32]:
+    """(boxes, N_TAGS) int32."""
+    counts = np.zeros((boxes, N_TAGS), np.int32)
+    record = np.frombuffer(packed, _COUNT)
+    counts[record["box"], record["tag"]] = record["pixels"]
+    return counts
+
+
+def unpack_geometry(packed: bytes, boxes: int) -> list[Geometry | None]:
+    """Inverse of `pack_geometry`."""
+    if not packed:
+        return [None] * boxes
+    found: list[Geometry | None] = []
+    at = 0
+    for _ in range(boxes):
+        (edges,) = struct.unpack_from("<h", packed, at)
+        at += 2
+        if edges < 0:
+            found.append(None)
+            continue
+        numbers = struct.unpack_from("<8d", packed, at)
+        at += 64
+        lines = np.frombuffer(packed, "<f4", edges * 4, at).reshape(edges, 4)
+        at += edges * 16
+        found.append(Geometry(_given(numbers[:4]), _given(numbers[4:]), lines))
+    return found
+
+
+def _given(rectangle: tuple[float, ...]) -> tuple[float, ...] | None:
+    return None if rectangle[0] != rectangle[0] else rectangle
+
+
+def recount(
+    row: EvidenceRow, classes: Mapping[str, int], config: MeasureConfig
+) -> Evidence:
+    """A frame's evidence with the accept sets of another configuration."""
+    evidence = to_evidence(
+        unpack_numbers([row.numbers], [row.box_count]),
+        list(classes),
+        list(classes.values()),
+        unpack_tag_counts(row.tag_counts, row.box_count),
+    )
+    family = (row.segmentation or {}).get("palette")
+    return with_accept_sets(evidence, config, family)
+
+
+def recounted_row(
+    row: EvidenceRow,
+    evidence: Evidence,
+    classes: Mapping[str, int],
+    measurement_id: int,
+) -> dict[str, object]:
+    """The evidence row of recounted numbers; what was seen is the same."""
+    return {
+        "frame_id": row.frame_id,
+        "measurement_id": measurement_id,
+        "numbers": pack_numbers(evidence, list(classes.values())),
+        "tag_counts": row.tag_counts,
+        "geometry": row.geometry,
+        "channels": row.channels,
+        "segmentation": row.segmentation,
+        "lossy": bool((row.segmentation or {}).get("lossy")),
+    }

@@ -1,0 +1,196 @@
+"""The bytes of one frame to numbers: what child processes do with the library.
+
+Strangers choose these bytes, and with them what reading them costs; see
+`app.engine.pixels`. A thread of the service reads only what `is_simple`.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from base64 import b64decode
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from app.engine.pixels import PixelPool
+from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
+from filter_core.annotation.frame import FrameAnnotation
+from filter_core.config.keys import CHANNELS, files_for
+from filter_core.config.measure import MeasureConfig
+from filter_core.errors import AnnotationErrors, FilterError, problem_of
+from filter_core.images.header import MAX_SIDE
+from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.images.png import SIGNATURE, read_png
+from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
+from filter_core.segmentation.reading import read_segmentation
+from filter_core.types import Mask
+
+
+def measure_files(
+    pool: PixelPool,
+    plan: MeasureConfig,
+    annotation: FrameAnnotation,
+    files: FrameFiles,
+    given_up: threading.Event | None = None,
+) -> MeasuredFrame:
+    """Decode, project and measure one frame.
+
+    In a child process that is waited for, unless what it costs is known to be little.
+
+    Raises
+    ------
+    FilterError
+        Whatever is wrong with the frame; `app.engine.pixels.PixelsRefused` if it needs
+        more time or memory than a frame may.
+    app.engine.pixels.GivenUp
+        `given_up` was set before the child was done.
+    """
+    # Only what is read there travels: not what came along, to be given back by exports.
+    needed = replace(annotation, raw={}, extra={}, weather={})
+    work = measure, plan, needed, files
+    if is_simple(plan, needed, files):
+        measured, decode_s, measure_s = pool.run_here(*work)
+    else:
+        measured, decode_s, measure_s = pool.run(*work, given_up=given_up)
+    if decode_s is not None:
+        DECODE_SECONDS.observe(decode_s)
+    MEASURE_SECONDS.observe(measure_s)
+    return replace(measured, annotation=annotation)
+
+
+MEASURED: Final = ("segmentation", "ignore_mask")
+"""The kinds of files that every measurement reads."""
+SENSORS: Final = files_for(CHANNELS)
+"""Those that channels beside the segmentation read."""
+SIMPLE_PIXELS: Final = 1 << 21
+"""A picture of 1920 x 1080 has fewer. The worst takes some tenths of a second."""
+SIMPLE_BOXES: Final = 1000
+_SECOND_KIND: Final = slice(37, 41)
+"""Where the second chunk of a PNG says what it is; the first is the header."""
+_BITS: Final = 8
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The bytes of a frame that are measured."""
+
+    segmentation: bytes | None
+    image_wh: tuple[int, int]
+    ignore_mask: bytes | None = None
+    max_side_px: int = MAX_SIDE
+    sensors: Mapping[str, bytes] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        contents: Mapping[str, bytes],
+        image_wh: tuple[int, int],
+        kinds: tuple[str, ...] = SENSORS,
+    ) -> FrameFiles:
+        """Files by their kinds; of the sensors', those that are asked for."""
+        sensors = {kind: contents[kind] for kind in kinds if kind in contents}
+        segmentation, ignore_mask = map(contents.get, MEASURED)
+        return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
+
+
+def measure(
+    config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
+) -> tuple[MeasuredFrame, float | None, float]:
+    """Decode, project and measure one frame.
+
+    Returns
+    -------
+    MeasuredFrame, and the seconds of the two halves
+        Of decoding None, if there was nothing to decode.
+
+    Raises
+    ------
+    FilterError
+        Whatever is wrong with the frame.
+    """
+    begun, decoding = time.perf_counter(), None
+    segmentation = None
+    if files.segmentation is not None:
+        segmentation = read_segmentation(
+            files.segmentation,
+            replace(config.reading, carla_version=annotation.carla_version),
+            expected_wh=files.image_wh,
+            max_side=files.max_side_px,
+        )
+        decoding = time.perf_counter() - begun
+    options = FrameOptions(
+        image_wh=files.image_wh,
+        ignore=_ignore(config, files),
+        sensors=files.sensors,
+        max_side=files.max_side_px,
+    )
+    begun = time.perf_counter()
+    measured = measure_frame(annotation, segmentation, config, options)
+    return measured, decoding, time.perf_counter() - begun
+
+
+def is_simple(
+    config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
+) -> bool:
+    """Whether measuring a frame costs little, whatever its bytes are.
+
+    True for a PNG of eight bits per channel that is not interlaced, has nothing between
+    its header and its pixels, and at most `SIMPLE_PIXELS`, with at most `SIMPLE_BOXES`
+    boxes and no other picture to be read: as CARLA and OpenCV write segmentations. Its
+    pixels are inflated to the size that the header says, and a file with more of them
+    is refused (`filter_core.images.decoding`).
+
+    Raises
+    ------
+    ImageError
+        The PNG is damaged.
+    """
+    content = files.segmentation
+    is_alone = not (config.channels or config.ignored or files.ignore_mask)
+    if content is None or not is_alone or len(annotation.boxes) > SIMPLE_BOXES:
+        return False
+    if content[:8] != SIGNATURE or content[_SECOND_KIND] != b"IDAT":
+        return False
+    png = read_png(content, whole=False)
+    is_plain = png.bit_depth == _BITS and not png.is_interlaced
+    return is_plain and png.width * png.height <= SIMPLE_PIXELS
+
+
+def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
+    sources: list[Any] = [] if files.ignore_mask is None else [files.ignore_mask]
+    if config.ignored is not None:
+        picture = config.ignored.get("png")
+        sources.append(b64decode(picture) if picture else config.ignored["polygons"])
+    if not sources:
+        return None
+    with naming(pointer="/ignore_mask"):
+        masks = [read_ignore_mask(source, files.image_wh) for source in sources]
+    joined: Mask = np.logical_or.reduce(masks)
+    return joined
+
+
+@contextmanager
+def naming(key: str = "", pointer: str = "") -> Iterator[None]:
+    """Say which frame, and which part of it, a fault raised within belongs to."""
+    try:
+        yield
+    except AnnotationErrors:
+        raise  # each of them names the frame and its own place
+    except FilterError as error:
+        text = error.detail
+        if key and not text.startswith(f"frame {key}"):
+            text = f"frame {key}: {text}"
+        raise type(error)(
+            text, pointer=error.pointer or pointer, code=error.kind
+        ) from error
+
+
+def described(error: FilterError) -> dict[str, Any]:
+    """A refusal as it is remembered: the fault, or each of several."""
+    problem = problem_of(error)
+    told = {key: value for key, value in problem.items() if key != "title"}
+    return {"code": problem["code"], **told}

@@ -1,0 +1,109 @@
+"""What a dataset and a configuration say together: how frames are measured."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.tables import Dataset, Measurement
+from app.measuring.queries import EvidenceRepository
+from app.package import FILTER_CORE_VERSION
+from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
+from filter_core.segmentation.reading import (
+    Encoding,
+    Lossy,
+    OrderOfChannels,
+    SegmentationOptions,
+)
+
+
+@dataclass(frozen=True)
+class DatasetReading:
+    """What a dataset says about its segmentations."""
+
+    name: str
+    palette: str = "auto"
+    encoding: Encoding = "auto"
+    channel_order: OrderOfChannels = "auto"
+    lossy_segmentation: Lossy = "refuse"
+    ignore_mask: Any | None = None
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> DatasetReading:
+        """As the dataset says now."""
+        return cls(**{spec.name: getattr(dataset, spec.name) for spec in fields(cls)})
+
+    def as_columns(self) -> dict[str, Any]:
+        """Everything but the name, as columns of the dataset's row."""
+        columns = asdict(self)
+        del columns["name"]
+        return columns
+
+
+def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
+    """What the dataset and the configuration say together; they must agree."""
+    return config.measuring(
+        SegmentationOptions.named_by(dataset),
+        dataset_name=f"dataset {dataset.name!r}",
+        ignored=dataset.ignore_mask,
+    )
+
+
+def plan_of(measurement: Measurement, config: FilterConfig) -> MeasureConfig:
+    """What a measurement was made by."""
+    return config.measuring().as_measured(measurement.options)
+
+
+def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> bool:
+    """Whether the numbers of this plan have to be read from images."""
+    active = active_measurement(session, dataset)
+    if plan.is_covered_by(active.options):
+        return False
+    return plan.pixel_digest != active.pixel_digest
+
+
+def active_measurement(session: Session, dataset: Dataset) -> Measurement:
+    """The measurement whose numbers are current."""
+    if dataset.active_measurement_id is None:
+        raise RuntimeError(f"dataset {dataset.name!r} has no measurement")
+    return EvidenceRepository(session).measurement_with_id(
+        dataset.active_measurement_id
+    )
+
+
+def _measurement_for(
+    session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasureConfig
+) -> Measurement:
+    """The active measurement, if it has all that is needed and perhaps more."""
+    active = active_measurement(session, dataset)
+    same_settings = active.options["dataset"] == reading.as_columns()
+    if same_settings and plan.is_covered_by(active.options):
+        return active
+    return measurement_of(session, dataset.id, reading, plan)
+
+
+def measurement_of(
+    session: Session, dataset_id: int, reading: DatasetReading, plan: MeasureConfig
+) -> Measurement:
+    """The row that names a plan, made when it is first used."""
+    evidence = EvidenceRepository(session)
+    known = evidence.measurement(dataset_id, plan.digest)
+    if known is not None:
+        return known
+    options = {
+        **plan.as_dict(),
+        "sources": dict(plan.reading.sources),
+        "dataset": reading.as_columns(),
+    }
+    return evidence.add_measurement(
+        Measurement(
+            dataset_id=dataset_id,
+            digest=plan.digest,
+            pixel_digest=plan.pixel_digest,
+            options=options,
+            filter_core_version=FILTER_CORE_VERSION,
+        )
+    )

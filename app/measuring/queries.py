@@ -1,0 +1,626 @@
+"""SQL of datasets, classes, configurations, measurements and evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+from sqlalchemy import (
+    ColumnElement,
+    Engine,
+    and_,
+    bindparam,
+    delete,
+    exists,
+    func,
+    select,
+    update,
+)
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.bulk import NewestPage, chunks, first_row, insert_rows, newest, run
+from app.db.engine import once_committed
+from app.db.tables import (
+    ConfigVersion,
+    Dataset,
+    DatasetClass,
+    Export,
+    Frame,
+    FrameEvidence,
+    Measurement,
+    Problem,
+    Run,
+    Tally,
+)
+from app.errors import Conflict, NotFound, Unprocessable
+from app.measuring.pixels import described
+from app.metrics import REFUSED
+from filter_core.errors import FilterError
+
+
+class ActiveRow(NamedTuple):
+    """The active configuration, run and measurement of a dataset."""
+
+    dataset_id: int
+    config_id: int
+    run_id: int
+    measurement_id: int
+    config_digest: str
+    measurement_digest: str
+    classes_are_frozen: bool
+
+
+class KeyRow(NamedTuple):
+    """What is known under a frame's key: `frame_id` is None if there is no frame."""
+
+    frame_id: int | None
+    content_digest: str | None
+    has_problem: bool
+
+
+# Built once: putting a statement together costs more than running it.
+_ACTIVE: Final = (
+    select(
+        Dataset.id,
+        Dataset.active_config_id,
+        Dataset.active_run_id,
+        Dataset.active_measurement_id,
+        ConfigVersion.digest,
+        Measurement.digest,
+        Dataset.classes_frozen_at.is_not(None),
+    )
+    .join(ConfigVersion, ConfigVersion.id == Dataset.active_config_id)
+    .join(Measurement, Measurement.id == Dataset.active_measurement_id)
+    .where(Dataset.name == bindparam("name"), Dataset.removed_at.is_(None))
+)
+_ACTIVE_AND_KEY: Final = _ACTIVE.add_columns(
+    Frame.id,
+    Frame.content_digest,
+    exists().where(Problem.dataset_id == Dataset.id, Problem.key == bindparam("key")),
+).outerjoin(
+    Frame,
+    and_(
+        Frame.dataset_id == Dataset.id,
+        Frame.key == bindparam("key"),
+        Frame.superseded_at.is_(None),
+    ),
+)
+_WIDTH: Final = len(ActiveRow._fields)
+
+
+def key_rows(
+    session: Session, dataset_id: int, keys: Collection[str]
+) -> dict[str, KeyRow]:
+    """What a dataset has under each of these keys."""
+    frames = select(Frame.key, Frame.id, Frame.content_digest).where(
+        Frame.dataset_id == dataset_id,
+        Frame.key.in_(keys),
+        Frame.superseded_at.is_(None),
+    )
+    refused = select(Problem.key).where(
+        Problem.dataset_id == dataset_id, Problem.key.in_(keys)
+    )
+    found = {row.key: (row.id, row.content_digest) for row in session.execute(frames)}
+    problems = set(session.scalars(refused))
+    absent = (None, None)
+    return {key: KeyRow(*found.get(key, absent), key in problems) for key in keys}
+
+
+def active_row(session: Session, name: str) -> ActiveRow:
+    """By the dataset's name; NotFound."""
+    found = run(session, _ACTIVE, name=name).first()
+    if found is None:
+        raise NotFound("dataset", name)
+    return ActiveRow._make(found)
+
+
+def active_row_and_key(
+    session: Session, name: str, key: str
+) -> tuple[ActiveRow, KeyRow]:
+    """By the dataset's name, and what it has under a frame's key; NotFound."""
+    found = run(session, _ACTIVE_AND_KEY, name=name, key=key).first()
+    return _active_and_key(found, name)
+
+
+def glance(engine: Engine, name: str, key: str) -> tuple[ActiveRow, KeyRow]:
+    """The same as it is now, for those who will look again."""
+    return _active_and_key(first_row(engine, _ACTIVE_AND_KEY, name=name, key=key), name)
+
+
+def _active_and_key(found: Sequence[Any] | None, name: str) -> tuple[ActiveRow, KeyRow]:
+    if found is None:
+        raise NotFound("dataset", name)
+    return ActiveRow._make(found[:_WIDTH]), KeyRow._make(found[_WIDTH:])
+
+
+_CLASSES: Final = (
+    select(DatasetClass.name, DatasetClass.id)
+    .where(DatasetClass.dataset_id == bindparam("dataset"))
+    .order_by(DatasetClass.position)
+)
+
+
+def is_there() -> ColumnElement[bool]:
+    """That a dataset was not deleted."""
+    return Dataset.removed_at.is_(None)
+
+
+def is_deleted(session: Session, dataset_id: int) -> bool:
+    """Whether what belongs to a dataset is not to be seen any more."""
+    found = session.get(Dataset, dataset_id)
+    return found is None or found.removed_at is not None
+
+
+class DatasetRepository:
+    """Rows of `datasets` and `dataset_classes`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def named(self, name: str) -> Dataset:
+        """The dataset; NotFound if there is none of this name."""
+        rows = select(Dataset).where(Dataset.name == name, is_there())
+        found = self._session.scalar(rows)
+        if found is None:
+            raise NotFound("dataset", name)
+        return found
+
+    def with_id(self, dataset_id: int) -> Dataset:
+        """The dataset that another row refers to; NotFound if it was deleted."""
+        found = self._session.get(Dataset, dataset_id)
+        if found is None or found.removed_at is not None:
+            raise NotFound("dataset", dataset_id)
+        return found
+
+    def page(self, *, after: str, limit: int) -> list[Dataset]:
+        """The next datasets by name."""
+        rows = (
+            select(Dataset)
+            .where(Dataset.name > after, is_there())
+            .order_by(Dataset.name)
+            .limit(limit)
+        )
+        return list(self._session.scalars(rows))
+
+    def add(self, dataset: Dataset, classes: Sequence[str]) -> Dataset:
+        """Insert; Conflict if the name is taken."""
+        self._session.add(dataset)
+        try:
+            self._session.flush()
+        except IntegrityError as error:
+            raise Conflict(
+                f"a dataset {dataset.name!r} exists already", code="dataset_exists"
+            ) from error
+        self._append_classes(dataset.id, classes, start=0)
+        return dataset
+
+    def classes(self, dataset_id: int) -> dict[str, int]:
+        """Class names in their frozen order, with their ids."""
+        rows: Any = run(self._session, _CLASSES, dataset=dataset_id)
+        return dict(rows.all())
+
+    def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
+        """Ids of these classes; unknown ones are appended unless classes are frozen."""
+        known = self.classes(dataset.id)
+        missing = [name for name in dict.fromkeys(names) if name not in known]
+        if not missing:
+            return known
+        if dataset.classes_frozen_at is not None:
+            raise Unprocessable(
+                f"the classes of dataset {dataset.name!r} are frozen by an export; "
+                f"expected one of {', '.join(known)}, found {missing[0]!r}",
+                code="unknown_class",
+            )
+        self._append_classes(dataset.id, missing, start=len(known))
+        return self.classes(dataset.id)
+
+    def change(self, dataset: Dataset, values: Mapping[str, Any]) -> None:
+        """Set columns."""
+        for name, value in values.items():
+            setattr(dataset, name, value)
+        self._session.flush()
+
+    def freeze_classes(self, dataset_id: int) -> None:
+        """From the first export on, an index means the same class for ever."""
+        self._session.execute(
+            update(Dataset)
+            .where(Dataset.id == dataset_id, Dataset.classes_frozen_at.is_(None))
+            .values(classes_frozen_at=utc_now())
+        )
+
+    def hide(self, dataset: Dataset) -> None:
+        """Delete: from now on nobody sees it, and its name is free.
+
+        What belongs to it goes later, see `RemovalRepository`; jobs and tallies, which
+        are counted over all datasets, go now.
+        """
+        for table in (Run, Export):
+            self._session.execute(
+                update(table)
+                .where(
+                    table.dataset_id == dataset.id,
+                    table.state.in_(("queued", "running")),
+                )
+                .values(state="cancelled", finished_at=utc_now())
+            )
+        self._session.execute(delete(Tally).where(Tally.dataset_id == dataset.id))
+        # No dataset can be given such a name.
+        values = {"name": f"/{dataset.id}", "removed_at": utc_now()}
+        self._session.execute(
+            update(Dataset).where(Dataset.id == dataset.id).values(values)
+        )
+
+    def count(self) -> int:
+        """How many datasets there are."""
+        rows = select(func.count()).select_from(Dataset).where(is_there())
+        return self._session.scalar(rows) or 0
+
+    def _append_classes(
+        self, dataset_id: int, names: Sequence[str], *, start: int
+    ) -> None:
+        self._session.add_all(
+            DatasetClass(dataset_id=dataset_id, position=position, name=name)
+            for position, name in enumerate(names, start)
+        )
+        self._session.flush()
+
+
+class EvidenceRow(NamedTuple):
+    """The packed numbers of one frame; see `app.measuring.evidence`."""
+
+    frame_id: int
+    first_box_id: int
+    box_count: int
+    numbers: bytes
+    tag_counts: bytes
+    geometry: bytes
+    segmentation: Mapping[str, Any] | None
+    channels: bytes | None
+
+
+class NumbersRow(NamedTuple):
+    """What a decision needs of one frame."""
+
+    frame_id: int
+    first_box_id: int
+    box_count: int
+    numbers: bytes
+    channels: bytes | None
+
+
+class EvidenceRepository:
+    """Rows of `evidence` and `measurements`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def measurement(self, dataset_id: int, digest: str) -> Measurement | None:
+        """The measurement of a dataset with these options."""
+        return self._session.scalar(
+            select(Measurement).where(
+                Measurement.dataset_id == dataset_id, Measurement.digest == digest
+            )
+        )
+
+    def measurement_with_id(self, measurement_id: int) -> Measurement:
+        """A measurement that another row refers to."""
+        found = self._session.get(Measurement, measurement_id)
+        if found is None:
+            raise NotFound("measurement", measurement_id)
+        return found
+
+    def add_measurement(self, measurement: Measurement) -> Measurement:
+        """Insert, or the one that someone else has just inserted."""
+        self._session.add(measurement)
+        try:
+            with self._session.begin_nested():
+                self._session.flush()
+        except IntegrityError:
+            found = self.measurement(measurement.dataset_id, measurement.digest)
+            if found is None:
+                raise
+            return found
+        return measurement
+
+    def add(self, rows: list[dict[str, Any]]) -> None:
+        """Insert evidence of frames."""
+        insert_rows(self._session, FrameEvidence, rows)
+
+    def of_frames(
+        self, frame_ids: Iterable[int], measurement_id: int
+    ) -> dict[int, EvidenceRow]:
+        """Evidence by frame."""
+        found: dict[int, EvidenceRow] = {}
+        for chunk in chunks(dict.fromkeys(frame_ids)):
+            found |= self._of_frames(chunk, measurement_id)
+        return found
+
+    def _of_frames(
+        self, frame_ids: list[int], measurement_id: int
+    ) -> dict[int, EvidenceRow]:
+        rows = (
+            select(
+                FrameEvidence.frame_id,
+                Frame.first_box_id,
+                Frame.box_count,
+                FrameEvidence.numbers,
+                FrameEvidence.tag_counts,
+                FrameEvidence.geometry,
+                FrameEvidence.segmentation,
+                FrameEvidence.channels,
+            )
+            .join(Frame, Frame.id == FrameEvidence.frame_id)
+            .where(
+                FrameEvidence.frame_id.in_(frame_ids),
+                FrameEvidence.measurement_id == measurement_id,
+            )
+        )
+        return {row[0]: EvidenceRow(*row) for row in self._session.execute(rows)}
+
+    def reports(
+        self, frame_ids: Iterable[int], measurement_id: int
+    ) -> dict[int, Mapping[str, Any] | None]:
+        """What was recognised in the segmentations of frames."""
+        rows = select(FrameEvidence.frame_id, FrameEvidence.segmentation).where(
+            FrameEvidence.frame_id.in_(list(frame_ids)),
+            FrameEvidence.measurement_id == measurement_id,
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
+
+    def lossy_boxes(self, measurement_id: int) -> int:
+        """How many current boxes rest on a lossy segmentation."""
+        rows = (
+            select(func.coalesce(func.sum(Frame.box_count), 0))
+            .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
+            .where(
+                FrameEvidence.measurement_id == measurement_id,
+                FrameEvidence.lossy.is_(True),
+                Frame.superseded_at.is_(None),
+            )
+        )
+        return int(self._session.scalar(rows) or 0)
+
+    def numbers(
+        self,
+        dataset_id: int,
+        measurement_id: int,
+        *,
+        frames: tuple[int, int] | None = None,
+    ) -> list[NumbersRow]:
+        """The numbers of all current frames, in the order of their ids.
+
+        `frames` are the first and the last id, if others are left out.
+        """
+        rows = (
+            select(
+                Frame.id,
+                Frame.first_box_id,
+                Frame.box_count,
+                FrameEvidence.numbers,
+                FrameEvidence.channels,
+            )
+            .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                FrameEvidence.measurement_id == measurement_id,
+            )
+            .order_by(Frame.id)
+        )
+        if frames is not None:
+            rows = rows.where(Frame.id.between(*frames))
+        return [NumbersRow(*row) for row in self._session.execute(rows)]
+
+    def unmeasured_frames(
+        self,
+        dataset_id: int,
+        measurement_id: int,
+        *,
+        after: int = 0,
+        until: int | None = None,
+        limit: int | None = None,
+    ) -> list[int]:
+        """Current frames that this measurement does not cover yet, by their ids."""
+        rows = (
+            select(Frame.id)
+            .where(*_unmeasured(dataset_id, measurement_id), Frame.id > after)
+            .order_by(Frame.id)
+            .limit(limit)
+        )
+        if until is not None:
+            rows = rows.where(Frame.id <= until)
+        return list(self._session.scalars(rows))
+
+    def lacking(self, frame_ids: Iterable[int], measurement_id: int) -> set[int]:
+        """Those of these frames that are there and that it does not cover yet.
+
+        Only one transaction writes at a time: what is found holds until the commit.
+        """
+        found: set[int] = set()
+        for chunk in chunks(frame_ids):
+            rows = select(Frame.id).where(
+                Frame.id.in_(chunk), ~_covered(measurement_id)
+            )
+            found.update(self._session.scalars(rows))
+        return found
+
+    def count_unmeasured(self, dataset_id: int, measurement_id: int) -> int:
+        """How many frames `unmeasured_frames` would find."""
+        rows = (
+            select(func.count())
+            .select_from(Frame)
+            .where(*_unmeasured(dataset_id, measurement_id))
+        )
+        return self._session.scalar(rows) or 0
+
+
+def _unmeasured(dataset_id: int, measurement_id: int) -> list[ColumnElement[bool]]:
+    covered = _covered(measurement_id)
+    return [Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None), ~covered]
+
+
+def _covered(measurement_id: int) -> ColumnElement[bool]:
+    return (
+        select(FrameEvidence.frame_id)
+        .where(
+            FrameEvidence.frame_id == Frame.id,
+            FrameEvidence.measurement_id == measurement_id,
+        )
+        .exists()
+    )
+
+
+_FRAMES: Final = 20_000
+"""Frames that are looked at together, and the most of a range."""
+
+
+def frame_ranges(
+    session: Session, dataset_id: int, *, boxes: int
+) -> Iterator[tuple[int, int]]:
+    """First and last id of each range; together they are all current frames."""
+    after = 0
+    while rows := _page(session, dataset_id, after):
+        held, last = 0, rows[0][0]
+        for frame_id, count in rows:
+            if held and held + count > boxes:
+                break
+            held, last = held + count, frame_id
+        yield rows[0][0], last
+        after = last
+
+
+def _page(session: Session, dataset_id: int, after: int) -> list[tuple[int, int]]:
+    rows = (
+        select(Frame.id, Frame.box_count)
+        .where(
+            Frame.dataset_id == dataset_id,
+            Frame.superseded_at.is_(None),
+            Frame.id > after,
+        )
+        .order_by(Frame.id)
+        .limit(_FRAMES)
+    )
+    return [(row[0], row[1]) for row in session.execute(rows)]
+
+
+def frames_state(session: Session, dataset_id: int) -> tuple[int, int]:
+    """Changes whenever boxes come or go: ids only grow, and are never reused.
+
+    Read from the tallies: counting the frames of a large dataset would take longer
+    than deciding them.
+    """
+    newest = (
+        select(Frame.id)
+        .where(only_in(dataset_id))
+        .order_by(Frame.dataset_id.desc(), Frame.id.desc())
+        .limit(1)
+    )
+    boxes = select(func.sum(Tally.boxes)).where(Tally.dataset_id == dataset_id)
+    return session.scalar(newest) or 0, session.scalar(boxes) or 0
+
+
+def only_in(dataset_id: int) -> ColumnElement[bool]:
+    """A dataset as a range of one, for what is in the order of dataset and then id.
+
+    Told the dataset itself, PostgreSQL sees that only the id makes the order, and may
+    go through the frames of all datasets by their ids.
+    """
+    return Frame.dataset_id.between(dataset_id, dataset_id)
+
+
+_FORGET_PROBLEMS: Final = delete(Problem).where(
+    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
+)
+
+
+class ConfigRepository:
+    """Rows of `config_versions`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
+        """A dataset's version with this digest."""
+        return self._session.scalar(
+            select(ConfigVersion).where(
+                ConfigVersion.dataset_id == dataset_id, ConfigVersion.digest == digest
+            )
+        )
+
+    def with_id(self, config_id: int) -> ConfigVersion:
+        """A version that another row refers to."""
+        found = self._session.get(ConfigVersion, config_id)
+        if found is None:
+            raise NotFound("config", config_id)
+        return found
+
+    def with_digest(self, digest: str) -> ConfigVersion:
+        """Any dataset's version with this digest; they are equal."""
+        rows = (
+            select(ConfigVersion)
+            .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
+            .where(ConfigVersion.digest == digest, is_there())
+        )
+        found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
+        if found is None:
+            raise NotFound("config", digest)
+        return found
+
+    def add(self, version: ConfigVersion) -> ConfigVersion:
+        """Insert."""
+        self._session.add(version)
+        self._session.flush()
+        return version
+
+    def page(self, dataset_id: int, page: NewestPage) -> list[ConfigVersion]:
+        """Versions, newest first."""
+        return newest(self._session, ConfigVersion, dataset_id, page)
+
+    def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
+        """Digests by id."""
+        rows = select(ConfigVersion.id, ConfigVersion.digest).where(
+            ConfigVersion.id.in_(set(config_ids))
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
+
+
+class ProblemRepository:
+    """Rows of `problems`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def forget(self, dataset_id: int, key: str) -> None:
+        """The frame came in after all."""
+        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
+
+    def add(self, problem: Problem) -> None:
+        """Insert."""
+        self._session.add(problem)
+        self._session.flush()
+        once_committed(self._session, partial(REFUSED.add, 1))
+
+    def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
+        """Problems, newest first."""
+        return newest(self._session, Problem, dataset_id, page)
+
+    def count(self, dataset_id: int) -> int:
+        """How many frames of a dataset were refused and have not come since."""
+        rows = (
+            select(func.count())
+            .select_from(Problem)
+            .where(Problem.dataset_id == dataset_id)
+        )
+        return self._session.scalar(rows) or 0
+
+
+def note_problem(
+    session: Session, dataset_id: int, key: str, error: FilterError
+) -> None:
+    """Remember a refusal, so that nobody has to search for a missing frame."""
+    problems = ProblemRepository(session)
+    problems.forget(dataset_id, key)
+    problems.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))

@@ -1,0 +1,70 @@
+"""Routes of quality: people beside the filter, and kinds of evidence compared."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Query, Response
+
+from app.http.deps import (
+    AppServices,
+    CurrentPrincipal,
+    DatasetName,
+    ReadSession,
+    WriteSession,
+)
+from app.http.pages import accepted
+from app.http.routing import ApiRouter
+from app.measuring.queries import DatasetRepository
+from app.quality.service import evaluation, quality, request_evaluation
+from app.services.run_states import described_run
+from app.services.runs import start_after
+from filter_core.evaluation.thresholds import Goal
+from unghost.wire.quality import Evaluation, EvaluationQuery, Quality, QualityQuery
+from unghost.wire.runs import Run
+
+evaluations_router = ApiRouter(prefix="/api/v1", tag="evaluations")
+
+
+@evaluations_router.post(
+    "/datasets/{dataset}/evaluations", status_code=202, response_model=Run
+)
+def create_evaluation(
+    dataset: DatasetName,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Measure every channel that the frames' files allow; verdicts stay as they are."""
+    found = DatasetRepository(session).named(dataset)
+    run = request_evaluation(services, session, found, principal.name)
+    start_after(services, session)
+    return accepted(described_run(services, session, run))
+
+
+@evaluations_router.get("/datasets/{dataset}/evaluations")
+def get_evaluation(
+    dataset: DatasetName,
+    session: ReadSession,
+    services: AppServices,
+    query: Annotated[EvaluationQuery, Query()],
+) -> Evaluation:
+    """Precision, recall and F1 of every measured channel, from the numbers at hand."""
+    found = DatasetRepository(session).named(dataset)
+    return evaluation(services, session, found, query.truth)
+
+
+router = ApiRouter(prefix="/api/v1", tag="quality")
+
+
+@router.get("/datasets/{dataset}/quality")
+def get_quality(
+    dataset: DatasetName,
+    session: ReadSession,
+    services: AppServices,
+    query: Annotated[QualityQuery, Query()],
+) -> Quality:
+    """The filter against people or instances, agreement, suggested thresholds."""
+    found = DatasetRepository(session).named(dataset)
+    asked = (query.truth, Goal(query.target, query.recall))
+    return quality(services, session, found, asked)

@@ -1,0 +1,296 @@
+"""How well the filter, the people and the kinds of evidence agree with the truth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.boxes.counts import count
+from app.boxes.current import TallyRepository
+from app.context import ServiceContext
+from app.db.tables import Dataset, Run
+from app.measuring.active import active_version, config_of
+from app.measuring.columns import ColumnCache, DatasetColumns
+from app.measuring.plan import active_measurement
+from app.measuring.queries import DatasetRepository
+from app.quality.queries import AnsweredBox, AnswerRepository
+from app.services.run_requests import RunRequest, coming_settings, request_run
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import CHANNELS, SEMANTIC
+from filter_core.evaluation import comparison
+from filter_core.evaluation.agreement import agreement
+from filter_core.evaluation.comparison import truth_from_instances
+from filter_core.evaluation.scores import BANDS, Measured, band_index
+from filter_core.evaluation.thresholds import (
+    Goal,
+    Judged,
+    is_by_threshold,
+    suggest_per_class,
+)
+from filter_core.types import VERDICT_OF_REASON, BoolArray, IntArray, Verdict
+from unghost.wire.quality import (
+    Agreement,
+    Band,
+    Confusion,
+    Evaluation,
+    Pair,
+    Quality,
+    Reviewer,
+    Suggestion,
+)
+from unghost.wire.words import Truth
+
+_KEEP: Final = "keep"
+
+
+def request_evaluation(
+    context: ServiceContext, session: Session, dataset: Dataset, author: str
+) -> Run:
+    """Queue a run that measures every channel that the frames' files allow.
+
+    Verdicts stay as they are: the configuration is the active one. From then on new
+    frames are measured under every channel, too.
+    """
+    _, config = coming_settings(session, dataset)
+    wanted = RunRequest(config, author, activate=True, channels=CHANNELS)
+    return request_run(context, session, dataset, wanted)
+
+
+def evaluation(
+    context: ServiceContext, session: Session, dataset: Dataset, truth: Truth
+) -> Evaluation:
+    """What each measured channel gets right, by the numbers at hand."""
+    measurement = active_measurement(session, dataset)
+    stored = measurement.options.get("channels") or {}
+    channels = tuple(name for name in CHANNELS if name in stored.get("names", ()))
+    compared = comparison.Evaluation(
+        config_of(active_version(session, dataset)), (SEMANTIC, *channels)
+    )
+    truth_of = (
+        _truth_by_people(session, dataset) if truth == "people" else _truth_by_instances
+    )
+    cache = context.one(ColumnCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
+        _compare(compared, numbers, *truth_of(numbers))
+    missing = [name for name in CHANNELS if name not in channels]
+    return Evaluation.model_validate(
+        {"truth": truth, "not_measured": missing, **compared.as_dict()}
+    )
+
+
+def _compare(
+    compared: comparison.Evaluation,
+    numbers: DatasetColumns,
+    rows: IntArray,
+    visible: BoolArray,
+) -> None:
+    frames = numbers.frame_ids[rows]
+
+    def name_of(row: int) -> dict[str, int]:
+        return {
+            "box_id": int(numbers.box_ids[rows[row]]),
+            "frame_id": int(frames[row]),
+        }
+
+    evidence = numbers.evidence.take(rows)
+    compared.add(evidence, visible, len(np.unique(frames)), name_of)
+
+
+def _truth_by_instances(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
+    return truth_from_instances(numbers.evidence)
+
+
+def _truth_by_people(
+    session: Session, dataset: Dataset
+) -> Callable[[DatasetColumns], tuple[IntArray, BoolArray]]:
+    """Finds the boxes whose latest answer is keep or reject, and what it is."""
+    answered = AnswerRepository(session).decided(dataset.id)
+    box_ids = np.array([box.box_id for box in answered], np.int64)
+    keep = np.array([box.review == _KEEP for box in answered], np.bool_)
+
+    def truth_of(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
+        rows = np.searchsorted(numbers.box_ids, box_ids)
+        # Of another part, or of a frame that came after the numbers were read.
+        known = rows < len(numbers)
+        known[known] = numbers.box_ids[rows[known]] == box_ids[known]
+        return rows[known].astype(np.int64), keep[known]
+
+    return truth_of
+
+
+KEPT, UNMEASURED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.UNMEASURED))
+
+
+def quality(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    asked: tuple[Truth, Goal],
+) -> Quality:
+    """Everything that the truth says about the filter, and people about each other."""
+    truth, goal = asked
+    config = config_of(active_version(session, dataset))
+    if truth == "people":
+        boxes = AnswerRepository(session).decided(dataset.id)
+        total, judged = len(boxes), _by_people(boxes)
+        classes = DatasetRepository(session).classes(dataset.id)
+    else:
+        total, judged = _by_instances(context, session, dataset, config)
+        names = DatasetRepository(session).classes(dataset.id)
+        classes = {name: index for index, name in enumerate(names)}
+    counts = count(TallyRepository(session).of_dataset(dataset.id))
+    panel = Panel.of(session, dataset.id)
+    return Quality(
+        truth=truth,
+        reviewed=counts.reviewed,
+        unsure=counts.unsure,
+        unmeasured=total - len(judged),
+        confusion=Confusion(**_counted(judged)),
+        by_class=_by_class(judged, classes),
+        by_distance=_by_distance(judged),
+        reviewers=panel.reviewers(),
+        agreement=panel.agreement(),
+        suggested=tuple(
+            Suggestion.model_validate(one.as_dict())
+            for one in suggest_per_class(judged, classes, config, goal)
+        ),
+    )
+
+
+def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
+    """Without boxes that the filter had nothing to measure with."""
+    columns = list(zip(*boxes, strict=True)) or [()] * len(AnsweredBox._fields)
+    _, class_id, reason, large, match, distance, review = columns
+    reasons = np.array(reason, np.int64)
+    verdict = VERDICT_OF_REASON[reasons]
+    return Judged(
+        np.array(class_id, np.int64),
+        np.array(distance, np.float64),
+        np.array(match, np.float64),
+        is_by_threshold(reasons, np.array(large, np.bool_)),
+        verdict == KEPT,
+        np.array(review, object) == "keep",
+    ).where(verdict != UNMEASURED)
+
+
+def _by_instances(
+    context: ServiceContext, session: Session, dataset: Dataset, config: FilterConfig
+) -> tuple[int, Judged]:
+    """How many boxes have a truth, and those that can be judged."""
+    measurement = active_measurement(session, dataset)
+    total, judged = 0, []
+    cache = context.one(ColumnCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
+        rows, visible = truth_from_instances(numbers.evidence)
+        total += len(rows)
+        judged.append(Judged.of(numbers.evidence.take(rows), config, visible))
+    return total, Judged.joined(judged)
+
+
+def _counted(judged: Judged) -> dict[str, Any]:
+    """Counts under the names that they have where the truth is an answer."""
+    scores = judged.confusion.as_dict()
+    return {
+        "kept_keep": scores["kept_visible"],
+        "kept_reject": scores["kept_hidden"],
+        "rejected_keep": scores["rejected_visible"],
+        "rejected_reject": scores["rejected_hidden"],
+        **{name: scores[name] for name in ("precision", "recall", "f1")},
+    }
+
+
+def _by_class(judged: Judged, classes: Mapping[str, int]) -> dict[str, Confusion]:
+    rows = {name: judged.class_key == key for name, key in classes.items()}
+    return {
+        name: Confusion(**_counted(judged.where(mine)))
+        for name, mine in rows.items()
+        if mine.any()
+    }
+
+
+def _by_distance(judged: Judged) -> tuple[Band, ...]:
+    index = band_index(judged.distance)
+    return tuple(
+        Band(band=name, **_counted(judged.where(index == place)))
+        for place, name in enumerate(BANDS)
+    )
+
+
+@dataclass(frozen=True)
+class Panel:
+    """The latest answer of each reviewer on each box; what was cleared is none."""
+
+    latest: dict[tuple[int, str], str]
+
+    @classmethod
+    def of(cls, session: Session, dataset_id: int) -> Panel:
+        """Of a dataset, as its answers stand.
+
+        Taking a batch back says again what others had said before: no answer of one's
+        own, and neither is what was taken back.
+        """
+        answers = AnswerRepository(session)
+        ignored = answers.taken_back(dataset_id)
+        latest = {
+            (said.box_id, said.reviewer): said.verdict
+            for said in answers.said(dataset_id)
+            if said.batch_id not in ignored
+        }
+        return cls({key: said for key, said in latest.items() if said != "clear"})
+
+    def reviewers(self) -> tuple[Reviewer, ...]:
+        """How many boxes each of them answered, and how; the busiest first."""
+        counts = Counter((who, said) for (_, who), said in self.latest.items())
+        totals = Counter(who for _, who in self.latest)
+        return tuple(
+            Reviewer(
+                name=who,
+                answers=total,
+                keep=counts[who, "keep"],
+                reject=counts[who, "reject"],
+                unsure=counts[who, "unsure"],
+            )
+            for who, total in sorted(totals.items(), key=lambda one: (-one[1], one[0]))
+        )
+
+    def agreement(self) -> Agreement:
+        """How far those agree who decided the same boxes."""
+        decided = [
+            (box, who, said == "keep")
+            for (box, who), said in self.latest.items()
+            if said != "unsure"
+        ]
+        names = sorted({who for _, who, _ in decided})
+        place = {name: index for index, name in enumerate(names)}
+        found = agreement(
+            np.array([box for box, _, _ in decided], np.int64),
+            np.array([place[who] for _, who, _ in decided], np.int64),
+            np.array([keep for _, _, keep in decided], np.bool_),
+        )
+        kappa = found.kappa
+        return Agreement(
+            boxes=found.boxes,
+            agreed=found.agreed,
+            percent=100 * found.agreed / found.boxes if found.boxes else None,
+            kappa=_value(kappa),
+            interval=(kappa.low, kappa.high) if kappa else None,
+            pairs=tuple(
+                Pair(
+                    a=names[pair.a],
+                    b=names[pair.b],
+                    boxes=pair.boxes,
+                    agreed=pair.agreed,
+                    kappa=_value(pair.kappa),
+                )
+                for pair in found.pairs
+            ),
+        )
+
+
+def _value(kappa: Measured | None) -> float | None:
+    return kappa.value if kappa else None

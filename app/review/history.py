@@ -1,0 +1,130 @@
+"""What happened to a box: decisions of runs and answers of people, newest first.
+
+Only changes are stored. Any earlier verdict is decided again: the numbers of a
+measurement and the version of a configuration never change, and deciding is pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from app.boxes.queries import FrameRepository
+from app.db.tables import Box, Frame, Review, Run
+from app.measuring.active import config_of
+from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
+from app.measuring.queries import (
+    ConfigRepository,
+    DatasetRepository,
+    EvidenceRepository,
+    EvidenceRow,
+)
+from app.repositories.runs import RunRepository
+from app.review.queries import ReviewRepository
+from filter_core.decisions.rules import decide
+from filter_core.types import Evidence, Reason
+from unghost.wire.boxes import HistoryEntry
+
+
+def history(session: Session, box_id: int) -> list[HistoryEntry]:
+    """Everything that was said of a box, newest first.
+
+    In the order in which it was stored, whatever a clock said: answers by their
+    revisions, runs by their numbers, and a run after the answers that it found.
+    """
+    box = FrameRepository(session).box(box_id)
+    frame = FrameRepository(session).with_id(box.frame_id)
+    reviews = ReviewRepository(session).of_box(box_id)
+    entries = [_first_decision(session, box, frame)]
+    told = 0
+    for run in RunRepository(session).that_flipped(frame.dataset_id, box_id):
+        found = max(told, _answers_before(run, reviews))
+        entries += [_answer(review) for review in reviews[told:found]]
+        told = found
+        at = run.finished_at or run.created_at
+        by = (run.id, run.config_id)
+        entry = _decision(session, box, frame, by, at, activated=run.activate)
+        entries.append(entry)
+    entries += [_answer(review) for review in reviews[told:]]
+    return entries[::-1]
+
+
+def _answers_before(run: Run, reviews: Sequence[Review]) -> int:
+    """How many of a box's answers there were when a run was done."""
+    if run.last_review_id is not None:
+        last = run.last_review_id
+        return sum(review.id <= last for review in reviews)
+    # Of a run that an earlier version carried out there is only the time.
+    at = run.finished_at or run.created_at
+    return sum(review.created_at <= at for review in reviews)
+
+
+def _first_decision(session: Session, box: Box, frame: Frame) -> HistoryEntry:
+    return _decision(
+        session, box, frame, (frame.run_id, frame.config_id), frame.created_at
+    )
+
+
+def _decision(
+    session: Session,
+    box: Box,
+    frame: Frame,
+    by: tuple[int, int],
+    at: datetime,
+    **more: bool,
+) -> HistoryEntry:
+    run_id, config_id = by
+    version = ConfigRepository(session).with_id(config_id)
+    run = RunRepository(session).with_id(run_id)
+    classes = DatasetRepository(session).classes(frame.dataset_id)
+    row = EvidenceRepository(session).of_frames([frame.id], run.measurement_id or 0)
+    entry: dict[str, Any] = {
+        "run": run_id,
+        "config": version.digest,
+        "verdict": None,
+        "reason": None,
+        "match_percent": None,
+        "threshold": None,
+    }
+    if frame.id not in row:
+        return HistoryEntry(kind="decision", at=at, **entry, **more)
+    evidence = _evidence(row[frame.id], classes).take(
+        np.array([box.id - frame.first_box_id])
+    )
+    decided = decide(evidence, config_of(version))
+    reason = Reason(int(decided.reason[0]))
+    match, threshold = float(evidence.match_percent[0]), float(decided.threshold[0])
+    entry |= {
+        "verdict": reason.verdict.value,
+        "reason": reason.label,
+        "match_percent": None if match != match else match,
+        "threshold": None if threshold != threshold else threshold,
+    }
+    return HistoryEntry(kind="decision", at=at, **entry, **more)
+
+
+def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
+    """A frame's numbers, those of its channels among them."""
+    numbers = unpack_numbers([row.numbers], [row.box_count])
+    return replace(
+        to_evidence(numbers, list(classes), list(classes.values())),
+        channels=unpack_channels([row.channels], [row.box_count]),
+    )
+
+
+def _answer(review: Review) -> HistoryEntry:
+    return HistoryEntry(
+        kind="review",
+        at=review.created_at,
+        revision=review.revision,
+        reviewer=review.reviewer,
+        verdict=review.verdict,
+        comment=review.comment,
+        batch=review.batch_id,
+        carried_from=review.carried_from,
+    )

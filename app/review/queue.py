@@ -1,0 +1,300 @@
+"""The queue: which boxes a reviewer looks at next, and nobody else meanwhile.
+
+A Feistel network turns places into numbers and back, one to one, whatever its rounds
+compute. Its places are a power of four; numbers beyond the span are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from hashlib import blake2b
+from itertools import islice
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session
+
+from app.boxes.counts import count_alike, count_boxes
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.orders import BoxPages, Present
+from app.boxes.queries import LatestAnswers
+from app.boxes.reader import DecisionReader
+from app.context import ServiceContext
+from app.db.base import rfc3339, utc_now
+from app.db.tables import Dataset
+from app.measuring.queries import DatasetRepository
+from app.review.queries import ClaimRepository
+from filter_core.types import IntArray
+
+CLAIM: Final = timedelta(minutes=5)
+ANSWERS_PER_SHUFFLE: Final = 64
+"""The random order is drawn anew after so many answers: else those who ask for the next
+box would be led past all that were answered before."""
+
+
+@dataclass(frozen=True)
+class QueueRequest:
+    """Who asks for which boxes, in which order; `exclude` are in the page already."""
+
+    reviewer: str
+    order: str
+    selection: Selection
+    limit: int
+    exclude: Sequence[int]
+    seed: int | None
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What is queued, part after part, and how many boxes each of them has."""
+
+    parts: Sequence[BoxFilter]
+    counts: Sequence[int]
+
+
+def outlook(context: ServiceContext, name: str, wanted: QueueRequest) -> Outlook:
+    """What there is to look at in a dataset; counting keeps nobody from writing."""
+    with context.database.read() as session:
+        dataset = DatasetRepository(session).named(name)
+        parts = _in_turn(to_filter(session, dataset, _of_queue(wanted)))
+        counts = [count_boxes(context, session, dataset, part) for part in parts]
+    return Outlook(parts, counts)
+
+
+def next_boxes(
+    session: Session, dataset: Dataset, wanted: QueueRequest, queue: Outlook
+) -> dict[str, Any]:
+    """Boxes claimed for this reviewer, and how many there are."""
+    now = utc_now()
+    claims = ClaimRepository(session)
+    claims.forget_expired(dataset.id, now)
+    held = claims.of_dataset(dataset.id)
+    theirs = [box_id for box_id, who in held.items() if who != wanted.reviewer]
+    ids = _take(session, dataset, wanted, queue, {*wanted.exclude, *theirs})
+    in_hand = (held.keys() - theirs) & set(wanted.exclude)
+    expires_at = now + CLAIM
+    claims.hold(dataset.id, sorted(in_hand.union(ids)), wanted.reviewer, expires_at)
+    claim = {"expires_at": rfc3339(expires_at)}
+    probes = BoxProbes(session)
+    return {
+        "items": [
+            decision | {"claim": claim}
+            for decision in DecisionReader(session, dataset).of_boxes(ids)
+        ],
+        "remaining": queue.counts[0],
+        "unsure": sum(queue.counts[1:]),
+        "claimed_by_others": sum(
+            len(probes.selected(part, theirs)) for part in queue.parts
+        ),
+    }
+
+
+def _of_queue(wanted: QueueRequest) -> Selection:
+    """What is queued unless said otherwise: what nobody has decided, or has."""
+    selection = wanted.selection
+    if selection.review or selection.conflict:
+        return selection
+    review = "decided" if wanted.order == "audit" else "undecided"
+    return replace(selection, review=review)
+
+
+def _in_turn(wanted: BoxFilter) -> list[BoxFilter]:
+    """What nobody answered comes first, what somebody was unsure about last."""
+    if wanted.review != "undecided":
+        return [wanted]
+    return [replace(wanted, review="none"), replace(wanted, review="unsure")]
+
+
+def _take(
+    session: Session,
+    dataset: Dataset,
+    wanted: QueueRequest,
+    queue: Outlook,
+    blocked: set[int],
+) -> list[int]:
+    tallies = TallyRepository(session)
+    alike, present = tallies.of_dataset(dataset.id), tallies.present(dataset.id)
+    seed = dataset.id if wanted.seed is None else wanted.seed
+    answers = LatestAnswers(session).newest_id() // ANSWERS_PER_SHUFFLE
+    found: list[int] = []
+    for part in queue.parts:
+        order = QueueOrder(
+            name=wanted.order,
+            seed=f"{seed} {answers}",
+            limit=wanted.limit - len(found),
+            blocked=blocked,
+            expected=count_alike(alike, part),
+        )
+        found += boxes_in_order(session, part, present, order)
+    return found
+
+
+MAX_PROBES: Final = 1 << 14
+"""Boxes that are asked about one by one before all of a filter are read instead."""
+FIRST_PORTION: Final = 256
+MAX_PORTION: Final = 4096
+
+
+@dataclass(frozen=True)
+class QueueOrder:
+    """How boxes are handed out; `seed` is of the random ones.
+
+    There may be fewer of them than `expected`, but not more.
+    """
+
+    name: str
+    seed: str
+    limit: int
+    blocked: Collection[int]
+    expected: int
+    max_probes: int = MAX_PROBES
+
+
+def boxes_in_order(
+    session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
+) -> list[int]:
+    """The first boxes of the filter that are not blocked."""
+    if not order.limit or not order.expected:
+        return []
+    if order.name in ("random", "audit"):
+        return _shuffled(session, wanted, present, order)
+    parts = _by_class(wanted, present) if order.name == "class" else iter([wanted])
+    free = (
+        box_id
+        for part in parts
+        for box_id in _by_doubt(session, part, present, order)
+        if box_id not in order.blocked
+    )
+    return list(islice(free, order.limit))
+
+
+def _by_class(wanted: BoxFilter, present: Present) -> Iterator[BoxFilter]:
+    for each in wanted.thresholds:
+        chosen = wanted.class_ids is None or each.class_id in wanted.class_ids
+        if chosen and each.class_id in present.class_ids:
+            yield replace(wanted, class_ids=(each.class_id,))
+
+
+def _by_doubt(
+    session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
+) -> Iterator[int]:
+    # Those flagged as unsure are spread thinly over all boxes, and have an index of
+    # their own, by id.
+    sort = "id" if wanted.review == "unsure" else "doubt"
+    pages, cursor = BoxPages(session, wanted, present), ""
+    while True:
+        ids, following = pages.page(sort, cursor, order.limit + 10)
+        yield from ids
+        if following is None:
+            return
+        cursor = following
+
+
+def _shuffled(
+    session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
+) -> list[int]:
+    probes = BoxProbes(session)
+    span = probes.span(wanted.dataset_id, present.class_ids)
+    if span is None:
+        return []
+    shuffle = Shuffle(*span, order.seed)
+    likely = order.limit * (span[1] - span[0] + 1) // order.expected
+    # Toss-ups are few and have an index: passing by all of them is soon quicker.
+    most = min(order.max_probes, order.expected) if wanted.toss_up else order.max_probes
+    found = [] if likely > most else _probed(probes, wanted, shuffle, order)
+    if len(found) >= order.limit:
+        return found[: order.limit]
+    # The filter selects so few that reading all of them is quicker.
+    every = probes.every(wanted)
+    in_order = every[np.argsort(shuffle.places_of(every))].tolist()
+    free = (box_id for box_id in in_order if box_id not in order.blocked)
+    return list(islice(free, order.limit))
+
+
+def _probed(
+    probes: BoxProbes, wanted: BoxFilter, shuffle: Shuffle, order: QueueOrder
+) -> list[int]:
+    """Boxes found by asking about one after the other, in their random order."""
+    found: list[int] = []
+    asked = 0
+    for portion in shuffle.portions(FIRST_PORTION, 4, MAX_PORTION):
+        free = [box_id for box_id in portion if box_id not in order.blocked]
+        found += probes.selected(wanted, free)
+        asked += len(free)
+        if len(found) >= order.limit or asked > order.max_probes:
+            break
+    return found
+
+
+_ROUNDS: Final = 4
+_Words = NDArray[np.uint64]
+
+
+@dataclass(frozen=True)
+class Shuffle:
+    """The numbers from `low` to `high` in an order of the seed's own."""
+
+    low: int
+    high: int
+    seed: str
+
+    @property
+    def half_bits(self) -> int:
+        """Half the bits that the span needs, so that it can be halved."""
+        return max(1, ((self.high - self.low).bit_length() + 1) // 2)
+
+    @property
+    def places(self) -> int:
+        """How many places there are; less than four times as many as numbers."""
+        return 1 << 2 * self.half_bits
+
+    def portions(self, first: int, growth: int, most: int) -> Iterator[list[int]]:
+        """All numbers in order, in portions that grow to `most` places."""
+        start, size = 0, first
+        while start < self.places:
+            stop = min(start + size, self.places)
+            yield self.numbers(np.arange(start, stop, dtype=np.uint64)).tolist()
+            start, size = stop, min(size * growth, most)
+
+    def numbers(self, places: _Words) -> IntArray:
+        """The numbers at these places; those beyond the span are left out."""
+        left, right = places >> self._shift, places & self._mask
+        for key in self._keys():
+            left, right = right, left ^ self._mixed(right, key)
+        found = (left << self._shift | right).astype(np.int64) + self.low
+        inside: IntArray = found[found <= self.high]
+        return inside
+
+    def places_of(self, numbers: IntArray) -> _Words:
+        """Where these numbers stand; the inverse of `numbers`."""
+        words = (numbers - self.low).astype(np.uint64)
+        left, right = words >> self._shift, words & self._mask
+        for key in reversed(self._keys()):
+            left, right = right ^ self._mixed(left, key), left
+        return left << self._shift | right
+
+    @property
+    def _shift(self) -> np.uint64:
+        shift: np.uint64 = np.uint64(self.half_bits)
+        return shift
+
+    @property
+    def _mask(self) -> np.uint64:
+        mask: np.uint64 = np.uint64((1 << self.half_bits) - 1)
+        return mask
+
+    def _keys(self) -> list[np.uint64]:
+        digest = blake2b(self.seed.encode(), digest_size=8 * _ROUNDS).digest()
+        return list(np.frombuffer(digest, "<u8"))
+
+    def _mixed(self, half: _Words, key: np.uint64) -> _Words:
+        # The finaliser of splitmix64: every bit of the key and the half reaches all.
+        word = half + key
+        word = (word ^ word >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+        word = (word ^ word >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+        mixed: _Words = (word ^ word >> np.uint64(31)) & self._mask
+        return mixed

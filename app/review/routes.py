@@ -1,0 +1,215 @@
+"""Routes of answers, of the queue, and of a box's history."""
+
+from __future__ import annotations
+
+from fastapi import Request, Response
+from sqlalchemy.orm import Session
+
+from app.access.audit import Act
+from app.boxes.filter import selection_of
+from app.boxes.reader import describe_box
+from app.boxes.snapshot import select_boxes
+from app.context import ServiceContext
+from app.db.engine import begin_as_work
+from app.db.tables import Dataset
+from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessable
+from app.http.deps import (
+    AppServices,
+    Audited,
+    CurrentPrincipal,
+    DatasetName,
+    ReadSession,
+    RowId,
+    WriteSession,
+)
+from app.http.pages import written
+from app.http.routing import ApiRouter, committed
+from app.measuring.queries import DatasetRepository
+from app.review import service as reviews
+from app.review.history import history
+from app.review.queue import QueueRequest, next_boxes, outlook
+from unghost.wire.boxes import (
+    BulkIn,
+    History,
+    Queue,
+    QueueIn,
+    Review,
+    ReviewBatch,
+    ReviewIn,
+    UndoneBatch,
+)
+
+history_router = ApiRouter(prefix="/api/v1", tag="boxes")
+
+
+@history_router.get(
+    "/boxes/{box_id}/history",
+    response_model=History,
+    response_model_exclude_unset=True,
+)
+def get_history(box_id: RowId, session: ReadSession) -> History:
+    """Decisions of runs and answers of people on a box, newest first."""
+    return History(items=tuple(history(session, box_id)))
+
+
+queue_router = ApiRouter(prefix="/api/v1", tag="queue")
+
+
+@queue_router.post("/datasets/{dataset}/queue", response_model=Queue)
+def take_from_queue(
+    dataset: DatasetName,
+    body: QueueIn,
+    session: WriteSession,
+    services: AppServices,
+    principal: CurrentPrincipal,
+) -> Response:
+    """The next boxes to look at, claimed for five minutes; an answer ends the claim."""
+    chosen = body.model_dump(exclude={"filters"})
+    filters = selection_of(body.filters)
+    wanted = QueueRequest(principal.name, selection=filters, **chosen)
+    queue = outlook(services, dataset, wanted)
+    found = DatasetRepository(session).named(dataset)
+    return written(next_boxes(session, found, wanted, queue))
+
+
+router = ApiRouter(prefix="/api/v1", tag="reviews")
+
+
+@router.post("/boxes/{box_id}/reviews", status_code=201, response_model=Review)
+def create_review(
+    box_id: RowId,
+    body: ReviewIn,
+    request: Request,
+    session: WriteSession,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Answer on a box; 412 with the current decision if someone was faster."""
+    answer = reviews.Answer(body.verdict, body.comment, principal.name)
+    try:
+        stored = reviews.review_box(session, box_id, answer, body.seen_revision)
+    except StaleReview as stale:
+        stale.current = describe_box(session, box_id)
+        raise
+    content = stored.model_dump_json()
+    return committed(request, Response(content, 201, media_type="application/json"))
+
+
+@router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
+def create_bulk_review(
+    body: BulkIn,
+    request: Request,
+    services: AppServices,
+    audit: Audited,
+) -> Response:
+    """One answer on many boxes: one act, one undo."""
+    try:
+        run_id, chosen = _look(body, services)
+    except AppError:
+        begin_as_work(audit.session)  # it may have been answered before: not refused
+        raise
+    begin_as_work(audit.session)
+    dataset = DatasetRepository(audit.session).named(body.dataset)
+    answer = reviews.Answer(body.verdict, body.comment, audit.name)
+    stored = reviews.review_many(audit.session, dataset, chosen, answer)
+    left = len(stored.skipped) + len(stored.stale)
+    if body.filter is not None and (left or dataset.active_run_id != run_id):
+        audit.session.rollback()
+        _look(body, services)
+        raise LostRace
+    audit.note(
+        Act.ANSWERS_GIVEN,
+        stored.batch.id,
+        dataset=dataset.name,
+        verdict=body.verdict,
+        answers=stored.answered,
+        skipped=left,
+    )
+    content = ReviewBatch(
+        id=stored.batch.id,
+        dataset=dataset.name,
+        verdict=stored.batch.verdict,
+        count=stored.answered,
+        skipped=tuple(stored.skipped),
+        stale=tuple(stored.stale),
+    ).model_dump_json()
+    headers = {"Location": f"/api/v1/review-batches/{stored.batch.id}"}
+    return committed(
+        request, Response(content, 201, headers, media_type="application/json")
+    )
+
+
+def _look(
+    body: BulkIn, services: ServiceContext
+) -> tuple[int | None, reviews.ChosenBoxes]:
+    """The run that decided the dataset, and the boxes that a body asks for.
+
+    Read while others write: what changes until the answer is stored is seen by the
+    revisions.
+    """
+    with services.database.read() as session:
+        dataset = DatasetRepository(session).named(body.dataset)
+        chosen = _boxes(body, services, session, dataset)
+        found, expected = chosen.number, body.expected_count
+        if expected is not None and expected != found:
+            what = "box_ids lists" if body.filter is None else "the filter selects"
+            raise CountChanged(what, found=found, expected=expected)
+        return dataset.active_run_id, chosen
+
+
+def _boxes(
+    body: BulkIn, services: ServiceContext, session: Session, dataset: Dataset
+) -> reviews.ChosenBoxes:
+    """The boxes that a body asks for, and as what they were seen."""
+    if (body.box_ids is None) == (body.filter is None):
+        raise Unprocessable("expected either box_ids or filter, found both or neither")
+    if body.filter is not None:
+        if body.snapshot is None or body.seen_revisions is not None:
+            raise Unprocessable(
+                "expected a filter with snapshot, which a list of its boxes has beside "
+                "total if count=true is asked for, found it without snapshot or with "
+                "seen_revisions",
+            )
+        wanted = selection_of(body.filter)
+        ids = select_boxes(services, session, dataset, wanted, body.snapshot)
+        return reviews.boxes_as_they_are(session, dataset, ids)
+    if body.snapshot is not None:
+        raise Unprocessable(
+            "expected box_ids with seen_revisions, found them with snapshot, which "
+            "belongs to a filter"
+        )
+    limit = services.settings.max_bulk_boxes
+    return reviews.listed_boxes(
+        session, dataset, body.box_ids or [], body.seen_revisions, limit
+    )
+
+
+@router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
+def undo_bulk_review(
+    batch_id: RowId,
+    request: Request,
+    services: AppServices,
+    principal: CurrentPrincipal,
+    audit: Audited,
+) -> Response:
+    """Say again what was said before; where someone spoke since, leave it.
+
+    Batches of others are undone by admins alone.
+    """
+    with services.database.read() as looking:
+        standing = reviews.standing_boxes(looking, batch_id)
+    begin_as_work(audit.session)
+    undo, undone, skipped = reviews.undo_batch(
+        audit.session, batch_id, standing, principal
+    )
+    dataset = DatasetRepository(audit.session).with_id(undo.dataset_id)
+    audit.note(
+        Act.ANSWERS_TAKEN_BACK,
+        batch_id,
+        dataset=dataset.name,
+        batch=undo.id,
+        answers=undone,
+        skipped=len(skipped),
+    )
+    done = UndoneBatch(id=undo.id, undone=undone, skipped=tuple(skipped))
+    content = done.model_dump_json()
+    return committed(request, Response(content, media_type="application/json"))

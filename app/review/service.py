@@ -1,0 +1,337 @@
+"""Answers of people: on one box, on many at once, taken back, carried over."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.boxes.current import (
+    CurrentRow,
+    DecisionRepository,
+    TallyKey,
+    TallyRepository,
+    require_own,
+)
+from app.boxes.queries import FrameRepository, LatestAnswers
+from app.db.base import utc_now
+from app.db.engine import once_committed
+from app.db.tables import Dataset, Frame, ReviewBatch
+from app.errors import Conflict, NotFound, StaleReview, TooLarge, Unprocessable
+from app.metrics import REVIEWS
+from app.review.queries import (
+    ClaimRepository,
+    ReviewBatches,
+    ReviewRepository,
+    SeenBoxes,
+    Standing,
+)
+from app.security import Principal
+from app.verdicts import effective_verdict
+from filter_core.annotation.frame import GEOMETRIES
+from unghost.wire.boxes import Review
+
+
+def carry_reviews(
+    session: Session, old: Frame, boxes: Sequence[Mapping[str, Any]]
+) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    """Repeat the latest answers on boxes whose class and geometry are the same.
+
+    Parameters
+    ----------
+    boxes : sequence of mappings
+        Of the new revision: ``id`` (the server's), ``source_id``, ``class_id``,
+        ``reason``, ``toss_up`` and ``raw``, the box as it came.
+
+    Returns
+    -------
+    carried : list of dict
+        The repeated answers as rows.
+    set_aside : dict of str to int
+        How many answers stay behind, by reviewer: their boxes are gone or are others
+        now, or have no answer in force. Those count that somebody else cleared or
+        answered over, in any revision: else who does so first could do away with other
+        people's answers. Those that people took back themselves do not.
+    """
+    reviews = ReviewRepository(session)
+    answered = reviews.answered_boxes(old.id)
+    if not answered:
+        return [], {}
+    latest = LatestAnswers(session).of(former.id for former in answered)
+    new = {box["source_id"]: box for box in boxes}
+    annotation = FrameRepository(session).with_id(old.id, annotation=True).annotation
+    carried: list[dict[str, Any]] = []
+    changes: Counter[TallyKey] = Counter()
+    left = []
+    for former in answered:
+        review, box = latest[former.id], new.get(former.source_id)
+        raw = annotation["boxes"][former.id - old.first_box_id]
+        if (
+            box is None
+            or review.verdict == "clear"
+            or former.class_id != box["class_id"]
+            or _geometry(raw) != _geometry(box["raw"])
+        ):
+            left.append(former.id)
+            continue
+        carried.append(
+            {
+                "box_id": box["id"],
+                "revision": 1,
+                "verdict": review.verdict,
+                "comment": review.comment,
+                "reviewer": review.reviewer,
+                "batch_id": None,
+                "carried_from": former.id,
+                "created_at": utc_now(),
+            }
+        )
+        before = TallyKey(box["class_id"], box["reason"], box["toss_up"], "")
+        changes[before] -= 1
+        changes[before._replace(review=review.verdict)] += 1
+    if carried:
+        reviews.add(carried)
+        TallyRepository(session).add(old.dataset_id, changes)
+    return carried, reviews.meant_by(left)
+
+
+def _geometry(raw: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: raw[key] for key in GEOMETRIES if key in raw}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a person says of a box, and who."""
+
+    verdict: str
+    comment: str
+    reviewer: str
+
+
+def review_box(
+    session: Session, box_id: int, answer: Answer, seen_revision: int
+) -> Review:
+    """Add one answer; StaleReview if someone answered since it was seen."""
+    current = DecisionRepository(session).rows([box_id]).get(box_id)
+    if current is None:
+        raise NotFound("box", box_id)
+    if current.revision != seen_revision:
+        raise StaleReview(box_id=box_id, seen=seen_revision, found=current.revision)
+    dataset_id = DecisionRepository(session).dataset_of(box_id)
+    (row,) = _store(session, dataset_id, [(current, answer)], batch_id=None)
+    once_committed(session, partial(REVIEWS.add, 1, answer.verdict))
+    review = None if answer.verdict == "clear" else answer.verdict
+    return Review(**row, effective_verdict=effective_verdict(current.reason, review))
+
+
+@dataclass(frozen=True)
+class ChosenBoxes:
+    """Boxes for one answer, as somebody read them before it is their turn to write.
+
+    `boxes` are to be answered if they still have their revision by then. `stale` were
+    answered since they were seen, `skipped` are gone or of another dataset.
+    """
+
+    boxes: list[SeenBoxes]
+    stale: list[int]
+    skipped: list[int]
+
+    @property
+    def number(self) -> int:
+        """How many were asked for."""
+        return self.expected + len(self.stale) + len(self.skipped)
+
+    @property
+    def expected(self) -> int:
+        """How many are to be answered."""
+        return sum(len(seen.box_ids) for seen in self.boxes)
+
+
+@dataclass(frozen=True)
+class StoredBatch:
+    """One answer on many boxes as it is stored, and the boxes that were left alone.
+
+    `stale` were answered since they were seen, `skipped` are gone or of another
+    dataset.
+    """
+
+    batch: ReviewBatch
+    answered: int
+    skipped: list[int]
+    stale: list[int]
+
+
+def review_many(
+    session: Session, dataset: Dataset, chosen: ChosenBoxes, answer: Answer
+) -> StoredBatch:
+    """Add one answer to many boxes, each once, where it is as somebody saw it."""
+    batches = ReviewBatches(session)
+    batch = batches.add(
+        ReviewBatch(
+            dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
+        )
+    )
+    answered = batches.answer(batch, chosen.boxes, answer.comment)
+    once_committed(session, partial(REVIEWS.add, answered, answer.verdict))
+    if answered == chosen.expected:
+        return StoredBatch(batch, answered, chosen.skipped, chosen.stale)
+    taken = {box_id for seen in chosen.boxes for box_id in seen.box_ids}
+    left = sorted(taken.difference(batches.boxes(batch.id)))
+    stale = DecisionRepository(session).ids_in_dataset(left, dataset.id)
+    gone = [box_id for box_id in left if box_id not in stale]
+    return StoredBatch(
+        batch,
+        answered,
+        skipped=sorted([*chosen.skipped, *gone]),
+        stale=sorted([*chosen.stale, *stale]),
+    )
+
+
+def listed_boxes(
+    session: Session,
+    dataset: Dataset,
+    ids: Sequence[int],
+    seen: Sequence[int] | None,
+    limit: int,
+) -> ChosenBoxes:
+    """The boxes that a person listed, each once, and which of them are as seen.
+
+    Parameters
+    ----------
+    ids : sequence of int
+    seen : sequence of int, or None
+        The revision of each box, in the order of `ids`. None: nothing is known of
+        what the person saw, so only boxes without an answer are to be taken.
+
+    Raises
+    ------
+    Unprocessable
+        There are more or fewer revisions than boxes, or two of one box.
+    TooLarge
+        More boxes than one act may answer.
+    """
+    revision_of: dict[int, int | None] = dict.fromkeys(ids)
+    if seen is not None:
+        revision_of |= _seen_revisions(ids, seen)
+    if len(revision_of) > limit:
+        raise TooLarge(
+            f"{len(revision_of)} boxes, one bulk review changes at most {limit}"
+        )
+    alike: dict[int, list[int]] = {}
+    stale: list[int] = []
+    for state in ReviewBatches(session).states(dataset.id, sorted(revision_of)):
+        expected = revision_of.pop(state.box_id)
+        is_stale = state.is_answered if expected is None else state.revision != expected
+        group = stale if is_stale else alike.setdefault(state.revision, [])
+        group.append(state.box_id)
+    boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
+    return ChosenBoxes(boxes, stale, skipped=sorted(revision_of))
+
+
+def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:
+    if len(seen) != len(ids):
+        raise Unprocessable(
+            f"seen_revisions: expected one for each of {len(ids)} box_ids, "
+            f"found {len(seen)}"
+        )
+    revision_of: dict[int, int] = {}
+    for box_id, revision in zip(ids, seen, strict=True):
+        if revision_of.setdefault(box_id, revision) != revision:
+            raise Unprocessable(
+                f"seen_revisions: expected one revision of box {box_id}, found "
+                f"{revision_of[box_id]} and {revision}"
+            )
+    return revision_of
+
+
+def boxes_as_they_are(
+    session: Session, dataset: Dataset, ids: Sequence[int]
+) -> ChosenBoxes:
+    """Boxes that a person has seen in the state that this session reads."""
+    alike: dict[int, list[int]] = {}
+    for state in ReviewBatches(session).states(dataset.id, ids):
+        alike.setdefault(state.revision, []).append(state.box_id)
+    boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
+    return ChosenBoxes(boxes, stale=[], skipped=[])
+
+
+def standing_boxes(session: Session, batch_id: int) -> list[Standing]:
+    """What undoing a batch would take back: to be read before the turn to write."""
+    return ReviewBatches(session).standing(batch_id)
+
+
+def undo_batch(
+    session: Session, batch_id: int, standing: Sequence[Standing], by: Principal
+) -> tuple[ReviewBatch, int, list[int]]:
+    """Say again what was said before a batch, but where someone spoke since.
+
+    `standing` comes from `standing_boxes`; of its boxes, those are left alone that
+    somebody has answered since.
+
+    Raises
+    ------
+    NotFound
+        There is no such batch.
+    Forbidden
+        It is another person's, and this is no admin.
+    Conflict
+        It was undone already.
+    """
+    batches = ReviewBatches(session)
+    batch = batches.with_id(batch_id)
+    size = batches.size(batch_id)
+    answers = {batch.reviewer: size}
+    require_own(by, answers, f"undoing batch {batch_id}")
+    if batches.is_undone(batch_id):
+        raise Conflict(f"batch {batch_id} was undone already", code="already_undone")
+    undo = batches.add(
+        ReviewBatch(
+            dataset_id=batch.dataset_id,
+            verdict="clear",
+            undoes_id=batch_id,
+            reviewer=by.name,
+        )
+    )
+    undone = batches.answer_as_before(undo, standing)
+    once_committed(session, partial(REVIEWS.add, undone, "undo"))
+    if undone == size:
+        return undo, undone, []
+    skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
+    return undo, undone, sorted(skipped)
+
+
+def _store(
+    session: Session,
+    dataset_id: int,
+    answers: Sequence[tuple[CurrentRow, Answer]],
+    *,
+    batch_id: int | None,
+) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    changes: dict[TallyKey, int] = {}
+    for current, answer in answers:
+        rows.append(
+            {
+                "box_id": current.box_id,
+                "revision": current.revision + 1,
+                "verdict": answer.verdict,
+                "comment": answer.comment,
+                "reviewer": answer.reviewer,
+                "batch_id": batch_id,
+                "created_at": utc_now(),
+            }
+        )
+        review = "" if answer.verdict == "clear" else answer.verdict
+        for said, change in ((current.review or "", -1), (review, 1)):
+            key = TallyKey(current.class_id, current.reason, current.toss_up, said)
+            changes[key] = changes.get(key, 0) + change
+    if rows:
+        ReviewRepository(session).add(rows)
+        TallyRepository(session).add(dataset_id, changes)
+        answered = {current.box_id for current, _ in answers}
+        ClaimRepository(session).release(dataset_id, answered)
+    return rows

@@ -1,0 +1,1 @@
+"""Runs: one configuration applied to a whole dataset, and what it changes."""
