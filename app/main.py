@@ -33,9 +33,8 @@ from app.http.middleware import (
 from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
 from app.http.static import content_security_policy
 from app.http.static import router as page_router
+from app.ingest.routes import known_frames_router, upload_router
 from app.ingest.routes import router as batches_router
-from app.ingest.routes import router as known_frames_router
-from app.ingest.routes import upload_router
 from app.metrics import RequestMetrics
 from app.ops.readiness import Readiness
 from app.ops.routes import router as health_router

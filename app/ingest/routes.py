@@ -55,6 +55,7 @@ ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
+known_frames_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 _BODY: Final = {
     "requestBody": {
@@ -327,7 +328,9 @@ def _store(
     return written(answer, 201 if stored.created else 200, headers)
 
 
-@router.post("/datasets/{dataset}/known-frames", response_model=KnownFrames)
+@known_frames_router.post(
+    "/datasets/{dataset}/known-frames", response_model=KnownFrames
+)
 def find_known_frames(
     dataset: DatasetName, body: KnownFramesIn, session: ReadSession
 ) -> KnownFrames:
