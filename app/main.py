@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 
+from app.access.gate import TokenGate
 from app.access.routes import audit_router, session_router, tokens_router
 from app.boxes.routes import crops_router, frames_router
 from app.boxes.routes import pictures_router as frame_pictures_router
@@ -94,6 +95,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings, app.state.metrics = settings, metrics
     app.state.connections = Connections.of(settings)
+    app.state.gate = TokenGate()
     problems.install(app)
     app.add_exception_handler(AlreadyAnswered, repeat_answer)
     for router in ROUTERS:

@@ -1,7 +1,7 @@
 """Who is asking: found by the secret of a request, and remembered for a moment.
 
 Who was let in a moment ago, so that many requests in a row need not all ask the
-database; when each token was used, and how many were refused, until `token_upkeep`
+database; when each token was used, and how many were refused, until `upkeep`
 writes it down.
 """
 
@@ -9,19 +9,86 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from threading import Lock
-from typing import Final
+from typing import Annotated, Final
 
+from fastapi import Depends, Request
 from sqlalchemy import event
 from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
 
+from app.access.audit import AuditTrail
+from app.access.service import by_secret
 from app.db.base import utc_now
-from app.security import Principal, hash_secret
+from app.errors import Forbidden, Unauthorised
+from app.http.deps import WriteSession, current_principal, database_of, services_of
+from app.security import (
+    SAFE_METHODS,
+    Principal,
+    bearer_token,
+    comes_from_no_other_page,
+    hash_secret,
+)
 
 REMEMBERED_S: Final = 1.0
 _MOST: Final = 1024
 _MOST_NAMED: Final = 3
+
+
+class TokenGate:
+    """Finds who is asking by the token, or the session, in `Authorization`."""
+
+    async def identify(self, request: Request) -> Principal:
+        """Who showed the secret of this request.
+
+        Raises
+        ------
+        Unauthorised
+            There is no secret, or none that is valid.
+        Forbidden
+            The page's session would write for another page.
+        """
+        header = request.headers.get("authorization")
+        if header is None:
+            raise Unauthorised("show a token: Authorization: Bearer ug_...")
+        callers = services_of(request).one(RecentCallers)
+        principal = callers.find(header)
+        if principal is None:
+            before = callers.taken_back
+            secret = bearer_token(header) or ""
+            with counting_wrong(request):
+                principal = await run_in_threadpool(_look_up, request, secret)
+            callers.remember(header, principal, before)
+        services_of(request).one(LastUses).note(principal.token_id)
+        page_writes = (
+            principal.session_hash is not None and request.method not in SAFE_METHODS
+        )
+        if page_writes and not comes_from_no_other_page(request.headers):
+            raise Forbidden("the page's session only writes for the page itself")
+        return principal
+
+
+@contextmanager
+def counting_wrong(request: Request) -> Iterator[None]:
+    """Around looking a secret up: a wrong one is counted, for the log.
+
+    Nobody has to wait for having shown wrong ones. Each secret has 256 random bits, so
+    trying finds none; and many people share the address of a proxy or of a machine.
+    """
+    try:
+        yield
+    except Unauthorised:
+        address = request.client.host if request.client else None
+        services_of(request).one(WrongSecrets).note(address or "-")
+        raise
+
+
+def _look_up(request: Request, secret: str) -> Principal:
+    with database_of(request).read() as session:
+        return by_secret(session, secret)
 
 
 class RecentCallers:
@@ -109,3 +176,11 @@ class WrongSecrets:
         if not parts:
             return ""
         return f"{count} wrong tokens, sessions, codes or keys: {', '.join(parts)}"
+
+
+async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:
+    """Where this request notes what it does: in the transaction that does it."""
+    return AuditTrail(session, current_principal(request))
+
+
+Audited = Annotated[AuditTrail, Depends(audit_trail)]

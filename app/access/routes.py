@@ -10,18 +10,16 @@ from fastapi import APIRouter, Request, Response
 from app.access import service as access
 from app.access import service as tokens
 from app.access.audit import AuditTrail
-from app.access.gate import LastUses, RecentCallers
+from app.access.gate import Audited, LastUses, RecentCallers, counting_wrong
 from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
 from app.errors import BadRequest, Forbidden
 from app.http.deps import (
     AppServices,
-    Audited,
     CurrentPrincipal,
     ReadSession,
     RowId,
     WriteSession,
-    counting_wrong,
     make_room,
 )
 from app.http.pages import Cursor, Limit, Newest, page_response, written

@@ -10,6 +10,7 @@ from typing import Annotated
 from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Path, Query, Request, Response
 
+from app.access.gate import Audited
 from app.boxes import frames
 from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
@@ -24,7 +25,6 @@ from app.engine.pixels import GivenUp, PixelsRefused
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
-    Audited,
     CurrentPrincipal,
     DatasetName,
     ReadSession,

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 from fastapi import Query, Request, Response
 
 from app.access.audit import Act
+from app.access.gate import Audited
 from app.datasets import service as datasets
 from app.db.tables import Problem
 from app.http.deps import (
     ADMIN,
     AppServices,
-    Audited,
     DatasetName,
     ReadSession,
     WriteSession,

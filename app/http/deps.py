@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import contextmanager
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Final, Protocol, TypeVar
 
 from anyio import CapacityLimiter, WouldBlock, fail_after, to_thread
 from fastapi import Depends, Path, Query, Request
 from fastapi.security import HTTPBearer
 from sqlalchemy.orm import Session
-from starlette.concurrency import run_in_threadpool
 
-from app.access import service as access
-from app.access.audit import AuditTrail
-from app.access.gate import LastUses, RecentCallers, WrongSecrets
 from app.context import ServiceContext
 from app.db.engine import Database, once_committed
-from app.errors import DatabaseBusy, Forbidden, Unauthorised
+from app.errors import DatabaseBusy, Forbidden
 from app.http.idempotency import claim_on_begin
 from app.security import (
-    SAFE_METHODS,
     Principal,
     Role,
-    bearer_token,
-    comes_from_no_other_page,
 )
 from app.settings import Settings
 from app.storage.room import DELETING_BYTES
@@ -65,6 +57,13 @@ def services_of(request: Request) -> ServiceContext:
     return services
 
 
+class Gate(Protocol):
+    """Who knows who is asking: `app.access.gate.TokenGate`, as `app.main` says."""
+
+    async def identify(self, request: Request) -> Principal:
+        """Who showed the secret of this request; Unauthorised or Forbidden."""
+
+
 async def authorise(request: Request, needed: Role) -> Principal:
     """The one place where it is decided who may come in.
 
@@ -77,7 +76,8 @@ async def authorise(request: Request, needed: Role) -> Principal:
     Forbidden
         Not with this role, or a browser sent it for another page.
     """
-    principal = await _identify(request)
+    gate: Gate = request.app.state.gate
+    principal = await gate.identify(request)
     request.state.principal = principal
     if not principal.role.includes(needed):
         raise Forbidden(
@@ -85,45 +85,6 @@ async def authorise(request: Request, needed: Role) -> Principal:
             f"token {principal.name!r} has {principal.role.value}"
         )
     return principal
-
-
-async def _identify(request: Request) -> Principal:
-    header = request.headers.get("authorization")
-    if header is None:
-        raise Unauthorised("show a token: Authorization: Bearer ug_...")
-    callers = services_of(request).one(RecentCallers)
-    principal = callers.find(header)
-    if principal is None:
-        before = callers.taken_back
-        secret = bearer_token(header) or ""
-        with counting_wrong(request):
-            principal = await run_in_threadpool(_look_up, request, secret)
-        callers.remember(header, principal, before)
-    services_of(request).one(LastUses).note(principal.token_id)
-    by_page = principal.session_hash is not None and request.method not in SAFE_METHODS
-    if by_page and not comes_from_no_other_page(request.headers):
-        raise Forbidden("the page's session only writes for the page itself")
-    return principal
-
-
-@contextmanager
-def counting_wrong(request: Request) -> Iterator[None]:
-    """Around looking a secret up: a wrong one is counted, for the log.
-
-    Nobody has to wait for having shown wrong ones. Each secret has 256 random bits, so
-    trying finds none; and many people share the address of a proxy or of a machine.
-    """
-    try:
-        yield
-    except Unauthorised:
-        address = request.client.host if request.client else None
-        services_of(request).one(WrongSecrets).note(address or "-")
-        raise
-
-
-def _look_up(request: Request, secret: str) -> Principal:
-    with database_of(request).read() as session:
-        return access.by_secret(session, secret)
 
 
 def current_principal(request: Request) -> Principal:
@@ -242,13 +203,5 @@ CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 # scope="function": it ends, and commits, before the answer is sent. 201 means stored.
 WriteSession = Annotated[Session, Depends(write_session, scope="function")]
-
-
-async def audit_trail(request: Request, session: WriteSession) -> AuditTrail:
-    """Where this request notes what it does: in the transaction that does it."""
-    return AuditTrail(session, current_principal(request))
-
-
-Audited = Annotated[AuditTrail, Depends(audit_trail)]
 
 DatasetName = Annotated[str, Path(max_length=100)]

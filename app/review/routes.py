@@ -6,6 +6,7 @@ from fastapi import Request, Response
 from sqlalchemy.orm import Session
 
 from app.access.audit import Act
+from app.access.gate import Audited
 from app.boxes.filter import selection_of
 from app.boxes.reader import describe_box
 from app.boxes.snapshot import select_boxes
@@ -15,7 +16,6 @@ from app.db.tables import Dataset
 from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessable
 from app.http.deps import (
     AppServices,
-    Audited,
     CurrentPrincipal,
     DatasetName,
     ReadSession,

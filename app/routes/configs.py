@@ -7,9 +7,9 @@ from typing import Annotated
 from fastapi import Path, Response
 
 from app.access.audit import Act
+from app.access.gate import Audited
 from app.http.deps import (
     AppServices,
-    Audited,
     CurrentPrincipal,
     DatasetName,
     ReadSession,

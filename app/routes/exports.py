@@ -9,17 +9,16 @@ from sqlalchemy.orm import Session
 
 from app.access import service as access
 from app.access.audit import Act
+from app.access.gate import Audited, counting_wrong
 from app.context import ServiceContext
 from app.db import tables
 from app.http.deps import (
     AppServices,
-    Audited,
     CurrentPrincipal,
     DatasetName,
     ReadSession,
     RowId,
     WriteSession,
-    counting_wrong,
 )
 from app.http.files import RESUMABLE, file_of, file_response
 from app.http.pages import Newest, written

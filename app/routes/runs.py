@@ -7,11 +7,11 @@ from typing import Annotated
 from fastapi import Depends, Query, Request, Response
 
 from app.access.audit import Act
+from app.access.gate import Audited
 from app.db import tables
 from app.http.deps import (
     MAX_ID,
     AppServices,
-    Audited,
     DatasetName,
     ReadSession,
     RowId,

@@ -39,7 +39,6 @@ LEVELS: Final = (
 UPWARDS: Final[set[tuple[str, str]]] = {
     ("context", "jobs"),
     ("context", "services"),
-    ("http", "access"),
     ("jobs", "boxes"),
     ("jobs", "services"),
 }
