@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import delete, func, insert, select
+from sqlalchemy import case, delete, func, insert, null, select, update
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import BoxFilter
 from app.boxes.orders import Present
 from app.boxes.queries import FrameRepository
 from app.db.bulk import Written, chunks, run_each, update_rows, upsert_in
-from app.db.tables import Box, Decision, Frame, Tally
+from app.db.tables import Box, Decision, Frame, Review, Tally
 from app.errors import Forbidden, NotFound
 from app.measuring.queries import is_deleted
 from app.security import Principal, Role
@@ -182,6 +181,32 @@ class DecisionRepository:
             written,
         )
 
+    def answered(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Make these answers, rows that were added to `reviews`, the latest ones."""
+        update_rows(
+            self._session,
+            Decision,
+            {
+                "box_id": [row["box_id"] for row in rows],
+                "review": [
+                    None if row["verdict"] == "clear" else row["verdict"]
+                    for row in rows
+                ],
+                "revision": [row["revision"] for row in rows],
+            },
+        )
+
+    def answered_in(self, batch_id: int) -> None:
+        """Make the answers of an act on many boxes the latest ones."""
+        self._session.connection().execute(
+            update(Decision)
+            .where(Review.batch_id == batch_id, Decision.box_id == Review.box_id)
+            .values(
+                review=case((Review.verdict == "clear", null()), else_=Review.verdict),
+                revision=Review.revision,
+            )
+        )
+
     def _fetch(self, condition: object) -> dict[int, CurrentRow]:
         rows = (
             select(
@@ -242,6 +267,10 @@ class TallyRepository:
         self._session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
         self._insert(dataset_id, counts)
 
+    def clear(self, dataset_id: int) -> None:
+        """Count nothing any more: the dataset is deleted."""
+        self._session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
+
     def present(self, dataset_id: int) -> Present:
         """What occurs in a dataset."""
         found = self.of_dataset(dataset_id)
@@ -282,11 +311,6 @@ def _count_in(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
         index_elements=["dataset_id", *TallyKey._fields],
         set_={"boxes": Tally.boxes + statement.excluded.boxes},
     )
-
-
-def tally(keys: Iterable[TallyKey]) -> Counter[TallyKey]:
-    """Count boxes that are alike."""
-    return Counter(keys)
 
 
 def retire(session: Session, frame: Frame) -> None:

@@ -141,6 +141,7 @@ def remove_dataset(
         )
     ChunkRepository(session).forget_dataset(dataset.id)
     DatasetRepository(session).hide(dataset)
+    TallyRepository(session).clear(dataset.id)
     once_committed(session, context.something_to_remove.set)
 
 

@@ -234,8 +234,8 @@ class DatasetRepository:
     def hide(self, dataset: Dataset) -> None:
         """Delete: from now on nobody sees it, and its name is free.
 
-        What belongs to it goes later, see `RemovalRepository`; jobs and tallies, which
-        are counted over all datasets, go now.
+        What belongs to it goes later, see `RemovalRepository`; jobs, which are counted
+        over all datasets, go now. Its tallies are for the caller to clear.
         """
         for table in (Run, Export):
             self._session.execute(
@@ -246,7 +246,6 @@ class DatasetRepository:
                 )
                 .values(state="cancelled", finished_at=utc_now())
             )
-        self._session.execute(delete(Tally).where(Tally.dataset_id == dataset.id))
         # No dataset can be given such a name.
         values = {"name": f"/{dataset.id}", "removed_at": utc_now()}
         self._session.execute(

@@ -12,22 +12,19 @@ from sqlalchemy import (
     ColumnElement,
     Executable,
     Select,
-    case,
     delete,
     exists,
     func,
     insert,
     literal,
-    null,
     select,
-    update,
 )
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
-from app.boxes.current import TallyKey, TallyRepository
+from app.boxes.current import DecisionRepository, TallyKey, TallyRepository
 from app.db.base import UtcDateTime, utc_now
-from app.db.bulk import chunks, update_rows, upsert
+from app.db.bulk import chunks, upsert
 from app.db.tables import Box, Claim, Decision, Review, ReviewBatch
 from app.errors import LostRace, NotFound
 from app.measuring.queries import is_deleted
@@ -238,15 +235,8 @@ class ReviewBatches:
         """Make the batch's answers the latest ones; how many there are."""
         said = self._said(batch.id)
         answers = select(Review.box_id).where(Review.batch_id == batch.id)
+        DecisionRepository(self._session).answered_in(batch.id)
         connection = self._session.connection()
-        connection.execute(
-            update(Decision)
-            .where(Review.batch_id == batch.id, Decision.box_id == Review.box_id)
-            .values(
-                review=case((Review.verdict == "clear", null()), else_=Review.verdict),
-                revision=Review.revision,
-            )
-        )
         connection.execute(delete(Claim).where(Claim.box_id.in_(answers)))
         TallyRepository(self._session).add(batch.dataset_id, _changes(said))
         return sum(alike.boxes for alike in said)
@@ -360,18 +350,7 @@ class ReviewRepository:
     def add(self, rows: Sequence[dict[str, Any]]) -> None:
         """Insert answers; LostRace if somebody answered a box at the same moment."""
         insert_answers(self._session, insert(Review), list(rows))
-        update_rows(
-            self._session,
-            Decision,
-            {
-                "box_id": [row["box_id"] for row in rows],
-                "review": [
-                    None if row["verdict"] == "clear" else row["verdict"]
-                    for row in rows
-                ],
-                "revision": [row["revision"] for row in rows],
-            },
-        )
+        DecisionRepository(self._session).answered(rows)
 
     def of_box(self, box_id: int) -> list[Review]:
         """All answers on a box, oldest first."""
