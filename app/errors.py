@@ -38,20 +38,10 @@ server, SQL or a secret.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-
-@dataclass(frozen=True)
-class Fault:
-    """One of several things that are wrong with a request.
-
-    `pointer` is a JSON pointer into the body (``/boxes/3/xyxy``), `code` is stable.
-    """
-
-    pointer: str
-    code: str
-    detail: str
+if TYPE_CHECKING:  # children that read pixels raise these, and need no pydantic
+    from unghost.wire.model import Fault
 
 
 class AppError(Exception):

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         BadRequest as BadRequest,
         Conflict as Conflict,
         DamagedDownload as DamagedDownload,
-        Fault as Fault,
         Forbidden as Forbidden,
         Invalid as Invalid,
         NotFound as NotFound,
@@ -93,6 +92,9 @@ if TYPE_CHECKING:
         StoredFile as StoredFile,
         StoredFrame as StoredFrame,
     )
+    from unghost.wire.model import (
+        Fault as Fault,
+    )
     from unghost.wire.runs import (
         ConfigVersion as ConfigVersion,
         Diff as Diff,
@@ -114,7 +116,6 @@ _NAMES: Final = {
         "BadRequest",
         "Conflict",
         "DamagedDownload",
-        "Fault",
         "Forbidden",
         "Invalid",
         "NotFound",
@@ -182,6 +183,7 @@ _NAMES: Final = {
         "StoredFile",
         "StoredFrame",
     ),
+    "unghost.wire.model": ("Fault",),
     "unghost.wire.runs": (
         "ConfigVersion",
         "Diff",

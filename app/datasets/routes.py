@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from typing import Annotated, Any
 
 from fastapi import Query, Request, Response
+from fastapi.exceptions import RequestValidationError
 
 from app.access.audit import Act
 from app.access.gate import Audited
@@ -23,9 +25,9 @@ from app.http.routing import ApiRouter
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository, ProblemRepository
 from app.runs.flips import current_histogram
-from app.schemas.datasets import DatasetIn, DatasetPatch
 from app.services.run_states import described_run
 from app.services.runs import start_after
+from filter_core.images.header import read_image_header
 from unghost.wire import datasets as wire
 from unghost.wire.model import Page
 from unghost.wire.runs import Run
@@ -49,21 +51,20 @@ def list_datasets(
 
 @router.post("/datasets", status_code=201, response_model=wire.Dataset)
 def create_dataset(
-    body: DatasetIn,
+    body: wire.DatasetIn,
     response: Response,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
 ) -> wire.Dataset:
     """Make a dataset; its first configuration is the service's own."""
-    mask = body.ignore_mask
     reading = DatasetReading(
         name=body.name,
         palette=body.palette,
         encoding=body.encoding,
         channel_order=body.channel_order,
         lossy_segmentation=body.lossy_segmentation,
-        ignore_mask=mask.stored() if mask else None,
+        ignore_mask=_stored(body.ignore_mask),
     )
     wanted = datasets.NewDataset(
         reading, body.description, body.classes, services.default_config, audit.name
@@ -88,7 +89,7 @@ def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
 )
 def change_dataset(
     dataset: DatasetName,
-    body: DatasetPatch,
+    body: wire.DatasetPatch,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
@@ -97,7 +98,7 @@ def change_dataset(
     found = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
     if body.ignore_mask is not None:
-        changes["ignore_mask"] = body.ignore_mask.stored()
+        changes["ignore_mask"] = _stored(body.ignore_mask)
     run = datasets.change_dataset(services, session, found, changes, audit.name)
     audit.note(
         Act.DATASET_CHANGED, dataset, changed=sorted(changes), run=run and run.id
@@ -150,6 +151,20 @@ def list_problems(
     found = DatasetRepository(session).named(dataset)
     rows = ProblemRepository(session).page(found.id, wanted.page)
     return wanted.answer(rows, _refused)
+
+
+def _stored(mask: wire.IgnoreMask | None) -> dict[str, Any] | None:
+    """The form that was given; a picture needs a header that can be read."""
+    if mask is None:
+        return None
+    if mask.png is not None:
+        try:
+            read_image_header(b64decode(mask.png, validate=True))
+        except ValueError as exc:
+            where = ("body", "ignore_mask", "png")
+            fault = {"type": "value_error", "loc": where, "msg": str(exc)}
+            raise RequestValidationError([fault]) from exc
+    return mask.model_dump(exclude_none=True)
 
 
 def _refused(problem: Problem) -> wire.RefusedFrame:

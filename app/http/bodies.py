@@ -13,10 +13,11 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from app.engine import Stop
-from app.errors import BadRequest, Fault, NotReady, TooLarge, Unprocessable
+from app.errors import BadRequest, NotReady, TooLarge, Unprocessable
 from app.incoming import Pieces, in_turn
 from filter_core.errors import JsonError
 from filter_core.json_text import JsonLimits, read_json
+from unghost.wire.model import Fault
 
 Result = TypeVar("Result")
 
@@ -46,7 +47,7 @@ class StrictRequest(Request):
             return await beside_the_loop(self, content, _read)
         except JsonError as error:
             code = "json_invalid" if error.kind == JsonError.code else error.kind
-            fault = Fault("", code, error.detail)
+            fault = Fault(pointer="", code=code, detail=error.detail)
             raise Unprocessable(
                 error.detail, code="invalid_request", faults=[fault]
             ) from error

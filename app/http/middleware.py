@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.engine import Stop
 from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow
 from app.http.bodies import stopping
-from app.http.problems import problem_of
+from app.http.problems import refusal_of
 from app.incoming import HeldBytes
 from app.logs import Answered, current_request_id, error_log, log_answer
 from app.metrics import RequestMetrics
@@ -187,7 +187,7 @@ class Problems:
                 # Half an answer is out: only cutting it off tells the client.
                 error_log.error("failed while answering", exc_info=exc)
                 raise
-            response = problem_of(exc).response(
+            response = refusal_of(exc).response(
                 instance=scope["path"], request_id=current_request_id.get()
             )
             await response(scope, receive, send)

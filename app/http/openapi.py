@@ -8,10 +8,12 @@ from http import HTTPStatus
 from typing import Any, Final
 
 from fastapi import FastAPI
+from pydantic.json_schema import models_json_schema
 
 from app.http.problems import PROBLEM_TYPE
 from filter_core.config.filter import FilterConfig, schema_of
-from filter_core.values import MAX_FAULTS
+from unghost.wire.frames import BatchEnd, BatchLine
+from unghost.wire.model import Problem
 from unghost.wire.runs import FilterConfigIn
 
 _METHODS: Final = ("get", "post", "put", "patch", "delete")
@@ -81,48 +83,8 @@ def _table(rows: Iterable[tuple[str, str, str]]) -> str:
     return f"<table>{cells}</table>" if cells else ""
 
 
-_TEXT: Final = {"type": "string"}
-FAULT_SCHEMA: Final = {
-    "type": "object",
-    "required": ["pointer", "code", "detail"],
-    "properties": {
-        "pointer": {
-            **_TEXT,
-            "description": "JSON pointer into the body, or /query/name, /path/name.",
-        },
-        "code": _TEXT,
-        "detail": _TEXT,
-    },
-}
-PROBLEM_SCHEMA: Final = {
-    "type": "object",
-    "description": "RFC 9457. `code` is stable and for programs, `detail` is for "
-    "people. A 412 carries the thing as it is now under `current`.",
-    "required": [
-        *("type", "title", "status", "detail", "instance", "code", "request_id"),
-        "errors",
-    ],
-    "properties": {
-        "type": _TEXT,
-        "title": _TEXT,
-        "status": {"type": "integer"},
-        "detail": _TEXT,
-        "instance": _TEXT,
-        "code": _TEXT,
-        "request_id": _TEXT,
-        "errors": {
-            "type": "array",
-            "maxItems": MAX_FAULTS,
-            "items": {"$ref": "#/components/schemas/Fault"},
-        },
-        "more_errors": {
-            "type": "integer",
-            "description": "How many more errors there are than are listed; absent "
-            "where none are.",
-        },
-        "current": {"type": ["object", "null"]},
-    },
-}
+_NO_ROUTE_RETURNS: Final = (Problem, BatchLine, BatchEnd)
+"""Models that are sent otherwise: as errors, or line by line."""
 _EVERYWHERE: Final = (400, 404, 408, 421, 422, 431, 500, 503)
 _WITH_TOKEN: Final = (401, 403, 429)
 _WITH_BODY: Final = (401, 403, 409, 412, 413, 415, 429)
@@ -163,8 +125,12 @@ def _add_components(schema: dict[str, Any]) -> None:
     schemas = components.setdefault("schemas", {})
     for name in _FOREIGN_SCHEMAS:
         schemas.pop(name, None)
-    schemas["Problem"] = PROBLEM_SCHEMA
-    schemas["Fault"] = FAULT_SCHEMA
+    _, described = models_json_schema(
+        [(model, "serialization") for model in _NO_ROUTE_RETURNS],
+        ref_template="#/components/schemas/{model}",
+    )
+    for name, schema_of_model in described["$defs"].items():
+        schemas.setdefault(name, schema_of_model)
     # The wire knows that it is an object, the library knows its keys.
     schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}

@@ -19,10 +19,11 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Match
 
 from app import errors
-from app.errors import AppError, Fault
+from app.errors import AppError
 from app.logs import current_request_id, error_log
 from filter_core.errors import AnnotationErrors, FilterError
-from filter_core.values import MAX_FAULTS, escape_text, pointer_token
+from filter_core.values import pointer_token
+from unghost.wire.model import MAX_FAULTS, Fault, Problem
 
 PROBLEM_TYPE: Final = "application/problem+json"
 BUSY_RETRY_S: Final = 2
@@ -71,41 +72,38 @@ _DAMAGED: Final = ("malformed", "not a database", "invalid page")
 
 
 @dataclass(frozen=True)
-class Problem:
-    """One error as it goes over the wire; `more` faults are counted, not listed."""
+class Refusal:
+    """Why any request is refused: status, words, and headers of the answer.
+
+    `told` are fields of the `Problem` that only some refusals have.
+    """
 
     status: int
     code: str
     detail: str
     faults: tuple[Fault, ...] = ()
-    more: int = 0
     headers: Mapping[str, str] = field(default_factory=dict)
-    extra: Mapping[str, Any] = field(default_factory=dict)
+    told: Mapping[str, Any] = field(default_factory=dict)
 
-    def document(self, *, instance: str, request_id: str) -> dict[str, Any]:
-        """The problem itself; `instance` is the path that was asked for."""
-        extra = {"more_errors": self.more} if self.more else {}
-        return {
-            "type": "about:blank",
-            "title": HTTPStatus(self.status).phrase,
-            "status": self.status,
-            # What is repeated of a request may have halves of surrogate pairs.
-            "detail": escape_text(self.detail),
-            "instance": instance,
-            "code": self.code,
-            "request_id": request_id,
-            "errors": [
-                {name: escape_text(said) for name, said in vars(fault).items()}
-                for fault in self.faults
-            ],
-            **extra,
-            **jsonable_encoder(self.extra),
-        }
+    def problem(self, *, instance: str, request_id: str) -> Problem:
+        """What one request is told; `instance` is the path that it asked for."""
+        return Problem(
+            type="about:blank",
+            title=HTTPStatus(self.status).phrase,
+            status=self.status,
+            detail=self.detail,
+            instance=instance,
+            code=self.code,
+            request_id=request_id,
+            errors=self.faults,
+            **self.told,
+        )
 
     def response(self, *, instance: str, request_id: str) -> JSONResponse:
         """The problem as an answer."""
+        problem = self.problem(instance=instance, request_id=request_id)
         return JSONResponse(
-            self.document(instance=instance, request_id=request_id),
+            problem.model_dump(mode="json"),
             self.status,
             headers=dict(self.headers),
             media_type=PROBLEM_TYPE,
@@ -122,15 +120,15 @@ def install(app: FastAPI) -> None:
 
 
 async def _answer(request: Request, exc: Exception) -> Response:
-    problem = problem_of(exc)
+    refusal = refusal_of(exc)
     path = request.url.path
-    if problem.status == HTTPStatus.METHOD_NOT_ALLOWED:
+    if refusal.status == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = ", ".join(_methods_at(request))
         detail = f"{request.method} is not possible here, but {allowed}"
-        problem = replace(problem, detail=detail, headers={"Allow": allowed})
-    elif problem.detail == HTTPStatus.NOT_FOUND.phrase:
-        problem = replace(problem, detail=f"there is nothing at {path!r}")
-    return problem.response(instance=path, request_id=current_request_id.get())
+        refusal = replace(refusal, detail=detail, headers={"Allow": allowed})
+    elif refusal.detail == HTTPStatus.NOT_FOUND.phrase:
+        refusal = replace(refusal, detail=f"there is nothing at {path!r}")
+    return refusal.response(instance=path, request_id=current_request_id.get())
 
 
 def _methods_at(request: Request) -> Iterator[str]:
@@ -143,21 +141,21 @@ def _methods_at(request: Request) -> Iterator[str]:
             yield method
 
 
-def problem_of(exc: Exception) -> Problem:
-    """The problem for any exception; what nobody foresaw is logged and is a 500."""
+def refusal_of(exc: Exception) -> Refusal:
+    """What an exception is answered with; what nobody foresaw is logged and a 500."""
     if isinstance(exc, RequestValidationError):
         return _invalid_request(exc)
     if isinstance(exc, HTTPException):
-        return _http_problem(exc)
+        return _refusal_by_http(exc)
     if isinstance(exc, ClientDisconnect):  # nobody is left to read this
-        return Problem(400, "client_disconnected", "the body ended too early")
+        return Refusal(400, "client_disconnected", "the body ended too early")
     known = _translated(exc)
     if isinstance(known, AppError):
-        return _app_problem(known)
+        return _refusal_by_app(known)
     if isinstance(known, FilterError):
-        return _filter_problem(known)
+        return _refusal_by_filter(known)
     error_log.error("unexpected error", exc_info=exc)
-    return Problem(
+    return Refusal(
         500, "internal", "the service failed; the request id finds it in its log"
     )
 
@@ -217,17 +215,15 @@ def _says(exc: Exception, phrases: tuple[str, ...]) -> bool:
     return any(phrase in text for phrase in phrases)
 
 
-def _app_problem(exc: AppError) -> Problem:
+def _refusal_by_app(exc: AppError) -> Refusal:
     status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
-    headers, extra = dict(_headers_of(exc)), dict(_more_of(exc))
-    return Problem(
-        int(status), exc.kind, exc.detail, exc.faults, headers=headers, extra=extra
-    )
+    headers, told = dict(_headers_of(exc)), dict(_told_of(exc))
+    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, told)
 
 
-def _more_of(exc: AppError) -> Iterator[tuple[str, Any]]:
+def _told_of(exc: AppError) -> Iterator[tuple[str, Any]]:
     if isinstance(exc, errors.StaleRevision):
-        yield "current", exc.current
+        yield "current", jsonable_encoder(exc.current)
     if isinstance(exc, errors.CountChanged):
         yield "found", exc.found
 
@@ -244,28 +240,35 @@ def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
         yield "Connection", "close"
 
 
-def _filter_problem(exc: FilterError) -> Problem:
-    if not isinstance(exc, AnnotationErrors):
-        fault = Fault(exc.pointer, exc.kind, exc.detail)
-        return Problem(422, exc.kind, exc.detail, (fault,))
-    faults = tuple(Fault(one.pointer, one.kind, one.detail) for one in exc.errors)
-    return Problem(422, exc.kind, exc.detail, faults, exc.more_errors)
+def _refusal_by_filter(exc: FilterError) -> Refusal:
+    several = exc if isinstance(exc, AnnotationErrors) else None
+    faults = tuple(
+        Fault(pointer=one.pointer, code=one.kind, detail=one.detail)
+        for one in (several.errors if several else (exc,))
+    )
+    told = _not_listed(several.more_errors if several else 0)
+    return Refusal(422, exc.kind, exc.detail, faults, told=told)
 
 
-def _http_problem(exc: HTTPException) -> Problem:
+def _not_listed(more: int) -> dict[str, int]:
+    return {"more_errors": more} if more else {}
+
+
+def _refusal_by_http(exc: HTTPException) -> Refusal:
     if isinstance(exc.__cause__, AppError):  # FastAPI wraps what reading a body raises
-        return _app_problem(exc.__cause__)
+        return _refusal_by_app(exc.__cause__)
     code = HTTP_CODES.get(exc.status_code, "http_error")
-    return Problem(exc.status_code, code, str(exc.detail), headers=exc.headers or {})
+    return Refusal(exc.status_code, code, str(exc.detail), headers=exc.headers or {})
 
 
-def _invalid_request(exc: RequestValidationError) -> Problem:
+def _invalid_request(exc: RequestValidationError) -> Refusal:
     errors = exc.errors()
     faults = tuple(_fault_of(error) for error in errors[:MAX_FAULTS])
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     at = faults[0].pointer if errors[0]["loc"][0] == "body" else ""
     detail = f"{at}{': ' if at else ''}{faults[0].detail}{more}"
-    return Problem(422, "invalid_request", detail, faults, len(errors) - len(faults))
+    told = _not_listed(len(errors) - len(faults))
+    return Refusal(422, "invalid_request", detail, faults, told=told)
 
 
 def _fault_of(error: Mapping[str, Any]) -> Fault:
@@ -277,7 +280,7 @@ def _fault_of(error: Mapping[str, Any]) -> Fault:
     if where != "body":
         detail = f"{where} parameter {path[0]!r}: {detail}"
         path = [where, *path]
-    return Fault(_json_pointer(path), error["type"], detail)
+    return Fault(pointer=_json_pointer(path), code=error["type"], detail=detail)
 
 
 def _json_pointer(path: list[str | int]) -> str:

@@ -32,7 +32,7 @@ from app.http.deps import (
 )
 from app.http.middleware import BODY_ALLOWANCE
 from app.http.pages import written
-from app.http.problems import problem_of
+from app.http.problems import refusal_of
 from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left
 from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
@@ -49,7 +49,15 @@ from app.logs import current_request_id
 from app.measuring.active import PlanCache
 from app.measuring.queries import DatasetRepository
 from app.storage.room import require_room
-from unghost.wire.frames import KnownFrame, KnownFrames, KnownFramesIn, StoredFrame
+from unghost.wire.frames import (
+    BatchEnd,
+    BatchLine,
+    KnownFrame,
+    KnownFrames,
+    KnownFramesIn,
+    StoredFrame,
+)
+from unghost.wire.model import Problem
 
 ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"
@@ -65,7 +73,16 @@ _BODY: Final = {
 }
 _ANSWER: Final[dict[int | str, dict[str, Any]]] = {
     200: {
-        "content": {LINES: {"schema": {"type": "string"}}},
+        "content": {
+            LINES: {
+                "itemSchema": {
+                    "anyOf": [
+                        {"$ref": f"#/components/schemas/{model.__name__}"}
+                        for model in (BatchLine, BatchEnd)
+                    ]
+                }
+            }
+        },
         "description": "A line per frame as soon as it is stored, and a last one.",
     }
 }
@@ -159,15 +176,15 @@ class BatchAnswer(Response):
         places = self._request.app.state.batches
         intake = BatchIntake(self._services, self._batch, places)
         told: Counter[str] = Counter(stored=0, same=0, refused=0)
-        end: dict[str, Any] = {"end": True}
+        why: dict[str, Problem] = {}
         try:
             async for lines in intake.lines(aiter(frames)):
                 yield b"".join([self._told(line, told) for line in lines])
         except ClientDisconnect:
             return  # nobody is left to be told
         except Exception as error:
-            end["problem"] = self._problem(error)
-        yield _line({**end, "frames": told.total(), **told})
+            why["problem"] = self._problem(error)
+        yield _line(BatchEnd(end=True, frames=told.total(), **why, **told))
 
     def _told(self, line: FrameLine, told: Counter[str]) -> bytes:
         status = self._status(line)
@@ -177,22 +194,21 @@ class BatchAnswer(Response):
 
     def _status(self, line: FrameLine) -> int:
         if line.error is not None:
-            return problem_of(line.error).status
+            return refusal_of(line.error).status
         return 201 if line.created else 200
 
-    def _described(self, line: FrameLine, status: int) -> dict[str, Any]:
-        described = {
-            "key": line.key,
-            "status": status,
-            "frame_id": line.frame_id,
-            "decisions": line.verdicts,
-        }
-        if line.error is not None:
-            described["problem"] = self._problem(line.error)
-        return described
+    def _described(self, line: FrameLine, status: int) -> BatchLine:
+        why = {} if line.error is None else {"problem": self._problem(line.error)}
+        return BatchLine(
+            key=line.key,
+            status=status,
+            frame_id=line.frame_id,
+            decisions=line.verdicts,
+            **why,
+        )
 
-    def _problem(self, error: Exception) -> dict[str, Any]:
-        return problem_of(error).document(
+    def _problem(self, error: Exception) -> Problem:
+        return refusal_of(error).problem(
             instance=self._request.url.path, request_id=current_request_id.get()
         )
 
@@ -200,8 +216,9 @@ class BatchAnswer(Response):
 _KINDS: Final = {201: "stored", 200: "same"}
 
 
-def _line(value: dict[str, Any]) -> bytes:
-    return json.dumps(value, ensure_ascii=False).encode() + b"\n"
+def _line(line: BatchLine | BatchEnd) -> bytes:
+    told = line.model_dump(mode="json")
+    return json.dumps(told, ensure_ascii=False).encode() + b"\n"
 
 
 ANNOTATION: Final = "annotation"

@@ -41,6 +41,7 @@ from filter_core.errors import AnnotationError, FilterError
 from filter_core.formats.reading import MAX_KEY
 from filter_core.pipeline import MeasuredFrame
 from filter_core.types import Reason, Verdict
+from unghost.wire.datasets import VerdictCounts
 
 _OF_ONE_FRAME: Final = (
     FilterError,
@@ -143,12 +144,12 @@ class FrameWork:
 
 @dataclass(frozen=True)
 class FrameLine:
-    """What became of a frame; `verdicts` are counts by verdict."""
+    """What became of a frame."""
 
     key: str
     frame_id: int | None = None
     created: bool = False
-    verdicts: dict[str, int] | None = None
+    verdicts: VerdictCounts | None = None
     error: Exception | None = None
 
 
@@ -286,12 +287,12 @@ def _count_stored(session: Session, lines: dict[str, FrameLine]) -> None:
         lines[key] = replace(lines[key], verdicts=verdict_counts(reasons))
 
 
-def verdict_counts(reasons: Sequence[int]) -> dict[str, int]:
+def verdict_counts(reasons: Sequence[int]) -> VerdictCounts:
     """How many boxes have each verdict."""
     counts = {verdict.value: 0 for verdict in Verdict}
     for reason in reasons:
         counts[Reason(reason).verdict.value] += 1
-    return counts
+    return VerdictCounts(**counts)
 
 
 MAX_TEXT: Final = 200

@@ -13,12 +13,13 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from app.context import ServiceContext
 from app.db.migrate import current_revision, head_revision
 from app.db.transient import takes_writes
-from app.errors import Fault, NotReady, TryLater
+from app.errors import NotReady, TryLater
 from app.logs import error_log
 from app.maintenance.page_check import ADVICE
 from app.package import migrations_dir
 from app.process.loop_watch import LoopWatch
 from app.storage.room import free_bytes
+from unghost.wire.model import Fault
 
 RETRY_S: Final = 5
 GOOD_FOR_S: Final = 1.0
@@ -63,7 +64,7 @@ class Readiness:
         try:
             checks, faults = {**found.checks, "event_loop": self._loop.check()}, []
         except NotReady as exc:
-            checks, faults = found.checks, [Fault("", "event_loop", str(exc))]
+            checks, faults = found.checks, [_fault("event_loop", str(exc))]
         if found.faults or faults:
             raise _not_ready([*found.faults, *faults])
         return checks
@@ -71,7 +72,11 @@ class Readiness:
 
 def _goes_on(context: ServiceContext) -> None:
     if context.engine.stopping.is_set():
-        raise _not_ready([Fault("", "shutdown", "the service stops")])
+        raise _not_ready([_fault("shutdown", "the service stops")])
+
+
+def _fault(check: str, detail: str) -> Fault:
+    return Fault(pointer="", code=check, detail=detail)
 
 
 def _not_ready(faults: list[Fault]) -> NotReady:
@@ -94,7 +99,7 @@ def _look(context: ServiceContext) -> Found:
         except (TryLater, SQLAlchemyError, OSError) as exc:
             detail = _reason(exc)
             error_log.warning("not ready: %s: %s", name, detail)
-            found.faults.append(Fault("", name, detail))
+            found.faults.append(_fault(name, detail))
     return found
 
 

@@ -31,7 +31,7 @@ from uvicorn.protocols.http.httptools_impl import (
     RequestResponseCycle,
 )
 
-from app.http.problems import PROBLEM_TYPE, Problem
+from app.http.problems import PROBLEM_TYPE, Refusal
 from app.incoming import Pieces
 from app.logs import Answered, known_as, log_answer, server_log
 from app.process.connections import MOST_TURNED_AWAY, Connections
@@ -138,7 +138,7 @@ MOST_PIPELINED: Final = 32
 _FULL_RETRY_S: Final = 5
 _TURN_AWAY_S: Final = 1.0
 """How long somebody who is turned away may take to read why."""
-_MALFORMED: Final = Problem(
+_MALFORMED: Final = Refusal(
     400, "malformed_http", "this is no request in HTTP/1.1 with a known method"
 )
 
@@ -211,7 +211,7 @@ class ProblemProtocol(HttpToolsProtocol):
         self._others.turned_away.add(self)
         headers = {"Retry-After": str(_FULL_RETRY_S)}
         status = HTTPStatus.SERVICE_UNAVAILABLE
-        self._say(Problem(status, "too_many_connections", refusal, headers=headers))
+        self._say(Refusal(status, "too_many_connections", refusal, headers=headers))
         # Closed with a request unread, the answer would be lost on some systems.
         self.transport.write_eof()
         self._be_patient(_TURN_AWAY_S)
@@ -314,7 +314,7 @@ class ProblemProtocol(HttpToolsProtocol):
         if self._has_begun:
             detail = f"the request's head did not arrive within {self._head_wait_s:g} s"
             status = HTTPStatus.REQUEST_TIMEOUT
-            self._refuse(Problem(status, "request_timeout", detail))
+            self._refuse(Refusal(status, "request_timeout", detail))
         elif not self.transport.is_closing():
             self.transport.close()
 
@@ -322,32 +322,32 @@ class ProblemProtocol(HttpToolsProtocol):
         # Before the first request there is no cycle, whatever its type says.
         return not getattr(self.cycle, "response_complete", True)
 
-    def _too_long(self) -> Problem:
-        return Problem(
+    def _too_long(self) -> Refusal:
+        return Refusal(
             HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE,
             "head_too_large",
             f"the request's head is larger than {self._most} bytes",
         )
 
-    def _refuse(self, problem: Problem) -> None:
+    def _refuse(self, refusal: Refusal) -> None:
         if self.transport.is_closing():
             return
         if not self._is_answering():  # else only hang up: an answer is on its way
-            self._say(problem)
+            self._say(refusal)
         self.transport.close()
 
-    def _say(self, problem: Problem) -> None:
+    def _say(self, refusal: Refusal) -> None:
         request_id = uuid.uuid4().hex
-        answer = problem.response(instance="", request_id=request_id)
+        answer = refusal.response(instance="", request_id=request_id)
         with known_as(request_id):
             client = self.address
-            log_answer(Answered("-", "-", None, problem.status, 0.0, None, client))
-        status = HTTPStatus(problem.status)
+            log_answer(Answered("-", "-", None, refusal.status, 0.0, None, client))
+        status = HTTPStatus(refusal.status)
         head = (
             f"HTTP/1.1 {status.value} {status.phrase}",
             f"content-type: {PROBLEM_TYPE}",
             f"content-length: {len(answer.body)}",
-            *(f"{name.lower()}: {value}" for name, value in problem.headers.items()),
+            *(f"{name.lower()}: {value}" for name, value in refusal.headers.items()),
             "x-content-type-options: nosniff",
             f"x-request-id: {request_id}",
             "connection: close",

@@ -45,7 +45,6 @@ history_router = ApiRouter(prefix="/api/v1", tag="boxes")
 @history_router.get(
     "/boxes/{box_id}/history",
     response_model=History,
-    response_model_exclude_unset=True,
 )
 def get_history(box_id: RowId, session: ReadSession) -> History:
     """Decisions of runs and answers of people on a box, newest first."""

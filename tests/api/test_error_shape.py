@@ -11,8 +11,9 @@ from starlette.requests import ClientDisconnect
 
 from app import errors
 from app.errors import AppError
-from app.http.problems import STATUS, problem_of
+from app.http.problems import STATUS, refusal_of
 from app.security import Role
+from unghost.wire.model import Fault
 
 KEYS = {
     *("type", "title", "status", "detail", "instance", "code", "request_id", "errors")
@@ -164,30 +165,30 @@ def test_a_token_in_a_body_is_never_repeated(anybody):
 
 
 def test_a_client_that_hangs_up_is_no_failure_of_the_service(caplog):
-    problem = problem_of(ClientDisconnect())
+    refusal = refusal_of(ClientDisconnect())
 
-    assert (problem.status, problem.code) == (400, "client_disconnected")
+    assert (refusal.status, refusal.code) == (400, "client_disconnected")
     assert caplog.records == []
 
 
 def test_what_nobody_foresaw_is_logged_with_its_traceback(caplog):
-    problem = problem_of(RuntimeError("the disk is on fire"))
+    refusal = refusal_of(RuntimeError("the disk is on fire"))
 
-    assert (problem.status, problem.code) == (500, "internal")
-    assert "fire" not in problem.detail
+    assert (refusal.status, refusal.code) == (500, "internal")
+    assert "fire" not in refusal.detail
     assert "the disk is on fire" in caplog.text
 
 
 def test_a_full_disk_is_no_internal_error():
-    problem = problem_of(OSError(errno.ENOSPC, "No space left on device"))
+    refusal = refusal_of(OSError(errno.ENOSPC, "No space left on device"))
 
-    assert (problem.status, problem.code) == (503, "storage_full")
+    assert (refusal.status, refusal.code) == (503, "storage_full")
 
 
 def test_a_message_keeps_the_pointer_of_its_fault():
-    problem = problem_of(errors.BadRequest("no", faults=[errors.Fault("/a", "b", "c")]))
+    fault = Fault(pointer="/a", code="b", detail="c")
 
-    assert problem.faults == (errors.Fault("/a", "b", "c"),)
+    assert refusal_of(errors.BadRequest("no", faults=[fault])).faults == (fault,)
 
 
 @pytest.mark.parametrize(

@@ -21,27 +21,16 @@ No answer at all is `httpx.TransportError`, which is passed on untouched.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
 from typing import Any, TypeAlias
 
 import httpx
 
+from unghost import wire
+
 Json: TypeAlias = Mapping[str, Any]
 """A JSON object as it came."""
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One fault of a request: where (a JSON pointer), which, and what to do."""
-
-    pointer: str
-    code: str
-    detail: str
-
-    def __str__(self) -> str:
-        return f"{self.pointer}: {self.detail}" if self.pointer else self.detail
 
 
 class ApiError(Exception):
@@ -198,18 +187,10 @@ def json_object(response: httpx.Response) -> Json | None:
     return body if isinstance(body, dict) else None
 
 
-def _faults(errors: object) -> list[Fault]:
+def _faults(errors: object) -> list[wire.Fault]:
     if not isinstance(errors, list):
         return []
-    return [
-        Fault(
-            pointer=str(error.get("pointer") or ""),
-            code=str(error.get("code") or "invalid"),
-            detail=str(error.get("detail") or ""),
-        )
-        for error in errors
-        if isinstance(error, Mapping)
-    ]
+    return [wire.Fault.read(one) for one in errors if isinstance(one, Mapping)]
 
 
 def retry_after_s(header: str | None, now: datetime | None = None) -> float | None:

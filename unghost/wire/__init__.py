@@ -50,8 +50,11 @@ if TYPE_CHECKING:
     from unghost.wire.datasets import (
         Dataset as Dataset,
         DatasetCounts as DatasetCounts,
+        DatasetIn as DatasetIn,
+        DatasetPatch as DatasetPatch,
         FrameCounts as FrameCounts,
         Histogram as Histogram,
+        IgnoreMask as IgnoreMask,
         RefusedFrame as RefusedFrame,
         Stats as Stats,
         VerdictCounts as VerdictCounts,
@@ -148,8 +151,11 @@ _NAMES: Final = {
     "datasets": (
         "Dataset",
         "DatasetCounts",
+        "DatasetIn",
+        "DatasetPatch",
         "FrameCounts",
         "Histogram",
+        "IgnoreMask",
         "RefusedFrame",
         "Stats",
         "VerdictCounts",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias, get_args
 
-from pydantic import AwareDatetime, ConfigDict, Field
+from pydantic import AwareDatetime, Field
 
-from unghost.wire.model import Json, Page, RequestModel, ResponseModel
+from unghost.wire.model import Json, Page, RequestModel, ResponseModel, SparseModel
 from unghost.wire.words import (
     Answer,
     BoxSort,
@@ -302,15 +302,13 @@ class UndoneBatch(ResponseModel):
     skipped: tuple[int, ...] = ()
 
 
-class HistoryEntry(ResponseModel):
+class HistoryEntry(SparseModel):
     """A decision or a review of a box's past; `kind` says which, and which keys it has.
 
     A decision has `run` and what follows from it, and `activated` if the run changed
     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
     given in, and `carried_from`, the box of an earlier revision that it was given on.
     """
-
-    model_config = ConfigDict(json_schema_serialization_defaults_required=False)
 
     # In the order in which either kind of entry has its keys.
     kind: HistoryKind

@@ -1,14 +1,97 @@
-"""Datasets as they are answered, and what is counted over a frame and a dataset."""
+"""Datasets as they are sent and answered, and what is counted in one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
-from pydantic import AwareDatetime, Field
+from pydantic import (
+    AwareDatetime,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
-from unghost.wire.model import Json, ResponseModel
+from unghost.wire.model import Json, RequestModel, ResponseModel, never_null
 from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
+
+ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Description = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
+Pixel = Annotated[float, Field(allow_inf_nan=False)]
+Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
+Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=True)]
+Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fast=True)]
+
+
+class IgnoreMask(RequestModel):
+    """Where pixels never count, for instance on the ego's bonnet: one of two forms."""
+
+    polygons: Polygons | None = Field(default=None, description="Corners in pixels.")
+    png: Annotated[str, Field(max_length=2_000_000)] | None = Field(
+        default=None,
+        description="A PNG of the frames' size, in Base64; not black is ignored.",
+    )
+
+    @model_validator(mode="after")
+    def _has_one_form(self) -> IgnoreMask:
+        if (self.polygons is None) == (self.png is None):
+            raise ValueError("expected either polygons or png")
+        return self
+
+
+class DatasetIn(RequestModel):
+    """A new dataset."""
+
+    name: Annotated[
+        str,
+        Field(
+            pattern=r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$",
+            description="Lower-case letters, digits, dots, dashes, underscores.",
+        ),
+    ]
+    description: Description = ""
+    classes: Annotated[list[ClassName], Field(max_length=1000)] | None = Field(
+        default=None, description="Ordered; unset: the eight classes of CARLA."
+    )
+    palette: Palette = "auto"
+    encoding: Encoding = "auto"
+    channel_order: ChannelOrder = "auto"
+    lossy_segmentation: LossyPolicy = "refuse"
+    ignore_mask: IgnoreMask | None = None
+
+
+_TAKEN_AWAY_BY_NULL: Final = "ignore_mask"
+
+
+def _values_are_needed(schema: dict[str, Any]) -> None:
+    for name, value in schema["properties"].items():
+        if name != _TAKEN_AWAY_BY_NULL:
+            never_null(value)
+            value.pop("default", None)
+
+
+class DatasetPatch(RequestModel):
+    """What to change; how segmentations are read starts a run that measures again."""
+
+    model_config = ConfigDict(json_schema_extra=_values_are_needed)
+
+    description: Description | None = None
+    palette: Palette | None = None
+    encoding: Encoding | None = None
+    channel_order: ChannelOrder | None = None
+    lossy_segmentation: LossyPolicy | None = None
+    ignore_mask: IgnoreMask | None = Field(default=None, description="null: none.")
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _only_a_mask_can_be_taken_away(
+        cls, value: object, field: ValidationInfo
+    ) -> object:
+        if value is None and field.field_name != _TAKEN_AWAY_BY_NULL:
+            raise ValueError("expected a value, found null; leave the key out instead")
+        return value
 
 
 class _OfFrames(ResponseModel):

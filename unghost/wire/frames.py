@@ -10,7 +10,16 @@ from pydantic import AwareDatetime, Field, PrivateAttr
 
 from unghost.wire.boxes import Decision
 from unghost.wire.datasets import FrameCounts, VerdictCounts
-from unghost.wire.model import Json, Problem, RequestModel, ResponseModel, time_of
+from unghost.wire.model import (
+    Json,
+    Message,
+    Problem,
+    RequestModel,
+    ResponseModel,
+    SparseModel,
+    never_null,
+    time_of,
+)
 from unghost.wire.words import EdgeKind, Layer
 
 
@@ -124,32 +133,33 @@ class KnownFrames(ResponseModel):
     items: tuple[KnownFrame, ...]
 
 
-class BatchLine(ResponseModel):
+class BatchLine(SparseModel):
     """What became of one frame of a batch.
 
     `status` is what storing the frame alone would have been answered with; a frame that
     was refused has a `problem` and neither id nor decisions.
     """
 
-    key: str
+    key: Message
     status: int
-    frame_id: int | None = None
-    decisions: VerdictCounts | None = None
-    problem: Problem | None = None
+    frame_id: int | None
+    decisions: VerdictCounts | None
+    problem: Problem | None = Field(default=None, json_schema_extra=never_null)
 
 
-class BatchEnd(ResponseModel):
-    """The last line of a batch: how many frames had a line, and what became of them.
-
-    `problem` says why the rest of the archive was not read.
-    """
+class BatchEnd(SparseModel):
+    """The last line of a batch: how many frames had a line, and what became of them."""
 
     end: Literal[True]
+    problem: Problem | None = Field(
+        default=None,
+        json_schema_extra=never_null,
+        description="Why the rest of the archive was not read.",
+    )
     frames: int
     stored: int
-    same: int
+    same: int = Field(description="Frames that were stored already, as they are.")
     refused: int
-    problem: Problem | None = None
 
 
 class CropQuery(RequestModel):

@@ -26,9 +26,14 @@ from typing import (
 from pydantic import (
     AwareDatetime,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    SerializerFunctionWrapHandler,
     TypeAdapter,
     ValidationError,
+    model_serializer,
 )
 
 Json: TypeAlias = Mapping[str, Any]
@@ -127,6 +132,26 @@ class ResponseModel(BaseModel):
         return type(self) is type(other) and self.__dict__ == other.__dict__
 
 
+class SparseModel(ResponseModel):
+    """An answer that has only those keys whose fields were set."""
+
+    model_config = ConfigDict(json_schema_serialization_defaults_required=False)
+
+    @model_serializer(mode="wrap")
+    def _only_set(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values: dict[str, Any] = write(self)
+        return {key: values[key] for key in values if key in self.model_fields_set}
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: Json, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        # Of the fields; that of the serializer only says that it gives an object.
+        described: Any = dict(core_schema)
+        described.pop("serialization", None)
+        return handler(described)
+
+
 class Page(ResponseModel, Generic[ItemT]):
     """One page of a list."""
 
@@ -134,30 +159,82 @@ class Page(ResponseModel, Generic[ItemT]):
     next_cursor: str | None = None
 
 
+def _writable(text: object) -> object:
+    # JSON can have halves of surrogate pairs, UTF-8 cannot: they become `\\ud800`.
+    if not isinstance(text, str):
+        return text
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+Message: TypeAlias = Annotated[str, BeforeValidator(_writable)]
+"""A text that may repeat some of a request."""
+MAX_FAULTS: Final = 100
+"""How many faults a problem lists."""
+
+
 class Fault(ResponseModel):
     """One fault of a request: where, which, and what to do."""
 
-    pointer: str
-    """A JSON pointer into the body, or `/query/name`, `/path/name`."""
-    code: str
-    detail: str
+    pointer: Message = Field(
+        default="",
+        description="JSON pointer into the body, or /query/name, /path/name.",
+    )
+    code: Message = "invalid"
+    detail: Message = ""
 
     def __str__(self) -> str:
         return f"{self.pointer}: {self.detail}" if self.pointer else self.detail
 
 
-class Problem(ResponseModel):
-    """Why a request failed (RFC 9457): `code` for programs, `detail` for people."""
+def never_null(schema: dict[str, Any]) -> None:
+    """Describe a field of a `SparseModel` that is left out where it would be null."""
+    schema.update(next(one for one in schema.pop("anyOf") if one != {"type": "null"}))
+
+
+def _of_an_answer(schema: dict[str, Any]) -> None:
+    _without_defaults(schema)
+    schema["required"] = list(_IN_EVERY_ANSWER)
+
+
+_IN_EVERY_ANSWER: Final = (
+    *("type", "title", "status", "detail", "instance", "code", "request_id"),
+    "errors",
+)
+
+
+class Problem(SparseModel):
+    """Why a request failed (RFC 9457): `code` for programs, `detail` for people.
+
+    An answer has every field down to `errors`, and the others where there is something
+    to say.
+    """
+
+    model_config = ConfigDict(json_schema_extra=_of_an_answer)
 
     type: str = "about:blank"
     title: str = ""
-    status: int | None = None
-    detail: str
+    status: int | None = Field(default=None, json_schema_extra=never_null)
+    detail: Message = ""
     instance: str = ""
     code: str
-    request_id: str | None = None
-    errors: tuple[Fault, ...] = ()
-    more_errors: int = 0
+    request_id: str | None = Field(default=None, json_schema_extra=never_null)
+    errors: tuple[Fault, ...] = Field(
+        default=(), json_schema_extra={"maxItems": MAX_FAULTS}
+    )
+    more_errors: int = Field(
+        default=0,
+        description="How many more errors there are than are listed; absent where none "
+        "are.",
+    )
+    current: Json | None = Field(
+        default=None,
+        description="Of a 412: the thing as it is now; null if it is not told.",
+    )
+    found: int | None = Field(
+        default=None,
+        json_schema_extra=never_null,
+        description="Of a 409 `count_changed`: how many boxes there are.",
+    )
 
 
 _Convert: TypeAlias = Callable[[Any], object]

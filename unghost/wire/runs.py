@@ -9,15 +9,13 @@ from pydantic import (
     AwareDatetime,
     Field,
     RootModel,
-    SerializerFunctionWrapHandler,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
-    model_serializer,
 )
 
 from unghost.wire.datasets import Histogram, VerdictCounts
-from unghost.wire.model import Json, RequestModel, ResponseModel
+from unghost.wire.model import Json, RequestModel, ResponseModel, SparseModel
 from unghost.wire.words import (
     FINISHED,
     ExportFormat,
@@ -143,17 +141,12 @@ class RunIn(RequestModel):
     activate: bool = False
 
 
-class RunCounts(VerdictCounts):
+class RunCounts(VerdictCounts, SparseModel):
     """Boxes by verdict; an empty object until the run is done, which is read as 0."""
 
     kept: int = 0
     rejected: int = 0
     unmeasured: int = 0
-
-    @model_serializer(mode="wrap")
-    def _empty_until_done(self, write: SerializerFunctionWrapHandler) -> dict[str, int]:
-        counts: dict[str, int] = write(self)
-        return counts if self.model_fields_set else {}
 
 
 class Run(ResponseModel):

@@ -8,6 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
+from tests.api.event_reader import parsed
 from tests.support.servers import RunningServer
 from unghost import Client, wire
 from unghost.wire.model import ResponseModel
@@ -35,6 +36,15 @@ def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
 
     assert checked.model_dump(mode="json") == raw
     assert kind.read(raw) == checked
+
+
+def assert_told_by(kind: type[ResponseModel], stream: httpx.Response) -> None:
+    """The data of each event of a stream is answered in full."""
+    told = list(parsed(iter(stream.text.splitlines())))
+
+    assert told[-1].name == "end"
+    for event in told:
+        assert_answered_by(kind, event.data)
 
 
 def test_tokens_and_codes_are_answered_in_full(http):
@@ -117,6 +127,7 @@ def test_runs_and_what_they_change_are_answered_in_full(http, client, filled):
     assert_answered_by(wire.Run, started)
     assert_answered_by(wire.Run, said(http.get(run)))
     assert_answered_by(wire.Page[wire.Run], said(http.get(f"{at}/runs")))
+    assert_told_by(wire.Run, http.get(f"{run}/events"))
     diff = said(http.get(f"{run}/diff", params={"limit": 2}))
     assert diff["next_cursor"] is not None
     assert_answered_by(wire.Diff, diff)
@@ -132,6 +143,7 @@ def test_exports_are_answered_in_full(http, client, filled):
     assert_answered_by(wire.Export, started)
     assert_answered_by(wire.Export, said(http.get(export)))
     assert_answered_by(wire.Page[wire.Export], said(http.get(at)))
+    assert_told_by(wire.Export, http.get(f"{export}/events"))
     link = said(http.post(f"{export}/download-links", json={}))
     assert_answered_by(wire.DownloadLink, link)
 

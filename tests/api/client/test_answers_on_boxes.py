@@ -100,9 +100,7 @@ def test_each_kind_of_entry_of_a_history_has_its_keys(http, client, queued):
 
     raw = said(http.get(f"/boxes/{box}/history"))
 
-    history = wire.History.model_validate(raw)
-    assert history.model_dump(mode="json", exclude_unset=True) == raw
-    assert wire.History.read(raw) == history
+    assert_answered_by(wire.History, raw)
     decided = {"kind", "at", "verdict", "run", "config", "reason"} | {
         "match_percent",
         "threshold",
@@ -158,18 +156,45 @@ def test_lines_of_a_batch_are_answered_in_full(http, dataset):
     )
     stored, refused, end = map(json.loads, told.text.splitlines())
 
-    line = wire.BatchLine.model_validate(stored)
-    assert line.model_dump(mode="json", exclude={"problem"}) == stored
-    line = wire.BatchLine.model_validate(refused)
-    assert line.model_dump(mode="json", exclude={"problem"}) == {
-        key: refused[key] for key in refused if key != "problem"
+    every = {"key", "status", "frame_id", "decisions"}
+    assert (stored.keys(), refused.keys()) == (every, every | {"problem"})
+    assert end == {"end": True, "frames": 2, "stored": 1, "same": 0, "refused": 1}
+    assert_answered_by(wire.BatchLine, stored)
+    assert_answered_by(wire.BatchLine, refused)
+    assert_answered_by(wire.BatchEnd, end)
+    assert (refused["status"], refused["problem"]["status"]) == (422, 422)
+
+
+def test_the_last_line_of_an_archive_that_ends_too_early_is_answered_in_full(
+    http, dataset
+):
+    whole = archives.packed([*archives.frame("a"), *archives.frame("b")])
+    told = http.post(
+        f"/datasets/{dataset}/batches",
+        content=whole[: len(whole) // 2],
+        headers={"Content-Type": "application/x-tar"},
+    )
+    end = json.loads(told.text.splitlines()[-1])
+
+    assert end["problem"]["status"] == 422
+    assert_answered_by(wire.BatchEnd, end)
+
+
+def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, queued):
+    box = box_ids(http, queued)[0]
+    stale = {"verdict": "keep", "seen_revision": 3}
+    many = {"dataset": queued, "box_ids": [box], "verdict": "keep", "expected_count": 9}
+    every = set(wire.Problem.model_json_schema(mode="serialization")["required"])
+
+    refused = {
+        "none": http.get("/datasets/none"),
+        "current": http.post(f"/boxes/{box}/reviews", json=stale),
+        "found": http.post("/reviews/bulk", json=many),
     }
-    assert line.problem is not None
-    assert (line.status, line.problem.status) == (422, 422)
-    assert wire.BatchLine.read(refused) == line
-    last = wire.BatchEnd.model_validate(end)
-    assert last.model_dump(mode="json", exclude={"problem"}) == end
-    assert (last.frames, last.stored, last.refused) == (2, 1, 1)
+
+    for key, answer in refused.items():
+        assert answer.json().keys() == every | {key} - {"none"}
+        assert_answered_by(wire.Problem, answer.json())
 
 
 def test_after_an_answer_was_taken_back_its_revision_goes_on(client, filled):

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy.exc import DatabaseError
 
 from app.db.engine import make_engine, sqlite_url
-from app.http.problems import problem_of
+from app.http.problems import refusal_of
 from tests.api import frames as scene
 from tests.api.durability.conftest import blobs, examined, served
 from tests.mounts import read_only, small_disk
@@ -133,9 +133,9 @@ def test_a_damaged_database_is_told_at_the_start_and_by_a_code(filled, tmp_path)
     with pytest.raises(DatabaseError) as raised, engine.connect() as connection:
         connection.exec_driver_sql("SELECT * FROM decisions").all()
     engine.dispose()
-    problem = problem_of(raised.value)
+    refusal = refusal_of(raised.value)
 
-    assert (problem.status, problem.code) == (503, "database_damaged")
+    assert (refusal.status, refusal.code) == (503, "database_damaged")
     assert "`unghost doctor` says more" in refused_start(filled, tmp_path)
     assert examined(filled).keys() == {"database"}
 

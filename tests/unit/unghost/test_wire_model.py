@@ -9,7 +9,9 @@ from typing import Literal
 import pytest
 from pydantic import AwareDatetime, Field, ValidationError
 
+from filter_core import values
 from unghost.wire.model import (
+    MAX_FAULTS,
     Fault,
     MissingKey,
     Page,
@@ -140,12 +142,40 @@ def test_unknown_keys_of_a_request_are_refused():
 
 
 def test_a_problem_has_its_faults():
-    raw = {"code": "invalid_request", "detail": "d", "errors": [{"pointer": "/a"}]}
-
-    with pytest.raises(MissingKey, match="Fault lacks 'code'"):
-        Problem.read(raw)
     fault = {"pointer": "/a", "code": "missing", "detail": "expected a value"}
-    assert str(Problem.read({**raw, "errors": [fault]}).errors[0]) == (
-        "/a: expected a value"
-    )
+    raw = {"code": "invalid_request", "detail": "d", "errors": [fault]}
+
+    problem = Problem.read(raw)
+
+    assert str(problem.errors[0]) == "/a: expected a value"
+    assert problem.model_dump(mode="json") == {
+        "detail": "d",
+        "code": "invalid_request",
+        "errors": [fault],
+    }
+    with pytest.raises(MissingKey, match="Problem lacks 'code'"):
+        Problem.read({"detail": "d"})
     assert str(Fault(pointer="", code="c", detail="d")) == "d"
+
+
+def test_a_problem_can_repeat_what_utf_8_cannot_write():
+    fault = Fault(pointer="/a\ud800", code="missing", detail="\udfff there")
+
+    assert fault.model_dump_json() == (
+        r'{"pointer":"/a\\ud800","code":"missing","detail":"\\udfff there"}'
+    )
+
+
+def test_a_problem_is_described_by_the_keys_of_every_answer_and_of_some():
+    schema = Problem.model_json_schema(mode="serialization")
+
+    assert schema["properties"].keys() - set(schema["required"]) == {
+        "more_errors",
+        "current",
+        "found",
+    }
+    assert schema["properties"]["status"]["type"] == "integer"
+
+
+def test_as_many_faults_are_listed_as_the_library_finds():
+    assert MAX_FAULTS == values.MAX_FAULTS
