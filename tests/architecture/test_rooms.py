@@ -26,7 +26,6 @@ LEVELS: Final = (
     {"access"},
     {"http", "maintenance"},
     {"measuring"},
-    {"schemas"},
     {"context"},
     {"storage"},
     {"engine"},
