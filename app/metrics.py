@@ -23,6 +23,10 @@ UNKNOWN: Final = "other"
 _METHODS: Final = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"})
 _ROUTE: Final = ("method", "route", "status")
 
+Labels = Mapping[str, str]
+
+_ESCAPED: Final = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
+
 
 class Counter:
     """Only grows; one number for each combination of its labels' values."""
@@ -46,11 +50,6 @@ class Counter:
             yield sample(
                 self._name, dict(zip(self._labels, values, strict=True)), count
             )
-
-
-Labels = Mapping[str, str]
-
-_ESCAPED: Final = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 
 
 def described(name: str, kind: str, text: str) -> Iterator[str]:
@@ -187,6 +186,34 @@ WORK: Final[tuple[Instrument, ...]] = (
 )
 """Of this process since it started; what is stored counts once it is committed."""
 
+Samples = Iterable[tuple[Labels, float]]
+
+_STARTED_S: Final = time.time()
+_SELF: Final = Path("/proc/self")
+_RESIDENT_PAGES: Final = 1
+"""Which number of /proc/self/statm it is."""
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """What was found just now; a counter that somebody else keeps if `kind` says so."""
+
+    name: str
+    text: str
+    samples: Samples
+    kind: str = "gauge"
+
+    @classmethod
+    def of(cls, name: str, text: str, value: float) -> Gauge:
+        """Without labels."""
+        return cls(name, text, (({}, value),))
+
+    def lines(self) -> Iterator[str]:
+        """In Prometheus' text format."""
+        yield from described(self.name, self.kind, self.text)
+        for labels, value in self.samples:
+            yield sample(self.name, labels, value)
+
 
 class RequestMetrics:
     """What one service was asked since it started; cheap enough for every request."""
@@ -221,36 +248,6 @@ class RequestMetrics:
     def instruments(self) -> tuple[Instrument, ...]:
         """All of them."""
         return (self._info, self._requests, self._seconds, self._batch_frames)
-
-
-Samples = Iterable[tuple[Labels, float]]
-
-
-@dataclass(frozen=True)
-class Gauge:
-    """What was found just now; a counter that somebody else keeps if `kind` says so."""
-
-    name: str
-    text: str
-    samples: Samples
-    kind: str = "gauge"
-
-    @classmethod
-    def of(cls, name: str, text: str, value: float) -> Gauge:
-        """Without labels."""
-        return cls(name, text, (({}, value),))
-
-    def lines(self) -> Iterator[str]:
-        """In Prometheus' text format."""
-        yield from described(self.name, self.kind, self.text)
-        for labels, value in self.samples:
-            yield sample(self.name, labels, value)
-
-
-_STARTED_S: Final = time.time()
-_SELF: Final = Path("/proc/self")
-_RESIDENT_PAGES: Final = 1
-"""Which number of /proc/self/statm it is."""
 
 
 def process_facts() -> Iterator[Gauge]:

@@ -39,6 +39,41 @@ refused, so that signing in always works."""
 _NO_ENTRY: Final = "show a valid token, or log in with one"
 
 
+def by_secret(session: Session, secret: str) -> Principal:
+    """Who shows this token, or this session of the page; Unauthorised."""
+    if secret.startswith(SESSION_PREFIX):
+        return by_session(session, secret)
+    return by_token(session, secret)
+
+
+def by_token(session: Session, token: str) -> Principal:
+    """Who shows this bearer token.
+
+    Raises
+    ------
+    Unauthorised
+        It is unknown, revoked or expired. Which of the last two is said: only who
+        holds the token can ask.
+    """
+    digest, now = hash_secret(token), utc_now()
+    tokens = Tokens(session)
+    # One that was renewed opens what it did until it would have ended.
+    row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
+    if row is None or not same_hash(row.hash, digest):
+        raise _refused(tokens.by_hash(digest), now)
+    return Principal(row.id, row.name, Role(row.role))
+
+
+def by_session(session: Session, secret: str) -> Principal:
+    """Who shows this session; raises `Unauthorised` like `by_token`."""
+    digest, now = hash_secret(secret), utc_now()
+    tokens = Tokens(session)
+    row = tokens.valid_by_session(digest, now)
+    if row is None or not same_hash(row.hash, digest):
+        raise _refused(tokens.that_opened(digest), now, "session_expired")
+    return Principal(row.id, row.name, Role(row.role), session_hash=digest)
+
+
 def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     """Open a session of the page for whoever acts; its secret. `by`: token or code."""
     secret = new_session()
@@ -50,6 +85,87 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     Tokens(audit.session).open_session(opened, most=MOST_SESSIONS)
     audit.note(Act.SESSION_OPENED, audit.name, by=by)
     return secret
+
+
+def log_out(session: Session, principal: Principal) -> None:
+    """End the session of this browser; a bearer token has none."""
+    if principal.session_hash is not None:
+        Tokens(session).end_session(principal.session_hash)
+
+
+def expiry(session: Session, principal: Principal) -> datetime | None:
+    """When whoever is asking has to come with another token; None: never."""
+    return Tokens(session).expiry(principal.token_id, principal.session_hash)
+
+
+def issue(
+    audit: AuditTrail, name: str, role: Role, expires_at: datetime | None
+) -> tuple[Token, str]:
+    """A new token and what to show for it; only its hash is stored.
+
+    Raises
+    ------
+    Conflict
+        The name is taken, if only by a revoked token: reviews carry it.
+    Unprocessable
+        It would have expired already.
+    """
+    if expires_at is not None and expires_at <= utc_now():
+        raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
+    tokens = Tokens(audit.session)
+    if tokens.by_name(name) is not None:
+        raise Conflict(f"there is a token named {name!r}, perhaps a revoked one")
+    secret = new_token()
+    token = Token(
+        name=name, role=role.value, hash=hash_secret(secret), expires_at=expires_at
+    )
+    tokens.add(token)
+    until = None if expires_at is None else rfc3339(expires_at)
+    audit.note(
+        Act.TOKEN_CREATED, name, token_id=token.id, role=role.value, expires_at=until
+    )
+    return token, secret
+
+
+def revoke(audit: AuditTrail, token_id: int) -> None:
+    """Take a token back, and end the sessions that it opened.
+
+    Raises
+    ------
+    Conflict
+        Nobody could make tokens afterwards.
+    """
+    tokens = Tokens(audit.session)
+    token = tokens.by_id(token_id)
+    if token is None:
+        raise NotFound("token", token_id)
+    now = utc_now()
+    if tokens.valid_ids(Role.ADMIN.value, now) == [token_id]:
+        raise Conflict(f"token {token.name!r} is the last one of an admin")
+    if token.revoked_at is None:
+        tokens.revoke(token, now)
+        audit.note(Act.TOKEN_REVOKED, token.name, token_id=token_id)
+
+
+def issue_offline(
+    settings: Settings, name: str, role: Role, expires_at: datetime | None
+) -> tuple[Token, str]:
+    """A new token and what to show for it; the audit log names the service itself.
+
+    Raises
+    ------
+    CannotMaintain
+        The database is not there, or at another schema.
+    Conflict
+        The name is taken.
+    """
+    try:
+        with opened(settings) as database, database.write() as session:
+            return issue(AuditTrail(session), name, role, expires_at)
+    except sql.OperationalError as exc:
+        raise CannotMaintain(
+            f"the database does not take it: {exc.orig}; `unghost doctor` says more"
+        ) from exc
 
 
 def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
@@ -129,52 +245,6 @@ def check_link(session: Session, key: str, export_id: int) -> None:
         )
 
 
-def log_out(session: Session, principal: Principal) -> None:
-    """End the session of this browser; a bearer token has none."""
-    if principal.session_hash is not None:
-        Tokens(session).end_session(principal.session_hash)
-
-
-def expiry(session: Session, principal: Principal) -> datetime | None:
-    """When whoever is asking has to come with another token; None: never."""
-    return Tokens(session).expiry(principal.token_id, principal.session_hash)
-
-
-def by_secret(session: Session, secret: str) -> Principal:
-    """Who shows this token, or this session of the page; Unauthorised."""
-    if secret.startswith(SESSION_PREFIX):
-        return by_session(session, secret)
-    return by_token(session, secret)
-
-
-def by_token(session: Session, token: str) -> Principal:
-    """Who shows this bearer token.
-
-    Raises
-    ------
-    Unauthorised
-        It is unknown, revoked or expired. Which of the last two is said: only who
-        holds the token can ask.
-    """
-    digest, now = hash_secret(token), utc_now()
-    tokens = Tokens(session)
-    # One that was renewed opens what it did until it would have ended.
-    row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
-    if row is None or not same_hash(row.hash, digest):
-        raise _refused(tokens.by_hash(digest), now)
-    return Principal(row.id, row.name, Role(row.role))
-
-
-def by_session(session: Session, secret: str) -> Principal:
-    """Who shows this session; raises `Unauthorised` like `by_token`."""
-    digest, now = hash_secret(secret), utc_now()
-    tokens = Tokens(session)
-    row = tokens.valid_by_session(digest, now)
-    if row is None or not same_hash(row.hash, digest):
-        raise _refused(tokens.that_opened(digest), now, "session_expired")
-    return Principal(row.id, row.name, Role(row.role), session_hash=digest)
-
-
 def _refused(token: Token | None, now: datetime, otherwise: str = "") -> Unauthorised:
     """Why a token, or the session that it opened, lets nobody in (any more)."""
     if token is None:
@@ -204,73 +274,3 @@ def _code_is_over() -> Unauthorised:
         "`unghost login` prints a new one",
         code="code_over",
     )
-
-
-def issue_offline(
-    settings: Settings, name: str, role: Role, expires_at: datetime | None
-) -> tuple[Token, str]:
-    """A new token and what to show for it; the audit log names the service itself.
-
-    Raises
-    ------
-    CannotMaintain
-        The database is not there, or at another schema.
-    Conflict
-        The name is taken.
-    """
-    try:
-        with opened(settings) as database, database.write() as session:
-            return issue(AuditTrail(session), name, role, expires_at)
-    except sql.OperationalError as exc:
-        raise CannotMaintain(
-            f"the database does not take it: {exc.orig}; `unghost doctor` says more"
-        ) from exc
-
-
-def issue(
-    audit: AuditTrail, name: str, role: Role, expires_at: datetime | None
-) -> tuple[Token, str]:
-    """A new token and what to show for it; only its hash is stored.
-
-    Raises
-    ------
-    Conflict
-        The name is taken, if only by a revoked token: reviews carry it.
-    Unprocessable
-        It would have expired already.
-    """
-    if expires_at is not None and expires_at <= utc_now():
-        raise Unprocessable(f"expires_at {expires_at.isoformat()} is in the past")
-    tokens = Tokens(audit.session)
-    if tokens.by_name(name) is not None:
-        raise Conflict(f"there is a token named {name!r}, perhaps a revoked one")
-    secret = new_token()
-    token = Token(
-        name=name, role=role.value, hash=hash_secret(secret), expires_at=expires_at
-    )
-    tokens.add(token)
-    until = None if expires_at is None else rfc3339(expires_at)
-    audit.note(
-        Act.TOKEN_CREATED, name, token_id=token.id, role=role.value, expires_at=until
-    )
-    return token, secret
-
-
-def revoke(audit: AuditTrail, token_id: int) -> None:
-    """Take a token back, and end the sessions that it opened.
-
-    Raises
-    ------
-    Conflict
-        Nobody could make tokens afterwards.
-    """
-    tokens = Tokens(audit.session)
-    token = tokens.by_id(token_id)
-    if token is None:
-        raise NotFound("token", token_id)
-    now = utc_now()
-    if tokens.valid_ids(Role.ADMIN.value, now) == [token_id]:
-        raise Conflict(f"token {token.name!r} is the last one of an admin")
-    if token.revoked_at is None:
-        tokens.revoke(token, now)
-        audit.note(Act.TOKEN_REVOKED, token.name, token_id=token_id)

@@ -27,17 +27,37 @@ from app.verdicts import (
 from filter_core.types import BoolArray, Decisions, IntArray, Reason, Verdict
 from unghost.wire.boxes import BoxSelection
 
+THRESHOLD_REASONS = (
+    Reason.VISIBLE,
+    Reason.BELOW_THRESHOLD,
+    Reason.LARGE_BELOW_THRESHOLD,
+)
+"""Reasons of decisions that have a margin."""
 
-class Side(NamedTuple):
-    """Boxes of one class on one side of the threshold that decided them.
 
-    Their match rises away from it (`sign` 1) or falls (-1).
-    """
+@dataclass(frozen=True)
+class Selection:
+    """Filters by name; None where there is none."""
 
-    reason: Reason
-    large: bool
-    threshold: float
-    sign: int
+    verdict: str | None = None
+    effective: str | None = None
+    reason: str | None = None
+    class_name: str | None = None
+    review: str | None = None
+    toss_up: bool | None = None
+    conflict: bool | None = None
+    match_min: float | None = None
+    match_max: float | None = None
+    margin_max: float | None = None
+    distance_min: float | None = None
+    distance_max: float | None = None
+
+    def selects(self) -> bool:
+        """Whether anything is filtered by."""
+        return self != Selection()
+
+
+_NAMES = {spec.name for spec in fields(Selection)}
 
 
 @dataclass(frozen=True)
@@ -152,12 +172,53 @@ class BoxFilter:
         return found
 
 
-THRESHOLD_REASONS = (
-    Reason.VISIBLE,
-    Reason.BELOW_THRESHOLD,
-    Reason.LARGE_BELOW_THRESHOLD,
-)
-"""Reasons of decisions that have a margin."""
+class Side(NamedTuple):
+    """Boxes of one class on one side of the threshold that decided them.
+
+    Their match rises away from it (`sign` 1) or falls (-1).
+    """
+
+    reason: Reason
+    large: bool
+    threshold: float
+    sign: int
+
+
+def selection_of(query: BoxSelection) -> Selection:
+    """The filters among the parameters of a list."""
+    return Selection(**query.model_dump(include=_NAMES))
+
+
+def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilter:
+    """The filter; BadRequest names a value that is not known."""
+    classes = DatasetRepository(session).classes(dataset.id)
+    config = config_of(active_version(session, dataset))
+    limits = config.thresholds_for(list(classes))
+    thresholds = tuple(
+        ClassThresholds(*one)
+        for one in zip(
+            classes.values(),
+            limits.threshold_small_box.tolist(),
+            limits.threshold_big_box.tolist(),
+            limits.threshold_kept_large_box.tolist(),
+            strict=True,
+        )
+    )
+    return BoxFilter(
+        dataset_id=dataset.id,
+        reasons=_reasons(wanted),
+        class_ids=_class_ids(wanted.class_name, classes),
+        review=_review(wanted.review),
+        effective=Verdict(wanted.effective) if wanted.effective else None,
+        toss_up=wanted.toss_up,
+        conflict=wanted.conflict,
+        match_min=wanted.match_min,
+        match_max=wanted.match_max,
+        margin_max=wanted.margin_max,
+        distance_min=wanted.distance_min,
+        distance_max=wanted.distance_max,
+        thresholds=thresholds,
+    )
 
 
 def is_near(
@@ -244,68 +305,6 @@ class BoxProbes:
         unanswered = [] if wanted.toss_up else wanted.unanswered()
         rows = select(Decision.box_id).where(*wanted.conditions(), *unanswered)
         return np.fromiter(self._session.scalars(rows), np.int64)
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Filters by name; None where there is none."""
-
-    verdict: str | None = None
-    effective: str | None = None
-    reason: str | None = None
-    class_name: str | None = None
-    review: str | None = None
-    toss_up: bool | None = None
-    conflict: bool | None = None
-    match_min: float | None = None
-    match_max: float | None = None
-    margin_max: float | None = None
-    distance_min: float | None = None
-    distance_max: float | None = None
-
-    def selects(self) -> bool:
-        """Whether anything is filtered by."""
-        return self != Selection()
-
-
-_NAMES = {spec.name for spec in fields(Selection)}
-
-
-def selection_of(query: BoxSelection) -> Selection:
-    """The filters among the parameters of a list."""
-    return Selection(**query.model_dump(include=_NAMES))
-
-
-def to_filter(session: Session, dataset: Dataset, wanted: Selection) -> BoxFilter:
-    """The filter; BadRequest names a value that is not known."""
-    classes = DatasetRepository(session).classes(dataset.id)
-    config = config_of(active_version(session, dataset))
-    limits = config.thresholds_for(list(classes))
-    thresholds = tuple(
-        ClassThresholds(*one)
-        for one in zip(
-            classes.values(),
-            limits.threshold_small_box.tolist(),
-            limits.threshold_big_box.tolist(),
-            limits.threshold_kept_large_box.tolist(),
-            strict=True,
-        )
-    )
-    return BoxFilter(
-        dataset_id=dataset.id,
-        reasons=_reasons(wanted),
-        class_ids=_class_ids(wanted.class_name, classes),
-        review=_review(wanted.review),
-        effective=Verdict(wanted.effective) if wanted.effective else None,
-        toss_up=wanted.toss_up,
-        conflict=wanted.conflict,
-        match_min=wanted.match_min,
-        match_max=wanted.match_max,
-        margin_max=wanted.margin_max,
-        distance_min=wanted.distance_min,
-        distance_max=wanted.distance_max,
-        thresholds=thresholds,
-    )
 
 
 def _reasons(wanted: Selection) -> tuple[int, ...]:

@@ -47,6 +47,9 @@ NEAR_PERCENT: Final = 5.0
 CROWDED_PERCENT: Final = 50.0
 """From this share on, another box may have lent a hidden one its pixels."""
 
+_EPSILON: Final = 1e-9
+_MAX_ID: Final = 2**63 - 1
+
 
 @dataclass(frozen=True)
 class Present:
@@ -335,10 +338,6 @@ class Stream:
         return select(inner.c.score, inner.c.stream, inner.c.box_id)
 
 
-_EPSILON: Final = 1e-9
-_MAX_ID: Final = 2**63 - 1
-
-
 def _bounds(side: Side, within: float | None) -> list[ColumnElement[bool]]:
     column, threshold = Decision.match_percent, side.threshold
     inner = column >= threshold if side.sign > 0 else column <= threshold
@@ -371,6 +370,8 @@ WINDOW: Final = 1 << 14
 
 _NO_STREAM: Final = 1 << 30
 """Comes after all streams: none of them has another box of the same id."""
+
+START: Final = Position(0, float("-inf"), -1, 0)
 
 
 class BoxPages:
@@ -471,9 +472,6 @@ def _first_page(asked: _Asked) -> _Plan:
     # Kept, as a queue begins anew for every answer: putting together the statement of
     # some sixty streams takes several times as long as running it.
     return _page(asked, START)
-
-
-START: Final = Position(0, float("-inf"), -1, 0)
 
 
 def encode(position: Position) -> str:

@@ -43,6 +43,45 @@ from app.storage import BlobStore, StoredFile, export_of
 
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 
+SETTLED_S: Final = 3600.0
+"""Files that changed within the last hour may belong to work that goes on."""
+TOGETHER: Final = 8
+"""Files of a bucket that are read at the same time; a disk is read in order."""
+
+_ADVICE: Final = {
+    "files": "copy them from the folder blobs of a backup, or send their frames again, "
+    "one by one, with `PUT .../frames/KEY`, which writes what is gone or cut short "
+    "(delete a file first whose content has changed)",
+    "exports": "make these exports again",
+}
+
+MOST_EXAMPLES: Final = 5
+
+
+class Severity(str, Enum):
+    """How bad a finding is."""
+
+    OK = "ok"
+    NOTE = "note"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found; `todo` says what to do, for all but the best."""
+
+    check: str
+    severity: Severity
+    found: str
+    todo: str = ""
+    count: int = 0
+    examples: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """As it is printed."""
+        return {**vars(self), "severity": self.severity.value}
+
 
 def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Finding]:
     """Every check, one after the other; nothing is changed.
@@ -163,12 +202,6 @@ def _schema(revision: str | None) -> Finding:
     )
 
 
-SETTLED_S: Final = 3600.0
-"""Files that changed within the last hour may belong to work that goes on."""
-TOGETHER: Final = 8
-"""Files of a bucket that are read at the same time; a disk is read in order."""
-
-
 def file_findings(
     settings: Settings, session: Session, *, verify: bool, steps: Steps
 ) -> Iterator[Finding]:
@@ -256,14 +289,6 @@ def _findings(
     )
 
 
-_ADVICE: Final = {
-    "files": "copy them from the folder blobs of a backup, or send their frames again, "
-    "one by one, with `PUT .../frames/KEY`, which writes what is gone or cut short "
-    "(delete a file first whose content has changed)",
-    "exports": "make these exports again",
-}
-
-
 def _of_rows(
     check: str,
     wanted: Sequence[WantedFile],
@@ -316,34 +341,6 @@ def _leftovers(paths: Sequence[Path]) -> Finding:
         len(paths),
         tuple(path.name for path in paths[:MOST_EXAMPLES]),
     )
-
-
-MOST_EXAMPLES: Final = 5
-
-
-class Severity(str, Enum):
-    """How bad a finding is."""
-
-    OK = "ok"
-    NOTE = "note"
-    WARNING = "warning"
-    ERROR = "error"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What one check found; `todo` says what to do, for all but the best."""
-
-    check: str
-    severity: Severity
-    found: str
-    todo: str = ""
-    count: int = 0
-    examples: tuple[str, ...] = ()
-
-    def as_dict(self) -> dict[str, object]:
-        """As it is printed."""
-        return {**vars(self), "severity": self.severity.value}
 
 
 def is_answering(engine: Engine) -> Finding:

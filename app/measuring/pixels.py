@@ -29,39 +29,6 @@ from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
 from filter_core.segmentation.reading import read_segmentation
 from filter_core.types import Mask
 
-
-def measure_files(
-    pool: PixelPool,
-    plan: MeasureConfig,
-    annotation: FrameAnnotation,
-    files: FrameFiles,
-    given_up: threading.Event | None = None,
-) -> MeasuredFrame:
-    """Decode, project and measure one frame.
-
-    In a child process that is waited for, unless what it costs is known to be little.
-
-    Raises
-    ------
-    FilterError
-        Whatever is wrong with the frame; `app.engine.pixels.PixelsRefused` if it needs
-        more time or memory than a frame may.
-    app.engine.pixels.GivenUp
-        `given_up` was set before the child was done.
-    """
-    # Only what is read there travels: not what came along, to be given back by exports.
-    needed = replace(annotation, raw={}, extra={}, weather={})
-    work = measure, plan, needed, files
-    if is_simple(plan, needed, files):
-        measured, decode_s, measure_s = pool.run_here(*work)
-    else:
-        measured, decode_s, measure_s = pool.run(*work, given_up=given_up)
-    if decode_s is not None:
-        DECODE_SECONDS.observe(decode_s)
-    MEASURE_SECONDS.observe(measure_s)
-    return replace(measured, annotation=annotation)
-
-
 MEASURED: Final = ("segmentation", "ignore_mask")
 """The kinds of files that every measurement reads."""
 SENSORS: Final = files_for(CHANNELS)
@@ -95,6 +62,65 @@ class FrameFiles:
         sensors = {kind: contents[kind] for kind in kinds if kind in contents}
         segmentation, ignore_mask = map(contents.get, MEASURED)
         return cls(segmentation, image_wh, ignore_mask, sensors=sensors)
+
+
+def measure_files(
+    pool: PixelPool,
+    plan: MeasureConfig,
+    annotation: FrameAnnotation,
+    files: FrameFiles,
+    given_up: threading.Event | None = None,
+) -> MeasuredFrame:
+    """Decode, project and measure one frame.
+
+    In a child process that is waited for, unless what it costs is known to be little.
+
+    Raises
+    ------
+    FilterError
+        Whatever is wrong with the frame; `app.engine.pixels.PixelsRefused` if it needs
+        more time or memory than a frame may.
+    app.engine.pixels.GivenUp
+        `given_up` was set before the child was done.
+    """
+    # Only what is read there travels: not what came along, to be given back by exports.
+    needed = replace(annotation, raw={}, extra={}, weather={})
+    work = measure, plan, needed, files
+    if is_simple(plan, needed, files):
+        measured, decode_s, measure_s = pool.run_here(*work)
+    else:
+        measured, decode_s, measure_s = pool.run(*work, given_up=given_up)
+    if decode_s is not None:
+        DECODE_SECONDS.observe(decode_s)
+    MEASURE_SECONDS.observe(measure_s)
+    return replace(measured, annotation=annotation)
+
+
+def is_simple(
+    config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
+) -> bool:
+    """Whether measuring a frame costs little, whatever its bytes are.
+
+    True for a PNG of eight bits per channel that is not interlaced, has nothing between
+    its header and its pixels, and at most `SIMPLE_PIXELS`, with at most `SIMPLE_BOXES`
+    boxes and no other picture to be read: as CARLA and OpenCV write segmentations. Its
+    pixels are inflated to the size that the header says, and a file with more of them
+    is refused (`filter_core.images.decoding`).
+
+    Raises
+    ------
+    ImageError
+        The PNG is damaged.
+    """
+    content = files.segmentation
+    is_alone = not (config.channels or config.ignored or files.ignore_mask)
+    if content is None or not is_alone or len(annotation.boxes) > SIMPLE_BOXES:
+        return False
+    if content[:8] != SIGNATURE or content[_SECOND_KIND] != b"IDAT":
+        return False
+    png = read_png(content, whole=False)
+    is_plain = png.bit_depth == _BITS and not png.is_interlaced
+    return is_plain and png.width * png.height <= SIMPLE_PIXELS
 
 
 def measure(
@@ -131,33 +157,6 @@ def measure(
     begun = time.perf_counter()
     measured = measure_frame(annotation, segmentation, config, options)
     return measured, decoding, time.perf_counter() - begun
-
-
-def is_simple(
-    config: MeasureConfig, annotation: FrameAnnotation, files: FrameFiles
-) -> bool:
-    """Whether measuring a frame costs little, whatever its bytes are.
-
-    True for a PNG of eight bits per channel that is not interlaced, has nothing between
-    its header and its pixels, and at most `SIMPLE_PIXELS`, with at most `SIMPLE_BOXES`
-    boxes and no other picture to be read: as CARLA and OpenCV write segmentations. Its
-    pixels are inflated to the size that the header says, and a file with more of them
-    is refused (`filter_core.images.decoding`).
-
-    Raises
-    ------
-    ImageError
-        The PNG is damaged.
-    """
-    content = files.segmentation
-    is_alone = not (config.channels or config.ignored or files.ignore_mask)
-    if content is None or not is_alone or len(annotation.boxes) > SIMPLE_BOXES:
-        return False
-    if content[:8] != SIGNATURE or content[_SECOND_KIND] != b"IDAT":
-        return False
-    png = read_png(content, whole=False)
-    is_plain = png.bit_depth == _BITS and not png.is_interlaced
-    return is_plain and png.width * png.height <= SIMPLE_PIXELS
 
 
 def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:

@@ -40,27 +40,6 @@ from app.measuring.pixels import described
 from app.metrics import REFUSED
 from filter_core.errors import FilterError
 
-
-class ActiveRow(NamedTuple):
-    """The active configuration, run and measurement of a dataset."""
-
-    dataset_id: int
-    config_id: int
-    run_id: int
-    measurement_id: int
-    config_digest: str
-    measurement_digest: str
-    classes_are_frozen: bool
-
-
-class KeyRow(NamedTuple):
-    """What is known under a frame's key: `frame_id` is None if there is no frame."""
-
-    frame_id: int | None
-    content_digest: str | None
-    has_problem: bool
-
-
 # Built once: putting a statement together costs more than running it.
 _ACTIVE: Final = (
     select(
@@ -88,58 +67,33 @@ _ACTIVE_AND_KEY: Final = _ACTIVE.add_columns(
         Frame.superseded_at.is_(None),
     ),
 )
+
+
+class ActiveRow(NamedTuple):
+    """The active configuration, run and measurement of a dataset."""
+
+    dataset_id: int
+    config_id: int
+    run_id: int
+    measurement_id: int
+    config_digest: str
+    measurement_digest: str
+    classes_are_frozen: bool
+
+
 _WIDTH: Final = len(ActiveRow._fields)
-
-
-def key_rows(
-    session: Session, dataset_id: int, keys: Collection[str]
-) -> dict[str, KeyRow]:
-    """What a dataset has under each of these keys."""
-    frames = select(Frame.key, Frame.id, Frame.content_digest).where(
-        Frame.dataset_id == dataset_id,
-        Frame.key.in_(keys),
-        Frame.superseded_at.is_(None),
-    )
-    refused = select(Problem.key).where(
-        Problem.dataset_id == dataset_id, Problem.key.in_(keys)
-    )
-    found = {row.key: (row.id, row.content_digest) for row in session.execute(frames)}
-    problems = set(session.scalars(refused))
-    absent = (None, None)
-    return {key: KeyRow(*found.get(key, absent), key in problems) for key in keys}
-
-
-def active_row(session: Session, name: str) -> ActiveRow:
-    """By the dataset's name; NotFound."""
-    found = run(session, _ACTIVE, name=name).first()
-    if found is None:
-        raise NotFound("dataset", name)
-    return ActiveRow._make(found)
-
-
-def active_row_and_key(
-    session: Session, name: str, key: str
-) -> tuple[ActiveRow, KeyRow]:
-    """By the dataset's name, and what it has under a frame's key; NotFound."""
-    found = run(session, _ACTIVE_AND_KEY, name=name, key=key).first()
-    return _active_and_key(found, name)
-
-
-def glance(engine: Engine, name: str, key: str) -> tuple[ActiveRow, KeyRow]:
-    """The same as it is now, for those who will look again."""
-    return _active_and_key(first_row(engine, _ACTIVE_AND_KEY, name=name, key=key), name)
-
-
-def _active_and_key(found: Sequence[Any] | None, name: str) -> tuple[ActiveRow, KeyRow]:
-    if found is None:
-        raise NotFound("dataset", name)
-    return ActiveRow._make(found[:_WIDTH]), KeyRow._make(found[_WIDTH:])
-
 
 _CLASSES: Final = (
     select(DatasetClass.name, DatasetClass.id)
     .where(DatasetClass.dataset_id == bindparam("dataset"))
     .order_by(DatasetClass.position)
+)
+
+_FRAMES: Final = 20_000
+"""Frames that are looked at together, and the most of a range."""
+
+_FORGET_PROBLEMS: Final = delete(Problem).where(
+    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
 )
 
 
@@ -265,6 +219,57 @@ class DatasetRepository:
             for position, name in enumerate(names, start)
         )
         self._session.flush()
+
+
+class ConfigRepository:
+    """Rows of `config_versions`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
+        """A dataset's version with this digest."""
+        return self._session.scalar(
+            select(ConfigVersion).where(
+                ConfigVersion.dataset_id == dataset_id, ConfigVersion.digest == digest
+            )
+        )
+
+    def with_id(self, config_id: int) -> ConfigVersion:
+        """A version that another row refers to."""
+        found = self._session.get(ConfigVersion, config_id)
+        if found is None:
+            raise NotFound("config", config_id)
+        return found
+
+    def with_digest(self, digest: str) -> ConfigVersion:
+        """Any dataset's version with this digest; they are equal."""
+        rows = (
+            select(ConfigVersion)
+            .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
+            .where(ConfigVersion.digest == digest, is_there())
+        )
+        found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
+        if found is None:
+            raise NotFound("config", digest)
+        return found
+
+    def add(self, version: ConfigVersion) -> ConfigVersion:
+        """Insert."""
+        self._session.add(version)
+        self._session.flush()
+        return version
+
+    def page(self, dataset_id: int, page: NewestPage) -> list[ConfigVersion]:
+        """Versions, newest first."""
+        return newest(self._session, ConfigVersion, dataset_id, page)
+
+    def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
+        """Digests by id."""
+        rows = select(ConfigVersion.id, ConfigVersion.digest).where(
+            ConfigVersion.id.in_(set(config_ids))
+        )
+        return {row[0]: row[1] for row in self._session.execute(rows)}
 
 
 class EvidenceRow(NamedTuple):
@@ -472,8 +477,96 @@ def _covered(measurement_id: int) -> ColumnElement[bool]:
     )
 
 
-_FRAMES: Final = 20_000
-"""Frames that are looked at together, and the most of a range."""
+class ProblemRepository:
+    """Rows of `problems`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def forget(self, dataset_id: int, key: str) -> None:
+        """The frame came in after all."""
+        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
+
+    def add(self, problem: Problem) -> None:
+        """Insert."""
+        self._session.add(problem)
+        self._session.flush()
+        once_committed(self._session, partial(REFUSED.add, 1))
+
+    def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
+        """Problems, newest first."""
+        return newest(self._session, Problem, dataset_id, page)
+
+    def count(self, dataset_id: int) -> int:
+        """How many frames of a dataset were refused and have not come since."""
+        rows = (
+            select(func.count())
+            .select_from(Problem)
+            .where(Problem.dataset_id == dataset_id)
+        )
+        return self._session.scalar(rows) or 0
+
+
+def note_problem(
+    session: Session, dataset_id: int, key: str, error: FilterError
+) -> None:
+    """Remember a refusal, so that nobody has to search for a missing frame."""
+    problems = ProblemRepository(session)
+    problems.forget(dataset_id, key)
+    problems.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))
+
+
+class KeyRow(NamedTuple):
+    """What is known under a frame's key: `frame_id` is None if there is no frame."""
+
+    frame_id: int | None
+    content_digest: str | None
+    has_problem: bool
+
+
+def key_rows(
+    session: Session, dataset_id: int, keys: Collection[str]
+) -> dict[str, KeyRow]:
+    """What a dataset has under each of these keys."""
+    frames = select(Frame.key, Frame.id, Frame.content_digest).where(
+        Frame.dataset_id == dataset_id,
+        Frame.key.in_(keys),
+        Frame.superseded_at.is_(None),
+    )
+    refused = select(Problem.key).where(
+        Problem.dataset_id == dataset_id, Problem.key.in_(keys)
+    )
+    found = {row.key: (row.id, row.content_digest) for row in session.execute(frames)}
+    problems = set(session.scalars(refused))
+    absent = (None, None)
+    return {key: KeyRow(*found.get(key, absent), key in problems) for key in keys}
+
+
+def active_row(session: Session, name: str) -> ActiveRow:
+    """By the dataset's name; NotFound."""
+    found = run(session, _ACTIVE, name=name).first()
+    if found is None:
+        raise NotFound("dataset", name)
+    return ActiveRow._make(found)
+
+
+def active_row_and_key(
+    session: Session, name: str, key: str
+) -> tuple[ActiveRow, KeyRow]:
+    """By the dataset's name, and what it has under a frame's key; NotFound."""
+    found = run(session, _ACTIVE_AND_KEY, name=name, key=key).first()
+    return _active_and_key(found, name)
+
+
+def glance(engine: Engine, name: str, key: str) -> tuple[ActiveRow, KeyRow]:
+    """The same as it is now, for those who will look again."""
+    return _active_and_key(first_row(engine, _ACTIVE_AND_KEY, name=name, key=key), name)
+
+
+def _active_and_key(found: Sequence[Any] | None, name: str) -> tuple[ActiveRow, KeyRow]:
+    if found is None:
+        raise NotFound("dataset", name)
+    return ActiveRow._make(found[:_WIDTH]), KeyRow._make(found[_WIDTH:])
 
 
 def frame_ranges(
@@ -528,98 +621,3 @@ def only_in(dataset_id: int) -> ColumnElement[bool]:
     go through the frames of all datasets by their ids.
     """
     return Frame.dataset_id.between(dataset_id, dataset_id)
-
-
-_FORGET_PROBLEMS: Final = delete(Problem).where(
-    Problem.dataset_id == bindparam("dataset"), Problem.key == bindparam("frame")
-)
-
-
-class ConfigRepository:
-    """Rows of `config_versions`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
-        """A dataset's version with this digest."""
-        return self._session.scalar(
-            select(ConfigVersion).where(
-                ConfigVersion.dataset_id == dataset_id, ConfigVersion.digest == digest
-            )
-        )
-
-    def with_id(self, config_id: int) -> ConfigVersion:
-        """A version that another row refers to."""
-        found = self._session.get(ConfigVersion, config_id)
-        if found is None:
-            raise NotFound("config", config_id)
-        return found
-
-    def with_digest(self, digest: str) -> ConfigVersion:
-        """Any dataset's version with this digest; they are equal."""
-        rows = (
-            select(ConfigVersion)
-            .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
-            .where(ConfigVersion.digest == digest, is_there())
-        )
-        found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
-        if found is None:
-            raise NotFound("config", digest)
-        return found
-
-    def add(self, version: ConfigVersion) -> ConfigVersion:
-        """Insert."""
-        self._session.add(version)
-        self._session.flush()
-        return version
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[ConfigVersion]:
-        """Versions, newest first."""
-        return newest(self._session, ConfigVersion, dataset_id, page)
-
-    def digests(self, config_ids: Iterable[int]) -> dict[int, str]:
-        """Digests by id."""
-        rows = select(ConfigVersion.id, ConfigVersion.digest).where(
-            ConfigVersion.id.in_(set(config_ids))
-        )
-        return {row[0]: row[1] for row in self._session.execute(rows)}
-
-
-class ProblemRepository:
-    """Rows of `problems`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def forget(self, dataset_id: int, key: str) -> None:
-        """The frame came in after all."""
-        run(self._session, _FORGET_PROBLEMS, dataset=dataset_id, frame=key)
-
-    def add(self, problem: Problem) -> None:
-        """Insert."""
-        self._session.add(problem)
-        self._session.flush()
-        once_committed(self._session, partial(REFUSED.add, 1))
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
-        """Problems, newest first."""
-        return newest(self._session, Problem, dataset_id, page)
-
-    def count(self, dataset_id: int) -> int:
-        """How many frames of a dataset were refused and have not come since."""
-        rows = (
-            select(func.count())
-            .select_from(Problem)
-            .where(Problem.dataset_id == dataset_id)
-        )
-        return self._session.scalar(rows) or 0
-
-
-def note_problem(
-    session: Session, dataset_id: int, key: str, error: FilterError
-) -> None:
-    """Remember a refusal, so that nobody has to search for a missing frame."""
-    problems = ProblemRepository(session)
-    problems.forget(dataset_id, key)
-    problems.add(Problem(dataset_id=dataset_id, key=key, error=described(error)))
