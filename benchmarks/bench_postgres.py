@@ -31,7 +31,7 @@ from app.db.base import Base
 from app.db.bulk import copy_in, execute_many, run_each, update_rows
 from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
-from app.ingest.service import FrameUpload, prepare_frame, store_frame
+from app.ingest.service import UploadedFrame, prepare_frame, store_frame
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
@@ -237,7 +237,7 @@ def upload(context: ServiceContext) -> None:
     for number in range(UPLOADED):
         content = json.dumps(annotation(rng, number)).encode()
         files = {"segmentation": segmentation(rng)}
-        wanted = FrameUpload(f"town/{number:06}", content, files, ADA, False)
+        wanted = UploadedFrame(f"town/{number:06}", content, files, ADA, False)
         ready = prepare_frame(context, "uploaded", wanted)
         with context.database.write() as session:
             store_frame(context, session, "uploaded", ready)

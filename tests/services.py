@@ -20,7 +20,7 @@ from app.boxes.current import TallyKey, TallyRepository
 from app.context import ServiceContext
 from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Run
-from app.ingest.service import FrameUpload, StoredFrame, prepare_frame, store_frame
+from app.ingest.service import StoredFrame, UploadedFrame, prepare_frame, store_frame
 from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
@@ -101,7 +101,7 @@ class Street:
         self, key: str, annotation: Mapping[str, Any], **files: bytes
     ) -> StoredFrame:
         content = json.dumps(annotation).encode()
-        upload = FrameUpload(key, content, files, self.by, replace=True)
+        upload = UploadedFrame(key, content, files, self.by, replace=True)
         ready = prepare_frame(self.context, self.name, upload)
         with self.context.database.write() as session:
             return store_frame(self.context, session, self.name, ready)

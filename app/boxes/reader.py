@@ -48,35 +48,12 @@ from filter_core.types import (
     FloatArray,
 )
 
-
-@dataclass(frozen=True)
-class PageRequest:
-    """Which page of a list, and in which order."""
-
-    sort: str
-    cursor: str
-    limit: int
-
-
-def list_boxes(
-    session: Session, dataset: Dataset, wanted: BoxFilter, page: PageRequest
-) -> tuple[list[StoredDecision], str | None]:
-    """Decisions of one page, and the cursor of the next."""
-    present = TallyRepository(session).present(dataset.id)
-    pages = BoxPages(session, wanted, present)
-    ids, cursor = pages.page(page.sort, page.cursor, page.limit)
-    return DecisionReader(session, dataset).of_boxes(ids), cursor
-
-
-def describe_box(session: Session, box_id: int) -> StoredDecision:
-    """One decision; NotFound for a box that is not current."""
-    row = DecisionRepository(session).rows([box_id]).get(box_id)
-    if row is None:
-        raise NotFound("box", box_id)
-    frame = FrameRepository(session).with_id(row.frame_id)
-    dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    (decision,) = DecisionReader(session, dataset).of_boxes([box_id])
-    return decision
+_ANSWERS: Final = {
+    None: Answer.NONE,
+    "keep": Answer.KEEP,
+    "reject": Answer.REJECT,
+    "unsure": Answer.UNSURE,
+}
 
 
 class AcceptedTag(TypedDict):
@@ -120,6 +97,36 @@ class NeighbouredDecision(StoredDecision):
     neighbours: list[int]
 
 
+@dataclass(frozen=True)
+class PageRequest:
+    """Which page of a list, and in which order."""
+
+    sort: str
+    cursor: str
+    limit: int
+
+
+def list_boxes(
+    session: Session, dataset: Dataset, wanted: BoxFilter, page: PageRequest
+) -> tuple[list[StoredDecision], str | None]:
+    """Decisions of one page, and the cursor of the next."""
+    present = TallyRepository(session).present(dataset.id)
+    pages = BoxPages(session, wanted, present)
+    ids, cursor = pages.page(page.sort, page.cursor, page.limit)
+    return DecisionReader(session, dataset).of_boxes(ids), cursor
+
+
+def describe_box(session: Session, box_id: int) -> StoredDecision:
+    """One decision; NotFound for a box that is not current."""
+    row = DecisionRepository(session).rows([box_id]).get(box_id)
+    if row is None:
+        raise NotFound("box", box_id)
+    frame = FrameRepository(session).with_id(row.frame_id)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    (decision,) = DecisionReader(session, dataset).of_boxes([box_id])
+    return decision
+
+
 def with_neighbours(session: Session, box_id: int) -> NeighbouredDecision:
     """One decision, and which boxes of its frame overlap it."""
     decision = describe_box(session, box_id)
@@ -146,14 +153,6 @@ def _overlapping(
 
 def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-_ANSWERS: Final = {
-    None: Answer.NONE,
-    "keep": Answer.KEEP,
-    "reject": Answer.REJECT,
-    "unsure": Answer.UNSURE,
-}
 
 
 class DecisionReader:

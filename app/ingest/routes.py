@@ -41,7 +41,7 @@ from app.ingest.queries import known_frames
 from app.ingest.service import (
     BatchOf,
     FrameLine,
-    FrameUpload,
+    UploadedFrame,
     prepare_frame,
     store_frame,
 )
@@ -285,10 +285,10 @@ async def frame_upload(
     replace: Annotated[
         bool, Query(description="Store other content as the next revision.")
     ] = False,
-) -> FrameUpload:
+) -> UploadedFrame:
     """A frame as it was sent. Asynchronous: not worth a thread of its own."""
     files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
-    return FrameUpload(checked_key(key), parts[ANNOTATION], files, principal, replace)
+    return UploadedFrame(checked_key(key), parts[ANNOTATION], files, principal, replace)
 
 
 @upload_router.put(
@@ -301,7 +301,7 @@ async def frame_upload(
 async def put_frame(
     request: Request,
     dataset: DatasetName,
-    upload: Annotated[FrameUpload, Depends(frame_upload)],
+    upload: Annotated[UploadedFrame, Depends(frame_upload)],
     services: AppServices,
 ) -> Response:
     """Store a frame: measured, decided and durable before this is answered."""
@@ -329,7 +329,7 @@ async def _tell_when_left(request: Request, given_up: threading.Event) -> None:
 def _store(
     services: ServiceContext,
     dataset: str,
-    upload: FrameUpload,
+    upload: UploadedFrame,
     given_up: threading.Event,
 ) -> Response:
     ready = prepare_frame(services, dataset, upload, given_up)

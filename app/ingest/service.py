@@ -54,18 +54,15 @@ _OF_ONE_FRAME: Final = (
 
 log = logging.getLogger(__name__)
 
-
-@dataclass(frozen=True)
-class BatchOf:
-    """What all frames of a batch have in common."""
-
-    dataset: str
-    sender: Principal
-    replace: bool
+MAX_TEXT: Final = 200
+"""Characters of an id, a class or a map: what their columns hold."""
+_CANONICAL: Final = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
+_DIGEST_OF: Final = b"frame 1\n"
+"""Begins every content digest, should its definition ever change."""
 
 
 @dataclass(frozen=True)
-class FrameUpload:
+class UploadedFrame:
     """A frame as it was sent."""
 
     key: str
@@ -84,10 +81,10 @@ class FrameUpload:
 
 
 @dataclass(frozen=True)
-class PreparedFrame:
+class CheckedFrame:
     """A frame whose annotation and headers are in order."""
 
-    upload: FrameUpload
+    upload: UploadedFrame
     annotation: FrameAnnotation
     files: CheckedFiles
     digest: str
@@ -97,7 +94,7 @@ class PreparedFrame:
 class ReadyFrame:
     """A frame of which only the rows are missing."""
 
-    prepared: PreparedFrame
+    prepared: CheckedFrame
     measured: MeasuredFrame
     measured_for: ActiveDataset
 
@@ -122,6 +119,217 @@ class ReadyFrame:
             files=prepared.files,
             measured=measured,
         )
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """Where an upload ended: `created` is False for what was there already.
+
+    `describe` is the answer for a frame that is new, without asking the database: to be
+    made when others may write again.
+    """
+
+    frame_id: int
+    created: bool
+    describe: Callable[[], dict[str, Any]] | None = None
+
+
+def prepare_frame(
+    context: ServiceContext,
+    name: str,
+    upload: UploadedFrame,
+    given_up: threading.Event | None = None,
+) -> ReadyFrame | int:
+    """Check and measure a frame and store its files: all but its rows.
+
+    No transaction is open meanwhile, so frames are measured in parallel and nobody
+    waits for a frame that takes long.
+
+    Returns
+    -------
+    ReadyFrame, or the id of the frame that is stored already
+
+    Raises
+    ------
+    FilterError
+        What is wrong with the frame; it is noted among the dataset's problems.
+    FrameConflict
+        Another frame has this key, and `replace` was not asked for.
+    app.engine.pixels.GivenUp
+        `given_up` was set while a child process measured it: nothing is stored.
+    """
+    try:
+        ready = received(context, name, upload, given_up)
+    except FilterError as error:
+        with context.database.write() as noting:
+            active = context.one(PlanCache).active(noting, name)
+            note_problem(noting, active.row.dataset_id, upload.key, error)
+        raise
+    if isinstance(ready, ReadyFrame):
+        context.storage.put(ready.prepared.files.blobs())
+    return ready
+
+
+def store_frame(
+    context: ServiceContext, session: Session, name: str, ready: ReadyFrame | int
+) -> StoredFrame:
+    """Store the rows of a frame from `prepare_frame`: all of them, or none.
+
+    Raises
+    ------
+    FrameConflict
+        Meanwhile another frame has got this key.
+    """
+    if isinstance(ready, int):
+        return StoredFrame(ready, created=False)
+    active, known = context.one(PlanCache).active_and_key(session, name, ready.key)
+    same = stored_already(known, ready.prepared, name)
+    if same is not None:
+        return StoredFrame(same, created=False)
+    content = ready.content(context, active)
+    # Who collects garbage has its turn as a writer: what is there now stays there.
+    context.storage.require(file.sha256 for file in content.files.rows)
+    (written,) = write_frames(session, active, [(content, known)])
+    describe = partial(describe_new, active, content, written)
+    return StoredFrame(written.frame_id, created=True, describe=describe)
+
+
+def received(
+    context: ServiceContext,
+    dataset: str,
+    upload: UploadedFrame,
+    given_up: threading.Event | None = None,
+) -> ReadyFrame | int:
+    """A frame that is ready to be stored, or the id that it is stored under already.
+
+    Raises
+    ------
+    FilterError
+        What is wrong with the frame.
+    FrameConflict
+        Another frame has its key.
+    app.engine.pixels.GivenUp
+        `given_up` was set while a child process measured it.
+    """
+    active, known = context.one(PlanCache).before_measuring(
+        context.database, dataset, upload.key
+    )
+    prepared = _prepare(context, upload)
+    same = stored_already(known, prepared, dataset)
+    if same is None:
+        return _make_ready(context, active, prepared, given_up)
+    context.storage.mend(prepared.files.blobs())
+    return same
+
+
+def stored_already(known: KeyRow, prepared: CheckedFrame, dataset: str) -> int | None:
+    """The frame, if it is stored already; FrameConflict if another one has its key."""
+    if known.content_digest == prepared.digest:
+        return known.frame_id
+    if known.frame_id is None or prepared.upload.replace:
+        return None
+    raise FrameConflict(
+        f"dataset {dataset!r} has another frame {prepared.upload.key!r}; "
+        "send ?replace=true to store this one as its next revision"
+    )
+
+
+def _prepare(context: ServiceContext, upload: UploadedFrame) -> CheckedFrame:
+    """Read the annotation and the headers of the files; nothing is decoded yet."""
+    settings, size = context.settings, upload.json_bytes
+    with in_turn(size):
+        annotation = parse_annotation(
+            upload.annotation,
+            limits=annotation_limits(settings),
+            frame=upload.key,
+        )
+    with naming(upload.key):
+        files = check_files(upload.files, annotation, settings)
+    with in_turn(size):
+        digest = _content_digest(annotation, files, is_large=is_large(size))
+    return CheckedFrame(upload, annotation, files, digest)
+
+
+def _make_ready(
+    context: ServiceContext,
+    active: ActiveDataset,
+    prepared: CheckedFrame,
+    given_up: threading.Event | None,
+) -> ReadyFrame:
+    """Measure a frame, and refuse a class that the dataset cannot take any more."""
+    measured = _measure(context, active, prepared, given_up)
+    if active.row.classes_are_frozen:
+        _check_classes(context, active, prepared, measured)
+    return ReadyFrame(prepared, measured, active)
+
+
+def _measure(
+    context: ServiceContext,
+    active: ActiveDataset,
+    prepared: CheckedFrame,
+    given_up: threading.Event | None = None,
+) -> MeasuredFrame:
+    plan = active.plan
+    files = prepared.files.measured(plan.files)
+    with naming(prepared.upload.key, "/segmentation"):
+        return measure_files(context.pixels, plan, prepared.annotation, files, given_up)
+
+
+def _check_classes(
+    context: ServiceContext,
+    active: ActiveDataset,
+    prepared: CheckedFrame,
+    measured: MeasuredFrame,
+) -> None:
+    """Frozen classes take no other one; said here, it is noted as a problem."""
+    with context.database.read() as session:
+        known = DatasetRepository(session).classes(active.row.dataset_id)
+    names = measured.evidence.class_names
+    for box, index in zip(
+        prepared.annotation.boxes, measured.evidence.class_index.tolist(), strict=True
+    ):
+        if names[index] not in known:
+            raise AnnotationError(
+                f"frame {prepared.upload.key}, box {box.index} (id {box.id!r}): "
+                f"the classes of dataset {active.name!r} are frozen by an export; "
+                f"expected one of {', '.join(known)}, found {names[index]!r}",
+                pointer=f"/boxes/{box.index}",
+                code="unknown_class",
+            )
+
+
+def _content_digest(
+    annotation: FrameAnnotation, files: CheckedFiles, *, is_large: bool
+) -> str:
+    """Names what was sent: the files' bytes, and the annotation's meaning."""
+    digest = hashlib.sha256(_DIGEST_OF)
+    for file in files.rows:
+        digest.update(f"{file.kind} {file.sha256}\n".encode())
+    if is_large:
+        # In pieces: no other thread runs while a document is written in one.
+        for piece in _CANONICAL.iterencode(annotation.raw):
+            digest.update(piece.encode())
+    else:
+        digest.update(_CANONICAL.encode(annotation.raw).encode())
+    return digest.hexdigest()
+
+
+def annotation_limits(settings: Settings) -> AnnotationLimits:
+    """What an annotation may hold."""
+    return AnnotationLimits(
+        max_boxes=settings.max_boxes_per_frame,
+        max_text=MAX_TEXT,
+        max_bytes=int(settings.max_json_bytes),
+    )
+
+
+@dataclass(frozen=True)
+class BatchOf:
+    """What all frames of a batch have in common."""
+
+    dataset: str
+    sender: Principal
+    replace: bool
 
 
 @dataclass(frozen=True)
@@ -163,7 +371,7 @@ def work_on(context: ServiceContext, batch: BatchOf, frame: IncomingFrame) -> Fr
         size = len(frame.annotation)
         with in_turn(size):
             key, annotation = without_key(frame.annotation, frame.name, limits)
-        upload = FrameUpload(
+        upload = UploadedFrame(
             checked_key(key),
             annotation,
             frame.files,
@@ -188,7 +396,7 @@ def _light(ready: ReadyFrame) -> ReadyFrame:
     needed = {kind: contents[kind] for kind in kinds if kind in contents}
     files = replace(prepared.files, contents=needed)
     upload = replace(prepared.upload, files={})
-    light = PreparedFrame(upload, prepared.annotation, files, prepared.digest)
+    light = CheckedFrame(upload, prepared.annotation, files, prepared.digest)
     return replace(ready, prepared=light)
 
 
@@ -293,212 +501,3 @@ def verdict_counts(reasons: Sequence[int]) -> VerdictCounts:
     for reason in reasons:
         counts[Reason(reason).verdict.value] += 1
     return VerdictCounts(**counts)
-
-
-MAX_TEXT: Final = 200
-"""Characters of an id, a class or a map: what their columns hold."""
-_CANONICAL: Final = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
-_DIGEST_OF: Final = b"frame 1\n"
-"""Begins every content digest, should its definition ever change."""
-
-
-def received(
-    context: ServiceContext,
-    dataset: str,
-    upload: FrameUpload,
-    given_up: threading.Event | None = None,
-) -> ReadyFrame | int:
-    """A frame that is ready to be stored, or the id that it is stored under already.
-
-    Raises
-    ------
-    FilterError
-        What is wrong with the frame.
-    FrameConflict
-        Another frame has its key.
-    app.engine.pixels.GivenUp
-        `given_up` was set while a child process measured it.
-    """
-    active, known = context.one(PlanCache).before_measuring(
-        context.database, dataset, upload.key
-    )
-    prepared = _prepare(context, upload)
-    same = stored_already(known, prepared, dataset)
-    if same is None:
-        return _make_ready(context, active, prepared, given_up)
-    context.storage.mend(prepared.files.blobs())
-    return same
-
-
-def annotation_limits(settings: Settings) -> AnnotationLimits:
-    """What an annotation may hold."""
-    return AnnotationLimits(
-        max_boxes=settings.max_boxes_per_frame,
-        max_text=MAX_TEXT,
-        max_bytes=int(settings.max_json_bytes),
-    )
-
-
-def _prepare(context: ServiceContext, upload: FrameUpload) -> PreparedFrame:
-    """Read the annotation and the headers of the files; nothing is decoded yet."""
-    settings, size = context.settings, upload.json_bytes
-    with in_turn(size):
-        annotation = parse_annotation(
-            upload.annotation,
-            limits=annotation_limits(settings),
-            frame=upload.key,
-        )
-    with naming(upload.key):
-        files = check_files(upload.files, annotation, settings)
-    with in_turn(size):
-        digest = _content_digest(annotation, files, is_large=is_large(size))
-    return PreparedFrame(upload, annotation, files, digest)
-
-
-def stored_already(known: KeyRow, prepared: PreparedFrame, dataset: str) -> int | None:
-    """The frame, if it is stored already; FrameConflict if another one has its key."""
-    if known.content_digest == prepared.digest:
-        return known.frame_id
-    if known.frame_id is None or prepared.upload.replace:
-        return None
-    raise FrameConflict(
-        f"dataset {dataset!r} has another frame {prepared.upload.key!r}; "
-        "send ?replace=true to store this one as its next revision"
-    )
-
-
-def _make_ready(
-    context: ServiceContext,
-    active: ActiveDataset,
-    prepared: PreparedFrame,
-    given_up: threading.Event | None,
-) -> ReadyFrame:
-    """Measure a frame, and refuse a class that the dataset cannot take any more."""
-    measured = _measure(context, active, prepared, given_up)
-    if active.row.classes_are_frozen:
-        _check_classes(context, active, prepared, measured)
-    return ReadyFrame(prepared, measured, active)
-
-
-def _measure(
-    context: ServiceContext,
-    active: ActiveDataset,
-    prepared: PreparedFrame,
-    given_up: threading.Event | None = None,
-) -> MeasuredFrame:
-    plan = active.plan
-    files = prepared.files.measured(plan.files)
-    with naming(prepared.upload.key, "/segmentation"):
-        return measure_files(context.pixels, plan, prepared.annotation, files, given_up)
-
-
-def _check_classes(
-    context: ServiceContext,
-    active: ActiveDataset,
-    prepared: PreparedFrame,
-    measured: MeasuredFrame,
-) -> None:
-    """Frozen classes take no other one; said here, it is noted as a problem."""
-    with context.database.read() as session:
-        known = DatasetRepository(session).classes(active.row.dataset_id)
-    names = measured.evidence.class_names
-    for box, index in zip(
-        prepared.annotation.boxes, measured.evidence.class_index.tolist(), strict=True
-    ):
-        if names[index] not in known:
-            raise AnnotationError(
-                f"frame {prepared.upload.key}, box {box.index} (id {box.id!r}): "
-                f"the classes of dataset {active.name!r} are frozen by an export; "
-                f"expected one of {', '.join(known)}, found {names[index]!r}",
-                pointer=f"/boxes/{box.index}",
-                code="unknown_class",
-            )
-
-
-def _content_digest(
-    annotation: FrameAnnotation, files: CheckedFiles, *, is_large: bool
-) -> str:
-    """Names what was sent: the files' bytes, and the annotation's meaning."""
-    digest = hashlib.sha256(_DIGEST_OF)
-    for file in files.rows:
-        digest.update(f"{file.kind} {file.sha256}\n".encode())
-    if is_large:
-        # In pieces: no other thread runs while a document is written in one.
-        for piece in _CANONICAL.iterencode(annotation.raw):
-            digest.update(piece.encode())
-    else:
-        digest.update(_CANONICAL.encode(annotation.raw).encode())
-    return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class StoredFrame:
-    """Where an upload ended: `created` is False for what was there already.
-
-    `describe` is the answer for a frame that is new, without asking the database: to be
-    made when others may write again.
-    """
-
-    frame_id: int
-    created: bool
-    describe: Callable[[], dict[str, Any]] | None = None
-
-
-def prepare_frame(
-    context: ServiceContext,
-    name: str,
-    upload: FrameUpload,
-    given_up: threading.Event | None = None,
-) -> ReadyFrame | int:
-    """Check and measure a frame and store its files: all but its rows.
-
-    No transaction is open meanwhile, so frames are measured in parallel and nobody
-    waits for a frame that takes long.
-
-    Returns
-    -------
-    ReadyFrame, or the id of the frame that is stored already
-
-    Raises
-    ------
-    FilterError
-        What is wrong with the frame; it is noted among the dataset's problems.
-    FrameConflict
-        Another frame has this key, and `replace` was not asked for.
-    app.engine.pixels.GivenUp
-        `given_up` was set while a child process measured it: nothing is stored.
-    """
-    try:
-        ready = received(context, name, upload, given_up)
-    except FilterError as error:
-        with context.database.write() as noting:
-            active = context.one(PlanCache).active(noting, name)
-            note_problem(noting, active.row.dataset_id, upload.key, error)
-        raise
-    if isinstance(ready, ReadyFrame):
-        context.storage.put(ready.prepared.files.blobs())
-    return ready
-
-
-def store_frame(
-    context: ServiceContext, session: Session, name: str, ready: ReadyFrame | int
-) -> StoredFrame:
-    """Store the rows of a frame from `prepare_frame`: all of them, or none.
-
-    Raises
-    ------
-    FrameConflict
-        Meanwhile another frame has got this key.
-    """
-    if isinstance(ready, int):
-        return StoredFrame(ready, created=False)
-    active, known = context.one(PlanCache).active_and_key(session, name, ready.key)
-    same = stored_already(known, ready.prepared, name)
-    if same is not None:
-        return StoredFrame(same, created=False)
-    content = ready.content(context, active)
-    # Who collects garbage has its turn as a writer: what is there now stays there.
-    context.storage.require(file.sha256 for file in content.files.rows)
-    (written,) = write_frames(session, active, [(content, known)])
-    describe = partial(describe_new, active, content, written)
-    return StoredFrame(written.frame_id, created=True, describe=describe)

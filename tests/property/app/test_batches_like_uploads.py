@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from app.boxes import frames as described
 from app.errors import FrameConflict, NotFound
 from app.ingest.batch import BatchIntake
-from app.ingest.service import BatchOf, FrameUpload, prepare_frame, store_frame
+from app.ingest.service import BatchOf, UploadedFrame, prepare_frame, store_frame
 from app.ingest.tar import IncomingFrame
 from filter_core.errors import FilterError
 from tests.api import frames as scene
@@ -52,7 +52,7 @@ def annotation_of(boxes):
 def one_by_one(street, frames, replace):
     for key, boxes, has_segmentation, number in frames:
         files = files_of(number, has_segmentation)
-        upload = FrameUpload(key, annotation_of(boxes), files, street.by, replace)
+        upload = UploadedFrame(key, annotation_of(boxes), files, street.by, replace)
         try:
             ready = prepare_frame(street.context, street.name, upload)
             with street.context.database.write() as session:
