@@ -239,8 +239,7 @@ def upload(context: ServiceContext) -> None:
         files = {"segmentation": segmentation(rng)}
         wanted = UploadedFrame(f"town/{number:06}", content, files, ADA, False)
         ready = prepare_frame(context, "uploaded", wanted)
-        with context.database.write() as session:
-            store_frame(context, session, "uploaded", ready)
+        store_frame(context, "uploaded", ready)
 
 
 def annotation(rng: np.random.Generator, number: int) -> dict[str, Any]:

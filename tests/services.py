@@ -103,8 +103,7 @@ class Street:
         content = json.dumps(annotation).encode()
         upload = UploadedFrame(key, content, files, self.by, replace=True)
         ready = prepare_frame(self.context, self.name, upload)
-        with self.context.database.write() as session:
-            return store_frame(self.context, session, self.name, ready)
+        return store_frame(self.context, self.name, ready)
 
     def delete(self, key: str) -> None:
         with self.context.database.write() as session:

@@ -333,8 +333,7 @@ def _store(
     given_up: threading.Event,
 ) -> Response:
     ready = prepare_frame(services, dataset, upload, given_up)
-    with services.database.write() as session:
-        stored = store_frame(services, session, dataset, ready)
+    stored = store_frame(services, dataset, ready)
     # Made when others may write again: it takes as long as all the rows.
     if stored.describe is not None:
         answer = stored.describe()

@@ -6,7 +6,8 @@ import hashlib
 import json
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -90,6 +91,14 @@ class CheckedFrame:
     digest: str
 
 
+class MeasuredOtherwise(Exception):
+    """A run changed what frames are measured with since this one was measured.
+
+    It is raised in the transaction that would store the frame, which ends: pixels are
+    never read while others wait to write. Then the frame is measured again.
+    """
+
+
 @dataclass(frozen=True)
 class ReadyFrame:
     """A frame of which only the rows are missing."""
@@ -103,21 +112,22 @@ class ReadyFrame:
         """The frame's key."""
         return self.prepared.upload.key
 
-    def content(self, context: ServiceContext, active: ActiveDataset) -> FrameContent:
-        """What is stored, measured as the dataset asks for by now.
+    def is_for(self, active: ActiveDataset) -> bool:
+        """Whether it was measured as the dataset asks for by now."""
+        return active.row.measurement_digest == self.measured_for.row.measurement_digest
 
-        A run that was activated in between is rare: it may cost a second measurement.
-        """
-        prepared, measured = self.prepared, self.measured
-        if active.row.measurement_digest != self.measured_for.row.measurement_digest:
-            measured = _measure(context, active, prepared)
+    def content(self, active: ActiveDataset) -> FrameContent:
+        """What is stored; MeasuredOtherwise if it is not for this dataset as it is."""
+        prepared = self.prepared
+        if not self.is_for(active):
+            raise MeasuredOtherwise(self.key)
         return FrameContent(
             key=prepared.upload.key,
             digest=prepared.digest,
             sender=prepared.upload.sender,
             annotation=prepared.annotation,
             files=prepared.files,
-            measured=measured,
+            measured=self.measured,
         )
 
 
@@ -158,35 +168,59 @@ def prepare_frame(
     app.engine.pixels.GivenUp
         `given_up` was set while a child process measured it: nothing is stored.
     """
-    try:
+    with _noting(context, name, upload.key):
         ready = received(context, name, upload, given_up)
-    except FilterError as error:
-        with context.database.write() as noting:
-            active = context.one(PlanCache).active(noting, name)
-            note_problem(noting, active.row.dataset_id, upload.key, error)
-        raise
     if isinstance(ready, ReadyFrame):
         context.storage.put(ready.prepared.files.blobs())
     return ready
 
 
+@contextmanager
+def _noting(context: ServiceContext, name: str, key: str) -> Iterator[None]:
+    """Note what is wrong with a frame among its dataset's problems.
+
+    In a transaction of its own: what the frame's own one wrote is rolled back.
+    """
+    try:
+        yield
+    except FilterError as error:
+        with context.database.write() as session:
+            active = context.one(PlanCache).active(session, name)
+            note_problem(session, active.row.dataset_id, key, error)
+        raise
+
+
 def store_frame(
-    context: ServiceContext, session: Session, name: str, ready: ReadyFrame | int
+    context: ServiceContext, name: str, ready: ReadyFrame | int
 ) -> StoredFrame:
-    """Store the rows of a frame from `prepare_frame`: all of them, or none.
+    """Store the rows of a frame from `prepare_frame`, all or none, and commit.
 
     Raises
     ------
+    FilterError
+        It had to be measured again, and that failed; it is noted as a problem.
     FrameConflict
         Meanwhile another frame has got this key.
     """
     if isinstance(ready, int):
         return StoredFrame(ready, created=False)
+    while True:
+        try:
+            with context.database.write() as session:
+                return _store_rows(context, session, name, ready)
+        except MeasuredOtherwise:
+            with _noting(context, name, ready.key):
+                ready = measured_again(context, name, ready)
+
+
+def _store_rows(
+    context: ServiceContext, session: Session, name: str, ready: ReadyFrame
+) -> StoredFrame:
     active, known = context.one(PlanCache).active_and_key(session, name, ready.key)
     same = stored_already(known, ready.prepared, name)
     if same is not None:
         return StoredFrame(same, created=False)
-    content = ready.content(context, active)
+    content = ready.content(active)
     # Who collects garbage has its turn as a writer: what is there now stays there.
     context.storage.require(file.sha256 for file in content.files.rows)
     (written,) = write_frames(session, active, [(content, known)])
@@ -220,6 +254,16 @@ def received(
         return _make_ready(context, active, prepared, given_up)
     context.storage.mend(prepared.files.blobs())
     return same
+
+
+def measured_again(context: ServiceContext, name: str, ready: ReadyFrame) -> ReadyFrame:
+    """The frame with what its dataset measures by now; no transaction is open."""
+    active, _ = context.one(PlanCache).before_measuring(
+        context.database, name, ready.key
+    )
+    if ready.is_for(active):
+        return ready
+    return _make_ready(context, active, ready.prepared, None)
 
 
 def stored_already(known: KeyRow, prepared: CheckedFrame, dataset: str) -> int | None:
@@ -430,6 +474,25 @@ def _store_alone(context: ServiceContext, batch: BatchOf, work: FrameWork) -> Fr
 def _store(
     context: ServiceContext, batch: BatchOf, works: Sequence[FrameWork]
 ) -> list[FrameLine]:
+    while True:
+        try:
+            return _store_together(context, batch, works)
+        except MeasuredOtherwise:
+            works = [_work_again(context, batch, work) for work in works]
+
+
+def _work_again(context: ServiceContext, batch: BatchOf, work: FrameWork) -> FrameWork:
+    if work.ready is None:
+        return work
+    try:
+        return replace(work, ready=measured_again(context, batch.dataset, work.ready))
+    except FilterError as error:
+        return FrameWork(work.key, error=error)
+
+
+def _store_together(
+    context: ServiceContext, batch: BatchOf, works: Sequence[FrameWork]
+) -> list[FrameLine]:
     with context.database.write() as session:
         active = context.one(PlanCache).active(session, batch.dataset)
         ready = [work.ready for work in works if work.ready is not None]
@@ -458,7 +521,7 @@ def _insert(
             lines[frame.key] = FrameLine(frame.key, error=error)
             continue
         if same is None:
-            new.append((frame.content(context, active), known[frame.key]))
+            new.append((frame.content(active), known[frame.key]))
         else:
             lines[frame.key] = FrameLine(frame.key, same)
     if new:

@@ -55,8 +55,7 @@ def one_by_one(street, frames, replace):
         upload = UploadedFrame(key, annotation_of(boxes), files, street.by, replace)
         try:
             ready = prepare_frame(street.context, street.name, upload)
-            with street.context.database.write() as session:
-                stored = store_frame(street.context, session, street.name, ready)
+            stored = store_frame(street.context, street.name, ready)
             yield 201 if stored.created else 200
         except FrameConflict:
             yield 409
