@@ -12,7 +12,7 @@ from app.engine import LocalEngine
 from app.engine.pixels import PixelPool
 from app.incoming import OpenBodies
 from app.jobs.leases import Leases
-from app.services.shared_looks import SharedLooks
+from app.jobs.poller import Poller
 from app.settings import Settings
 from app.storage import BlobStore
 from app.storage.room import Reserve
@@ -59,12 +59,10 @@ class ServiceContext:
         return Reserve(self.settings.data)
 
     @cached_property
-    def looks(self) -> SharedLooks:
-        """Looks at runs that are watched, shared by all who watch them."""
+    def poller(self) -> Poller:
+        """Reads the jobs that are watched, once for all who watch them."""
         settings = self.settings
-        return SharedLooks(
-            settings.max_event_streams, settings.max_event_streams_per_token
-        )
+        return Poller(settings.max_event_streams, settings.max_event_streams_per_token)
 
     @cached_property
     def bodies(self) -> OpenBodies:

@@ -25,18 +25,45 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
+from app.datasets.service import NewDataset, create_dataset
+from app.db.tables import Run
 from app.engine import Job, LocalEngine
 from app.engine.chunk import DONE, ChunkWork
-from app.jobs.driver import ChunkDriver
-from app.jobs.queries import Span
+from app.jobs.driver import carry_out
+from app.jobs.kind import Task, register
+from app.jobs.queries import Span, job_of
+from app.measuring.plan import DatasetReading
 from app.process.lifespan import running
+from app.services.runs import RunKind
 from app.settings import Settings
 from benchmarks.bench_batch import peak_mib
+from filter_core.config.filter import FilterConfig
 
-JOB = Job("run", 1)
 MOST_IN_FLIGHT = 256
 CACHE_KIB = 8 * 1024
 ASKED = 1.1
+
+
+class Chunks(RunKind):
+    """A run of so many chunks of one frame each; its final step is nothing."""
+
+    def __init__(self, chunks: int) -> None:
+        self._chunks = chunks
+
+    def begin(self, session: Session, row: Run) -> None:
+        """There are no frames to count."""
+
+    def plan(
+        self, session: Session, row: Run, *, after: int, most: int, frames: int
+    ) -> list[Span]:
+        """The next chunks."""
+        end = min(self._chunks, after + most)
+        return [Span(number, number, 1) for number in range(after + 1, end + 1)]
+
+    def finish(self, task: Task[Run]) -> None:
+        """End it."""
+        with task.context.database.write() as session:
+            task.end(session)
 
 
 class Instant(LocalEngine):
@@ -122,10 +149,6 @@ def keep_little(context: ServiceContext) -> None:
 def drive(context: ServiceContext, chunks: int) -> None:
     """Drive a job of so many chunks to its end."""
 
-    def more(_: Session, after: int, most: int) -> list[Span]:
-        end = min(chunks, after + most)
-        return [Span(number, number, 1) for number in range(after + 1, end + 1)]
-
     context = ServiceContext(
         settings=context.settings,
         database=context.database,
@@ -134,10 +157,23 @@ def drive(context: ServiceContext, chunks: int) -> None:
         pixels=context.pixels,
         drawers=context.drawers,
     )
-    with context.leases.driving(context.database, JOB) as lease:
-        with context.database.write() as session:
-            lease.take(session)
-        ChunkDriver(context, lease, more, lambda *_: None).drive()
+    config = FilterConfig()
+    wanted = NewDataset(DatasetReading("chunks"), "", None, config, "benchmark")
+    register(Chunks(chunks))
+    with context.database.write() as session:
+        dataset = create_dataset(session, wanted)
+        run = Run(
+            dataset_id=dataset.id,
+            config_id=dataset.active_config_id,
+            kind="decide",
+            total=chunks,
+            counts={},
+            created_by="benchmark",
+        )
+        session.add(run)
+        session.flush()
+        job = job_of(run)
+    carry_out(context, job)
 
 
 def submit_at_once(chunks: int) -> None:

@@ -11,6 +11,7 @@ import argparse
 import json
 import statistics
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -30,10 +31,9 @@ from app.measuring.columns import ColumnCache
 from app.measuring.queries import DatasetRepository
 from app.memory import settle
 from app.package import migrations_dir
-from app.process.lifespan import pixel_pool
+from app.process.lifespan import pixel_pool, register_kinds
 from app.runs.flips import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
-from app.services.runs import carry_out
 from app.settings import Settings
 from app.storage import FolderStorage
 from benchmarks.million import NAME, fill
@@ -66,6 +66,7 @@ def main() -> int:
 
 
 def opened(folder: Path) -> ServiceContext:
+    register_kinds()
     folder.mkdir(parents=True, exist_ok=True)
     settings = Settings(data=folder)
     database = Database(settings.sqlalchemy_url)
@@ -100,7 +101,10 @@ def decided(context: ServiceContext, config: FilterConfig) -> tuple[float, int]:
         dataset = DatasetRepository(session).named(NAME)
         wanted = RunRequest(config, "benchmark", activate=True)
         run_id = request_run(context, session, dataset, wanted).id
-    carry_out(context, run_id)
+    # Jobs are done one after the other: this one when the run is over.
+    over = threading.Event()
+    context.engine.submit(over.set)
+    over.wait()
     took = time.perf_counter() - begun
     with context.database.read() as session:
         run = session.get(Run, run_id)

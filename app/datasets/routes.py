@@ -26,7 +26,6 @@ from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository, ProblemRepository
 from app.runs.flips import current_histogram
 from app.services.run_states import described_run
-from app.services.runs import start_after
 from filter_core.images.header import read_image_header
 from unghost.wire import datasets as wire
 from unghost.wire.model import Page
@@ -105,7 +104,6 @@ def change_dataset(
     )
     if run is None:
         return datasets.describe_dataset(session, found)
-    start_after(services, session)
     return accepted(described_run(services, session, run))
 
 

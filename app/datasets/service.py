@@ -16,7 +16,7 @@ from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
-from app.jobs.queries import ChunkRepository
+from app.jobs.service import forget_dataset
 from app.measuring.active import active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import (
@@ -139,7 +139,7 @@ def remove_dataset(
             f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
             code="not_confirmed",
         )
-    ChunkRepository(session).forget_dataset(dataset.id)
+    forget_dataset(session, dataset.id)
     DatasetRepository(session).hide(dataset)
     TallyRepository(session).clear(dataset.id)
     once_committed(session, context.something_to_remove.set)

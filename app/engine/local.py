@@ -161,7 +161,7 @@ class LocalEngine:
         """
         self._unwanted.add(job)
 
-    def let_be(self, job: Job) -> None:
+    def clear_cancel(self, job: Job) -> None:
         """From now on the job's row alone says whether it is wanted."""
         self._unwanted.discard(job)
 
@@ -188,7 +188,7 @@ class LocalEngine:
         """What `report` said last; 0 for jobs of other processes and finished ones."""
         return self._done.get(job, 0)
 
-    def over(self, job: Job) -> None:
+    def clear_progress(self, job: Job) -> None:
         """Forget what was reported: the job's row says it all."""
         self._done.pop(job, None)
 

@@ -1,21 +1,103 @@
-"""SQL of jobs: their chunks, and the leases of those who drive them."""
+"""SQL of jobs: what all their rows have in common, their chunks, and who drives them.
+
+A job is a row of its kind's table (`JobRow`): queued, running, and at last done, failed
+or cancelled. `close` is the only way to an end.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime, timedelta
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
 from app.db.bulk import insert_rows, upsert
-from app.db.tables import Chunk, Export, Installation, Lease, Run
-from app.engine.chunk import Job
+from app.db.tables import Chunk, Installation, JobRow, Lease
+from app.engine.chunk import Job, JobStopped
+from app.measuring.queries import is_deleted
 
-DECISION: Final = 0
-"""The number of a run's last chunk, which decides all of its boxes; others follow 0."""
+OPEN: Final = ("queued", "running")
+FINAL: Final = 0
+"""The number of a job's final step in `chunks`; those of its other chunks follow."""
+
+End = Literal["done", "failed", "cancelled"]
+Row = TypeVar("Row", bound=JobRow)
+
+
+def job_of(row: JobRow) -> Job:
+    """The name by which engines, chunks and leases know the job of a row."""
+    return Job(row.job_kind, row.id)
+
+
+def find_job(session: Session, table: type[Row], job_id: int) -> Row | None:
+    """A job's row, unless it was deleted with its dataset."""
+    found = session.get(table, job_id)
+    if found is None or is_deleted(session, found.dataset_id):
+        return None
+    return found
+
+
+def open_job(session: Session, table: type[Row], job_id: int) -> Row:
+    """The row of a job that is to go on.
+
+    Raises
+    ------
+    JobStopped
+        The job is over, or its dataset was deleted.
+    """
+    found = find_job(session, table, job_id)
+    if found is None or found.state not in OPEN:
+        raise JobStopped(Job(table.job_kind, job_id))
+    return found
+
+
+def open_jobs(
+    session: Session, table: type[JobRow], dataset_id: int | None = None
+) -> list[Job]:
+    """Jobs that are queued or were begun, oldest first: all, or those of a dataset."""
+    rows = select(table.id).where(table.state.in_(OPEN)).order_by(table.id)
+    if dataset_id is not None:
+        rows = rows.where(table.dataset_id == dataset_id)
+    return [Job(table.job_kind, id_) for id_ in session.scalars(rows)]
+
+
+def count_open(session: Session, table: type[JobRow], author: str | None = None) -> int:
+    """How many jobs of a kind wait or work: all, or those of one token."""
+    rows = select(func.count(table.id)).where(table.state.in_(OPEN))
+    if author is not None:
+        rows = rows.where(table.created_by == author)
+    return session.scalar(rows) or 0
+
+
+def tell_done(session: Session, row: type[JobRow], job_id: int, done: int) -> None:
+    """Note how far a job is, unless it is further or over."""
+    further = row.id == job_id, row.state == "running", row.done < done
+    session.execute(update(row).where(*further).values(done=done))
+
+
+def close(
+    session: Session, row: JobRow, state: End, error: Mapping[str, Any] | None = None
+) -> None:
+    """End a job for ever.
+
+    Its chunks are forgotten; those in quarantine are kept of a job that failed, for who
+    wants to know.
+
+    Raises
+    ------
+    JobStopped
+        It is over already.
+    """
+    if row.state not in OPEN:
+        raise JobStopped(job_of(row))
+    row.state, row.finished_at = state, utc_now()
+    if error is not None:
+        row.error = dict(error)
+    session.flush()
+    ChunkRepository(session).forget(job_of(row), quarantined=state != "failed")
 
 
 class Span(NamedTuple):
@@ -39,17 +121,20 @@ class ChunkRepository:
         insert_rows(self._session, Chunk, rows)
         return [row["number"] for row in rows]
 
-    def plan_decision(self, job: Job, frames: int) -> None:
-        """Add the chunk that decides a run, unless it is there: it may have a past."""
-        new = upsert(self._session, Chunk).values(
-            _row(job, DECISION, Span(0, 0, frames))
-        )
+    def plan_final(self, job: Job, frames: int) -> int:
+        """Add a job's final step unless it is there, with its attempts; its number."""
+        new = upsert(self._session, Chunk).values(_row(job, FINAL, Span(0, 0, frames)))
         self._session.execute(new.on_conflict_do_nothing())
+        return FINAL
 
-    def withdraw_decision(self, job: Job) -> None:
-        """Let whoever decides a run notice that somebody is about to cancel it."""
-        waiting = Chunk.number == DECISION, Chunk.state == "waiting"
+    def withdraw_final(self, job: Job) -> None:
+        """Let whoever is at a job's final step notice that it is being cancelled."""
+        waiting = Chunk.number == FINAL, Chunk.state == "waiting"
         self._session.execute(delete(Chunk).where(*_chunks_of(job), *waiting))
+
+    def has_final(self, job: Job) -> bool:
+        """Whether the final step is planned, and was not withdrawn."""
+        return self.find(job, FINAL) is not None
 
     def find(self, job: Job, number: int) -> Chunk | None:
         """A chunk, unless its job was forgotten."""
@@ -58,10 +143,10 @@ class ChunkRepository:
     def waiting(self, job: Job) -> list[int]:
         """Numbers of the chunks that an earlier driver has planned and left.
 
-        The decision is none of them: before it there may be new frames to measure.
+        The final step is none of them: before it there may be new frames to work on.
         """
         rows = select(Chunk.number).where(
-            *_chunks_of(job), Chunk.state == "waiting", Chunk.number != DECISION
+            *_chunks_of(job), Chunk.state == "waiting", Chunk.number != FINAL
         )
         return list(self._session.scalars(rows.order_by(Chunk.number)))
 
@@ -155,17 +240,21 @@ class ChunkRepository:
             rows = rows.where(Chunk.state != "quarantined")
         self._session.execute(rows)
 
-    def forget_dataset(self, dataset_id: int) -> None:
-        """Remove what there is about the jobs of a dataset."""
-        for kind, table in (("run", Run), ("export", Export)):
-            jobs = select(table.id).where(table.dataset_id == dataset_id)
-            for rows in (Chunk, Lease):
-                mine = rows.kind == kind, rows.job_id.in_(jobs)
-                self._session.execute(delete(rows).where(*mine))
+    def forget_dataset(self, table: type[JobRow], dataset_id: int) -> None:
+        """Remove chunks and leases of all jobs of one kind of a dataset."""
+        jobs = select(table.id).where(table.dataset_id == dataset_id)
+        for rows in (Chunk, Lease):
+            mine = rows.kind == table.job_kind, rows.job_id.in_(jobs)
+            self._session.execute(delete(rows).where(*mine))
 
     def _last_number(self, job: Job) -> int:
         rows = select(func.max(Chunk.number)).where(*_chunks_of(job))
         return self._session.scalar(rows) or 0
+
+
+def is_final(number: int) -> bool:
+    """Whether the chunk of this number is its job's final step."""
+    return number == FINAL
 
 
 def _row(job: Job, number: int, span: Span) -> dict[str, Any]:

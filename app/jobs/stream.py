@@ -15,15 +15,15 @@ from app.context import ServiceContext
 from app.engine import Job
 from app.errors import Forbidden, Unauthorised
 from app.http.deps import authorise, current_principal, settings_of
-from app.security import Role
-from app.services.job_events import (
+from app.jobs.events import (
     NOTHING_SEEN,
     JobEvent,
     end_number,
-    is_over,
     job_events,
     newest,
 )
+from app.jobs.kind import AnyKind
+from app.security import Role
 
 EVENT_STREAM: Final = "text/event-stream"
 _RETRY: Final = b"retry: 1000\n\n"
@@ -60,12 +60,17 @@ def events_of(model: type[BaseModel], what: str) -> dict[int | str, dict[str, An
 
 
 async def watch(
-    request: Request, services: ServiceContext, job: Job, last_event_id: str | None
+    request: Request,
+    services: ServiceContext,
+    kind: AnyKind,
+    job_id: int,
+    last_event_id: str | None,
 ) -> Response:
     """Events of a job, after the last one that its reader has; NotFound."""
+    job = Job(kind.table.job_kind, job_id)
     token_id, after = current_principal(request).token_id, number_of(last_event_id)
     state = await newest(services, job, token_id)
-    if is_over(state) and after >= end_number(state):
+    if state.finished and after >= end_number(state):
         return Response(status_code=204)
     return event_stream(request, job_events(services, job, after, token_id))
 

@@ -23,41 +23,26 @@ from app.db.transient import in_a_line, is_transient
 from app.engine import Job, JobStopped
 from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.errors import AppError
-from app.jobs.queries import DECISION, ChunkRepository, LeaseRepository
-from app.services.export_writing import export_at_work, write_chunk
-from app.services.run_measuring import Stored, frames_left, measure_chunk
-from app.services.run_states import run_at_work
-from app.services.run_switching import decide_all
+from app.jobs.kind import AnyTask, Task, kind_of
+from app.jobs.queries import (
+    ChunkRepository,
+    LeaseRepository,
+    is_final,
+    open_job,
+)
 from filter_core.errors import FilterError
 
-
-def _measure_or_decide(
-    context: ServiceContext, run_id: int, number: int, stored: Stored
-) -> None:
-    if number == DECISION:
-        decide_all(context, run_id, stored)
-    else:
-        measure_chunk(context, run_id, number, stored)
-
-
-Work = Callable[[ServiceContext, int, int, Stored], None]
-_WORK: Final[Mapping[str, Work]] = {"run": _measure_or_decide, "export": write_chunk}
-_AT_WORK: Final[Mapping[str, Callable[..., object]]] = {
-    "run": run_at_work,
-    "export": export_at_work,
-}
+MOST_ATTEMPTS: Final = 3
+"""Processes in a row that may end at a chunk before nobody tries it again."""
+_PAUSE_S: Final = 0.5
 
 log = logging.getLogger(__name__)
 
 
 def work_on(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
     """Work on a chunk, whatever comes; how it ended."""
-
-    def work() -> str:
-        _WORK[kind](context, job_id, number, _untold)
-        return DONE
-
-    return _outcome(context, Job(kind, job_id), number, work)
+    task = _task(context, Job(kind, job_id), number)
+    return _outcome(task, lambda: _do(task))
 
 
 def work_here(context: ServiceContext, kind: str, job_id: int, number: int) -> str:
@@ -66,42 +51,45 @@ def work_here(context: ServiceContext, kind: str, job_id: int, number: int) -> s
     So the attempt is in the chunk's row before the work begins; once there were too
     many, it is given up.
     """
-    attempt = Attempt(context, Job(kind, job_id), number)
-
-    def work() -> str:
-        if not attempt.begin():
-            return GIVEN_UP
-        _WORK[kind](context, job_id, number, attempt.forget)
-        return DONE
-
-    outcome = _outcome(context, Job(kind, job_id), number, work)
+    task = _task(context, Job(kind, job_id), number)
+    attempt = Attempt(context, task.job, number)
+    task.on_stored = attempt.forget
+    outcome = _outcome(task, lambda: _do(task) if attempt.begin() else GIVEN_UP)
     if outcome not in (DONE, GIVEN_UP):
         attempt.end()
     return outcome
 
 
-def _untold(_session: Session) -> None:
-    """Who drives a worker is told when that ends, and counts."""
+def _task(context: ServiceContext, job: Job, number: int) -> AnyTask:
+    return Task(context, kind_of(job), job, number)
 
 
-def _outcome(
-    context: ServiceContext, job: Job, number: int, work: Callable[[], str]
-) -> str:
+def _do(task: AnyTask) -> str:
+    try:
+        if is_final(task.number):
+            task.kind.finish(task)
+        else:
+            task.kind.work(task)
+    finally:
+        task.close()
+    return DONE
+
+
+def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
     try:
         return work()
     except JobStopped:
-        return GIVEN_BACK if context.engine.stopping.is_set() else UNWANTED
+        return GIVEN_BACK if task.context.engine.stopping.is_set() else UNWANTED
     except (AppError, FilterError) as error:
-        return _failed(context, job, number, _told(error))
+        return _failed(task, stored_error(error))
     except Exception as error:
         if is_transient(error):
-            log.warning("chunk %d of %s %d: %s", number, *job, in_a_line(error))
+            log.warning("%s: %s", _named(task), in_a_line(error))
             return GIVEN_BACK
-        unexpected = {"code": "internal", "detail": f"the {job.kind} failed"}
-        outcome = _failed(context, job, number, unexpected)
+        outcome = _failed(task, unexpected_error(task.job))
         # Somebody may have cancelled it, or deleted its dataset, meanwhile.
         if outcome == FAILED:
-            log.exception("chunk %d of %s %d failed", number, *job)
+            log.exception("%s failed", _named(task))
         return outcome
 
 
@@ -126,25 +114,28 @@ def work_remotely(
     return ELSEWHERE
 
 
-def _told(error: AppError | FilterError) -> dict[str, Any]:
+def stored_error(error: AppError | FilterError) -> dict[str, str]:
+    """An error of ours, as a job's row keeps it."""
     return {"code": error.kind, "detail": error.detail}
 
 
-def _failed(
-    context: ServiceContext, job: Job, number: int, error: Mapping[str, Any]
-) -> str:
+def unexpected_error(job: Job) -> dict[str, str]:
+    """What a job's row keeps of any other error; the log has the rest."""
+    return {"code": "internal", "detail": f"the {job.kind} failed"}
+
+
+def _failed(task: AnyTask, error: Mapping[str, Any]) -> str:
     try:
-        with context.database.write() as session:
-            _AT_WORK[job.kind](session, job.id)
-            ChunkRepository(session).fail(job, number, error)
+        with task.context.database.write() as session:
+            task.row(session)
+            ChunkRepository(session).fail(task.job, task.number, error)
     except JobStopped:
         return UNWANTED
     return FAILED
 
 
-MOST_ATTEMPTS: Final = 3
-"""Processes in a row that may end at a chunk before nobody tries it again."""
-_PAUSE_S: Final = 0.5
+def _named(task: AnyTask) -> str:
+    return f"chunk {task.number} of {task.job.kind} {task.job.id}"
 
 
 class Attempt:
@@ -165,8 +156,8 @@ class Attempt:
         self._context.engine.check(self._job)
         self._is_noted = True  # also if the answer to the commit is lost
         with self._context.database.write() as session:
-            ledger = ChunkRepository(session)
-            chunk = ledger.find(self._job, self._number)
+            chunks = ChunkRepository(session)
+            chunk = chunks.find(self._job, self._number)
             if chunk is None or chunk.state == "done":
                 return True
             if chunk.attempts >= MOST_ATTEMPTS:
@@ -177,7 +168,7 @@ class Attempt:
                 _give_up(session, self._job, chunk)
             if chunk.state == "quarantined":
                 return False
-            ledger.attempt(chunk)
+            chunks.attempt(chunk)
         return True
 
     def forget(self, session: Session) -> None:
@@ -213,10 +204,10 @@ def _give_up(session: Session, job: Job, chunk: Chunk) -> None:
     Where pictures kill that stand side by side, the rest of the chunk goes with them:
     each of them alone would cost as many processes again.
     """
-    ledger = ChunkRepository(session)
-    left = frames_left(session, job.id, chunk) if job.kind == "run" else []
-    beside = {one.last_frame_id + 1 for one in ledger.quarantined(job)}
+    chunks, kind = ChunkRepository(session), kind_of(job)
+    left = kind.left(session, open_job(session, kind.table, job.id), chunk)
+    beside = {one.last_frame_id + 1 for one in chunks.quarantined(job)}
     if len(left) < 2 or left[0] in beside:
-        ledger.give_up(chunk)
+        chunks.give_up(chunk)
     else:
-        ledger.set_aside(chunk, left[0], len(left))
+        chunks.set_aside(chunk, left[0], len(left))

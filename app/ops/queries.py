@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from app.db.tables import Blob, Dataset, Export, Run, Tally
+from app.db.tables import Blob, Dataset, JobRow, Tally
 from app.measuring.queries import is_there
 
 STATES: Final = ("queued", "running", "done", "failed", "cancelled")
@@ -42,10 +43,11 @@ class Totals:
         found = self._session.execute(rows.group_by(Tally.review))
         return {row[0]: int(row[1]) for row in found}
 
-    def jobs(self) -> dict[tuple[str, str], int]:
-        """Runs and exports by kind and state, those that are over as well."""
+    def jobs(self, tables: Iterable[type[JobRow]]) -> dict[tuple[str, str], int]:
+        """Jobs by kind and state, those that are over as well."""
         found: dict[tuple[str, str], int] = {}
-        for kind, table in (("run", Run), ("export", Export)):
+        for table in tables:
+            kind = table.job_kind
             found |= {(kind, state): 0 for state in STATES}
             rows = (
                 select(table.state, func.count())

@@ -17,7 +17,9 @@ from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
 from app.engine.pixels import PixelPool
 from app.http.idempotency import forget_old_answers
+from app.jobs.kind import register
 from app.jobs.queries import LeaseRepository
+from app.jobs.service import watching
 from app.maintenance.datafolder import (
     check_moved,
     check_same_version,
@@ -29,7 +31,8 @@ from app.maintenance.datafolder import (
 from app.maintenance.page_check import checking_pages
 from app.maintenance.removals import removing
 from app.package import migrations_dir
-from app.services.job_watch import watching_jobs
+from app.services.exports import EXPORTS
+from app.services.runs import RUNS
 from app.settings import Settings
 from app.storage import make_folder, open_store
 from app.storage.room import Reserve
@@ -41,6 +44,7 @@ from filter_core.errors import FilterError
 @contextmanager
 def running(settings: Settings) -> Iterator[ServiceContext]:
     """Bring the data folder up to date, open everything, and close it at the end."""
+    register_kinds()
     make_folder(settings.data)
     Reserve(settings.data).give_up()
     default_config = _default_config(settings)
@@ -70,7 +74,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
         )
         try:
             with (
-                watching_jobs(services),
+                watching(services),
                 removing(services),
                 checking_pages(services),
                 keeping_tokens(services),
@@ -91,6 +95,7 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
     CannotMaintain
         The database is not there, or is another version's.
     """
+    register_kinds()
     with usable_store(settings):
         store = open_store(settings)
     database = Database(settings.sqlalchemy_url)
@@ -110,6 +115,11 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
             services.close()
     finally:
         database.close()
+
+
+def register_kinds() -> None:
+    """Let this process know all kinds of jobs."""
+    register(RUNS, EXPORTS)
 
 
 def _engine(settings: Settings, database: Database) -> LocalEngine:

@@ -18,7 +18,6 @@ from app.http.routing import ApiRouter
 from app.measuring.queries import DatasetRepository
 from app.quality.service import evaluation, quality, request_evaluation
 from app.services.run_states import described_run
-from app.services.runs import start_after
 from filter_core.evaluation.thresholds import Goal
 from unghost.wire.quality import Evaluation, EvaluationQuery, Quality, QualityQuery
 from unghost.wire.runs import Run
@@ -38,7 +37,6 @@ def create_evaluation(
     """Measure every channel that the frames' files allow; verdicts stay as they are."""
     found = DatasetRepository(session).named(dataset)
     run = request_evaluation(services, session, found, principal.name)
-    start_after(services, session)
     return accepted(described_run(services, session, run))
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from sqlalchemy import func, insert, select, update
+from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
 from app.db.bulk import NewestPage, newest
 from app.db.flip_record import BOXES_PER_ROW, find_flip, pack_flips
 from app.db.tables import Export, Flips, Run
 from app.errors import NotFound
-from app.measuring.queries import is_deleted
+from app.jobs.queries import OPEN, find_job
 from filter_core.types import IntArray
 
 
@@ -27,10 +27,7 @@ class RunRepository:
 
     def find(self, run_id: int) -> Run | None:
         """A run, unless it was deleted with its dataset."""
-        found = self._session.get(Run, run_id)
-        if found is None or is_deleted(self._session, found.dataset_id):
-            return None
-        return found
+        return find_job(self._session, Run, run_id)
 
     def with_id(self, run_id: int) -> Run:
         """A run; NotFound."""
@@ -43,24 +40,11 @@ class RunRepository:
         """Runs, newest first."""
         return newest(self._session, Run, dataset_id, page)
 
-    def tell(self, run_id: int, done: int) -> None:
-        """Say how far a run is, beside the transaction that ends it."""
-        self._session.execute(
-            update(Run)
-            .where(Run.id == run_id, Run.state == "running", Run.done < done)
-            .values(done=done)
-        )
-
-    def unfinished(self) -> list[Run]:
-        """Runs that are queued, or were interrupted, oldest first."""
-        rows = select(Run).where(Run.state.in_(("queued", "running")))
-        return list(self._session.scalars(rows.order_by(Run.id)))
-
     def last_to_activate(self, dataset_id: int) -> Run | None:
         """The open run after which no other one will change what is active."""
         rows = select(Run).where(
             Run.dataset_id == dataset_id,
-            Run.state.in_(("queued", "running")),
+            Run.state.in_(OPEN),
             Run.activate.is_(True),
         )
         return self._session.scalar(rows.order_by(Run.id.desc()).limit(1))
@@ -74,22 +58,11 @@ class RunRepository:
             return False
         rows = select(Run.id).where(
             Run.dataset_id == run.dataset_id,
-            Run.state.in_(("queued", "running")),
+            Run.state.in_(OPEN),
             Run.activate.is_(True),
             Run.id < run.id,
         )
         return self._session.scalar(rows.limit(1)) is not None
-
-    def open_count(self, author: str | None = None) -> int:
-        """How many runs wait or work: all, or those of one token."""
-        rows = (
-            select(func.count())
-            .select_from(Run)
-            .where(Run.state.in_(("queued", "running")))
-        )
-        if author is not None:
-            rows = rows.where(Run.created_by == author)
-        return self._session.scalar(rows) or 0
 
     def that_flipped(self, dataset_id: int, box_id: int) -> list[Run]:
         """Runs that changed a box, oldest first."""
@@ -144,10 +117,7 @@ class ExportRepository:
 
     def find(self, export_id: int) -> Export | None:
         """An export, unless it was deleted with its dataset."""
-        found = self._session.get(Export, export_id)
-        if found is None or is_deleted(self._session, found.dataset_id):
-            return None
-        return found
+        return find_job(self._session, Export, export_id)
 
     def with_id(self, export_id: int) -> Export:
         """An export; NotFound."""
@@ -159,19 +129,3 @@ class ExportRepository:
     def page(self, dataset_id: int, page: NewestPage) -> list[Export]:
         """Exports, newest first."""
         return newest(self._session, Export, dataset_id, page)
-
-    def unfinished(self) -> list[Export]:
-        """Exports that are queued, or were interrupted, oldest first."""
-        rows = select(Export).where(Export.state.in_(("queued", "running")))
-        return list(self._session.scalars(rows.order_by(Export.id)))
-
-    def open_count(self, author: str | None = None) -> int:
-        """How many exports wait or work: all, or those of one token."""
-        rows = (
-            select(func.count())
-            .select_from(Export)
-            .where(Export.state.in_(("queued", "running")))
-        )
-        if author is not None:
-            rows = rows.where(Export.created_by == author)
-        return self._session.scalar(rows) or 0

@@ -23,7 +23,6 @@ from app.routes.config_body import ConfigBody, described_config
 from app.runs.flips import PreviewLimits, preview
 from app.services.run_requests import RunRequest, request_run
 from app.services.run_states import described_run
-from app.services.runs import start_after
 from filter_core.config.filter import FilterConfig
 from unghost.wire.model import Page
 from unghost.wire.runs import ActivateIn, ConfigVersion, Preview, PreviewIn, Run
@@ -97,7 +96,6 @@ def activate_config(
     wanted = RunRequest(body.digest, audit.name, activate=True)
     run = request_run(services, session, found, wanted)
     audit.note(Act.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
-    start_after(services, session)
     return accepted(described_run(services, session, run))
 
 

@@ -23,15 +23,15 @@ from app.http.deps import (
 from app.http.files import RESUMABLE, file_of, file_response
 from app.http.pages import Newest, written
 from app.http.routing import ApiRouter, OpenRouter
+from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.security import Role
-from app.services.export_writing import job_of
 from app.services.exports import (
+    EXPORTS,
     MEDIA_TYPE,
     ExportRequest,
-    cancel_export,
     describe_export,
     finished_file,
     request_export,
@@ -82,7 +82,7 @@ def stop_export(
     export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
     """End an export that is not over. 409 if it is over."""
-    export = cancel_export(services, session, export_id)
+    export = cancel(services, session, EXPORTS, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id).name
     audit.note(Act.EXPORT_CANCELLED, export_id, dataset=dataset)
     return _accepted(export, dataset)
@@ -113,7 +113,7 @@ async def watch_export(
     last_event_id: LastEventId = None,
 ) -> Response:
     """How an export goes on, as server-sent events; the last one is `end`."""
-    return await watch(request, services, job_of(export_id), last_event_id)
+    return await watch(request, services, EXPORTS, export_id, last_event_id)
 
 
 @inside.get(

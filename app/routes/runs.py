@@ -19,13 +19,14 @@ from app.http.deps import (
 )
 from app.http.pages import Cursor, Limit, Newest, accepted, linked
 from app.http.routing import ApiRouter
+from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import ConfigRepository, DatasetRepository
 from app.repositories.runs import RunRepository
 from app.runs.flips import DiffPage, compared_runs, run_diff
 from app.services.run_requests import RunRequest, request_run
-from app.services.run_states import describe_run, described_run, job_of
-from app.services.runs import cancel_run, start_after
+from app.services.run_states import describe_run, described_run
+from app.services.runs import RUNS
 from filter_core.config.filter import FilterConfig
 from unghost.wire.model import Page
 from unghost.wire.runs import Diff, Run, RunIn
@@ -65,7 +66,6 @@ def create_run(
         activate=body.activate,
     )
     run = request_run(services, session, found, wanted)
-    start_after(services, session)
     answer = described_run(services, session, run)
     if run.activate:
         activated = {"config": answer.config, "run": run.id}
@@ -89,7 +89,7 @@ async def watch_run(
     last_event_id: LastEventId = None,
 ) -> Response:
     """How a run goes on, as server-sent events; the last one is `end`."""
-    return await watch(request, services, job_of(run_id), last_event_id)
+    return await watch(request, services, RUNS, run_id, last_event_id)
 
 
 @router.post("/runs/{run_id}/cancel", status_code=202, response_model=Run)
@@ -97,7 +97,8 @@ def stop_run(
     run_id: RowId, session: WriteSession, services: AppServices, audit: Audited
 ) -> Response:
     """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
-    answer = described_run(services, session, cancel_run(services, session, run_id))
+    run = cancel(services, session, RUNS, run_id)
+    answer = described_run(services, session, run)
     audit.note(Act.RUN_CANCELLED, run_id, dataset=answer.dataset)
     return accepted(answer)
 

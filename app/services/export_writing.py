@@ -9,71 +9,48 @@ from __future__ import annotations
 
 import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from sqlalchemy.orm import Session
 
 from app.boxes.current import TallyRepository
 from app.boxes.queries import FrameRepository, LatestAnswers
 from app.context import ServiceContext
-from app.db.base import utc_now
 from app.db.tables import Dataset, Export
-from app.engine import Job, JobStopped
-from app.jobs.queries import ChunkRepository
+from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository
-from app.repositories.runs import ExportRepository
-from app.services.enduring import enduring
 from app.services.export_archive import ReproducibleZip
 from app.services.export_frames import ExportFrames
 from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions
 from filter_core.formats.registry import format_of, write_export
 
-OPEN: Final = ("queued", "running")
-TELL_EVERY_S: Final = 0.5
 
-
-def job_of(export_id: int) -> Job:
-    """The job that writes an export."""
-    return Job("export", export_id)
-
-
-def export_at_work(session: Session, export_id: int) -> Export:
-    """The export, if it is to go on; JobStopped."""
-    export = ExportRepository(session).find(export_id)
-    if export is None or export.state not in OPEN:
-        raise JobStopped(job_of(export_id))
-    return export
-
-
-def write_chunk(
-    context: ServiceContext, export_id: int, _number: int, _stored: object
-) -> None:
+def write_chunk(task: Task[Export]) -> None:
     """Write an export: it is the only chunk of its job, and ends it."""
-    context.engine.check(job_of(export_id))
-    with _empty_folder(context, export_id) as folder:
+    context = task.context
+    task.check()
+    with _empty_folder(context, task.job.id) as folder:
         file = folder / "export.zip"
         with context.database.read() as session:
-            export = export_at_work(session, export_id)
-            counts = _stream(context, session, export, file)
+            export = task.row(session)
+            counts = _stream(task, session, export, file)
         size_bytes = file.stat().st_size
         put = partial(context.storage.adopt, file)
-        digest = enduring(context, partial(_check, context, export_id), put)
+        digest = task.retry_unavailable(put)
     with context.database.write() as session:
-        export = export_at_work(session, export_id)
+        export = task.row(session)
         context.storage.require([digest])
-        export.state, export.finished_at = "done", utc_now()
         export.sha256, export.size_bytes = digest, size_bytes
         export.counts, export.done = counts, export.total
-        ChunkRepository(session).forget(job_of(export_id))
+        task.end(session)
     # Whoever writes the same one beside us is told that it is over.
-    _clear(context, export_id)
+    _clear(context, task.job.id)
 
 
 @contextmanager
@@ -97,28 +74,21 @@ def _clear(context: ServiceContext, export_id: int) -> None:
 
 
 def _stream(
-    context: ServiceContext, session: Session, export: Export, file: Path
+    task: Task[Export], session: Session, export: Export, file: Path
 ) -> dict[str, Any]:
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     options = ExportOptions.from_mapping(export.options)
     needs = format_of(export.format, options).needs
-    read = partial(_read, context, export.id)
+    read = partial(_read, task)
     frames = ExportFrames(read, session, dataset, needs)
     head = replace(_head(session, dataset), temporary=file.parent)
     with ReproducibleZip(file) as archive:
-        coming = _told(context, export.id, frames)
+        coming = _reporting(task, export.total, frames)
         return write_export(export.format, coming, archive.add, head, options)
 
 
-def _read(context: ServiceContext, export_id: int, digest: str) -> bytes:
-    read = partial(context.storage.read, digest)
-    return enduring(context, partial(_check, context, export_id), read)
-
-
-def _check(context: ServiceContext, export_id: int) -> None:
-    context.engine.check(job_of(export_id))
-    with context.database.read() as session:
-        export_at_work(session, export_id)
+def _read(task: Task[Export], digest: str) -> bytes:
+    return task.retry_unavailable(partial(task.context.storage.read, digest))
 
 
 def _head(session: Session, dataset: Dataset) -> ExportHead:
@@ -136,20 +106,11 @@ def _head(session: Session, dataset: Dataset) -> ExportHead:
     )
 
 
-def _told(
-    context: ServiceContext, export_id: int, frames: ExportFrames
+def _reporting(
+    task: Task[Export], total: int, frames: ExportFrames
 ) -> Iterator[ExportFrame]:
-    """The frames, telling now and then how many have passed; the job can end here."""
-    told = time.monotonic()
+    """The frames, saying now and then how many have passed; the job can end here."""
     for done, frame in enumerate(frames):
-        context.engine.check(job_of(export_id))
-        if time.monotonic() - told >= TELL_EVERY_S:
-            _tell(context, export_id, done)
-            told = time.monotonic()
+        task.check()
+        task.report(min(done, total))
         yield frame
-
-
-def _tell(context: ServiceContext, export_id: int, done: int) -> None:
-    with context.database.write() as session:
-        export = export_at_work(session, export_id)
-        export.done = min(done, export.total)

@@ -1,29 +1,23 @@
-"""Exports: asking for the labels of a dataset, and getting them.
-
-`export_jobs` writes them in the background.
-"""
+"""Exports: the labels of a dataset, written in the background, and handed out."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
-from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db import tables
-from app.db.base import utc_now
-from app.db.tables import Dataset
+from app.db.tables import Chunk, Dataset
 from app.errors import Conflict
-from app.jobs.queries import ChunkRepository
+from app.jobs.kind import Task
+from app.jobs.queries import ChunkRepository, Span, job_of
+from app.jobs.service import ask
 from app.measuring.queries import DatasetRepository
-from app.repositories.runs import ExportRepository
-from app.services.cancelling import interrupt_until_written
-from app.services.export_jobs import OPEN, job_of, start_exports
-from app.services.job_quota import require_a_place
+from app.services.export_writing import write_chunk
 from app.storage import Blob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
@@ -45,50 +39,23 @@ class ExportRequest:
 def request_export(
     context: ServiceContext, session: Session, dataset: Dataset, wanted: ExportRequest
 ) -> tables.Export:
-    """Store a queued export and start it when the transaction is over.
+    """Queue an export; it starts when the transaction is committed.
 
     From now on the dataset's classes keep their order: labels refer to it.
     """
     format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
-    require_a_place(session, context.settings, wanted.author)
     require_room(context.settings, context.storage)
-    exports = ExportRepository(session)
     DatasetRepository(session).freeze_classes(dataset.id)
-    export = exports.add(
-        tables.Export(
-            dataset_id=dataset.id,
-            format=wanted.format,
-            options=wanted.options,
-            run_id=dataset.active_run_id,
-            total=FrameRepository(session).count(dataset.id),
-            media_type=MEDIA_TYPE,
-            created_by=wanted.author,
-        )
+    export = tables.Export(
+        dataset_id=dataset.id,
+        format=wanted.format,
+        options=wanted.options,
+        run_id=dataset.active_run_id,
+        total=FrameRepository(session).count(dataset.id),
+        media_type=MEDIA_TYPE,
+        created_by=wanted.author,
     )
-    event.listen(session, "after_commit", lambda _: start_exports(context), once=True)
-    return export
-
-
-def cancel_export(
-    context: ServiceContext, session: Session, export_id: int
-) -> tables.Export:
-    """End an export that is not over; nothing is kept of it.
-
-    Raises
-    ------
-    Conflict
-        The export is over.
-    """
-    again = partial(start_exports, at_work=True)
-    interrupt_until_written(context, session, job_of(export_id), again)
-    export = ExportRepository(session).with_id(export_id)
-    if export.state not in OPEN:
-        raise Conflict(
-            f"export {export_id} is {export.state} already", code="export_over"
-        )
-    export.state, export.finished_at = "cancelled", utc_now()
-    session.flush()
-    ChunkRepository(session).forget(job_of(export_id))
+    ask(context, session, export)
     return export
 
 
@@ -122,3 +89,58 @@ def describe_export(export: tables.Export, dataset: str) -> Export:
             "download": f"/api/v1/exports/{export.id}/download" if done else None,
         }
     )
+
+
+class ExportKind:
+    """One chunk for all frames, so that it sees one state; it ends the export."""
+
+    table = tables.Export
+    final_step: str | None = None
+
+    def may_begin(self, _session: Session, _row: tables.Export) -> bool:
+        """Always: no export waits for another job."""
+        return True
+
+    def begin(self, session: Session, row: tables.Export) -> None:
+        """Count the frames; what was cut off is written anew."""
+        row.done, row.total = 0, FrameRepository(session).count(row.dataset_id)
+
+    def plan(
+        self,
+        session: Session,
+        row: tables.Export,
+        *,
+        after: int,
+        most: int,
+        frames: int,
+    ) -> list[Span]:
+        """One chunk, once."""
+        is_planned = ChunkRepository(session).is_planned(job_of(row))
+        return [] if is_planned else [Span(0, 0, row.total)]
+
+    def work(self, task: Task[tables.Export]) -> None:
+        """Write the file, and end the export."""
+        write_chunk(task)
+
+    def finish(self, task: Task[tables.Export]) -> None:
+        """Nothing: its only chunk ends an export."""
+
+    def left(self, _session: Session, _row: tables.Export, _chunk: Chunk) -> list[int]:
+        """None: whatever ends the process, it cannot be said which frame did."""
+        return []
+
+    def name_left(
+        self, _session: Session, _row: tables.Export, _chunks: Sequence[Chunk]
+    ) -> str:
+        """All of it."""
+        return "writing it"
+
+    def describe(
+        self, _context: ServiceContext, session: Session, row: tables.Export
+    ) -> Export:
+        """An export with the name of its dataset."""
+        dataset = DatasetRepository(session).with_id(row.dataset_id)
+        return describe_export(row, dataset.name)
+
+
+EXPORTS: Final = ExportKind()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, closing
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -15,8 +14,9 @@ from sqlalchemy.orm import Session
 from app.boxes.queries import FileRow, FrameRepository
 from app.context import ServiceContext
 from app.db.tables import Chunk, Frame, Run
-from app.engine import Job, JobStopped
-from app.jobs.queries import ChunkRepository, Span
+from app.engine import JobStopped
+from app.jobs.kind import Task
+from app.jobs.queries import Span
 from app.measuring.active import config_of
 from app.measuring.evidence import packed, recount, recounted_row
 from app.measuring.pixels import MEASURED, FrameFiles, measure_files, naming
@@ -28,8 +28,6 @@ from app.measuring.queries import (
     EvidenceRow,
     note_problem,
 )
-from app.services.enduring import enduring
-from app.services.run_states import job_of, run_at_work
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -42,9 +40,6 @@ _DAMAGED: Final = (
 """What a file is itself, whatever a configuration asks of it."""
 COMMIT_EVERY_S: Final = 0.25
 """How much work a crash may cost, and how often progress is seen to move."""
-
-Stored = Callable[[Session], None]
-"""Is told of each transaction that stores numbers which were not there before."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +56,6 @@ class RunScope:
         """What the run's row refers to."""
         config = config_of(ConfigRepository(session).with_id(run.config_id))
         return cls(run.id, run.dataset_id, run.measurement_id or 0, config)
-
-    @property
-    def job(self) -> Job:
-        """The job that carries it out."""
-        return job_of(self.run_id)
 
 
 @dataclass(frozen=True)
@@ -88,7 +78,6 @@ class _Part:
     """
 
     scope: RunScope
-    number: int
     is_suspect: bool
     missing: list[int]
     source: _Source
@@ -97,17 +86,16 @@ class _Part:
     former: Mapping[int, EvidenceRow]
 
     @classmethod
-    def of(cls, session: Session, run_id: int, number: int) -> _Part:
+    def of(cls, session: Session, task: Task[Run]) -> _Part:
         """What is there to do; nothing in a chunk that is done."""
-        scope = RunScope.of(session, run_at_work(session, run_id))
-        chunk = ChunkRepository(session).find(scope.job, number)
-        missing = [] if chunk is None else _missing_of(session, scope, chunk)
+        run = task.row(session)
+        scope, chunk = RunScope.of(session, run), task.chunk(session)
+        missing = [] if chunk is None else unmeasured_of(session, run, chunk)
         is_suspect = chunk is not None and chunk.attempts > 1
         source = _source(session, scope)
         evidence = EvidenceRepository(session)
         return cls(
             scope=scope,
-            number=number,
             is_suspect=is_suspect,
             missing=missing,
             source=source,
@@ -118,11 +106,11 @@ class _Part:
 
 
 def plan_frames(
-    session: Session, scope: RunScope, after: int, *, spans: int, frames: int
+    session: Session, run: Run, *, after: int, most: int, frames: int
 ) -> list[Span]:
     """Up to so many chunks of frames behind an id that lack their numbers."""
     missing = EvidenceRepository(session).unmeasured_frames(
-        scope.dataset_id, scope.measurement_id, after=after, limit=spans * frames
+        run.dataset_id, run.measurement_id or 0, after=after, limit=most * frames
     )
     parts = (
         missing[start : start + frames] for start in range(0, len(missing), frames)
@@ -137,21 +125,19 @@ def is_measured(session: Session, scope: RunScope) -> bool:
     )
 
 
-def frames_left(session: Session, run_id: int, chunk: Chunk) -> list[int]:
-    """Frames of a chunk that lack their numbers.
+def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
+    """Frames of a chunk that lack their numbers; none in one that is done."""
+    if chunk.state == "done":
+        return []
+    return EvidenceRepository(session).unmeasured_frames(
+        run.dataset_id,
+        run.measurement_id or 0,
+        after=chunk.first_frame_id - 1,
+        until=chunk.last_frame_id,
+    )
 
-    Raises
-    ------
-    JobStopped
-        The run is over.
-    """
-    scope = RunScope.of(session, run_at_work(session, run_id))
-    return _missing_of(session, scope, chunk)
 
-
-def measure_chunk(
-    context: ServiceContext, run_id: int, number: int, stored: Stored
-) -> None:
+def measure_chunk(task: Task[Run]) -> None:
     """Make the numbers of a chunk's frames that are not there yet.
 
     Raises
@@ -159,36 +145,23 @@ def measure_chunk(
     JobStopped
         Before all were made; those that were are stored.
     """
-    context.engine.check(job_of(run_id))
-    with context.database.read() as session:
-        part = _Part.of(session, run_id, number)
-    measured, portion, over = 0, _Portion(context, part, stored), threading.Event()
-    work = partial(_numbers, context, part, over)
-    with ExitStack() as ending:
-        results = context.engine.map(work, part.missing, one_by_one=part.is_suspect)
-        rows = ending.enter_context(closing(results))
-        # Threads that wait for a store are to know that nobody waits for them.
-        ending.callback(over.set)
+    task.check()
+    with task.context.database.read() as session:
+        part = _Part.of(session, task)
+    measured, buffer = 0, _CommitBuffer(task, part)
+    results = task.context.engine.map(
+        partial(_numbers, task, part), part.missing, one_by_one=part.is_suspect
+    )
+    with closing(results) as rows:
         for measured_frame in rows:
             # When the service stops, what is measured by then is kept.
-            context.engine.check_wanted(part.scope.job)
+            task.check_wanted()
             measured += 1
-            portion.add(measured_frame, is_last=measured == len(part.missing))
+            buffer.add(measured_frame, is_last=measured == len(part.missing))
     is_whole = measured == len(part.missing)
-    portion.keep(is_whole=is_whole)
+    buffer.commit(is_whole=is_whole)
     if not is_whole:
-        raise JobStopped(part.scope.job)
-
-
-def _missing_of(session: Session, scope: RunScope, chunk: Chunk) -> list[int]:
-    if chunk.state == "done":
-        return []
-    return EvidenceRepository(session).unmeasured_frames(
-        scope.dataset_id,
-        scope.measurement_id,
-        after=chunk.first_frame_id - 1,
-        until=chunk.last_frame_id,
-    )
+        raise JobStopped(task.job)
 
 
 class _Measured(NamedTuple):
@@ -199,16 +172,13 @@ class _Measured(NamedTuple):
     damage: FilterError | None = None
 
 
-def _numbers(
-    context: ServiceContext, part: _Part, over: threading.Event, frame_id: int
-) -> _Measured:
-    source = part.source
+def _numbers(task: Task[Run], part: _Part, frame_id: int) -> _Measured:
+    context, source = task.context, part.source
     if source.needs_pixels:
         frame = part.frames[frame_id]
         files = part.files[frame_id]
         read = partial(_contents, context, source, files)
-        check = partial(_check, context, part.scope, over)
-        contents = enduring(context, check, read)
+        contents = task.retry_unavailable(read)
         return _remeasured(context, source, frame, contents)
     row = part.former[frame_id]
     evidence = recount(row, source.classes, source.plan)
@@ -217,22 +187,22 @@ def _numbers(
     )
 
 
-class _Portion:
+class _CommitBuffer:
     """What was measured in each quarter of a second, stored together."""
 
-    def __init__(self, context: ServiceContext, part: _Part, stored: Stored) -> None:
-        self._context, self._part, self._stored = context, part, stored
+    def __init__(self, task: Task[Run], part: _Part) -> None:
+        self._task, self._part = task, part
         self._measured: list[_Measured] = []
         self._begun = time.monotonic()
 
     def add(self, measured: _Measured, *, is_last: bool) -> None:
-        """One more; those of the last portion wait for `keep`."""
+        """One more; the last one waits for the caller's `commit`."""
         self._measured.append(measured)
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
         if not is_last and (is_due or self._part.is_suspect):
-            self.keep(is_whole=False)
+            self.commit(is_whole=False)
 
-    def keep(self, *, is_whole: bool) -> None:
+    def commit(self, *, is_whole: bool) -> None:
         """Store numbers, count them, and note a chunk that is whole: one transaction.
 
         Frames that another process has measured meanwhile are not counted again.
@@ -241,8 +211,8 @@ class _Portion:
         scope = self._part.scope
         if not measured and not is_whole:
             return
-        with self._context.database.write() as session:
-            run = run_at_work(session, scope.run_id)
+        with self._task.context.database.write() as session:
+            run = self._task.row(session)
             new = EvidenceRepository(session).lacking(
                 [one.row["frame_id"] for one in measured], scope.measurement_id
             )
@@ -253,9 +223,9 @@ class _Portion:
                     note_problem(session, scope.dataset_id, one.key, one.damage)
             run.done = min(run.total, run.done + len(new))
             if new:
-                self._stored(session)
+                self._task.stored(session)
             if is_whole:
-                ChunkRepository(session).finish(scope.job, self._part.number)
+                self._task.chunk_done(session)
 
 
 def _source(session: Session, scope: RunScope) -> _Source:
@@ -271,15 +241,6 @@ def _source(session: Session, scope: RunScope) -> _Source:
         former_measurement_id=former_id,
         needs_pixels=former.pixel_digest != wanted.pixel_digest,
     )
-
-
-def _check(context: ServiceContext, scope: RunScope, over: threading.Event) -> None:
-    """JobStopped as soon as nobody wants the numbers, also if only the row says so."""
-    if over.is_set():
-        raise JobStopped(scope.job)
-    context.engine.check(scope.job)
-    with context.database.read() as session:
-        run_at_work(session, scope.run_id)
 
 
 def _contents(

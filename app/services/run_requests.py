@@ -10,11 +10,11 @@ from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db.tables import ConfigVersion, Dataset, Run
 from app.errors import NotFound
+from app.jobs.service import ask
 from app.measuring.active import active_version, add_version, config_of
 from app.measuring.plan import DatasetReading, _measurement_for, needs_pixels, plan_for
 from app.measuring.queries import ConfigRepository, EvidenceRepository
 from app.repositories.runs import RunRepository
-from app.services.job_quota import require_a_place
 from filter_core.config.filter import FilterConfig
 
 
@@ -35,26 +35,25 @@ class RunRequest:
 def request_run(
     context: ServiceContext, session: Session, dataset: Dataset, wanted: RunRequest
 ) -> Run:
-    """Store a queued run; start it when the transaction is over (`start_runs`)."""
-    require_a_place(session, context.settings, wanted.author)
+    """Queue a run; it starts when the transaction is committed."""
     version = _version(session, dataset, wanted)
     config = config_of(version)
     reading = wanted.reading or coming_settings(session, dataset)[0]
     plan = plan_for(reading, config).with_channels(wanted.channels)
     measurement = _measurement_for(session, dataset, reading, plan)
-    return RunRepository(session).add(
-        Run(
-            dataset_id=dataset.id,
-            config_id=version.id,
-            measurement_id=measurement.id,
-            previous_run_id=dataset.active_run_id,
-            kind="measure" if needs_pixels(session, dataset, plan) else "decide",
-            activate=wanted.activate,
-            total=FrameRepository(session).count(dataset.id),
-            counts={},
-            created_by=wanted.author,
-        )
+    run = Run(
+        dataset_id=dataset.id,
+        config_id=version.id,
+        measurement_id=measurement.id,
+        previous_run_id=dataset.active_run_id,
+        kind="measure" if needs_pixels(session, dataset, plan) else "decide",
+        activate=wanted.activate,
+        total=FrameRepository(session).count(dataset.id),
+        counts={},
+        created_by=wanted.author,
     )
+    ask(context, session, run)
+    return run
 
 
 def coming_settings(

@@ -1,45 +1,21 @@
-"""The states of a run: queued, running, and then done, failed or cancelled for ever."""
+"""A run as it is answered."""
 
 from __future__ import annotations
-
-from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
 from app.db import tables
-from app.engine import Job, JobStopped
+from app.jobs.queries import job_of
 from app.measuring.queries import ConfigRepository, DatasetRepository
-from app.repositories.runs import RunRepository
 from unghost.wire.runs import Run
-
-OPEN: Final = ("queued", "running")
-
-
-def job_of(run_id: int) -> Job:
-    """The job that carries out a run."""
-    return Job("run", run_id)
-
-
-def run_at_work(session: Session, run_id: int) -> tables.Run:
-    """The run, if it is to go on.
-
-    Raises
-    ------
-    JobStopped
-        It was cancelled, or its dataset was deleted.
-    """
-    run = RunRepository(session).find(run_id)
-    if run is None or run.state not in OPEN:
-        raise JobStopped(job_of(run_id))
-    return run
 
 
 def describe_run(
     context: ServiceContext, run: tables.Run, dataset: str, digest: str
 ) -> Run:
     """A run as it is answered."""
-    reported = context.engine.reported(job_of(run.id)) if run.state == "running" else 0
+    reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
     return Run.model_validate(
         {
             "id": run.id,

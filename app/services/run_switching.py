@@ -7,10 +7,9 @@ because whoever comes second finds the run over.
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,21 +18,17 @@ from sqlalchemy.orm import Session
 from app.boxes.current import DecisionRepository, TallyKey, TallyRepository
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
-from app.db.base import utc_now
 from app.db.tables import Dataset, Run
-from app.engine import Job, JobStopped
-from app.jobs.queries import DECISION, ChunkRepository
+from app.jobs.kind import Task
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.queries import DatasetRepository, EvidenceRepository, frames_state
 from app.repositories.runs import RunRepository
-from app.services.run_measuring import RunScope, Stored, is_measured
-from app.services.run_states import job_of, run_at_work
+from app.services.run_measuring import RunScope, is_measured
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import BoolArray, Decisions, IntArray, Verdict
 
-TELL_EVERY_S: Final = 0.5
 _REASONS: Final = 32
 """More than there are reasons; they are packed into one number with flags."""
 
@@ -58,7 +53,7 @@ class BeforeAndAfter:
             yield cls(before, after)
 
 
-def decide_all(context: ServiceContext, run_id: int, stored: Stored) -> None:
+def decide_all(task: Task[Run]) -> None:
     """Decide all boxes of a run and end it, unless frames have come in meanwhile.
 
     Raises
@@ -66,43 +61,42 @@ def decide_all(context: ServiceContext, run_id: int, stored: Stored) -> None:
     JobStopped
         The run is over, or somebody is about to cancel it.
     """
+    context = task.context
     # Loading a million numbers holds no lock; the transaction finds them cached.
     with context.database.read() as session:
-        run = run_at_work(session, run_id)
+        run = task.row(session)
         if context.one(ColumnCache).fits(session, run.dataset_id):
             next(BeforeAndAfter.parts(context, session, run))
     with context.database.write() as session:
-        run = run_at_work(session, run_id)
+        run = task.row(session)
         scope = RunScope.of(session, run)
         if is_measured(session, scope):
-            switch(context, session, run, scope.config)
-            ChunkRepository(session).forget(scope.job)
+            _decide_and_store(task, session, run, scope.config)
+            task.end(session)
         else:
-            stored(session)  # what was measured meanwhile: a sign of life
+            task.stored(session)  # what was measured meanwhile: a sign of life
 
 
-def switch(
-    context: ServiceContext, session: Session, run: Run, config: FilterConfig
+def _decide_and_store(
+    task: Task[Run], session: Session, run: Run, config: FilterConfig
 ) -> None:
     """Store flips and counts; if the run activates, make its verdicts current."""
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     active = config_of(active_version(session, dataset))
     boxes = frames_state(session, dataset.id)[1]
-    turn = _Turn(session, run, _Progress(context, run.id, run.total, boxes))
-    for numbers in BeforeAndAfter.parts(context, session, run):
-        turn.decide(numbers, active, config)
+    activation = Activation(session, run, _Progress(task, run.total, boxes))
+    for numbers in BeforeAndAfter.parts(task.context, session, run):
+        activation.decide(numbers, active, config)
     run.previous_run_id = dataset.active_run_id
     if run.activate:
-        TallyRepository(session).replace(dataset.id, turn.tallies)
+        TallyRepository(session).replace(dataset.id, activation.tallies)
         _activate(session, dataset, run)
-    run.changed, run.done = turn.changed, run.total
-    run.counts = {verdict.value: turn.counts[verdict] for verdict in Verdict}
-    run.state, run.finished_at = "done", utc_now()
+    run.changed, run.done = activation.changed, run.total
+    run.counts = {verdict.value: activation.counts[verdict] for verdict in Verdict}
     run.last_review_id = LatestAnswers(session).newest_id()
-    session.flush()
 
 
-class _Turn:
+class Activation:
     """What a run changes, counted part by part: nothing grows with the boxes."""
 
     def __init__(self, session: Session, run: Run, progress: _Progress) -> None:
@@ -172,15 +166,13 @@ class _Turn:
 class _Progress:
     """Called with rows as they are written: says how far it is, and may end it."""
 
-    context: ServiceContext
-    run_id: int
+    task: Task[Run]
     total: int
     boxes: int
     _before: int = 0
     _part: int = 0
     _rows: int = 0
     _written: int = 0
-    _told_at: float = field(default_factory=time.monotonic)
 
     def begin(self, boxes: int, rows: int) -> None:
         """A part of so many boxes, of which so many rows are to be written."""
@@ -189,23 +181,10 @@ class _Progress:
         self(0)
 
     def __call__(self, rows: int) -> None:
-        job = job_of(self.run_id)
-        self.context.engine.check(job)
+        self.task.check()
         self._written += rows
         boxes = self._before + self._part * self._written // max(self._rows, 1)
-        done = self.total * boxes // max(self.boxes, 1)
-        self.context.engine.report(job, done)
-        is_due = time.monotonic() - self._told_at >= TELL_EVERY_S
-        if is_due and not self.context.database.has_one_writer:
-            self._tell(job, done)
-            self._told_at = time.monotonic()
-
-    def _tell(self, job: Job, done: int) -> None:
-        """Let other services know, and learn from them that somebody cancels it."""
-        with self.context.database.write_beside() as session:
-            if ChunkRepository(session).find(job, DECISION) is None:
-                raise JobStopped(job)
-            RunRepository(session).tell(self.run_id, done)
+        self.task.report(self.total * boxes // max(self.boxes, 1))
 
 
 def _activate(session: Session, dataset: Dataset, run: Run) -> None:

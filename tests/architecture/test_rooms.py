@@ -37,9 +37,7 @@ LEVELS: Final = (
 """From the top down: a room imports what stands below it, and nothing else."""
 UPWARDS: Final[set[tuple[str, str]]] = {
     ("context", "jobs"),
-    ("context", "services"),
-    ("jobs", "boxes"),
-    ("jobs", "services"),
+    ("repositories", "jobs"),
 }
 """What still goes the other way; to be taken out of here as it goes."""
 

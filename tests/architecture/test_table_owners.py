@@ -26,7 +26,7 @@ OWNERS: Final = {
 """A row is read by whoever needs it, and written by one room."""
 CLEARING: Final = ("app/maintenance/removals.py", "app/maintenance/queries.py")
 """Take away what a deleted dataset leaves in all tables, and blobs of no frame."""
-OTHERS: Final = {("repositories", "Run"), ("repositories", "Flips")}
+OTHERS: Final = {("repositories", "Flips")}
 """Who else writes a table; to be taken out of here as it ends."""
 WRITES: Final = frozenset(
     {"insert", "update", "delete", "upsert", "upsert_in", "insert_rows", "update_rows"}

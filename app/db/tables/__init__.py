@@ -11,7 +11,14 @@ from app.db.tables.frames import (
     IdBlock,
     Problem,
 )
-from app.db.tables.jobs import Chunk, Export, Installation, Lease, Run
+from app.db.tables.jobs import (
+    Chunk,
+    Export,
+    Installation,
+    JobRow,
+    Lease,
+    Run,
+)
 from app.db.tables.reviews import Claim, Review, ReviewBatch
 
 __all__ = [
@@ -30,6 +37,7 @@ __all__ = [
     "FrameFile",
     "IdBlock",
     "Installation",
+    "JobRow",
     "Lease",
     "Measurement",
     "Problem",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import Any, ClassVar
 
 from sqlalchemy import CheckConstraint, ForeignKey, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
@@ -56,8 +56,32 @@ class Installation(Base):
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
 
 
-class Run(Base):
+class JobRow:
+    """What the rows of all kinds of jobs have in common: whose, how far, how it ended.
+
+    `created_by` is the token's name; `total` and `done` count frames.
+    """
+
+    job_kind: ClassVar[str]
+    """What the kind is called in `chunks` and `leases`."""
+
+    id: Mapped[int] = mapped_column(Key, primary_key=True)
+    dataset_id: Mapped[int] = mapped_column(
+        Key, ForeignKey("datasets.id", ondelete="CASCADE")
+    )
+    state: Mapped[str] = mapped_column(String(16), default="queued")
+    total: Mapped[int] = mapped_column(Key, default=0)
+    done: Mapped[int] = mapped_column(Key, default=0)
+    error: Mapped[Any | None] = mapped_column(JsonText)
+    created_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+
+
+class Run(JobRow, Base):
     """One config version applied to a dataset."""
+
+    job_kind = "run"
 
     __tablename__ = "runs"
     __table_args__ = (
@@ -70,10 +94,6 @@ class Run(Base):
         {"sqlite_autoincrement": True},
     )
 
-    id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
     config_id: Mapped[int] = mapped_column(
         Key, ForeignKey("config_versions.id", ondelete="CASCADE")
     )
@@ -82,23 +102,18 @@ class Run(Base):
     )
     previous_run_id: Mapped[int | None] = mapped_column(Key)
     kind: Mapped[str] = mapped_column(String(16))
-    state: Mapped[str] = mapped_column(String(16), default="queued")
     activate: Mapped[bool] = mapped_column(default=False)
-    total: Mapped[int] = mapped_column(Key, default=0)
-    done: Mapped[int] = mapped_column(Key, default=0)
     changed: Mapped[int] = mapped_column(Key, default=0)
     counts: Mapped[Any] = mapped_column(JsonText, default=dict)
-    error: Mapped[Any | None] = mapped_column(JsonText)
-    created_by: Mapped[str] = mapped_column(String(100))
-    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
     started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
-    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     last_review_id: Mapped[int | None] = mapped_column(Key)
     """The newest answer when it was done; None of runs of earlier versions."""
 
 
-class Export(Base):
+class Export(JobRow, Base):
     """Labels written in one format from one state of a dataset."""
+
+    job_kind = "export"
 
     __tablename__ = "exports"
     __table_args__ = (
@@ -110,21 +125,10 @@ class Export(Base):
         {"sqlite_autoincrement": True},
     )
 
-    id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
     format: Mapped[str] = mapped_column(String(32))
     options: Mapped[Any] = mapped_column(JsonText)
-    state: Mapped[str] = mapped_column(String(16), default="queued")
     run_id: Mapped[int | None] = mapped_column(Key)
-    total: Mapped[int] = mapped_column(Key, default=0)
-    done: Mapped[int] = mapped_column(Key, default=0)
     sha256: Mapped[str | None] = mapped_column(String(64))
     size_bytes: Mapped[int | None] = mapped_column(Key)
     media_type: Mapped[str | None] = mapped_column(String(64))
     counts: Mapped[Any | None] = mapped_column(JsonText)
-    error: Mapped[Any | None] = mapped_column(JsonText)
-    created_by: Mapped[str] = mapped_column(String(100))
-    created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
-    finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)

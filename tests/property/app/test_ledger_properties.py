@@ -5,15 +5,15 @@ from __future__ import annotations
 import random
 import threading
 from concurrent.futures import Future
-from dataclasses import replace
 from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.engine import WorkerDied
+from app.jobs.driver import carry_out
 from app.jobs.work import MOST_ATTEMPTS
-from app.services.runs import carry_out
+from tests.services import run_job
 from tests.unit.app import test_chunks as runs
 
 FATES = ("once", "twice", "dies before", "dies after", "lost before", "lost after")
@@ -71,6 +71,6 @@ def test_whatever_becomes_of_chunks_each_frame_counts_once(services, fates, seed
     run_id = street.request(runs.FROM_PIXELS)
 
     with runs.engine_of(street, Fateful(fates, seed)) as context:
-        carry_out(replace(context), run_id)
+        carry_out(context, run_job(run_id))
 
     runs.check_whole(street, runs.run_of(street, run_id))

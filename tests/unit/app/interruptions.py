@@ -6,9 +6,10 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from app.jobs.service import cancel
 from app.measuring.columns import ColumnCache, DatasetColumns
-from app.services.run_states import job_of
-from app.services.runs import cancel_run
+from app.services.runs import RUNS
+from tests.services import run_job
 
 
 class InterruptedNumbers(ColumnCache):
@@ -48,11 +49,11 @@ class CancelledNumbers(ColumnCache):
         if self._loads == 3:
             pool = ThreadPoolExecutor(1)
             self.answers.append(pool.submit(self._cancel))
-            job = job_of(self._run_id)
+            job = run_job(self._run_id)
             while job not in self._services.context.engine.interrupted():
                 time.sleep(0.001)
         return super().load(session, dataset_id, measurement_id)
 
     def _cancel(self) -> str:
         with self._services.context.database.write() as session:
-            return cancel_run(self._services.context, session, self._run_id).state
+            return cancel(self._services.context, session, RUNS, self._run_id).state

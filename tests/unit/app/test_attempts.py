@@ -10,11 +10,11 @@ from sqlalchemy import event, exc, select
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame
 from app.engine import LocalEngine
-from app.jobs.queries import DECISION, ChunkRepository, Span
+from app.jobs.driver import carry_out
+from app.jobs.queries import FINAL, ChunkRepository, Span
 from app.jobs.work import MOST_ATTEMPTS, Attempt
 from app.repositories.runs import RunRepository
-from app.services.run_states import job_of
-from app.services.runs import carry_out
+from tests.services import run_job
 from tests.unit.app.test_chunks import (
     FRAMES,
     FROM_PIXELS,
@@ -65,7 +65,7 @@ def cut_off(street, *spans):
     with street.context.database.write() as session:
         run = RunRepository(session).with_id(run_id)
         run.state, run.started_at, run.total = "running", utc_now(), FRAMES
-        ledger, job = ChunkRepository(session), job_of(run_id)
+        ledger, job = ChunkRepository(session), run_job(run_id)
         for first, last, ended in spans:
             span = Span(ids[first], ids[last], last - first + 1)
             (number,) = ledger.plan(job, [span])
@@ -75,7 +75,7 @@ def cut_off(street, *spans):
 
 def go_on(street, run_id, look=lambda _engine, _frame_id: None):
     with engine_of(street, Watched(look)) as context:
-        carry_out(context, run_id)
+        carry_out(context, run_job(run_id))
     return run_of(street, run_id)
 
 
@@ -190,15 +190,15 @@ def cut_off_deciding(street, ended):
     """A run of stored numbers whose decision has ended so many processes."""
     run_id = street.request(NOTHING_VISIBLE)
     with street.context.database.write() as session:
-        ledger, job = ChunkRepository(session), job_of(run_id)
-        ledger.plan_decision(job, FRAMES)
-        session.get_one(Chunk, (*job, DECISION)).attempts = ended
+        ledger, job = ChunkRepository(session), run_job(run_id)
+        ledger.plan_final(job, FRAMES)
+        session.get_one(Chunk, (*job, FINAL)).attempts = ended
     return run_id
 
 
 def go_on_deciding(street, run_id, look=lambda _engine: None):
     with engine_of(street, Deciding(look)) as context:
-        carry_out(context, run_id)
+        carry_out(context, run_job(run_id))
     return run_of(street, run_id)
 
 
@@ -211,7 +211,7 @@ def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
 
     assert (run.state, run.changed > 0) == ("done", True)
     assert seen
-    assert {one[DECISION] for one in seen} == {MOST_ATTEMPTS}
+    assert {one[FINAL] for one in seen} == {MOST_ATTEMPTS}
     assert left(street, Chunk, run) == []
 
 
@@ -235,7 +235,7 @@ def test_a_decision_that_was_given_up_is_not_withdrawn(street):
     run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
 
     with street.context.database.write() as session:
-        ChunkRepository(session).withdraw_decision(job_of(run.id))
+        ChunkRepository(session).withdraw_final(run_job(run.id))
 
     assert [chunk.state for chunk in left(street, Chunk, run)] == ["quarantined"]
 
@@ -246,13 +246,13 @@ def test_a_decision_that_is_interrupted_is_not_to_blame(street):
     run = go_on_deciding(street, run_id, lambda engine: engine.stopping.set())
 
     assert run.state == "running"
-    assert attempts(street, run_id) == {DECISION: 0}
+    assert attempts(street, run_id) == {FINAL: 0}
     assert go_on_deciding(street, run_id).state == "done"
 
 
 def test_the_end_of_an_attempt_outlasts_a_database_that_is_away(street):
     run_id = cut_off(street, (0, FRAMES - 1, 0))
-    attempt = Attempt(street.context, job_of(run_id), 1)
+    attempt = Attempt(street.context, run_job(run_id), 1)
 
     begun = attempt.begin()
     noted = attempts(street, run_id)

@@ -19,12 +19,12 @@ from app.db.engine import Database
 from app.db.tables import Chunk, FrameEvidence, Lease
 from app.engine import EngineAway, LocalEngine, WorkerDied
 from app.engine.chunk import DONE, ELSEWHERE, GIVEN_BACK
+from app.jobs.driver import carry_out
 from app.jobs.queries import LeaseRepository
 from app.jobs.work import MOST_ATTEMPTS, work_on, work_remotely
 from app.repositories.runs import RunRepository
-from app.services.run_states import job_of
-from app.services.runs import carry_out
 from tests.api import frames as scene
+from tests.services import run_job
 
 FRAMES = 12
 FROM_PIXELS = {"profile": "carlasimu"}
@@ -144,7 +144,7 @@ def engine_of(street, engine):
 def run_with(street, engine):
     run_id = street.request(FROM_PIXELS)
     with engine_of(street, engine) as context:
-        carry_out(context, run_id)
+        carry_out(context, run_job(run_id))
     return run_of(street, run_id)
 
 
@@ -252,7 +252,7 @@ def test_two_drivers_end_a_run_once(street):
     ):
         contexts = [one, replace(two, leases=type(two.leases)())]
         drivers = [
-            threading.Thread(target=carry_out, args=(context, run_id))
+            threading.Thread(target=carry_out, args=(context, run_job(run_id)))
             for context in contexts
         ]
         for driver in drivers:
@@ -278,14 +278,14 @@ def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
             return super()._work(here, job, number)
 
     with engine_of(street, Robbed()) as context:
-        carry_out(context, run_id)
+        carry_out(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.state == "running"
     assert street.reasons() == before
 
     with street.context.database.write() as session:
-        LeaseRepository(session).end(job_of(run_id), "somebody/1/2/else")
-    carry_out(street.context, run_id)
+        LeaseRepository(session).end(run_job(run_id), "somebody/1/2/else")
+    carry_out(street.context, run_job(run_id))
     check_whole(street, run_of(street, run_id))
 
 
@@ -300,7 +300,7 @@ def test_a_worker_of_another_installation_is_told(street):
             return self._chunks.submit(lambda: ELSEWHERE)
 
     with engine_of(street, Elsewhere()) as context:
-        carry_out(context, run_id)
+        carry_out(context, run_job(run_id))
     run = run_of(street, run_id)
     assert run.error is not None
     assert (run.state, run.error["code"]) == ("failed", "worker_elsewhere")

@@ -7,12 +7,14 @@ from threading import Thread
 
 import pytest
 
+from app.jobs.driver import carry_out
+from app.jobs.poller import INTERVAL_S
+from app.jobs.service import cancel
 from app.repositories.runs import RunRepository
-from app.services.runs import cancel_run, carry_out
-from app.services.shared_looks import INTERVAL_S
+from app.services.runs import RUNS
 from benchmarks.million import Wanted, make
 from tests.databases import migrated_postgres
-from tests.services import Street, running_services
+from tests.services import Street, run_job, running_services
 
 FRAMES = 8_000
 """With a hundred thousand boxes and more, whose decisions take seconds to change."""
@@ -60,12 +62,12 @@ def test_a_decision_is_seen_and_cancelled_from_another_service(services, street)
     one, other = services
     run_id = street.request(NOTHING_VISIBLE)
     before = street.reasons()
-    driver = Thread(target=carry_out, args=(one.context, run_id))
+    driver = Thread(target=carry_out, args=(one.context, run_job(run_id)))
     driver.start()
     try:
         state = part_way(other, run_id)
         with other.context.database.write() as session:
-            cancelled = cancel_run(other.context, session, run_id).state
+            cancelled = cancel(other.context, session, RUNS, run_id).state
     finally:
         driver.join()
 

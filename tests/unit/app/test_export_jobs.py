@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import logging
+import threading
 from typing import get_args
 
 import numpy as np
 import pytest
 
 from app.datasets.service import remove_dataset
+from app.engine import Job
+from app.jobs.driver import carry_out
+from app.jobs.service import cancel, start
 from app.measuring.queries import DatasetRepository
 from app.repositories.runs import ExportRepository
 from app.services.export_frames import ExportFrames
-from app.services.export_jobs import job_of, make_export, start_exports
-from app.services.exports import ExportRequest, cancel_export, request_export
+from app.services.exports import EXPORTS, ExportRequest, request_export
 from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
@@ -42,17 +45,24 @@ def asked_for(street, form="yolo"):
     """An export that waits, and that nobody writes before the test says so."""
     wanted = ExportRequest(form, {}, "ada")
     with street.context.database.write() as session:
-        export = request_export(street.context, session, street.row(session), wanted)
-        export.state = "cancelled"  # for the job that is queued on commit
-    settle(street)
-    with street.context.database.write() as session:
-        ExportRepository(session).with_id(export.id).state = "queued"
-    return export.id
+        dataset = street.row(session)
+        return request_export(street.resting, session, dataset, wanted).id
+
+
+def job_of(export_id):
+    return Job("export", export_id)
+
+
+def make_export(context, export_id):
+    carry_out(context, job_of(export_id))
 
 
 def settle(street):
     """Wait until all jobs that were queued before are over."""
-    street.wait(street.request({}, activate=False))
+    street.run({}, activate=False)
+    over = threading.Event()
+    street.context.engine.submit(over.set)
+    assert over.wait(60)
 
 
 def export_of(street, export_id):
@@ -157,7 +167,7 @@ def test_an_export_that_is_interrupted_leaves_nothing_and_can_go_on(street):
     make_export(street.context, export_id)
     interrupted = export_of(street, export_id)
     left = temporary(street)
-    engine.let_be(job_of(export_id))
+    engine.clear_cancel(job_of(export_id))
     make_export(street.context, export_id)
 
     assert (interrupted.state, interrupted.done, left) == ("running", 0, [])
@@ -170,8 +180,8 @@ def test_an_export_that_is_cancelled_while_it_is_written_stays_cancelled(street)
     with street.context.database.write() as session:
         ExportRepository(session).with_id(export_id).state = "running"
         session.flush()
-        start_exports(street.context)
-        cancel_export(street.context, session, export_id)
+        start(street.context, [job_of(export_id)])
+        cancel(street.context, session, EXPORTS, export_id)
     settle(street)
 
     export = export_of(street, export_id)

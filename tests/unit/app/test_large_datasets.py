@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
 from app.measuring.queries import frame_ranges
 from app.repositories.runs import RunRepository
-from app.services.runs import carry_out
 from tests.api import frames as scene
+from tests.services import run_job
 
 FRAMES = 7
 CONFIGS = [
@@ -43,7 +44,7 @@ def outcome(street, config, most_boxes, *, activate=True):
     """All that a run leaves, with box ids counted from the first one of the dataset."""
     run_id = street.request(config, activate=activate)
     context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
-    carry_out(context, run_id)
+    carry_out(context, run_job(run_id))
     with street.context.database.read() as session:
         run = RunRepository(session).with_id(run_id)
     ids = street.box_ids()

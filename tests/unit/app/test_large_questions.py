@@ -11,6 +11,7 @@ import pytest
 
 from app.boxes.counts import count_boxes
 from app.boxes.filter import BoxFilter
+from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.flips import (
@@ -21,11 +22,11 @@ from app.runs.flips import (
     preview,
     run_diff,
 )
-from app.services.runs import carry_out
 from filter_core.config.filter import FilterConfig
 from filter_core.evaluation.thresholds import Goal
 from tests.api import frames as scene
 from tests.api.test_channels import sensors
+from tests.services import run_job
 from tests.unit.filter_core.evidence.test_channels import ANNOTATION, cube
 from unghost.wire.runs import Diff
 
@@ -45,8 +46,8 @@ def street(services):
         boxes[number % 5]["class"] = "truck"
         street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
     with street.context.database.write() as session:
-        run = request_evaluation(street.context, session, street.row(session), "ada").id
-    carry_out(street.context, run)
+        run = request_evaluation(street.resting, session, street.row(session), "ada").id
+    carry_out(street.context, run_job(run))
     for place, verdict in enumerate(("keep", "reject", "keep", "unsure")):
         street.review(street.box_ids()[place * 7], verdict)
     return street

@@ -13,10 +13,10 @@ from app.db.tables import Lease
 from app.engine import Job
 from app.jobs.leases import LeaseLost, has_ended, this_process
 from app.jobs.queries import LASTS, LeaseRepository
+from app.jobs.service import NOBODYS_AFTER_S, Watchdog, cancel
 from app.repositories.runs import RunRepository
-from app.services.job_watch import NOBODYS_AFTER_S, JobWatch
-from app.services.run_states import job_of
-from app.services.runs import cancel_run
+from app.services.runs import RUNS
+from tests.services import run_job
 
 ELSEWHERE = "another-machine/1/2/3"
 _numbers = count(10**6)
@@ -114,8 +114,8 @@ def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write
 def test_a_job_whose_driver_died_is_found_at_once(services, write):
     street = services.dataset()
     run_id = street.request({})
-    job = job_of(run_id)
-    watch = JobWatch(services.context)
+    job = run_job(run_id)
+    watch = Watchdog(services.context)
     assert job not in watch.abandoned()
     with write() as session:
         leases = LeaseRepository(session)
@@ -136,7 +136,7 @@ def test_a_job_that_nobody_begins_is_found_whatever_the_clock_of_who_asked(
     services, write, ahead
 ):
     now = [100.0]
-    watch = JobWatch(services.context, clock=lambda: now[0])
+    watch = Watchdog(services.context, clock=lambda: now[0])
     run_id = services.dataset().request({})
     with write() as session:
         RunRepository(session).with_id(run_id).created_at += ahead
@@ -144,39 +144,39 @@ def test_a_job_that_nobody_begins_is_found_whatever_the_clock_of_who_asked(
     seen = []
     for seconds in (0, NOBODYS_AFTER_S - 1, 2):
         now[0] += seconds
-        seen.append(job_of(run_id) in watch.abandoned())
+        seen.append(run_job(run_id) in watch.abandoned())
 
     assert seen == [False, False, True]
 
 
 def test_a_job_waits_anew_once_somebody_has_driven_it(services, write):
     now = [100.0]
-    watch = JobWatch(services.context, clock=lambda: now[0])
+    watch = Watchdog(services.context, clock=lambda: now[0])
     run_id = services.dataset().request({})
     watch.abandoned()
     now[0] += NOBODYS_AFTER_S
 
     with write() as session:
-        assert LeaseRepository(session).take(job_of(run_id), ELSEWHERE, has_ended)
+        assert LeaseRepository(session).take(run_job(run_id), ELSEWHERE, has_ended)
     driven = watch.abandoned()
     with write() as session:
-        LeaseRepository(session).end(job_of(run_id), ELSEWHERE)
+        LeaseRepository(session).end(run_job(run_id), ELSEWHERE)
 
-    assert job_of(run_id) not in driven | watch.abandoned()
+    assert run_job(run_id) not in driven + watch.abandoned()
 
 
 def test_leases_of_the_dead_go_with_their_jobs(services, write):
     holders = ended_process(), ELSEWHERE
-    jobs = [job_of(services.dataset().request({})) for _ in holders]
+    jobs = [run_job(services.dataset().request({})) for _ in holders]
     for job, holder in zip(jobs, holders, strict=True):
         with write() as session:
             assert LeaseRepository(session).take(job, holder, nobody)
     # Only now: when a run ends, the service begins those that are nobody's.
     for job in jobs:
         with write() as session:
-            cancel_run(services.context, session, job.id)
+            cancel(services.context, session, RUNS, job.id)
 
-    JobWatch(services.context).abandoned()
+    Watchdog(services.context).abandoned()
 
     with write() as session:
         left = [session.get(Lease, job) is not None for job in jobs]

@@ -14,15 +14,15 @@ from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FramePage, FrameRepository
 from app.ingest.queries import known_frames
 from app.ingest.service import MAX_TEXT
+from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
 from app.repositories.runs import ExportRepository
 from app.runs.flips import DiffPage, compared_runs, run_diff
 from app.services.exports import ExportRequest, request_export
-from app.services.runs import carry_out
 from filter_core.types import Reason
 from tests.api import frames as scene
 from tests.databases import empty_postgres
-from tests.services import Services, Street, running_services
+from tests.services import Services, Street, run_job, running_services
 from tests.unit.app.interruptions import CancelledNumbers
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
@@ -126,7 +126,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services):
     run_id = street.request({"min_visible_pixels": 10**6})
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert (street.wait(run_id).state, street.reasons()) == ("cancelled", before)

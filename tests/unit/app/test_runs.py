@@ -10,13 +10,15 @@ import pytest
 from sqlalchemy import select
 
 from app.db.tables import Blob, Frame, FrameFile, Problem
+from app.jobs.driver import carry_out
+from app.jobs.service import cancel, start
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.repositories.runs import RunRepository
-from app.services.run_states import described_run, job_of
-from app.services.runs import cancel_run, carry_out, start_runs
+from app.services.run_states import described_run
+from app.services.runs import RUNS
 from filter_core.types import Reason
 from tests.api import frames as scene
-from tests.services import running_services
+from tests.services import run_job, running_services
 from tests.unit.app.interruptions import CancelledNumbers, InterruptedNumbers
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
@@ -47,7 +49,7 @@ def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
     run_id = street.request(wanted["config"])
     numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
 
-    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
 
     assert len(street.reasons()) == 4
     assert street.tallies() == street.recounted()
@@ -64,7 +66,7 @@ def test_a_decision_by_numbers_needs_no_file(tmp_path):
         decided = street.run({"min_visible_pixels": 10**6})
         recounted = street.run(CARS_ARE_SKY)
         run_id = street.request({"profile": "carlasimu"})
-        carry_out(services.context, run_id)
+        carry_out(services.context, run_job(run_id))
         measured = street.wait(run_id)
         shutil.move(tmp_path / "elsewhere", blobs)
         again = street.run({"profile": "carlasimu"})
@@ -116,7 +118,7 @@ def test_settings_that_are_still_being_applied_are_not_lost(services):
     fourth = street.change(encoding="palette")
 
     for run_id in (first, second, third, fourth):
-        carry_out(services.context, run_id)
+        carry_out(services.context, run_job(run_id))
 
     with services.context.database.read() as session:
         row = street.row(session)
@@ -145,8 +147,8 @@ def test_an_interrupted_run_ends_once(services):
     put(street, "a")
     run_id = street.request({"threshold_small_box": 99, "min_visible_pixels": 10**6})
     for _ in range(3):
-        start_runs(services.context)
-    carry_out(services.context, run_id)
+        start(services.context, [run_job(run_id)])
+    carry_out(services.context, run_job(run_id))
 
     street.wait(run_id)
 
@@ -192,7 +194,7 @@ def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, co
     run_id = street.request(config)
     numbers = CancelledNumbers(services, run_id)
 
-    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_id)
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
 
     assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
     assert street.wait(run_id).state == "cancelled"
@@ -208,7 +210,7 @@ def test_a_run_that_could_not_be_cancelled_goes_on(services):
 
     def fails_after_cancelling():
         with services.context.database.write() as session:
-            cancel_run(services.context, session, run_id)
+            cancel(services.context, session, RUNS, run_id)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -224,10 +226,10 @@ def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
     put(street, "a")
     before = street.request({"min_visible_pixels": 10**6})
     run_id = street.request({"min_visible_pixels": 10**5})
-    assert not carry_out(services.context, run_id)
+    assert not carry_out(services.context, run_job(run_id))
 
     with services.context.database.write() as session:
-        cancel_run(services.context, session, before)
+        cancel(services.context, session, RUNS, before)
 
     assert street.wait(run_id).state == "done"
 
@@ -240,16 +242,18 @@ def test_progress_is_seen_while_the_last_transaction_is_open(services):
 
     class Watched(ColumnCache):
         def load(self, session, dataset_id, measurement_id) -> DatasetColumns:
-            services.context.engine.report(job_of(run_id), 1)
+            services.context.engine.report(run_job(run_id), 1)
             with services.context.database.read() as elsewhere:
                 run = RunRepository(elsewhere).with_id(run_id)
                 seen.append(described_run(services.context, elsewhere, run))
             return super().load(session, dataset_id, measurement_id)
 
-    carry_out(replace(services.context, owned={ColumnCache: Watched()}), run_id)
+    carry_out(
+        replace(services.context, owned={ColumnCache: Watched()}), run_job(run_id)
+    )
 
     assert {(run.state, run.done) for run in seen} == {("running", 1)}
-    assert services.context.engine.reported(job_of(run_id)) == 0
+    assert services.context.engine.reported(run_job(run_id)) == 0
 
 
 @pytest.mark.parametrize("kind", ["segmentation", "ignore_mask"])

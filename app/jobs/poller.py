@@ -1,4 +1,4 @@
-"""Looking at a row now and then for many who want to know: one look serves them all."""
+"""Reading a job now and then for many who watch it: one reading serves them all."""
 
 from __future__ import annotations
 
@@ -7,35 +7,54 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
 
 from anyio import CapacityLimiter, Lock, to_thread
 
 from app.engine import Job
 from app.errors import TooManyRequests
-from unghost.wire.runs import Export, Run
 
 INTERVAL_S: Final = 0.2
-"""Between two looks at one row: five events a second are as many as anybody reads."""
+"""Between two readings of one job: nobody reads more than five events a second."""
 
-Seen = Run | Export | None
-"""What a look found; None when there is nothing any more."""
+
+class Described(Protocol):
+    """A job as it is answered: a model of the wire."""
+
+    @property
+    def state(self) -> str:
+        """One of the states of `JobRow`."""
+
+    @property
+    def total(self) -> int:
+        """How many frames there are to work on."""
+
+    @property
+    def done(self) -> int:
+        """How many of them are done."""
+
+    @property
+    def finished(self) -> bool:
+        """True when nothing will happen to it any more."""
+
+    def model_dump_json(self) -> str:
+        """As it is written into an answer."""
 
 
 @dataclass
 class _Watched:
-    """A row that somebody watches."""
+    """A job that somebody watches; `seen` is None once it was deleted."""
 
     watchers: int = 0
     at: float = float("-inf")
-    seen: Seen = None
+    seen: Described | None = None
     lock: Lock = field(default_factory=Lock)
 
 
-class SharedLooks:
-    """The newest look at each row that is watched; belongs to one event loop.
+class Poller:
+    """The newest state of each job that is watched; belongs to one event loop.
 
-    Watchers hold no thread and no connection between two looks, and looking has a
+    Watchers hold no thread and no connection between two readings, and reading has a
     thread of its own: those that requests share may all be waiting for a transaction.
     """
 
@@ -48,12 +67,12 @@ class SharedLooks:
 
     @property
     def watchers(self) -> int:
-        """How many watch a row."""
+        """How many watch a job."""
         return sum(each.watchers for each in list(self._watched.values()))
 
     @contextmanager
     def watching(self, job: Job, token_id: int) -> Iterator[None]:
-        """Keep looks at this row for as long as the block lasts.
+        """Keep what is read of this job for as long as the block lasts.
 
         Raises
         ------
@@ -79,7 +98,9 @@ class SharedLooks:
             if not watched.watchers:
                 del self._watched[job]
 
-    async def look(self, job: Job, read: Callable[[Job], Seen]) -> Seen:
+    async def newest(
+        self, job: Job, read: Callable[[Job], Described | None]
+    ) -> Described | None:
         """What `read` finds now, or found within the last interval."""
         watched = self._watched[job]
         async with watched.lock:

@@ -1,4 +1,4 @@
-"""What happens to a run or an export, as events for those who watch it.
+"""What happens to a job, as events for those who watch it.
 
 Events are read off the job's row, so it does not matter which process carries it out,
 nor which one is asked.
@@ -16,12 +16,9 @@ from anyio import sleep
 from app.context import ServiceContext
 from app.engine import Job
 from app.errors import NotFound, TooManyRequests
-from app.measuring.queries import DatasetRepository
-from app.repositories.runs import ExportRepository, RunRepository
-from app.services.exports import describe_export
-from app.services.run_states import described_run
-from app.services.shared_looks import INTERVAL_S, Seen
-from unghost.wire.runs import Export, Run
+from app.jobs.kind import kind_of
+from app.jobs.poller import INTERVAL_S, Described
+from app.jobs.queries import find_job
 
 NOTHING_SEEN: Final = -1
 
@@ -31,7 +28,7 @@ class JobEvent(NamedTuple):
 
     name: str
     number: int
-    state: Run | Export
+    state: Described
 
 
 async def job_events(
@@ -42,55 +39,45 @@ async def job_events(
     None again and again while nothing changes, so that who passes the events on can
     look after other things. A job that is deleted has no end.
     """
-    read = partial(_look, context)
+    read = partial(_read, context)
     # Somebody may have taken the last place since `newest` found one: ask again.
-    with suppress(TooManyRequests), context.looks.watching(job, token_id):
+    with suppress(TooManyRequests), context.poller.watching(job, token_id):
         while not context.engine.stopping.is_set():
-            state = await context.looks.look(job, read)
+            state = await context.poller.newest(job, read)
             if state is None:
                 return
             number = progress_number(state)
             yield JobEvent("progress", number, state) if number > after else None
-            if is_over(state):
+            if state.finished:
                 yield JobEvent("end", end_number(state), state)
                 return
             after = max(after, number)
             await sleep(INTERVAL_S)
 
 
-async def newest(context: ServiceContext, job: Job, token_id: int) -> Run | Export:
+async def newest(context: ServiceContext, job: Job, token_id: int) -> Described:
     """A job as it is now; NotFound."""
-    with context.looks.watching(job, token_id):
-        state = await context.looks.look(job, partial(_look, context))
+    with context.poller.watching(job, token_id):
+        state = await context.poller.newest(job, partial(_read, context))
     if state is None:
         raise NotFound(*job)
     return state
 
 
-def is_over(state: Run | Export) -> bool:
-    """True when nothing will happen to a job any more."""
-    return state.finished
-
-
-def progress_number(state: Run | Export) -> int:
+def progress_number(state: Described) -> int:
     """0 while it waits, then one more than what is done, and one more when over."""
     if state.state == "queued":
         return 0
-    return end_number(state) - 1 if is_over(state) else 1 + state.done
+    return end_number(state) - 1 if state.finished else 1 + state.done
 
 
-def end_number(state: Run | Export) -> int:
+def end_number(state: Described) -> int:
     """The number of a job's last event."""
     return state.total + 3
 
 
-def _look(context: ServiceContext, job: Job) -> Seen:
+def _read(context: ServiceContext, job: Job) -> Described | None:
+    kind = kind_of(job)
     with context.database.read() as session:
-        if job.kind == "run":
-            run = RunRepository(session).find(job.id)
-            return None if run is None else described_run(context, session, run)
-        export = ExportRepository(session).find(job.id)
-        if export is None:
-            return None
-        dataset = DatasetRepository(session).with_id(export.dataset_id)
-        return describe_export(export, dataset.name)
+        row = find_job(session, kind.table, job.id)
+        return None if row is None else kind.describe(context, session, row)

@@ -1,0 +1,239 @@
+"""Jobs in the background: asked for, started, cancelled, and looked after.
+
+A job is **queued** by `ask` in the transaction of whoever asks, **running** once a
+driver has taken it, and then **done**, **failed** or **cancelled** for ever.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Final
+
+from sqlalchemy import event
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from app.context import ServiceContext
+from app.db.engine import once_committed
+from app.db.tables import JobRow
+from app.engine import Job
+from app.errors import Conflict, NotFound, TooManyRequests
+from app.jobs.driver import carry_out
+from app.jobs.kind import JobKind, kind_of, kinds
+from app.jobs.leases import has_ended
+from app.jobs.queries import (
+    OPEN,
+    ChunkRepository,
+    LeaseRepository,
+    Row,
+    close,
+    count_open,
+    find_job,
+    job_of,
+    open_jobs,
+)
+from app.settings import Settings
+
+LOOK_EVERY_S: Final = 2.0
+NOBODYS_AFTER_S: Final = 10.0
+"""For so long whoever was asked for a job has time to begin with it."""
+_RETRY_S: Final = 10
+
+log = logging.getLogger(__name__)
+
+
+def ask(context: ServiceContext, session: Session, row: JobRow) -> None:
+    """Queue a job; it starts once the transaction is committed.
+
+    Raises
+    ------
+    TooManyRequests
+        As many wait or work already as may at once, by all tokens or by this one.
+    """
+    require_place(session, context.settings, row.created_by)
+    session.add(row)
+    session.flush()
+    once_committed(session, partial(start, context, [job_of(row)]))
+
+
+def require_place(session: Session, settings: Settings, author: str) -> None:
+    """Raise `TooManyRequests` unless one more job may be queued.
+
+    Only one transaction writes at a time, so what is counted here still holds when the
+    job is added.
+    """
+    tables = [kind.table for kind in kinds()]
+    named = " and ".join(f"{table.job_kind}s" for table in tables)
+    if sum(count_open(session, table) for table in tables) >= settings.max_open_runs:
+        raise TooManyRequests(
+            f"{settings.max_open_runs} {named} wait or work already; "
+            "try again when one of them is over",
+            retry_after_s=_RETRY_S,
+        )
+    own = sum(count_open(session, table, author) for table in tables)
+    if own >= settings.max_open_jobs_per_token:
+        raise TooManyRequests(
+            f"{own} {named} of {author!r} wait or work already; cancel one, "
+            "or try again when one is over",
+            retry_after_s=_RETRY_S,
+            code="too_many_jobs",
+        )
+
+
+def start(
+    context: ServiceContext, jobs: Iterable[Job], *, at_work: bool = False
+) -> None:
+    """Let this process drive jobs, after those that wait here already.
+
+    Those that it drives already only if they are `at_work`: one may be about to let go.
+    It is no harm to start a job that another process drives, or that is over.
+    """
+    here = frozenset() if at_work else context.leases.at_work
+    for job in jobs:
+        if job not in here and not context.engine.stopping.is_set():
+            context.engine.submit(partial(_drive, context, job), job)
+
+
+def _drive(context: ServiceContext, job: Job) -> None:
+    if carry_out(context, job):
+        start_waiting(context, job)
+
+
+def start_waiting(context: ServiceContext, job: Job) -> None:
+    """Start the open jobs of the same dataset: one may have waited for this job's end.
+
+    Whoever was asked for it may have looked already, here or in another process.
+    """
+    with context.database.read() as session:
+        row = session.get(kind_of(job).table, job.id)
+        if row is None:
+            return
+        waiting = [
+            found
+            for kind in kinds()
+            for found in open_jobs(session, kind.table, row.dataset_id)
+        ]
+    start(context, waiting)
+
+
+def cancel(
+    context: ServiceContext, session: Session, kind: JobKind[Row], job_id: int
+) -> Row:
+    """End a job that is not over; what it has stored so far stays.
+
+    If the transaction fails, the job goes on.
+
+    Raises
+    ------
+    NotFound
+        There is no such job.
+    Conflict
+        It is over already.
+    """
+    job = Job(kind.table.job_kind, job_id)
+    _interrupt(context, session, job)
+    row = find_job(session, kind.table, job_id)
+    if row is None:
+        raise NotFound(*job)
+    if row.state not in OPEN:
+        detail = f"{job.kind} {job_id} is {row.state} already"
+        raise Conflict(detail, code=f"{job.kind}_over")
+    close(session, row, "cancelled")
+    once_committed(session, partial(start_waiting, context, job))
+    return row
+
+
+def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
+    """Make a job let go, before the first statement of the session that cancels it.
+
+    That statement waits for whoever writes, and that may be this job at its final step,
+    here or in another service. Where rows can be written beside it, it finds its final
+    step withdrawn; where they cannot, only a flag in this process can tell it.
+    """
+    context.engine.interrupt(job)
+    if not context.database.has_one_writer:
+        with context.database.write_beside() as beside:
+            ChunkRepository(beside).withdraw_final(job)
+    clear = partial(context.engine.clear_cancel, job)
+    event.listen(session, "after_transaction_end", lambda *_: clear())
+    again = partial(start, context, [job], at_work=True)
+    event.listen(session, "after_rollback", lambda _: again())
+
+
+def forget_dataset(session: Session, dataset_id: int) -> None:
+    """Remove what is noted about the jobs of a dataset that is being deleted."""
+    chunks = ChunkRepository(session)
+    for kind in kinds():
+        chunks.forget_dataset(kind.table, dataset_id)
+
+
+@contextmanager
+def watching(context: ServiceContext) -> Iterator[None]:
+    """Start what is unfinished, now and again and again until the block ends."""
+    with context.database.read() as session:
+        unfinished = _unfinished(session)
+    start(context, unfinished)
+    ends = threading.Event()
+    watchdog = threading.Thread(target=_watch, args=(context, ends), name="watchdog")
+    watchdog.start()
+    try:
+        yield
+    finally:
+        ends.set()
+        watchdog.join()
+
+
+def _unfinished(session: Session) -> list[Job]:
+    """Oldest first, kind by kind."""
+    return [job for kind in kinds() for job in open_jobs(session, kind.table)]
+
+
+def _watch(context: ServiceContext, ends: threading.Event) -> None:
+    watchdog = Watchdog(context)
+    while not ends.wait(LOOK_EVERY_S) and not context.engine.stopping.is_set():
+        try:
+            start(context, watchdog.abandoned())
+        except SQLAlchemyError as exc:  # it may be away for a while
+            log.warning("cannot look for unfinished jobs: %s", exc)
+
+
+class Watchdog:
+    """Knows since when it has seen each unfinished job without a driver.
+
+    By its own clock: that of the service that was asked for a job may be wrong.
+    """
+
+    def __init__(
+        self, context: ServiceContext, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._context, self._clock = context, clock
+        self._alone_since: dict[Job, float] = {}
+
+    def abandoned(self) -> list[Job]:
+        """Unfinished jobs whose driver has died, or that nobody has begun for long.
+
+        Leases that somebody left behind with a job that is over are cleared away.
+        """
+        with self._context.database.read() as session:
+            unfinished = _unfinished(session)
+            driven, void = LeaseRepository(session).live(has_ended)
+        if left_behind := void.difference(unfinished):
+            self._clear(left_behind)
+        now, before = self._clock(), self._alone_since
+        alone = [job for job in unfinished if job not in driven]
+        self._alone_since = {job: before.get(job, now) for job in alone}
+        return [
+            job
+            for job in alone
+            if job in void or now - self._alone_since[job] >= NOBODYS_AFTER_S
+        ]
+
+    def _clear(self, jobs: Iterable[Job]) -> None:
+        with self._context.database.write_beside() as session:
+            for job in jobs:
+                LeaseRepository(session).clear(job, has_ended)
