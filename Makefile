@@ -8,6 +8,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
+# A line with the variable itself would be run by `make -n test` as well.
+AGAIN := $(MAKE) --no-print-directory
 # Those that are marked as long, too, and no time-out that a few hours would meet.
 LONG := $(PYTEST) -m "" --capture=no --timeout=14400
 # A database of a server on which the tests make and drop others.
@@ -30,11 +32,14 @@ serve: $(PROGRAM) ## Serve your own data folder (./unghost-data, or UNGHOST_DATA
 
 setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 
-test: check $(CHROMIUM) $(STRACE) ## Set up and pass the checks and the tests, the browser's too
+ifdef ARGS
+test: check
+endif
+test: $(CHROMIUM) $(STRACE) ## Set up and pass the checks and the tests, the browser's too
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else
-	@sh tools/run_tests.sh $(PYTEST)
+	@CHECK="$(AGAIN) check" sh tools/run_tests.sh $(PYTEST)
 endif
 
 test-postgres: $(CHROMIUM) $(STRACE) ## The tests with PostgreSQL in place of SQLite's files (DATABASE)
@@ -64,6 +69,7 @@ unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
 
 test-long: $(DEVELOPMENT) ## Kill, fuzz and compare with a model for hours; docs/reliability.md has the figures
 	$(PYTEST) -m long $(ARGS)
+	PROPERTY_EXAMPLES=100 $(LONG) tests/property $(ARGS)
 	FAILPOINTS=all GARBAGE_ROUNDS=100 $(LONG) tests/api/durability $(ARGS)
 	KILL_ROUNDS=50 $(LONG) tests/api/test_kills.py tests/api/test_push_kills.py tests/api/test_shutdown.py $(ARGS)
 	KILL_ROUNDS=200 $(LONG) tests/hostile/test_kill_oracle.py $(ARGS)

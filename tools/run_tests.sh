@@ -1,6 +1,7 @@
 #!/bin/sh
 # All tests, with the given pytest, in groups beside each other: each leaves time to
-# the others while it waits for a server, a browser or a disk. What tells most about the
+# the others while it waits for a server, a browser or a disk. The command in CHECK, if
+# any, runs beside them, and what it found is said first. What tells most about the
 # database is run on PostgreSQL as well; with UNGHOST_TEST_DATABASE everything is, and
 # only there. The output of a group comes when it is complete. A test that fails beside
 # so much else is run once more, with the machine to itself: what fails then is wrong and
@@ -34,7 +35,11 @@ paths() {
     esac
 }
 
-# In place of the (sub)shell that calls it.
+# Both in place of the (sub)shell that calls them.
+check() {
+    exec sh -c "$CHECK"
+}
+
 run() {
     group=$1
     shift
@@ -53,17 +58,36 @@ else
     echo "The tests on PostgreSQL are left out."
 fi
 
-for group in $groups; do
-    run "$group" "$@" >"$work/$group.log" 2>&1 &
+begin() {
+    group=$1
+    shift
+    "$@" >"$work/$group.log" 2>&1 &
     echo $! >"$work/$group.pid"
+}
+
+# Says what a group has said, when it is complete; its status.
+end() {
+    wait "$(cat "$work/$1.pid")"
+    ended=$?
+    rm "$work/$1.pid"
+    cat "$work/$1.log"
+    return "$ended"
+}
+
+[ -z "${CHECK:-}" ] || begin check check
+for group in $groups; do
+    begin "$group" run "$group" "$@"
 done
 
+outcome=0
+if [ -n "${CHECK:-}" ] && ! end check; then
+    echo "The checks have failed; the tests go on."
+    outcome=1
+fi
 failed=
 for group in $groups; do
-    wait "$(cat "$work/$group.pid")"
+    end "$group"
     status=$?
-    rm "$work/$group.pid"
-    cat "$work/$group.log"
     # Status 1 is failed tests; any other is a run that did not get so far as to name them.
     case $status in
     0) ;;
@@ -72,7 +96,6 @@ for group in $groups; do
     esac
 done
 
-outcome=0
 for group in $failed; do
     echo "Once more, alone: what failed beside the other tests ($group)."
     (run "$group" "$@" --last-failed --last-failed-no-failures=none) || outcome=1
