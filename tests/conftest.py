@@ -15,16 +15,15 @@ from tests import databases
 from tests.s3_server import KEYS, S3Server, s3_server
 from tests.support.servers import RunningServer, running_server
 
+# Few, because every run tries others; `make test-long` tries more.
 settings.register_profile(
     "machine",
     deadline=None,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
+    max_examples=int(os.environ.get("PROPERTY_EXAMPLES", "30")),
 )
-# A developer's machine tries other examples each time; who repeats the same needs few.
-settings.register_profile(
-    "ci", settings.get_profile("machine"), derandomize=True, max_examples=30
-)
+settings.register_profile("ci", settings.get_profile("machine"), derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "machine")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
