@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -187,21 +188,77 @@ def lose_session(page: Page) -> None:
     )
 
 
+# The page keeps nothing elsewhere in the browser.
+KEEP_ONLY = """(items) => {
+  localStorage.clear();
+  for (const { name, value } of items) localStorage.setItem(name, value);
+}"""
+OPTIONS: dict[str, Any] = {"viewport": WIDE, "reduced_motion": "reduce"}
+
+
+@dataclass(frozen=True)
+class Plain:
+    """The window of whoever asks for nothing special; a new page each time."""
+
+    context: BrowserContext
+    kept: Page
+    """Stays open, without a script: a window that loses its last page is no quicker."""
+
+    def page(self, state: StorageState) -> Page:
+        """A page of somebody who is signed in and has been nowhere yet."""
+        (origin,) = state["origins"]
+        self.context.clear_cookies()
+        self.kept.evaluate(KEEP_ONLY, origin["localStorage"])
+        return self.context.new_page()
+
+    def leave(self) -> None:
+        """Take away what a test has left; each page takes its own things with it."""
+        self.context.set_offline(False)
+        self.context.unroute_all()
+        for page in self.context.pages:
+            if page is not self.kept:
+                page.close()
+
+
+@pytest.fixture(scope="session")
+def plain(browser: Browser, server: RunningServer) -> Iterator[Plain]:
+    """One window for all tests: making another takes as long as a page does."""
+    with new_context(browser) as context:
+        kept = context.new_page()
+        kept.goto(f"{server.url}/healthz")
+        yield Plain(context, kept)
+
+
+@contextmanager
+def new_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
+    """A window of a size, a colour scheme, a person of its own."""
+    context = browser.new_context(**{**OPTIONS, **options})
+    context.set_default_timeout(15_000)
+    yield context
+    context.close()
+
+
 @pytest.fixture
 def visit(
-    browser: Browser, server: RunningServer, signed_in: StorageState
+    browser: Browser, server: RunningServer, signed_in: StorageState, plain: Plain
 ) -> Iterator[Visit]:
-    """Opens a window: `visit(color_scheme="dark")`. No script may fail in it."""
-    contexts: list[BrowserContext] = []
+    """Opens a window: `visit(color_scheme="dark")`. No script may fail in it.
+
+    The first that asks for nothing gets the one of all tests, emptied.
+    """
     faults: list[str] = []
+    taken = False
 
     def arrive(*, sign_in: bool = True, **options: Any) -> Visitor:
-        options = {"viewport": WIDE, "reduced_motion": "reduce", **options}
-        state = signed_in if sign_in else None
-        context = browser.new_context(storage_state=state, **options)
-        context.set_default_timeout(15_000)
-        contexts.append(context)
-        page = context.new_page()
+        nonlocal taken
+        if taken or options or not sign_in:
+            state = signed_in if sign_in else None
+            own = new_context(browser, storage_state=state, **options)
+            page = opened.enter_context(own).new_page()
+        else:
+            taken = True
+            opened.callback(plain.leave)
+            page = plain.page(signed_in)
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda message: note(message.type, message.text))
         return Visitor(page, server.url)
@@ -211,9 +268,8 @@ def visit(
         if kind == "error" and not text.startswith("Failed to load resource"):
             faults.append(text)
 
-    yield arrive
-    for context in contexts:
-        context.close()
+    with ExitStack() as opened:
+        yield arrive
     assert faults == []
 
 
