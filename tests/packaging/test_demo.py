@@ -9,7 +9,7 @@ from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
 
 def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_path):
-    options = ["demo", "--frames", "2", "--port", "0"]
+    options = ["demo", "--frames", "1", "--port", "0"]
     command = [str(installation.command("unghost")), *options]
     log = tmp_path / "log"
 
@@ -25,6 +25,6 @@ def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_pat
         stop(process)
 
     assert (ready.status_code, page.status_code) == (200, 200)
-    assert stats["frames"] == 2
+    assert stats["frames"] == 1
     assert stats["kept"] > 0
     assert stats["rejected"] > 0
