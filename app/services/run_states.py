@@ -5,18 +5,18 @@ from __future__ import annotations
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
-from app.db import tables
+from app.db.tables import Run
 from app.jobs.queries import job_of
 from app.measuring.queries import ConfigRepository, DatasetRepository
-from unghost.wire.runs import Run
+from unghost.wire import runs as wire
 
 
 def describe_run(
-    context: ServiceContext, run: tables.Run, dataset: str, digest: str
-) -> Run:
+    context: ServiceContext, run: Run, dataset: str, digest: str
+) -> wire.Run:
     """A run as it is answered."""
     reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
-    return Run.model_validate(
+    return wire.Run.model_validate(
         {
             "id": run.id,
             "dataset": dataset,
@@ -37,7 +37,7 @@ def describe_run(
     )
 
 
-def described_run(context: ServiceContext, session: Session, run: tables.Run) -> Run:
+def described_run(context: ServiceContext, session: Session, run: Run) -> wire.Run:
     """A run with the names of what it refers to."""
     dataset = DatasetRepository(session).with_id(run.dataset_id)
     digest = ConfigRepository(session).with_id(run.config_id).digest
