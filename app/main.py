@@ -18,6 +18,7 @@ from app.boxes.routes import crops_router, frames_router
 from app.boxes.routes import pictures_router as frame_pictures_router
 from app.boxes.routes import router as boxes_router
 from app.datasets.routes import router as datasets_router
+from app.exports.routes import router as exports_router
 from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
 from app.http.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
@@ -47,9 +48,8 @@ from app.quality.routes import evaluations_router
 from app.quality.routes import router as quality_router
 from app.review.routes import history_router, queue_router
 from app.review.routes import router as reviews_router
-from app.routes.configs import router as configs_router
-from app.routes.exports import router as exports_router
-from app.routes.runs import router as runs_router
+from app.runs.routes import configs_router
+from app.runs.routes import router as runs_router
 from app.settings import Settings
 
 ROUTERS: Final = (

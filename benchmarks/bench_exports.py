@@ -26,9 +26,9 @@ from sqlalchemy import select
 
 from app.context import ServiceContext
 from app.db.tables import Dataset
+from app.exports.queries import ExportRepository
+from app.exports.service import ExportRequest, request_export
 from app.measuring.queries import DatasetRepository
-from app.repositories.runs import ExportRepository
-from app.services.exports import ExportRequest, request_export
 from benchmarks.bench_runs import opened
 from benchmarks.million import Wanted, make
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS

@@ -34,7 +34,7 @@ from app.jobs.kind import Task, register
 from app.jobs.queries import Span, job_of
 from app.measuring.plan import DatasetReading
 from app.process.lifespan import running
-from app.services.runs import RunKind
+from app.runs.service import RunKind
 from app.settings import Settings
 from benchmarks.bench_batch import peak_mib
 from filter_core.config.filter import FilterConfig

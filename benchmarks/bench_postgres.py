@@ -29,12 +29,12 @@ from app.context import ServiceContext
 from app.datasets.service import NewDataset, create_dataset
 from app.db.base import Base
 from app.db.bulk import copy_in, execute_many, run_each, update_rows
-from app.db.flip_record import BOXES_PER_ROW, pack_flips
 from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
 from app.ingest.service import UploadedFrame, prepare_frame, store_frame
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
+from app.runs.queries import BOXES_PER_ROW, pack_flips
 from app.security import Principal, Role
 from app.settings import Settings
 from benchmarks.million import BOXES_PER_FRAME, MadeRows, Wanted, make, rows_of

@@ -33,7 +33,7 @@ from app.memory import settle
 from app.package import migrations_dir
 from app.process.lifespan import pixel_pool, register_kinds
 from app.runs.flips import PreviewLimits, preview
-from app.services.run_requests import RunRequest, request_run
+from app.runs.service import RunRequest, request_run
 from app.settings import Settings
 from app.storage import FolderStorage
 from benchmarks.million import NAME, fill

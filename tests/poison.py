@@ -27,7 +27,7 @@ def lay_poison(kind: str = FRAMES) -> None:
 
 
 def _lay_in_frames() -> None:
-    from app.services import run_measuring
+    from app.runs import measure as run_measuring
 
     measure = measure_files
 
@@ -44,13 +44,13 @@ def _lay_in_decisions() -> None:
     def deadly(*_: Any) -> Any:
         _die()
 
-    from app.repositories.runs import RunRepository
+    from app.runs.queries import RunRepository
 
     type.__setattr__(RunRepository, "record_flips", deadly)
 
 
 def _lay_in_exports() -> None:
-    from app.services import export_writing
+    from app.exports import writer as export_writing
 
     def deadly(*_: Any) -> Any:
         _die()

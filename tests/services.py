@@ -27,12 +27,12 @@ from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
-from app.repositories.runs import RunRepository
 from app.review import service as reviews
 from app.review.history import history
 from app.runs.flips import PreviewLimits, preview
+from app.runs.queries import RunRepository
+from app.runs.service import RunRequest, request_run
 from app.security import Principal, Role
-from app.services.run_requests import RunRequest, request_run
 from app.settings import Settings
 from filter_core.config.filter import FilterConfig
 from tests.api import frames as scene

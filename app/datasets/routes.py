@@ -25,7 +25,7 @@ from app.http.routing import ApiRouter
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository, ProblemRepository
 from app.runs.flips import current_histogram
-from app.services.run_states import described_run
+from app.runs.service import described_run
 from filter_core.images.header import read_image_header
 from unghost.wire import datasets as wire
 from unghost.wire.model import Page

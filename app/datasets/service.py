@@ -25,8 +25,8 @@ from app.measuring.queries import (
     EvidenceRepository,
     ProblemRepository,
 )
-from app.repositories.runs import RunRepository
-from app.services.run_requests import RunRequest, coming_settings, request_run
+from app.runs.queries import RunRepository
+from app.runs.service import RunRequest, coming_settings, request_run
 from filter_core.config.filter import FilterConfig
 from unghost.wire import datasets as wire
 

@@ -16,6 +16,7 @@ from app.engine import LocalEngine
 from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
 from app.engine.pixels import PixelPool
+from app.exports.service import EXPORTS
 from app.http.idempotency import forget_old_answers
 from app.jobs.kind import register
 from app.jobs.queries import LeaseRepository
@@ -31,8 +32,7 @@ from app.maintenance.datafolder import (
 from app.maintenance.page_check import checking_pages
 from app.maintenance.removals import removing
 from app.package import migrations_dir
-from app.services.exports import EXPORTS
-from app.services.runs import RUNS
+from app.runs.service import RUNS
 from app.settings import Settings
 from app.storage import make_folder, open_store
 from app.storage.room import Reserve

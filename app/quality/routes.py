@@ -17,7 +17,7 @@ from app.http.pages import accepted
 from app.http.routing import ApiRouter
 from app.measuring.queries import DatasetRepository
 from app.quality.service import evaluation, quality, request_evaluation
-from app.services.run_states import described_run
+from app.runs.service import described_run
 from filter_core.evaluation.thresholds import Goal
 from unghost.wire.quality import Evaluation, EvaluationQuery, Quality, QualityQuery
 from unghost.wire.runs import Run

@@ -19,7 +19,7 @@ from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
 from app.measuring.queries import DatasetRepository
 from app.quality.queries import AnsweredBox, AnswerRepository
-from app.services.run_requests import RunRequest, coming_settings, request_run
+from app.runs.service import RunRequest, coming_settings, request_run
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS, SEMANTIC
 from filter_core.evaluation import comparison

@@ -24,8 +24,8 @@ from app.measuring.queries import (
     EvidenceRepository,
     EvidenceRow,
 )
-from app.repositories.runs import RunRepository
 from app.review.queries import ReviewRepository
+from app.runs.queries import RunRepository
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence, Reason
 from unghost.wire.boxes import HistoryEntry

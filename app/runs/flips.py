@@ -40,7 +40,7 @@ from app.measuring.queries import (
     DatasetRepository,
     EvidenceRepository,
 )
-from app.repositories.runs import RunRepository
+from app.runs.queries import RunRepository
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.rules import decide

@@ -15,7 +15,7 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-from app.db.flip_record import FLIP
+from app.runs.queries import FLIP
 from tests.api.long_streets import OTHER_PIXELS, fill
 from tests.api.resources import Api
 from tests.databases import rows_of

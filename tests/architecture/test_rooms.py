@@ -14,15 +14,12 @@ LEVELS: Final = (
     {"__main__"},
     {"serve"},
     {"main"},
-    {"routes"},
     {"ops", "datasets"},
     {"ingest"},
     {"review", "quality", "process"},
     {"runs", "exports"},
-    {"services"},
     {"boxes"},
     {"jobs"},
-    {"repositories"},
     {"access"},
     {"http", "maintenance"},
     {"measuring"},
@@ -37,7 +34,6 @@ LEVELS: Final = (
 """From the top down: a room imports what stands below it, and nothing else."""
 UPWARDS: Final[set[tuple[str, str]]] = {
     ("context", "jobs"),
-    ("repositories", "jobs"),
 }
 """What still goes the other way; to be taken out of here as it goes."""
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from app.db.flip_record import pack_flips
 from app.measuring.evidence import (
     Geometry,
     pack_channels,
@@ -14,6 +13,7 @@ from app.measuring.evidence import (
     pack_numbers,
     pack_tag_counts,
 )
+from app.runs.queries import pack_flips
 from filter_core.types import N_TAGS, ChannelNumbers, Evidence, Reason, Verdict
 
 _BOXES = 3

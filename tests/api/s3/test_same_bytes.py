@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from app.repositories.runs import ExportRepository
-from app.services.exports import ExportRequest, request_export
+from app.exports.queries import ExportRepository
+from app.exports.service import ExportRequest, request_export
 from tests.api import frames as scene
 from tests.services import Street, running_services
 

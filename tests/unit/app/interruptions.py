@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from app.jobs.service import cancel
 from app.measuring.columns import ColumnCache, DatasetColumns
-from app.services.runs import RUNS
+from app.runs.service import RUNS
 from tests.services import run_job
 
 

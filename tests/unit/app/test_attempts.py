@@ -13,7 +13,7 @@ from app.engine import LocalEngine
 from app.jobs.driver import carry_out
 from app.jobs.queries import FINAL, ChunkRepository, Span
 from app.jobs.work import MOST_ATTEMPTS, Attempt
-from app.repositories.runs import RunRepository
+from app.runs.queries import RunRepository
 from tests.services import run_job
 from tests.unit.app.test_chunks import (
     FRAMES,

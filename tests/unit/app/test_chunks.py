@@ -22,7 +22,7 @@ from app.engine.chunk import DONE, ELSEWHERE, GIVEN_BACK
 from app.jobs.driver import carry_out
 from app.jobs.queries import LeaseRepository
 from app.jobs.work import MOST_ATTEMPTS, work_on, work_remotely
-from app.repositories.runs import RunRepository
+from app.runs.queries import RunRepository
 from tests.api import frames as scene
 from tests.services import run_job
 

@@ -10,8 +10,8 @@ import pytest
 from app.jobs.driver import carry_out
 from app.jobs.poller import INTERVAL_S
 from app.jobs.service import cancel
-from app.repositories.runs import RunRepository
-from app.services.runs import RUNS
+from app.runs.queries import RunRepository
+from app.runs.service import RUNS
 from benchmarks.million import Wanted, make
 from tests.databases import migrated_postgres
 from tests.services import Street, run_job, running_services

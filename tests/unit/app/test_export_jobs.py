@@ -11,12 +11,12 @@ import pytest
 
 from app.datasets.service import remove_dataset
 from app.engine import Job
+from app.exports.queries import ExportRepository
+from app.exports.service import EXPORTS, ExportRequest, request_export
+from app.exports.writer import ExportFrames
 from app.jobs.driver import carry_out
 from app.jobs.service import cancel, start
 from app.measuring.queries import DatasetRepository
-from app.repositories.runs import ExportRepository
-from app.services.export_frames import ExportFrames
-from app.services.exports import EXPORTS, ExportRequest, request_export
 from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export

@@ -9,12 +9,12 @@ import pytest
 from app.db.tables import Chunk, Export, Run
 from app.engine import Job, JobStopped
 from app.errors import Conflict
+from app.exports.service import EXPORTS, ExportKind, ExportRequest, request_export
 from app.jobs.driver import carry_out
 from app.jobs.kind import register
 from app.jobs.queries import ChunkRepository, LeaseRepository, Span, close
 from app.jobs.service import start
-from app.services.exports import EXPORTS, ExportKind, ExportRequest, request_export
-from app.services.runs import RUNS, RunKind
+from app.runs.service import RUNS, RunKind
 from filter_core.errors import ConfigError
 from tests.services import run_job
 from tests.unit.app.test_leases import ended_process, nobody

@@ -9,7 +9,7 @@ import pytest
 from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
 from app.measuring.queries import frame_ranges
-from app.repositories.runs import RunRepository
+from app.runs.queries import RunRepository
 from tests.api import frames as scene
 from tests.services import run_job
 

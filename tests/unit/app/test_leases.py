@@ -14,8 +14,8 @@ from app.engine import Job
 from app.jobs.leases import LeaseLost, has_ended, this_process
 from app.jobs.queries import LASTS, LeaseRepository
 from app.jobs.service import NOBODYS_AFTER_S, Watchdog, cancel
-from app.repositories.runs import RunRepository
-from app.services.runs import RUNS
+from app.runs.queries import RunRepository
+from app.runs.service import RUNS
 from tests.services import run_job
 
 ELSEWHERE = "another-machine/1/2/3"

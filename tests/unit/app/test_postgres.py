@@ -12,13 +12,13 @@ from app.boxes.current import TallyRepository
 from app.boxes.filter import Selection, to_filter
 from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FramePage, FrameRepository
+from app.exports.queries import ExportRepository
+from app.exports.service import ExportRequest, request_export
 from app.ingest.queries import known_frames
 from app.ingest.service import MAX_TEXT
 from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
-from app.repositories.runs import ExportRepository
 from app.runs.flips import DiffPage, compared_runs, run_diff
-from app.services.exports import ExportRequest, request_export
 from filter_core.types import Reason
 from tests.api import frames as scene
 from tests.databases import empty_postgres

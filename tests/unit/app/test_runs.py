@@ -13,9 +13,8 @@ from app.db.tables import Blob, Frame, FrameFile, Problem
 from app.jobs.driver import carry_out
 from app.jobs.service import cancel, start
 from app.measuring.columns import ColumnCache, DatasetColumns
-from app.repositories.runs import RunRepository
-from app.services.run_states import described_run
-from app.services.runs import RUNS
+from app.runs.queries import RunRepository
+from app.runs.service import RUNS, described_run
 from filter_core.types import Reason
 from tests.api import frames as scene
 from tests.services import run_job, running_services

@@ -1,4 +1,4 @@
-"""Exports: the labels of a dataset, written in the background, and handed out."""
+"""Exports: asked for, made, cancelled, and handed out."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from app.context import ServiceContext
 from app.db import tables
 from app.db.tables import Chunk, Dataset
 from app.errors import Conflict
+from app.exports.writer import write_chunk
 from app.jobs.kind import Task
 from app.jobs.queries import ChunkRepository, Span, job_of
 from app.jobs.service import ask
 from app.measuring.queries import DatasetRepository
-from app.services.export_writing import write_chunk
 from app.storage import Blob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions

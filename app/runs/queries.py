@@ -1,16 +1,38 @@
-"""Config versions, runs, exports and problems: what happened to a dataset."""
+"""SQL of runs and of what they changed."""
 
 from __future__ import annotations
 
+from typing import Final
+
+import numpy as np
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
 from app.db.bulk import NewestPage, newest
-from app.db.flip_record import BOXES_PER_ROW, find_flip, pack_flips
-from app.db.tables import Export, Flips, Run
+from app.db.tables import Flips, Run
 from app.errors import NotFound
 from app.jobs.queries import OPEN, find_job
 from filter_core.types import IntArray
+
+FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])
+BOXES_PER_ROW: Final = 8192
+"""80 KiB: little to read for the history of one box, few rows for a million."""
+
+
+def pack_flips(box_ids: IntArray, before: IntArray, after: IntArray) -> bytes:
+    """Boxes in order of id, with their reasons before and after."""
+    record = np.zeros(len(box_ids), FLIP)
+    record["box_id"], record["before"], record["after"] = box_ids, before, after
+    return record.tobytes()
+
+
+def find_flip(packed: bytes, box_id: int) -> tuple[int, int] | None:
+    """Reasons before and after of one box; None if it did not change."""
+    record = np.frombuffer(packed, FLIP)
+    at = int(np.searchsorted(record["box_id"], box_id))
+    if at == len(record) or record["box_id"][at] != box_id:
+        return None
+    return int(record["before"][at]), int(record["after"][at])
 
 
 class RunRepository:
@@ -101,31 +123,3 @@ class RunRepository:
         ]
         if rows:
             self._session.execute(insert(Flips), rows)
-
-
-class ExportRepository:
-    """Rows of `exports`."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def add(self, export: Export) -> Export:
-        """Insert."""
-        self._session.add(export)
-        self._session.flush()
-        return export
-
-    def find(self, export_id: int) -> Export | None:
-        """An export, unless it was deleted with its dataset."""
-        return find_job(self._session, Export, export_id)
-
-    def with_id(self, export_id: int) -> Export:
-        """An export; NotFound."""
-        found = self.find(export_id)
-        if found is None:
-            raise NotFound("export", export_id)
-        return found
-
-    def page(self, dataset_id: int, page: NewestPage) -> list[Export]:
-        """Exports, newest first."""
-        return newest(self._session, Export, dataset_id, page)

@@ -12,6 +12,15 @@ from app.access.audit import Act
 from app.access.gate import Audited, counting_wrong
 from app.context import ServiceContext
 from app.db import tables
+from app.exports.queries import ExportRepository
+from app.exports.service import (
+    EXPORTS,
+    MEDIA_TYPE,
+    ExportRequest,
+    describe_export,
+    finished_file,
+    request_export,
+)
 from app.http.deps import (
     AppServices,
     CurrentPrincipal,
@@ -26,16 +35,7 @@ from app.http.routing import ApiRouter, OpenRouter
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import DatasetRepository
-from app.repositories.runs import ExportRepository
 from app.security import Role
-from app.services.exports import (
-    EXPORTS,
-    MEDIA_TYPE,
-    ExportRequest,
-    describe_export,
-    finished_file,
-    request_export,
-)
 from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn
 
@@ -43,7 +43,6 @@ inside = ApiRouter(prefix="/api/v1", tag="exports")
 # Whoever may download may have an address to download from.
 addresses = ApiRouter(prefix="/api/v1", tag="exports", write=Role.VIEWER)
 by_address = OpenRouter(prefix="/api/v1", tag="exports")
-
 
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
     **file_of(MEDIA_TYPE),

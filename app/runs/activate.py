@@ -23,8 +23,8 @@ from app.jobs.kind import Task
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.queries import DatasetRepository, EvidenceRepository, frames_state
-from app.repositories.runs import RunRepository
-from app.services.run_measuring import RunScope, is_measured
+from app.runs.measure import RunScope, is_measured
+from app.runs.queries import RunRepository
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import BoolArray, Decisions, IntArray, Verdict

@@ -1,0 +1,1 @@
+"""Exports: the labels of a dataset, written in the background."""

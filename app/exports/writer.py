@@ -1,0 +1,240 @@
+"""Writing an export: one consistent view of the database, streamed into a zip file.
+
+The file is named by its content, and the same state gives the same bytes. An export
+that was cut off is written anew: what is there of it belongs to a state that is gone.
+It may be written by a worker, and by two of them: the first one that is done ends it.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shutil
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+from sqlalchemy.orm import Session
+
+from app.boxes.current import TallyRepository
+from app.boxes.queries import FileRow, FrameRepository, LatestAnswers
+from app.boxes.reader import DecisionReader, StoredDecision
+from app.context import ServiceContext
+from app.db.tables import Dataset, Export, Frame
+from app.jobs.kind import Task
+from app.measuring.active import active_version
+from app.measuring.queries import DatasetRepository
+from filter_core.formats.export import (
+    ExportFrame,
+    ExportHead,
+    ExportOptions,
+    GivenAnnotation,
+)
+from filter_core.formats.format import Need
+from filter_core.formats.registry import format_of, write_export
+from filter_core.types import DecidedBoxes
+
+_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
+"""The earliest time a zip file can hold: no clock goes into an export."""
+_PACKED: Final = (".png", ".jpg")
+"""Compressed already: packing them again costs time and saves nothing."""
+_READABLE: Final = 0o644 << 16
+
+
+class ReproducibleZip:
+    """Files in the order they were added, without times, owners or system names."""
+
+    def __init__(self, path: Path) -> None:
+        self._zip = zipfile.ZipFile(path, "w", allowZip64=True)
+
+    def __enter__(self) -> ReproducibleZip:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._zip.close()
+
+    def add(self, name: str, pieces: Iterable[bytes]) -> None:
+        """Write a file piece by piece."""
+        entry = zipfile.ZipInfo(name, _EPOCH)
+        entry.create_system = 3  # Unix, wherever it is made
+        entry.external_attr = _READABLE
+        packed = name.endswith(_PACKED)
+        entry.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
+        with self._zip.open(entry, "w", force_zip64=True) as file:
+            for piece in pieces:
+                file.write(piece)
+
+
+_CHUNK: Final = 200
+
+_CROWD: Final = '"iscrowd"'
+"""What stands in the text of an annotation that has the key."""
+
+
+class ExportFrames:
+    """Iterates over all current frames in the order of their keys.
+
+    What the format does not need is not read.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[str], bytes],
+        session: Session,
+        dataset: Dataset,
+        needs: Collection[Need],
+    ) -> None:
+        self._read = read
+        self._session = session
+        self._dataset = dataset
+        self._needs = needs
+        self._reader = DecisionReader(session, dataset)
+
+    def __iter__(self) -> Iterator[ExportFrame]:
+        frames = FrameRepository(self._session)
+        after = ""
+        while chunk := frames.chunk(self._dataset.id, after=after, limit=_CHUNK):
+            content = self._content(chunk)
+            for frame in chunk:
+                yield self._frame(frame, content)
+            after = chunk[-1].key
+            # Otherwise the session would keep every frame it has ever seen.
+            for frame in chunk:
+                self._session.expunge(frame)
+
+    def _content(self, chunk: list[Frame]) -> _Content:
+        frames = FrameRepository(self._session)
+        content = _Content(self._reader.columns_of_frames(chunk))
+        ids = [frame.id for frame in chunk]
+        if "annotation" in self._needs:
+            content.annotations = frames.annotation_texts(ids)
+        if "image" in self._needs:
+            content.files = frames.files(ids)
+        if "decisions" in self._needs:
+            content.decisions = self._reader.of_frames(
+                chunk, explained="explanations" in self._needs
+            )
+            content.palettes = self._reader.palettes(ids)
+        return content
+
+    def _frame(self, frame: Frame, content: _Content) -> ExportFrame:
+        wh = (frame.width or 0, frame.height or 0)
+        text = content.annotations.get(frame.id, "{}")
+        image = content.files.get(frame.id, {}).get("image")
+        return ExportFrame(
+            key=frame.key,
+            wh=wh,
+            boxes=content.boxes.get(frame.id) or DecidedBoxes.empty(),
+            given=GivenAnnotation(partial(json.loads, text), wh, crowds=_CROWD in text),
+            map=frame.map,
+            media_type=image.media_type if image else "image/png",
+            read_image=partial(self._read, image.sha256) if image else None,
+            palette=content.palettes.get(frame.id),
+            decisions=content.decisions.get(frame.id, ()),
+        )
+
+
+@dataclass
+class _Content:
+    """What is read of some frames at once, each by the ids of the frames."""
+
+    boxes: Mapping[int, DecidedBoxes]
+    annotations: Mapping[int, str] = field(default_factory=dict)
+    files: Mapping[int, Mapping[str, FileRow]] = field(default_factory=dict)
+    decisions: Mapping[int, list[StoredDecision]] = field(default_factory=dict)
+    palettes: Mapping[int, str] = field(default_factory=dict)
+
+
+def write_chunk(task: Task[Export]) -> None:
+    """Write an export: it is the only chunk of its job, and ends it."""
+    context = task.context
+    task.check()
+    with _empty_folder(context, task.job.id) as folder:
+        file = folder / "export.zip"
+        with context.database.read() as session:
+            export = task.row(session)
+            counts = _stream(task, session, export, file)
+        size_bytes = file.stat().st_size
+        put = partial(context.storage.adopt, file)
+        digest = task.retry_unavailable(put)
+    with context.database.write() as session:
+        export = task.row(session)
+        context.storage.require([digest])
+        export.sha256, export.size_bytes = digest, size_bytes
+        export.counts, export.done = counts, export.total
+        task.end(session)
+    # Whoever writes the same one beside us is told that it is over.
+    _clear(context, task.job.id)
+
+
+@contextmanager
+def _empty_folder(context: ServiceContext, export_id: int) -> Iterator[Path]:
+    """A place for one export, unlike that of an attempt that may still go on."""
+    name = f"export-{export_id}-{secrets.token_hex(4)}"
+    folder = context.storage.temporary_folder() / name
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _clear(context: ServiceContext, export_id: int) -> None:
+    """Remove what attempts that were cut off have left."""
+    temporary = context.storage.temporary_folder()
+    for left in (f"export-{export_id}", f"export-{export_id}-*"):
+        for folder in temporary.glob(left):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _stream(
+    task: Task[Export], session: Session, export: Export, file: Path
+) -> dict[str, Any]:
+    dataset = DatasetRepository(session).with_id(export.dataset_id)
+    options = ExportOptions.from_mapping(export.options)
+    needs = format_of(export.format, options).needs
+    read = partial(_read, task)
+    frames = ExportFrames(read, session, dataset, needs)
+    head = replace(_head(session, dataset), temporary=file.parent)
+    with ReproducibleZip(file) as archive:
+        coming = _reporting(task, export.total, frames)
+        return write_export(export.format, coming, archive.add, head, options)
+
+
+def _read(task: Task[Export], digest: str) -> bytes:
+    return task.retry_unavailable(partial(task.context.storage.read, digest))
+
+
+def _head(session: Session, dataset: Dataset) -> ExportHead:
+    tallies = TallyRepository(session).of_dataset(dataset.id)
+    return ExportHead(
+        classes=tuple(DatasetRepository(session).classes(dataset.id)),
+        facts={
+            "dataset": dataset.name,
+            "run": dataset.active_run_id,
+            "config": active_version(session, dataset).digest,
+            "last_review": LatestAnswers(session).last_id(dataset.id),
+            "frames": FrameRepository(session).count(dataset.id),
+        },
+        expected_boxes=sum(tallies.values()),
+    )
+
+
+def _reporting(
+    task: Task[Export], total: int, frames: ExportFrames
+) -> Iterator[ExportFrame]:
+    """The frames, saying now and then how many have passed; the job can end here."""
+    for done, frame in enumerate(frames):
+        task.check()
+        task.report(min(done, total))
+        yield frame

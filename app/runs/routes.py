@@ -1,0 +1,275 @@
+"""Routes of configurations, of previews, and of runs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from fastapi import Depends, Path, Query, Request, Response
+
+from app.access.audit import Act
+from app.access.gate import Audited
+from app.db import tables
+from app.errors import UnsupportedMedia
+from app.http.bodies import beside_the_loop
+from app.http.deps import (
+    MAX_ID,
+    AppServices,
+    CurrentPrincipal,
+    DatasetName,
+    ReadSession,
+    RowId,
+    WriteSession,
+)
+from app.http.pages import Cursor, Limit, Newest, accepted, linked, written
+from app.http.routing import ApiRouter, body_up_to
+from app.jobs.service import cancel
+from app.jobs.stream import LastEventId, events_of, watch
+from app.measuring.active import active_version, add_version, describe_version
+from app.measuring.queries import ConfigRepository, DatasetRepository
+from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
+from app.runs.queries import RunRepository
+from app.runs.service import RUNS, RunRequest, describe_run, described_run, request_run
+from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
+from filter_core.config.filter import FilterConfig
+from unghost.wire.model import Page
+from unghost.wire.runs import (
+    ActivateIn,
+    ConfigVersion,
+    Diff,
+    FilterConfigIn,
+    Preview,
+    PreviewIn,
+    Run,
+    RunIn,
+)
+
+_MEDIA_TYPES: Final = (
+    "application/json",
+    "application/yaml",
+    "application/x-yaml",
+    "text/yaml",
+)
+
+
+async def config_body(request: Request) -> LoadedConfig:
+    """The configuration in the body; JSON is YAML as well."""
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip()
+    if media_type.lower() not in _MEDIA_TYPES:
+        raise UnsupportedMedia(
+            "the body must be application/json or application/yaml, "
+            f"it says {media_type or 'nothing'!r}"
+        )
+    return await beside_the_loop(request, await request.body(), load_config)
+
+
+ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
+
+
+def described_config() -> dict[str, Any]:
+    """The body for the OpenAPI document."""
+    schema = {
+        "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml; "
+        "every key is optional, nothing at all is the defaults.",
+        "anyOf": [
+            {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"},
+            {
+                "type": "object",
+                "required": [CARLASIMU_ROOT],
+                "properties": {CARLASIMU_ROOT: {"type": "object"}},
+                "additionalProperties": False,
+            },
+            {"type": "null"},
+        ],
+    }
+    content = {name: {"schema": schema} for name in _MEDIA_TYPES[:2]}
+    body = {"requestBody": {"required": True, "content": content}}
+    return {**body, **body_up_to("max_config_bytes")}
+
+
+configs_router = ApiRouter(prefix="/api/v1", tag="configs")
+
+
+@configs_router.get("/datasets/{dataset}/configs", response_model=Page[ConfigVersion])
+def list_configs(
+    dataset: DatasetName, wanted: Newest, session: ReadSession
+) -> Response:
+    """Versions of a dataset's configuration, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = ConfigRepository(session).page(found.id, wanted.page)
+    return wanted.answer(rows, lambda version: describe_version(found, version))
+
+
+@configs_router.post(
+    "/datasets/{dataset}/configs",
+    status_code=201,
+    response_model=ConfigVersion,
+    responses={200: {"model": ConfigVersion, "description": "Stored already."}},
+    openapi_extra=described_config(),
+)
+def create_config(
+    dataset: DatasetName,
+    body: ConfigBody,
+    session: WriteSession,
+    principal: CurrentPrincipal,
+) -> Response:
+    """Store a version; it decides nothing before a run applies it."""
+    found = DatasetRepository(session).named(dataset)
+    version, created = add_version(
+        session,
+        found,
+        body.config,
+        author=principal.name,
+        unused_keys=body.unused_keys,
+    )
+    where = {"Location": f"/api/v1/configs/{version.digest}"}
+    return written(describe_version(found, version), 201 if created else 200, where)
+
+
+@configs_router.get("/configs/{digest}")
+def get_config(
+    digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], session: ReadSession
+) -> ConfigVersion:
+    """A version by its digest."""
+    version = ConfigRepository(session).with_digest(digest)
+    dataset = DatasetRepository(session).with_id(version.dataset_id)
+    return describe_version(dataset, version)
+
+
+@configs_router.get("/datasets/{dataset}/config")
+def get_active_config(dataset: DatasetName, session: ReadSession) -> ConfigVersion:
+    """The version that decides now."""
+    found = DatasetRepository(session).named(dataset)
+    return describe_version(found, active_version(session, found))
+
+
+@configs_router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
+def activate_config(
+    dataset: DatasetName,
+    body: ActivateIn,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+) -> Response:
+    """Make a version the active one, through a run."""
+    found = DatasetRepository(session).named(dataset)
+    wanted = RunRequest(body.digest, audit.name, activate=True)
+    run = request_run(services, session, found, wanted)
+    audit.note(Act.CONFIG_ACTIVATED, dataset, config=body.digest, run=run.id)
+    return accepted(described_run(services, session, run))
+
+
+@configs_router.post("/datasets/{dataset}/preview")
+def preview_config(
+    dataset: DatasetName, body: PreviewIn, session: ReadSession, services: AppServices
+) -> Preview:
+    """What a configuration would decide; nothing is written, no pixel is read."""
+    found = DatasetRepository(session).named(dataset)
+    config = FilterConfig.from_mapping(body.config.root)
+    limits = PreviewLimits(flips=body.limit, bins=body.bins)
+    return preview(services, session, found, config, limits)
+
+
+router = ApiRouter(prefix="/api/v1", tag="runs")
+
+
+@router.get("/datasets/{dataset}/runs", response_model=Page[Run])
+def list_runs(
+    dataset: DatasetName, wanted: Newest, session: ReadSession, services: AppServices
+) -> Response:
+    """Runs of a dataset, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = RunRepository(session).page(found.id, wanted.page)
+    digests = ConfigRepository(session).digests(row.config_id for row in rows)
+
+    def describe(run: tables.Run) -> Run:
+        return describe_run(services, run, dataset, digests[run.config_id])
+
+    return wanted.answer(rows, describe)
+
+
+@router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
+def create_run(
+    dataset: DatasetName,
+    body: RunIn,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+) -> Response:
+    """Decide again from numbers, or measure again, as the configuration needs."""
+    found = DatasetRepository(session).named(dataset)
+    config = body.config
+    wanted = RunRequest(
+        config if isinstance(config, str) else FilterConfig.from_mapping(config.root),
+        audit.name,
+        activate=body.activate,
+    )
+    run = request_run(services, session, found, wanted)
+    answer = described_run(services, session, run)
+    if run.activate:
+        activated = {"config": answer.config, "run": run.id}
+        audit.note(Act.CONFIG_ACTIVATED, dataset, **activated)
+    return accepted(answer)
+
+
+@router.get("/runs/{run_id}")
+def get_run(run_id: RowId, session: ReadSession, services: AppServices) -> Run:
+    """A run and how far it is."""
+    return described_run(services, session, RunRepository(session).with_id(run_id))
+
+
+@router.get(
+    "/runs/{run_id}/events", response_class=Response, responses=events_of(Run, "run")
+)
+async def watch_run(
+    run_id: RowId,
+    request: Request,
+    services: AppServices,
+    last_event_id: LastEventId = None,
+) -> Response:
+    """How a run goes on, as server-sent events; the last one is `end`."""
+    return await watch(request, services, RUNS, run_id, last_event_id)
+
+
+@router.post("/runs/{run_id}/cancel", status_code=202, response_model=Run)
+def stop_run(
+    run_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+) -> Response:
+    """End a run that is not over; nothing changes in its dataset. 409 if it is over."""
+    run = cancel(services, session, RUNS, run_id)
+    answer = described_run(services, session, run)
+    audit.note(Act.RUN_CANCELLED, run_id, dataset=answer.dataset)
+    return accepted(answer)
+
+
+async def diff_page(limit: Limit = 100, cursor: Cursor = None) -> DiffPage:
+    """Which of the flips are asked for."""
+    return DiffPage(limit, cursor)
+
+
+def compared(
+    run_id: RowId,
+    session: ReadSession,
+    against: Annotated[
+        int | None,
+        Query(ge=1, le=MAX_ID, description="Another run; else the active one before."),
+    ] = None,
+) -> tuple[tables.Run, tables.Run]:
+    """The run to compare with, and the run of the path."""
+    return compared_runs(session, run_id, against)
+
+
+@router.get(
+    "/runs/{run_id}/diff",
+    response_model=Diff,
+    responses={409: {"description": "One of the runs is not done."}},
+)
+def compare_runs(
+    runs: Annotated[tuple[tables.Run, tables.Run], Depends(compared)],
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
+    page: Annotated[DiffPage, Depends(diff_page)],
+) -> Response:
+    """Boxes that a run decides otherwise than another, nearest to a threshold first."""
+    found = run_diff(services, session, runs, page)
+    return linked(request, found, found.next_cursor)

@@ -1,0 +1,191 @@
+"""Runs asked for, begun, described and cancelled.
+
+The work of a run is done outside of any transaction; then one transaction looks for
+frames that came in meanwhile, stores what changed, and makes its verdicts current.
+Nobody ever sees a dataset that is half decided.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from app.boxes.queries import FrameRepository
+from app.context import ServiceContext
+from app.db.base import utc_now
+from app.db.tables import Chunk, ConfigVersion, Dataset, Run
+from app.errors import NotFound
+from app.jobs.kind import Task
+from app.jobs.queries import Span, job_of
+from app.jobs.service import ask
+from app.measuring.active import active_version, add_version, config_of
+from app.measuring.plan import DatasetReading, _measurement_for, needs_pixels, plan_for
+from app.measuring.queries import (
+    ConfigRepository,
+    DatasetRepository,
+    EvidenceRepository,
+)
+from app.runs.activate import decide_all
+from app.runs.measure import measure_chunk, plan_frames, unmeasured_of
+from app.runs.queries import RunRepository
+from filter_core.config.filter import FilterConfig
+from unghost.wire import runs as wire
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """A run as it was asked for.
+
+    `channels` are to be measured beside those that the configuration decides by.
+    """
+
+    config: str | FilterConfig
+    author: str
+    activate: bool
+    reading: DatasetReading | None = None
+    channels: tuple[str, ...] = ()
+
+
+def request_run(
+    context: ServiceContext, session: Session, dataset: Dataset, wanted: RunRequest
+) -> Run:
+    """Queue a run; it starts when the transaction is committed."""
+    version = _version(session, dataset, wanted)
+    config = config_of(version)
+    reading = wanted.reading or coming_settings(session, dataset)[0]
+    plan = plan_for(reading, config).with_channels(wanted.channels)
+    measurement = _measurement_for(session, dataset, reading, plan)
+    run = Run(
+        dataset_id=dataset.id,
+        config_id=version.id,
+        measurement_id=measurement.id,
+        previous_run_id=dataset.active_run_id,
+        kind="measure" if needs_pixels(session, dataset, plan) else "decide",
+        activate=wanted.activate,
+        total=FrameRepository(session).count(dataset.id),
+        counts={},
+        created_by=wanted.author,
+    )
+    ask(context, session, run)
+    return run
+
+
+def coming_settings(
+    session: Session, dataset: Dataset
+) -> tuple[DatasetReading, FilterConfig]:
+    """What is active when all runs are done: what the next change is a change of."""
+    reading = DatasetReading.of(dataset)
+    run = RunRepository(session).last_to_activate(dataset.id)
+    if run is None:
+        return reading, config_of(active_version(session, dataset))
+    measurement = EvidenceRepository(session).measurement_with_id(
+        run.measurement_id or 0
+    )
+    config = config_of(ConfigRepository(session).with_id(run.config_id))
+    return replace(reading, **measurement.options["dataset"]), config
+
+
+def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVersion:
+    if isinstance(wanted.config, FilterConfig):
+        version, _ = add_version(session, dataset, wanted.config, author=wanted.author)
+        return version
+    found = ConfigRepository(session).find(dataset.id, wanted.config)
+    if found is None:
+        raise NotFound("config", wanted.config)
+    return found
+
+
+def describe_run(
+    context: ServiceContext, run: Run, dataset: str, digest: str
+) -> wire.Run:
+    """A run as it is answered."""
+    reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
+    return wire.Run.model_validate(
+        {
+            "id": run.id,
+            "dataset": dataset,
+            "kind": run.kind,
+            "state": run.state,
+            "config": digest,
+            "activate": run.activate,
+            "total": run.total,
+            "done": max(run.done, reported),
+            "changed": run.changed,
+            "counts": run.counts or {},
+            "error": run.error,
+            "created_by": run.created_by,
+            "created_at": run.created_at,
+            "started_at": run.started_at,
+            "finished_at": run.finished_at,
+        }
+    )
+
+
+def described_run(context: ServiceContext, session: Session, run: Run) -> wire.Run:
+    """A run with the names of what it refers to."""
+    dataset = DatasetRepository(session).with_id(run.dataset_id)
+    digest = ConfigRepository(session).with_id(run.config_id).digest
+    return describe_run(context, run, dataset.name, digest)
+
+
+class RunKind:
+    """Chunks are frames that lack their numbers; the final step decides all boxes."""
+
+    table = Run
+    final_step: str | None = "deciding its boxes"
+
+    def may_begin(self, session: Session, row: Run) -> bool:
+        """Whether no earlier run of the dataset is to become active before this one."""
+        return not RunRepository(session).has_to_wait(row)
+
+    def begin(self, session: Session, row: Run) -> None:
+        """Count the frames, and those that an earlier run has measured already."""
+        if row.state == "queued":
+            row.total = FrameRepository(session).count(row.dataset_id)
+        row.started_at = row.started_at or utc_now()
+        missing = EvidenceRepository(session).count_unmeasured(
+            row.dataset_id, row.measurement_id or 0
+        )
+        if missing:
+            row.done = max(row.done, row.total - missing)
+
+    def plan(
+        self, session: Session, row: Run, *, after: int, most: int, frames: int
+    ) -> list[Span]:
+        """Chunks of frames that lack their numbers."""
+        return plan_frames(session, row, after=after, most=most, frames=frames)
+
+    def work(self, task: Task[Run]) -> None:
+        """Measure a chunk."""
+        measure_chunk(task)
+
+    def finish(self, task: Task[Run]) -> None:
+        """Decide, and end the run, unless frames have come in meanwhile."""
+        decide_all(task)
+
+    def left(self, session: Session, row: Run, chunk: Chunk) -> list[int]:
+        """Frames of a chunk that lack their numbers."""
+        return unmeasured_of(session, row, chunk)
+
+    def name_left(self, session: Session, row: Run, chunks: Sequence[Chunk]) -> str:
+        """The frames that lack their numbers, by their keys."""
+        left = [unmeasured_of(session, row, chunk) for chunk in chunks]
+        ends = sorted({(ids[0], ids[-1]) for ids in left if ids})
+        heads = FrameRepository(session).heads({id_ for both in ends for id_ in both})
+        keys = {id_: repr(frame.key) for id_, frame in heads.items()}
+        named = ", ".join(
+            keys[first] if first == last else f"{keys[first]} to {keys[last]}"
+            for first, last in ends
+        )
+        word = "frame" if named in keys.values() else "frames"
+        return f"{word} {named}" if named else ""
+
+    def describe(self, context: ServiceContext, session: Session, row: Run) -> wire.Run:
+        """A run with the names of what it refers to."""
+        return described_run(context, session, row)
+
+
+RUNS: Final = RunKind()
