@@ -11,8 +11,6 @@ from app.db.engine import Database
 from app.engine import LocalEngine
 from app.engine.pixels import PixelPool
 from app.incoming import OpenBodies
-from app.jobs.leases import Leases
-from app.jobs.poller import Poller
 from app.settings import Settings
 from app.storage import BlobStore
 from app.storage.room import Reserve
@@ -36,7 +34,6 @@ class ServiceContext:
     drawers: PixelPool
     """Draws pictures: however many are asked for, frames are measured meanwhile."""
     default_config: FilterConfig = field(default_factory=FilterConfig)
-    leases: Leases = field(default_factory=Leases)
     something_to_remove: threading.Event = field(default_factory=threading.Event)
     owned: dict[type, object] = field(default_factory=dict)
     """What `one` has made."""
@@ -57,12 +54,6 @@ class ServiceContext:
     def reserve(self) -> Reserve:
         """Room that is given up when somebody deletes on a full disk."""
         return Reserve(self.settings.data)
-
-    @cached_property
-    def poller(self) -> Poller:
-        """Reads the jobs that are watched, once for all who watch them."""
-        settings = self.settings
-        return Poller(settings.max_event_streams, settings.max_event_streams_per_token)
 
     @cached_property
     def bodies(self) -> OpenBodies:

@@ -24,7 +24,7 @@ from app.engine import EngineAway, Job, JobStopped, WorkerDied
 from app.engine.chunk import DONE, ELSEWHERE, FAILED, GIVEN_BACK, GIVEN_UP, UNWANTED
 from app.errors import AppError
 from app.jobs.kind import LOOK_AT_ROW_S, AnyKind, kind_of
-from app.jobs.leases import JobLease
+from app.jobs.leases import JobLease, Leases
 from app.jobs.queries import (
     OPEN,
     ChunkRepository,
@@ -57,7 +57,7 @@ def carry_out(context: ServiceContext, job: Job) -> bool:
     Nothing happens if another process drives it, or if another job has to end first.
     True if the job is over.
     """
-    with context.leases.driving(context.database, job) as lease:
+    with context.one(Leases).driving(context.database, job) as lease:
         try:
             JobDriver(context, lease, kind_of(job)).drive()
         except JobStopped:

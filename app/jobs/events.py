@@ -6,21 +6,26 @@ nor which one is asked.
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator
-from contextlib import suppress
+import time
+from collections import Counter
+from collections.abc import AsyncGenerator, Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final, NamedTuple
 
-from anyio import sleep
+from anyio import CapacityLimiter, Lock, sleep, to_thread
 
 from app.context import ServiceContext
 from app.engine import Job
 from app.errors import NotFound, TooManyRequests
-from app.jobs.kind import kind_of
-from app.jobs.poller import INTERVAL_S, Described
+from app.jobs.kind import Described, kind_of
 from app.jobs.queries import find_job
+from app.settings import Settings
 
 NOTHING_SEEN: Final = -1
+INTERVAL_S: Final = 0.2
+"""Between two readings of one job: nobody reads more than five events a second."""
 
 
 class JobEvent(NamedTuple):
@@ -39,11 +44,12 @@ async def job_events(
     None again and again while nothing changes, so that who passes the events on can
     look after other things. A job that is deleted has no end.
     """
-    read = partial(_read, context)
+    read, poller = partial(_read, context), context.one(Poller)
     # Somebody may have taken the last place since `newest` found one: ask again.
-    with suppress(TooManyRequests), context.poller.watching(job, token_id):
+    watching = poller.watching(job, token_id, context.settings)
+    with suppress(TooManyRequests), watching:
         while not context.engine.stopping.is_set():
-            state = await context.poller.newest(job, read)
+            state = await poller.newest(job, read)
             if state is None:
                 return
             number = progress_number(state)
@@ -57,8 +63,9 @@ async def job_events(
 
 async def newest(context: ServiceContext, job: Job, token_id: int) -> Described:
     """A job as it is now; NotFound."""
-    with context.poller.watching(job, token_id):
-        state = await context.poller.newest(job, partial(_read, context))
+    poller = context.one(Poller)
+    with poller.watching(job, token_id, context.settings):
+        state = await poller.newest(job, partial(_read, context))
     if state is None:
         raise NotFound(*job)
     return state
@@ -81,3 +88,74 @@ def _read(context: ServiceContext, job: Job) -> Described | None:
     with context.database.read() as session:
         row = find_job(session, kind.table, job.id)
         return None if row is None else kind.describe(context, session, row)
+
+
+@dataclass
+class _Watched:
+    """A job that somebody watches; `seen` is None once it was deleted."""
+
+    watchers: int = 0
+    at: float = float("-inf")
+    seen: Described | None = None
+    lock: Lock = field(default_factory=Lock)
+
+
+class Poller:
+    """The newest state of each job that is watched; belongs to one event loop.
+
+    Watchers hold no thread and no connection between two readings, and reading has a
+    thread of its own: those that requests share may all be waiting for a transaction.
+    """
+
+    def __init__(self) -> None:
+        self._by_token: Counter[int] = Counter()
+        self._watched: dict[Job, _Watched] = {}
+        self._thread = CapacityLimiter(1)
+
+    @property
+    def watchers(self) -> int:
+        """How many watch a job."""
+        return sum(each.watchers for each in list(self._watched.values()))
+
+    @contextmanager
+    def watching(self, job: Job, token_id: int, settings: Settings) -> Iterator[None]:
+        """Keep what is read of this job for as long as the block lasts.
+
+        Raises
+        ------
+        TooManyRequests
+            As many watch already as may at the same time, by all tokens or by this.
+        """
+        most, most_of_one = (
+            settings.max_event_streams,
+            settings.max_event_streams_per_token,
+        )
+        if self._by_token[token_id] >= most_of_one:
+            raise TooManyRequests(
+                f"{most_of_one} streams of this token are open already; close one"
+            )
+        if self.watchers >= most:
+            raise TooManyRequests(f"{most} streams are open already; try later")
+        watched = self._watched.setdefault(job, _Watched())
+        watched.watchers += 1
+        self._by_token[token_id] += 1
+        try:
+            yield
+        finally:
+            watched.watchers -= 1
+            self._by_token[token_id] -= 1
+            if not self._by_token[token_id]:
+                del self._by_token[token_id]
+            if not watched.watchers:
+                del self._watched[job]
+
+    async def newest(
+        self, job: Job, read: Callable[[Job], Described | None]
+    ) -> Described | None:
+        """What `read` finds now, or found within the last interval."""
+        watched = self._watched[job]
+        async with watched.lock:
+            if time.monotonic() - watched.at >= INTERVAL_S:
+                watched.seen = await to_thread.run_sync(read, job, limiter=self._thread)
+                watched.at = time.monotonic()
+        return watched.seen

@@ -18,7 +18,6 @@ from app.context import ServiceContext
 from app.db.tables import Chunk
 from app.engine import Job, JobStopped
 from app.errors import StorageAway
-from app.jobs.poller import Described
 from app.jobs.queries import (
     ChunkRepository,
     Row,
@@ -38,6 +37,29 @@ PAUSES_S: Final = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0)
 requests do not wait so long."""
 _LOOK_S: Final = 0.25
 _T = TypeVar("_T")
+
+
+class Described(Protocol):
+    """A job as it is answered: a model of the wire."""
+
+    @property
+    def state(self) -> str:
+        """One of the states of `JobRow`."""
+
+    @property
+    def total(self) -> int:
+        """How many frames there are to work on."""
+
+    @property
+    def done(self) -> int:
+        """How many of them are done."""
+
+    @property
+    def finished(self) -> bool:
+        """True when nothing will happen to it any more."""
+
+    def model_dump_json(self) -> str:
+        """As it is written into an answer."""
 
 
 class JobKind(Protocol[Row]):

@@ -25,7 +25,7 @@ from app.engine import Job
 from app.errors import Conflict, NotFound, TooManyRequests
 from app.jobs.driver import carry_out
 from app.jobs.kind import JobKind, kind_of, kinds
-from app.jobs.leases import has_ended
+from app.jobs.leases import Leases, has_ended
 from app.jobs.queries import (
     OPEN,
     ChunkRepository,
@@ -93,7 +93,7 @@ def start(
     Those that it drives already only if they are `at_work`: one may be about to let go.
     It is no harm to start a job that another process drives, or that is over.
     """
-    here = frozenset() if at_work else context.leases.at_work
+    here = frozenset() if at_work else context.one(Leases).at_work
     for job in jobs:
         if job not in here and not context.engine.stopping.is_set():
             context.engine.submit(partial(_drive, context, job), job)

@@ -14,6 +14,7 @@ from app.context import ServiceContext
 from app.db.engine import Database
 from app.engine import LocalEngine
 from app.ingest.batch import OpenBatches
+from app.jobs.events import Poller
 from app.jobs.kind import kinds
 from app.logs import error_log
 from app.metrics import Gauge
@@ -77,7 +78,7 @@ def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     yield Gauge.of("unghost_batches_open", "Batches being received.", open_now)
     text = "Bytes of requests that are in memory."
     yield Gauge.of("unghost_open_body_bytes", text, context.bodies.open_bytes)
-    watching = context.poller.watchers
+    watching = context.one(Poller).watchers
     yield Gauge.of("unghost_event_streams_open", "Watchers of runs.", watching)
     text = "1 once the service was asked to stop."
     yield Gauge.of("unghost_stopping", text, engine.stopping.is_set())

@@ -250,7 +250,7 @@ def test_two_drivers_end_a_run_once(street):
         engine_of(street, SmallChunks()) as one,
         engine_of(street, SmallChunks()) as two,
     ):
-        contexts = [one, replace(two, leases=type(two.leases)())]
+        contexts = [one, replace(two, owned={})]
         drivers = [
             threading.Thread(target=carry_out, args=(context, run_job(run_id)))
             for context in contexts

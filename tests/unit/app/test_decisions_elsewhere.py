@@ -8,7 +8,7 @@ from threading import Thread
 import pytest
 
 from app.jobs.driver import carry_out
-from app.jobs.poller import INTERVAL_S
+from app.jobs.events import INTERVAL_S
 from app.jobs.service import cancel
 from app.runs.queries import RunRepository
 from app.runs.service import RUNS

@@ -11,7 +11,7 @@ import pytest
 
 from app.db.tables import Lease
 from app.engine import Job
-from app.jobs.leases import LeaseLost, has_ended, this_process
+from app.jobs.leases import LeaseLost, Leases, has_ended, this_process
 from app.jobs.queries import LASTS, LeaseRepository
 from app.jobs.service import NOBODYS_AFTER_S, Watchdog, cancel
 from app.runs.queries import RunRepository
@@ -94,7 +94,7 @@ def test_a_lease_that_ran_out_or_whose_holder_died_is_anybodys(write, job):
 
 def test_a_driver_that_lost_its_lease_finds_out_before_it_writes(services, write, job):
     context = services.context
-    with context.leases.driving(context.database, job) as lease:
+    with context.one(Leases).driving(context.database, job) as lease:
         with write() as session:
             lease.take(session)
             lease.require(session)
