@@ -74,7 +74,7 @@ def active_measurement(session: Session, dataset: Dataset) -> Measurement:
     )
 
 
-def _measurement_for(
+def measurement_for(
     session: Session, dataset: Dataset, reading: DatasetReading, plan: MeasureConfig
 ) -> Measurement:
     """The active measurement, if it has all that is needed and perhaps more."""

@@ -22,7 +22,7 @@ from app.jobs.kind import Task
 from app.jobs.queries import Span, job_of
 from app.jobs.service import ask
 from app.measuring.active import active_version, add_version, config_of
-from app.measuring.plan import DatasetReading, _measurement_for, needs_pixels, plan_for
+from app.measuring.plan import DatasetReading, measurement_for, needs_pixels, plan_for
 from app.measuring.queries import (
     ConfigRepository,
     DatasetRepository,
@@ -57,7 +57,7 @@ def request_run(
     config = config_of(version)
     reading = wanted.reading or coming_settings(session, dataset)[0]
     plan = plan_for(reading, config).with_channels(wanted.channels)
-    measurement = _measurement_for(session, dataset, reading, plan)
+    measurement = measurement_for(session, dataset, reading, plan)
     run = Run(
         dataset_id=dataset.id,
         config_id=version.id,
