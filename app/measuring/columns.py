@@ -10,6 +10,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -89,16 +90,22 @@ def flip_of(
     reasons : (int, int)
         Codes of `Reason`: before, and after.
     """
-    before, after = (Reason(code) for code in reasons)
     match = float(evidence.match_percent[row])
     return Flip(
         box_id=ids[0],
         frame_id=ids[1],
         class_name=evidence.class_names[int(evidence.class_index[row])],
         match_percent=None if match != match else match,
-        before=FlipSide(verdict=before.verdict.value, reason=before.label),
-        after=FlipSide(verdict=after.verdict.value, reason=after.label),
+        before=_side(reasons[0]),
+        after=_side(reasons[1]),
     )
+
+
+@cache
+def _side(code: int) -> FlipSide:
+    # There are as many sides as reasons; a page of flips has thousands.
+    reason = Reason(code)
+    return FlipSide(verdict=reason.verdict.value, reason=reason.label)
 
 
 def match_counts(evidence: Evidence, bins: int) -> IntArray:
