@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
-from itertools import takewhile
 from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, TypeAlias
 
 import typer
@@ -62,6 +61,9 @@ Context: TypeAlias = Any
 """That of click, which typer has from elsewhere in each version and does not export."""
 
 
+_HELP: Final = "--help"
+
+
 class LazyCommand(TyperCommand):
     """A command that is imported when it is called or listed, and built when called.
 
@@ -96,13 +98,26 @@ class LazyCommand(TyperCommand):
         **extra: object,
     ) -> Context:
         """Read the arguments; from here on the command that was built acts."""
-        if _asks_for_help(args):
-            built = self.build()
-            context = typer.Context(built, info_name=info_name, parent=parent)
-            typer.echo(built.get_help(context))
-            raise typer.Exit
+        self.show_help(info_name, args, parent)
         built = self.build(with_help=False)
         return built.make_context(info_name, args, parent, **extra)
+
+    def show_help(
+        self, info_name: str | None, args: list[str], parent: Context
+    ) -> None:
+        """Print the help and exit if the arguments ask for it; else do nothing.
+
+        The arguments are only told apart, because `--help` may be the value of an
+        option. To convert one, typer loads pydantic, which help does without.
+        """
+        if _HELP not in args:
+            return
+        built = self.build()
+        context = typer.Context(built, info_name=info_name, parent=parent)
+        given, _, _ = built.make_parser(context).parse_args(list(args))
+        if given.get("help"):
+            typer.echo(built.get_help(context))
+            raise typer.Exit
 
 
 class LazyGroup(TyperGroup):
@@ -115,18 +130,18 @@ class LazyGroup(TyperGroup):
         parent: Context = None,
         **extra: object,
     ) -> Context:
-        """Read the arguments up to the command, and pass on who asks for its help.
-
-        To read a single argument typer loads pydantic, which help does without.
-        """
-        if _asks_for_help(args) and args[0] in self.commands:
-            context = typer.Context(self, info_name=info_name, parent=parent)
-            return self.commands[args[0]].make_context(args[0], args[1:], context)
+        """Read the arguments up to the command, unless its help is asked for."""
+        self.show_help(info_name, args, parent)
         return super().make_context(info_name, args, parent, **extra)
 
-
-def _asks_for_help(args: list[str]) -> bool:
-    return "--help" in takewhile(lambda word: word != "--", args)
+    def show_help(
+        self, info_name: str | None, args: list[str], parent: Context
+    ) -> None:
+        """Print the help of the command that is named and exit, if it is asked for."""
+        command = self.commands.get(args[0]) if _HELP in args else None
+        if isinstance(command, LazyCommand | LazyGroup):
+            context = typer.Context(self, info_name=info_name, parent=parent)
+            command.show_help(args[0], args[1:], context)
 
 
 def _lazily(functions: Mapping[str, str]) -> list[LazyCommand]:

@@ -17,6 +17,7 @@ from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
 from tests.unit.unghost.test_imports import HEAVY
 from unghost.cli.program import app
 from unghost.cli.sources import SegmentationReading, SourceOptions
+from unghost.client.discovery import BadServerUrl
 
 
 def run(*words):
@@ -103,3 +104,41 @@ def test_class_names_are_separated_by_commas():
         "traffic light",
     )
     assert SourceOptions().class_list is None
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stats", "town", "--server", "ftp://a", "--token", "--help"),
+        ("config", "show", "--token", "--help", "--server", "ftp://a", "town"),
+        ("stats", "--server", "ftp://a", "--", "--help"),
+    ],
+)
+def test_help_as_the_value_of_an_option_or_argument_is_that_value(words):
+    result = run(*words)
+
+    assert "Usage:" not in result.output
+    assert isinstance(result.exception, BadServerUrl)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stats", "--help"),
+        ("stats", "town", "--token", "secret", "--help"),
+        ("config", "show", "--help"),
+        ("config", "--help"),
+        ("--help", "stats"),
+    ],
+)
+def test_help_is_shown_to_whoever_asks_for_it(words):
+    result = run(*words)
+
+    assert result.output.startswith("Usage:")
+    assert result.exit_code == 0
+
+
+def test_an_option_that_there_is_not_is_told_also_to_who_asks_for_help():
+    result = run("stats", "--nonsense", "--help")
+
+    assert (result.exit_code, "--nonsense" in result.output) == (2, True)
