@@ -73,8 +73,8 @@ class CurrentReview(TypedDict):
     comment: str
 
 
-class KnownHere(TypedDict):
-    """What the service knows of a box beside its decision."""
+class ServerFields(TypedDict):
+    """What the service adds to a decision of the library."""
 
     box_id: int
     frame_id: int
@@ -85,16 +85,10 @@ class KnownHere(TypedDict):
     effective_verdict: str
 
 
-class StoredDecision(Decision, KnownHere):
+class StoredDecision(Decision, ServerFields):
     """A decision of a stored box."""
 
     accepted_tags: list[AcceptedTag]
-
-
-class NeighbouredDecision(StoredDecision):
-    """A decision, and the boxes of its frame that overlap the box."""
-
-    neighbours: list[int]
 
 
 @dataclass(frozen=True)
@@ -127,13 +121,11 @@ def describe_box(session: Session, box_id: int) -> StoredDecision:
     return decision
 
 
-def with_neighbours(session: Session, box_id: int) -> NeighbouredDecision:
-    """One decision, and which boxes of its frame overlap it."""
-    decision = describe_box(session, box_id)
+def neighbours(session: Session, decision: StoredDecision) -> list[int]:
+    """The boxes of its frame that overlap a box."""
     frame = FrameRepository(session).with_id(decision["frame_id"], annotation=True)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    others = DecisionReader(session, dataset).of_frame(frame)
-    return {**decision, "neighbours": _overlapping(decision, others)}
+    return _overlapping(decision, DecisionReader(session, dataset).of_frame(frame))
 
 
 def _overlapping(
@@ -210,7 +202,7 @@ class DecisionReader:
         if not chosen:
             return {}
         sources = DecisionRepository(self._session).answered_sources(by_id)
-        numbers, geometry = self._joined(chosen, tag_counts=False, edges=False)
+        numbers, geometry = self._columns(chosen, tag_counts=False, edges=False)
         counts = [len(each.positions) for each in chosen]
         boxes = decided_boxes(
             [source_id for key in by_id for source_id, _ in sources[key]],
@@ -247,7 +239,7 @@ class DecisionReader:
             return []
         chosen = self._chosen(frames, wanted)
         ids = [box_id for each in chosen for box_id in each.box_ids]
-        numbers, geometry = self._joined(chosen, tag_counts=True, edges=explained)
+        numbers, geometry = self._columns(chosen, tag_counts=True, edges=explained)
         facts: list[FrameFacts] = []
         for each in chosen:
             one = replace(self._facts(each), explained=explained)
@@ -267,7 +259,7 @@ class DecisionReader:
         return [
             {
                 **decision,
-                **self._known_here(rows[box_id], reviews.get(box_id)),
+                **self._server_fields(rows[box_id], reviews.get(box_id)),
                 "accepted_tags": accepted_tags(of.family, mask),
             }
             for decision, box_id, mask, of in zip(
@@ -286,9 +278,10 @@ class DecisionReader:
             for key in wanted
         ]
 
-    def _joined(
+    def _columns(
         self, chosen: Sequence[ChosenBoxes], *, tag_counts: bool, edges: bool
     ) -> tuple[Evidence, BoxGeometry]:
+        """Numbers and rectangles of all of them, frame after frame."""
         record = np.concatenate([each.numbers() for each in chosen])
         counts = None
         if tag_counts:
@@ -296,7 +289,7 @@ class DecisionReader:
         names, ids = list(self.classes), list(self.classes.values())
         geometry = [box for each in chosen for box in each.geometry()]
         numbers = to_evidence(record, names, ids, counts)
-        return replace(numbers, channels=_channels(chosen)), _solid(
+        return replace(numbers, channels=_channels(chosen)), _box_geometry(
             geometry, edges=edges
         )
 
@@ -326,7 +319,9 @@ class DecisionReader:
             for position in positions
         }
 
-    def _known_here(self, row: CurrentRow, review: LatestReview | None) -> KnownHere:
+    def _server_fields(
+        self, row: CurrentRow, review: LatestReview | None
+    ) -> ServerFields:
         return {
             "box_id": row.box_id,
             "frame_id": row.frame_id,
@@ -396,7 +391,7 @@ def _channels(chosen: Sequence[ChosenBoxes]) -> ChannelNumbers | None:
     return numbers[np.concatenate(rows)]
 
 
-def _solid(boxes: Sequence[Geometry | None], *, edges: bool) -> BoxGeometry:
+def _box_geometry(boxes: Sequence[Geometry | None], *, edges: bool) -> BoxGeometry:
     absent = (np.nan,) * 4
     return BoxGeometry.loaded(
         amodal_xyxy=np.array(

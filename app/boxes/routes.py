@@ -153,9 +153,11 @@ def list_boxes(
 
 
 @router.get("/boxes/{box_id}", response_model=Box)
-def get_box(box_id: RowId, session: ReadSession) -> boxes.NeighbouredDecision:
+def get_box(box_id: RowId, session: ReadSession) -> Box:
     """A box, its decision, and the boxes that overlap it."""
-    return boxes.with_neighbours(session, box_id)
+    decision = boxes.describe_box(session, box_id)
+    overlapping = boxes.neighbours(session, decision)
+    return Box.model_validate({**decision, "neighbours": overlapping})
 
 
 def _crop(

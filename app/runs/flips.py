@@ -206,15 +206,16 @@ def _recounted(
     measurement = dataset.active_measurement_id or 0
     rows = repository.of_frames(frame_ids, measurement)
     parts = [recount(rows[key], classes, plan) for key in frame_ids]
-    return _joined(numbers.evidence, parts) if parts else numbers.evidence
+    return _with_counts_of(parts, numbers.evidence) if parts else numbers.evidence
 
 
-def _joined(whole: Evidence, parts: Sequence[Evidence]) -> Evidence:
+def _with_counts_of(frames: Sequence[Evidence], evidence: Evidence) -> Evidence:
+    """The evidence of a dataset with what was counted again, frame by frame."""
     names = ("accept_mask", "matched_pixels", "match_percent", "crowding")
     columns: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        name: np.concatenate([getattr(one, name) for one in frames]) for name in names
     }
-    return replace(whole, **columns)
+    return replace(evidence, **columns)
 
 
 _KEPT, _REJECTED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.REJECTED))

@@ -14,7 +14,7 @@ from tests.api.frames import write_manifest
 from tests.support.servers import RunningServer
 from unghost import Client
 
-DONE, REFUSED, USAGE, PARTLY, SERVER_AWAY, INTERRUPTED = 0, 1, 2, 3, 69, 130
+DONE, REFUSED, USAGE, PARTLY, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 69, 130
 
 
 @pytest.fixture
@@ -211,7 +211,7 @@ def test_an_interrupted_push_says_so_and_can_be_repeated(unghost, name, tmp_path
 def test_without_a_server_the_exit_code_says_so(alone, words):
     answer = alone(*words)
 
-    assert answer.code == SERVER_AWAY
+    assert answer.code == UNAVAILABLE
     assert "no answer from http://127.0.0.1:" in answer.err
     assert "Traceback" not in answer.err
     assert answer.out == ""

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.long
 ROUNDS = int(os.environ.get("KILL_ROUNDS", "1"))
 SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
 FRAMES = 80
-DONE, SERVER_AWAY = 0, 69
+DONE, UNAVAILABLE = 0, 69
 VICTIMS = ("client", "server", "server that comes back", "both")
 
 
@@ -93,7 +93,7 @@ def push_and_kill(place, dataset, victim, dice) -> list[str]:
             else:
                 told += client.stdout.readlines()
             code = client.wait()
-    assert code in (DONE, SERVER_AWAY, -9), victim
+    assert code in (DONE, UNAVAILABLE, -9), victim
     return list(keys_of(told))
 
 

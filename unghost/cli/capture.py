@@ -10,7 +10,7 @@ import typer
 
 from unghost.cli.options import ServerOptions
 from unghost.cli.push import PushOptions, PushReport, ensure_dataset, send
-from unghost.cli.screen import SERVER_AWAY, Refused, partly_done
+from unghost.cli.screen import UNAVAILABLE, Refused, partly_done
 
 if TYPE_CHECKING:
     from unghost.capture.recording import Recorded
@@ -77,7 +77,7 @@ def capture(options: CaptureOptions) -> None:
         _capture(options)
     except SimulatorAway as error:
         options.screen.note(f"unghost: {error}")
-        raise typer.Exit(SERVER_AWAY) from error
+        raise typer.Exit(UNAVAILABLE) from error
     except CaptureError as error:
         raise Refused(str(error)) from error
 

@@ -181,19 +181,19 @@ def error_context(path: Path | None) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Words:
-    """Words that an option takes, for its annotation; where its help says `{words}`,
-    they are listed.
+    """The words that an option takes; stands in the option's annotation.
 
-    They are read from the table that owns them when the command is called. Listing the
-    commands needs no table, and loading the library would be most of its time.
+    They are read from the table that owns them, and only when they are needed: to load
+    the library takes most of the time of a command that does little.
 
     Attributes
     ----------
     load : callable
         Gives the words.
     checked : bool
-        Other words are refused here. If not, the words are only read when help is
-        asked for, and whoever gets the option refuses what it does not know.
+        Whether typer refuses other words, and lists these itself. If not, they are read
+        for the help alone, which has them in place of `{words}`; other words are
+        refused by whoever gets the option.
     """
 
     load: Callable[[], Iterable[str]]

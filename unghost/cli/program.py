@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from unghost.cli.options import Action, build_command
-from unghost.cli.screen import INTERRUPTED, REFUSED, SERVER_AWAY, USAGE, Refused, Screen
+from unghost.cli.screen import INTERRUPTED, REFUSED, UNAVAILABLE, USAGE, Refused, Screen
 
 if TYPE_CHECKING:
     import httpx
@@ -58,7 +58,9 @@ TOKEN_COMMANDS: Final = {
 
 
 Context: TypeAlias = Any
-"""That of click, which typer has from elsewhere in each version and does not export."""
+"""Click's context. Typer does not export it, and has click from another module in each
+of its versions.
+"""
 
 
 _HELP: Final = "--help"
@@ -175,8 +177,8 @@ app = typer.Typer(
     cls=Program,
     name="unghost",
     help="Finds the boxes that CARLA's camera cannot see, and says why.",
-    epilog="Exit codes: 0 done, 1 refused, 2 usage, 3 partly done, 69 server away, "
-    "130 interrupted.",
+    epilog="Exit codes: 0 done, 1 refused, 2 usage, 3 partly done, 69 server "
+    "away or busy, 130 interrupted.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -234,16 +236,15 @@ _TOKEN_HINT: Final = (
 
 
 def exit_code(error: Exception) -> int | None:
-    """The code for an error that has a message for people; None: it is a bug."""
-    # Imported when something has failed: commands that need no server or no library
-    # start without it.
+    """The exit code for an error that people can understand; None for a bug."""
+    # Here and not above, because a command that succeeds may need none of them.
     import httpx
 
     from unghost.client.discovery import BadServerUrl, ForeignServer
     from unghost.client.errors import ApiError, DamagedDownload, RunFailed, Unavailable
 
     if isinstance(error, httpx.TransportError | Unavailable):
-        return SERVER_AWAY
+        return UNAVAILABLE
     if isinstance(error, BadServerUrl):
         return USAGE
     refusals = (Refused, ApiError, RunFailed, DamagedDownload, ForeignServer, OSError)
@@ -255,7 +256,7 @@ def exit_code(error: Exception) -> int | None:
 
 
 def explain(error: Exception) -> Iterator[str]:
-    """Lines for people; the first one says it all."""
+    """What people are told of an error: a sentence, then lines with more about it."""
     import httpx
 
     from unghost.client.errors import ApiError, Unauthorized

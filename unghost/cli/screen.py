@@ -22,7 +22,8 @@ DONE: Final = 0
 REFUSED: Final = 1
 USAGE: Final = 2
 PARTLY: Final = 3
-SERVER_AWAY: Final = 69
+UNAVAILABLE: Final = 69
+"""The server does not answer, or is busy for too long."""
 INTERRUPTED: Final = 130
 
 _LINE_EVERY_S: Final = 5.0

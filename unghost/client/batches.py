@@ -70,7 +70,8 @@ class BatchSender:
                     raise self._unexpected("ends without a line for any frame")
             except (Unavailable, httpx.TransportError) as error:
                 moved_on = len(unanswered) < before
-                if not self._pause(attempts.failed(error, moved_on=moved_on)):
+                wait_s = attempts.failed(error, moved_on=moved_on)
+                if not self._pause(wait_s):
                     raise
 
     def _send_once(self, unanswered: deque[PackedFrame], report: Report) -> None:

@@ -14,7 +14,6 @@ from unghost.client.discovery import find_server
 from unghost.client.errors import Unavailable
 from unghost.client.jobs import JobMethods
 from unghost.client.outgoing import NotSent, Outcome, OutgoingFrame
-from unghost.client.push import Upload
 from unghost.client.transport import DEFAULT_TIMEOUT, RetryPolicy, Transport
 
 T = TypeVar("T")
@@ -94,6 +93,9 @@ class Client(Api, JobMethods):
             for outcome in client.push("town10", frames):
                 print(outcome.key, outcome.word)
         """
+        # Most programs ask and do not push: they need not wait for these modules.
+        from unghost.client.push import Upload
+
         upload = Upload(self._transport, dataset_path(dataset), replace, connections)
         return upload.send(frames)
 

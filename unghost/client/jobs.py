@@ -176,7 +176,8 @@ class _Job(Generic[StateT]):
                 error = httpx.RemoteProtocolError("the events have no end")
             except httpx.TransportError as broken:
                 error = broken
-            if not self.transport.pause(attempts.failed(error, moved_on=moved_on)):
+            wait_s = attempts.failed(error, moved_on=moved_on)
+            if not self.transport.pause(wait_s):
                 raise error
 
     def _stream(self, last_id: str) -> Call[httpx.Response]:
@@ -274,7 +275,8 @@ class _Download:
                 break
             except (httpx.TransportError, Unavailable) as error:
                 moved_on = self._bytes_there() > before
-                if not self.transport.pause(attempts.failed(error, moved_on=moved_on)):
+                wait_s = attempts.failed(error, moved_on=moved_on)
+                if not self.transport.pause(wait_s):
                     raise
         self._check()
         self.partial.replace(self.path)

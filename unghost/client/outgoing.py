@@ -10,23 +10,21 @@ import hashlib
 import json
 import os
 import stat
-import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
 
 from unghost.client.call import Files
 from unghost.client.errors import ApiError, Json
 
 if TYPE_CHECKING:
     from unghost.wire.datasets import VerdictCounts
+    from unghost.wire.words import UploadWord
 
 FileContent: TypeAlias = bytes | str | PathLike[str]
 """Of a frame's file: its bytes, or where it lies."""
-
-Word: TypeAlias = Literal["stored", "already_there", "refused"]
 
 FILE_NAMES: Final = (
     "image",
@@ -46,6 +44,7 @@ _READ_BYTES: Final = 1 << 18
 _BLOCK: Final = 512
 
 END_OF_ARCHIVE: Final = bytes(2 * _BLOCK)
+"""Two empty blocks, as the format of tar wants them."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ class Sent:
     counts: VerdictCounts
 
     @property
-    def word(self) -> Word:
+    def word(self) -> UploadWord:
         """What happened, in a word."""
         return "stored" if self.created else "already_there"
 
@@ -159,7 +158,7 @@ class AlreadyThere:
 
     key: str
     frame_id: int
-    word: ClassVar[Word] = "already_there"
+    word: ClassVar[UploadWord] = "already_there"
 
 
 @dataclass(frozen=True)
@@ -168,10 +167,11 @@ class NotSent:
 
     key: str
     error: ApiError | OSError | ValueError
-    word: ClassVar[Word] = "refused"
+    word: ClassVar[UploadWord] = "refused"
 
 
 Outcome: TypeAlias = Sent | AlreadyThere | NotSent
+"""What became of a frame."""
 
 
 def canonical_json(annotation: Json) -> bytes:
@@ -227,6 +227,8 @@ def _piece(content: FileContent) -> Piece:
 
 
 def _member(name: str, content: Piece) -> Iterator[Piece]:
+    import tarfile  # which who sends no archive need not wait for
+
     member = tarfile.TarInfo(name)
     member.size = size_of(content)
     yield member.tobuf(tarfile.USTAR_FORMAT)
@@ -235,7 +237,7 @@ def _member(name: str, content: Piece) -> Iterator[Piece]:
 
 
 def _joined(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """What is in memory between two files, as one piece: each is sent by itself."""
+    """The same bytes in fewer pieces: what is in memory between two files is one."""
     held: list[bytes] = []
     for piece in pieces:
         if isinstance(piece, bytes):

@@ -78,7 +78,7 @@ class Attempts:
     def failed(
         self, error: Unavailable | httpx.TransportError, *, moved_on: bool = False
     ) -> float:
-        """Note a failure; gives the seconds to wait, or raises it if it was the last.
+        """Note a failure: the seconds to wait; the last one is raised instead.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class Transport:
         return self._closed.is_set()
 
     def pause(self, seconds: float) -> bool:
-        """Wait, but not longer than until `close`; whether calls can be sent then."""
+        """Wait; True if calls can be sent then, False at once if `close` is called."""
         return not self._closed.wait(seconds)
 
     def send(self, call: Call[T]) -> T:
@@ -183,14 +183,17 @@ class Transport:
 
     def _answer(self, call: Call[T]) -> httpx.Response:
         attempts = Attempts(self.retry, call.patience)
-        once = not call.retried or call.method not in _REPEATABLE
+        repeatable = call.retried and call.method in _REPEATABLE
         # The same for each attempt, so that the server knows it for the same.
         key = uuid.uuid4().hex
         while True:
             try:
                 return _success(self._http.send(self._request(call, key)))
             except (Unavailable, httpx.TransportError) as error:
-                if once or not self.pause(attempts.failed(error)):
+                if not repeatable:
+                    raise
+                wait_s = attempts.failed(error)  # raises the error if it was the last
+                if not self.pause(wait_s):
                     raise
 
     def _request(self, call: Call[T], key: str | None = None) -> httpx.Request:
