@@ -30,7 +30,8 @@ from app.datasets.service import NewDataset, create_dataset
 from app.db.base import Base
 from app.db.bulk import copy_in, execute_many, run_each, update_rows
 from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
-from app.ingest.service import UploadedFrame, prepare_frame, store_frame
+from app.ingest.frame import UploadedFrame, UploadRequest
+from app.ingest.service import add_frame
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
@@ -237,9 +238,8 @@ def upload(context: ServiceContext) -> None:
     for number in range(UPLOADED):
         content = json.dumps(annotation(rng, number)).encode()
         files = {"segmentation": segmentation(rng)}
-        wanted = UploadedFrame(f"town/{number:06}", content, files, ADA, False)
-        ready = prepare_frame(context, "uploaded", wanted)
-        store_frame(context, "uploaded", ready)
+        upload = UploadedFrame(f"town/{number:06}", content, files)
+        add_frame(context, UploadRequest("uploaded", ADA), upload)
 
 
 def annotation(rng: np.random.Generator, number: int) -> dict[str, Any]:

@@ -21,7 +21,8 @@ from app.context import ServiceContext
 from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Run
 from app.engine import Job, LocalEngine
-from app.ingest.service import StoredFrame, UploadedFrame, prepare_frame, store_frame
+from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
+from app.ingest.service import add_frame
 from app.jobs.driver import carry_out
 from app.measuring.active import active_version, config_of
 from app.measuring.plan import DatasetReading
@@ -119,9 +120,8 @@ class Street:
         self, key: str, annotation: Mapping[str, Any], **files: bytes
     ) -> StoredFrame:
         content = json.dumps(annotation).encode()
-        upload = UploadedFrame(key, content, files, self.by, replace=True)
-        ready = prepare_frame(self.context, self.name, upload)
-        return store_frame(self.context, self.name, ready)
+        request = UploadRequest(self.name, self.by, replace=True)
+        return add_frame(self.context, request, UploadedFrame(key, content, files))
 
     def delete(self, key: str) -> None:
         with self.context.database.write() as session:

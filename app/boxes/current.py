@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -12,7 +13,14 @@ from sqlalchemy.orm import Session
 from app.boxes.filter import BoxFilter
 from app.boxes.orders import Present
 from app.boxes.queries import FrameRepository
-from app.db.bulk import Written, chunks, run_each, update_rows, upsert_in
+from app.db.bulk import (
+    Written,
+    chunks,
+    insert_columns,
+    run_each,
+    update_rows,
+    upsert_in,
+)
 from app.db.tables import Box, Decision, Frame, Review, Tally
 from app.errors import Forbidden, NotFound
 from app.measuring.queries import is_deleted
@@ -310,6 +318,22 @@ def _count_in(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
     return statement.on_conflict_do_update(
         index_elements=["dataset_id", *TallyKey._fields],
         set_={"boxes": Tally.boxes + statement.excluded.boxes},
+    )
+
+
+def add(
+    session: Session, dataset_id: int, columns: Mapping[str, Sequence[Any]]
+) -> None:
+    """Store the decisions on new boxes, which nobody has answered, and count them in.
+
+    `columns` are those of `decisions`, all equally long.
+    """
+    insert_columns(session, Decision, columns)
+    alike = Counter(
+        zip(columns["class_id"], columns["reason"], columns["toss_up"], strict=True)
+    )
+    TallyRepository(session).add(
+        dataset_id, {TallyKey(*key, ""): boxes for key, boxes in alike.items()}
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -24,7 +24,7 @@ from sqlalchemy.orm import Session, undefer
 
 from app.boxes.filter import BoxFilter
 from app.db.base import utc_now
-from app.db.bulk import chunks, insert_rows, run, run_each, upsert_in
+from app.db.bulk import chunks, insert_columns, insert_rows, run, run_each, upsert_in
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, only_in
@@ -71,14 +71,6 @@ class FramePage:
     backwards: bool
     after: str | int | None
     limit: int
-
-
-@dataclass(frozen=True)
-class NewBoxes:
-    """Boxes and current decisions of a new frame, as rows."""
-
-    boxes: list[dict[str, Any]] = field(default_factory=list)
-    decisions: list[dict[str, Any]] = field(default_factory=list)
 
 
 class FrameRepository:
@@ -269,10 +261,9 @@ class FrameRepository:
             ],
         )
 
-    def add_boxes(self, new: NewBoxes) -> None:
-        """Insert boxes and their current decisions."""
-        insert_rows(self._session, Box, new.boxes)
-        insert_rows(self._session, Decision, new.decisions)
+    def add_boxes(self, columns: Mapping[str, Sequence[Any]]) -> None:
+        """Insert boxes; `app.boxes.current.add` gives them their decisions."""
+        insert_columns(self._session, Box, columns)
 
     def supersede(self, frame: Frame) -> None:
         """A newer revision is coming: this one has no current decisions any more."""

@@ -155,6 +155,27 @@ def insert_rows(
         run_each(session, _insert(model), rows)
 
 
+def insert_columns(
+    session: Session, model: type[Base], columns: Mapping[str, Sequence[Any]]
+) -> None:
+    """As `insert_rows`, of rows that are given column by column, all equally long."""
+    connection = session.connection()
+    ready = _ready(_insert(model), frozenset(columns), connection.dialect)
+    given = dict(columns)
+    for name, change in ready.mend:
+        given[name] = [change(value) for value in given[name]]
+    names = ready.order or tuple(columns)
+    rows = list(zip(*(given[name] for name in names), strict=True))
+    if not rows:
+        return
+    if ready.order:
+        connection.exec_driver_sql(ready.text, rows)
+    elif len(rows) >= COPY_FROM_ROWS:
+        copy_rows(connection, _table(model), names, rows)
+    else:
+        connection.exec_driver_sql(ready.text, dict(zip(names, rows[0], strict=True)))
+
+
 def copy_in(
     session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
 ) -> None:

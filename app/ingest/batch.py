@@ -9,19 +9,25 @@ from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
-from typing import Final
+from typing import Final, TypeAlias
 
 from anyio import CapacityLimiter, to_thread
 
 from app.context import ServiceContext
 from app.errors import AppError, NotReady, TooManyRequests
 from app.incoming import HeldBytes, OpenBodies
-from app.ingest.service import BatchOf, FrameLine, FrameWork, store, work_on
+from app.ingest.frame import (
+    EndedFrame,
+    PreparedFrame,
+    ReadyFrame,
+    UploadedFrame,
+    UploadRequest,
+)
+from app.ingest.service import prepare_frame, store_frames
 from app.ingest.tar import (
     BLOCK,
     FrameAssembler,
     FrameLimits,
-    IncomingFrame,
     TarLimits,
     TarStream,
 )
@@ -36,7 +42,7 @@ MAX_IN_FLIGHT: Final = 96
 MAX_RECEIVED_BYTES: Final = 64 * 1024**2
 """Bytes of frames that are received and not measured yet; one more frame fits."""
 
-_Started = asyncio.Future[FrameWork]
+_Started: TypeAlias = asyncio.Future[PreparedFrame]
 
 
 class ArchiveFrames:
@@ -61,7 +67,7 @@ class ArchiveFrames:
                 max_frame_bytes=int(settings.max_body_bytes),
             )
         )
-        self._ready: deque[IncomingFrame] = deque()
+        self._ready: deque[UploadedFrame] = deque()
         self._fault: Exception | None = None
 
     async def begin(self) -> None:
@@ -79,7 +85,7 @@ class ArchiveFrames:
                 return
         self._tar.close()
 
-    async def __aiter__(self) -> AsyncIterator[IncomingFrame]:
+    async def __aiter__(self) -> AsyncIterator[UploadedFrame]:
         """Each frame as soon as it is complete; what is wrong with the archive."""
         for frame in self._given():
             yield frame
@@ -101,7 +107,7 @@ class ArchiveFrames:
             self._ready.extend(self._frames.add(member))
         self._hold()
 
-    def _given(self) -> Iterator[IncomingFrame]:
+    def _given(self) -> Iterator[UploadedFrame]:
         """Frames that are complete; whoever takes one counts it from there on."""
         while self._ready:
             frame = self._ready.popleft()
@@ -121,18 +127,18 @@ class BatchIntake:
     """
 
     def __init__(
-        self, context: ServiceContext, batch: BatchOf, places: CapacityLimiter
+        self, context: ServiceContext, request: UploadRequest, places: CapacityLimiter
     ) -> None:
-        self._context, self._batch, self._to_store = context, batch, places
+        self._context, self._request, self._to_store = context, request, places
         self._started: asyncio.Queue[_Started | None] = asyncio.Queue()
         self._places = asyncio.Semaphore(MAX_IN_FLIGHT)
         self._room = _Room(MAX_RECEIVED_BYTES)
         self._held: _Started | None = None
         self._counted: deque[_CountedFrame] = deque()
 
-    async def lines(
-        self, frames: AsyncIterator[IncomingFrame]
-    ) -> AsyncIterator[list[FrameLine]]:
+    async def ended(
+        self, frames: AsyncIterator[UploadedFrame]
+    ) -> AsyncIterator[list[EndedFrame]]:
         """What became of each frame, in their order, as soon as it is durable.
 
         Frames that share a transaction are durable, and told, together.
@@ -141,14 +147,13 @@ class BatchIntake:
         """
         receiving = asyncio.create_task(self._receive(frames))
         try:
-            while works := await self._some():
-                for together in _of_different_keys(works):
-                    lines = await self._store(together)
-                    yield lines
-                    for _ in lines:
+            while prepared := await self._some():
+                for together in _of_different_keys(prepared):
+                    yield await self._store(together)
+                    for _ in together:
                         self._places.release()
                         self._counted.popleft().let_go()
-                works, together = [], []  # nothing is kept while the next ones come
+                prepared, together = [], []  # nothing is kept while the next ones come
             await receiving
         finally:
             receiving.cancel()
@@ -156,7 +161,7 @@ class BatchIntake:
             for counted in self._counted:
                 counted.let_go()
 
-    async def _receive(self, frames: AsyncIterator[IncomingFrame]) -> None:
+    async def _receive(self, frames: AsyncIterator[UploadedFrame]) -> None:
         """Start work on frames while there is room; the client waits otherwise."""
         try:
             async for frame in frames:
@@ -169,8 +174,8 @@ class BatchIntake:
         finally:
             self._started.put_nowait(None)
 
-    async def _start(self, frame: IncomingFrame, size: int) -> Future[FrameWork]:
-        bodies, token_id = self._context.bodies, self._batch.sender.token_id
+    async def _start(self, frame: UploadedFrame, size: int) -> Future[PreparedFrame]:
+        bodies, token_id = self._context.bodies, self._request.sender.token_id
         counted = _CountedFrame(bodies, token_id, size)
         try:
             await self._places.acquire()
@@ -183,18 +188,18 @@ class BatchIntake:
         self._counted.append(counted)
         return future
 
-    def _work_on(self, frame: IncomingFrame) -> FrameWork:
-        return work_on(self._context, self._batch, frame)
+    def _work_on(self, frame: UploadedFrame) -> PreparedFrame:
+        return prepare_frame(self._context, self._request, frame)
 
-    async def _some(self) -> list[FrameWork]:
+    async def _some(self) -> list[PreparedFrame]:
         """The next frames that are ready at about the same time; none at the end."""
         first = self._held or await self._started.get()
         self._held = None
         if first is None:
             return []
-        works = [await first]
+        prepared = [await first]
         until = asyncio.get_running_loop().time() + LONGEST_WAIT_S
-        while len(works) < MOST_TOGETHER and not self._started.empty():
+        while len(prepared) < MOST_TOGETHER and not self._started.empty():
             following = self._started.get_nowait()
             if following is None:
                 self._started.put_nowait(None)
@@ -204,12 +209,14 @@ class BatchIntake:
             if not following.done() or following.exception() is not None:
                 self._held = following
                 break
-            works.append(following.result())
-        return works
+            prepared.append(following.result())
+        return prepared
 
-    async def _store(self, works: list[FrameWork]) -> list[FrameLine]:
+    async def _store(self, prepared: list[PreparedFrame]) -> list[EndedFrame]:
         async with self._to_store:
-            return await to_thread.run_sync(store, self._context, self._batch, works)
+            return await to_thread.run_sync(
+                store_frames, self._context, self._request, prepared
+            )
 
     def _throw_away(self) -> None:
         """Drafts of frames that were on their way when the batch ended early."""
@@ -220,12 +227,12 @@ class BatchIntake:
             if started is not None:
                 started.add_done_callback(self._discard)
 
-    def _discard(self, future: asyncio.Future[FrameWork]) -> None:
+    def _discard(self, future: asyncio.Future[PreparedFrame]) -> None:
         if future.cancelled() or future.exception() is not None:
             return
-        drafts = future.result().drafts
-        if drafts is not None:
-            self._context.storage.discard([drafts])
+        frame = future.result()
+        if isinstance(frame, ReadyFrame):
+            self._context.storage.discard([frame.drafts])
 
 
 class _CountedFrame:
@@ -237,10 +244,11 @@ class _CountedFrame:
         self._is_measured = self._is_let_go = False
         self._lock = threading.Lock()
 
-    def measured(self, done: Future[FrameWork]) -> None:
+    def measured(self, done: Future[PreparedFrame]) -> None:
         """Called in the thread that has measured it, or where it was cancelled."""
         failed = done.cancelled() or done.exception() is not None
-        kept = 0 if failed else done.result().size_bytes
+        frame = None if failed else done.result()
+        kept = frame.size_bytes if isinstance(frame, ReadyFrame) else 0
         with self._lock:
             self._is_measured = True
             self._lower(0 if self._is_let_go else kept)
@@ -253,7 +261,7 @@ class _CountedFrame:
                 self._lower(0)
 
     def never_started(self) -> None:
-        """Nothing works on it."""
+        """Nothing prepared on it."""
         with self._lock:
             self._lower(0)
 
@@ -283,10 +291,10 @@ class _Room:
         self._freed.set()
 
 
-def _of_different_keys(works: list[FrameWork]) -> Iterator[list[FrameWork]]:
+def _of_different_keys(prepared: list[PreparedFrame]) -> Iterator[list[PreparedFrame]]:
     """In their order, cut wherever a key comes again."""
-    together: dict[str, FrameWork] = {}
-    for work in works:
+    together: dict[str, PreparedFrame] = {}
+    for work in prepared:
         if work.key in together:
             yield list(together.values())
             together = {}

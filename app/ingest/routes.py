@@ -36,15 +36,11 @@ from app.http.problems import refusal_of
 from app.http.routing import LARGE_BODY, ApiRouter, body_up_to, has_left
 from app.incoming import HeldBytes
 from app.ingest.batch import ArchiveFrames, BatchIntake, OpenBatches
-from app.ingest.files import KINDS, checked_key
+from app.ingest.check import KINDS
+from app.ingest.frame import EndedFrame, RefusedFrame, UploadedFrame, UploadRequest
 from app.ingest.queries import known_frames
-from app.ingest.service import (
-    BatchOf,
-    FrameLine,
-    UploadedFrame,
-    prepare_frame,
-    store_frame,
-)
+from app.ingest.rows import NewFrame
+from app.ingest.service import add_frame
 from app.logs import current_request_id
 from app.measuring.active import PlanCache
 from app.measuring.queries import DatasetRepository
@@ -55,8 +51,8 @@ from unghost.wire.frames import (
     KnownFrame,
     KnownFrames,
     KnownFramesIn,
-    StoredFrame,
 )
+from unghost.wire.frames import StoredFrame as FrameAnswer
 from unghost.wire.model import Problem
 
 ARCHIVE: Final = "application/x-tar"
@@ -88,6 +84,20 @@ _ANSWER: Final[dict[int | str, dict[str, Any]]] = {
 }
 
 
+async def upload_request(
+    dataset: DatasetName,
+    principal: CurrentPrincipal,
+    replace: Annotated[
+        bool, Query(description="Store other content as the next revision.")
+    ] = False,
+) -> UploadRequest:
+    """What a request says of all its frames. Asynchronous: not worth a thread."""
+    return UploadRequest(dataset, principal, replace)
+
+
+CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
+
+
 @router.post(
     "/datasets/{dataset}/batches",
     response_class=Response,
@@ -95,17 +105,11 @@ _ANSWER: Final[dict[int | str, dict[str, Any]]] = {
     openapi_extra={**LARGE_BODY, **_BODY},
 )
 async def post_batch(
-    dataset: DatasetName,
-    request: Request,
-    principal: CurrentPrincipal,
-    services: AppServices,
-    replace: Annotated[
-        bool, Query(description="Store other content as the next revision.")
-    ] = False,
+    request: Request, common: CommonToFrames, services: AppServices
 ) -> Response:
     """Store the frames of a tar while it comes; each is answered once it is durable."""
     _expect_archive(request)
-    return BatchAnswer(request, services, BatchOf(dataset, principal, replace))
+    return BatchAnswer(request, services, common)
 
 
 def _expect_archive(request: Request) -> None:
@@ -128,11 +132,11 @@ class BatchAnswer(Response):
     media_type = LINES
 
     def __init__(
-        self, request: Request, services: ServiceContext, batch: BatchOf
+        self, request: Request, services: ServiceContext, common: UploadRequest
     ) -> None:
         super().__init__()
         del self.headers["content-length"]
-        self._request, self._services, self._batch = request, services, batch
+        self._request, self._services, self._common = request, services, common
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """What is wrong before the first frame is a problem, as everywhere."""
@@ -170,50 +174,51 @@ class BatchAnswer(Response):
     def _require_dataset(self) -> None:
         require_room(self._services.settings, self._services.storage)
         with self._services.database.read() as session:
-            self._services.one(PlanCache).active(session, self._batch.dataset)
+            self._services.one(PlanCache).active(session, self._common.dataset)
 
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
         places = self._request.app.state.batches
-        intake = BatchIntake(self._services, self._batch, places)
+        intake = BatchIntake(self._services, self._common, places)
         told: Counter[str] = Counter(stored=0, same=0, refused=0)
         why: dict[str, Problem] = {}
         try:
-            async for lines in intake.lines(aiter(frames)):
-                yield b"".join([self._told(line, told) for line in lines])
+            async for ended in intake.ended(aiter(frames)):
+                yield b"".join([self._told(frame, told) for frame in ended])
+                del ended  # nothing is kept while the next ones come
         except ClientDisconnect:
             return  # nobody is left to be told
         except Exception as error:
             why["problem"] = self._problem(error)
         yield _line(BatchEnd(end=True, frames=told.total(), **why, **told))
 
-    def _told(self, line: FrameLine, told: Counter[str]) -> bytes:
-        status = self._status(line)
+    def _told(self, frame: EndedFrame, told: Counter[str]) -> bytes:
+        """The line of a frame, which is counted."""
+        if isinstance(frame, RefusedFrame):
+            status, kind = refusal_of(frame.error).status, "refused"
+            line = BatchLine(
+                key=frame.key,
+                status=status,
+                frame_id=None,
+                decisions=None,
+                problem=self._problem(frame.error),
+            )
+        else:
+            is_new = isinstance(frame, NewFrame)
+            status, kind = (201, "stored") if is_new else (200, "same")
+            line = BatchLine(
+                key=frame.key,
+                status=status,
+                frame_id=frame.frame_id,
+                decisions=frame.verdicts,
+            )
         self._request.app.state.metrics.observe_frame(status)
-        told[_KINDS.get(status, "refused")] += 1
-        return _line(self._described(line, status))
-
-    def _status(self, line: FrameLine) -> int:
-        if line.error is not None:
-            return refusal_of(line.error).status
-        return 201 if line.created else 200
-
-    def _described(self, line: FrameLine, status: int) -> BatchLine:
-        why = {} if line.error is None else {"problem": self._problem(line.error)}
-        return BatchLine(
-            key=line.key,
-            status=status,
-            frame_id=line.frame_id,
-            decisions=line.verdicts,
-            **why,
-        )
+        told[kind] += 1
+        return _line(line)
 
     def _problem(self, error: Exception) -> Problem:
         return refusal_of(error).problem(
             instance=self._request.url.path, request_id=current_request_id.get()
         )
-
-
-_KINDS: Final = {201: "stored", 200: "same"}
 
 
 def _line(line: BatchLine | BatchEnd) -> bytes:
@@ -278,29 +283,22 @@ def described_body() -> dict[str, Any]:
 upload_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
-async def frame_upload(
-    key: FrameKey,
-    parts: FrameParts,
-    principal: CurrentPrincipal,
-    replace: Annotated[
-        bool, Query(description="Store other content as the next revision.")
-    ] = False,
-) -> UploadedFrame:
-    """A frame as it was sent. Asynchronous: not worth a thread of its own."""
+async def frame_upload(key: FrameKey, parts: FrameParts) -> UploadedFrame:
+    """A frame as it was sent. Asynchronous: not worth a thread."""
     files = {kind: content for kind, content in parts.items() if kind != ANNOTATION}
-    return UploadedFrame(checked_key(key), parts[ANNOTATION], files, principal, replace)
+    return UploadedFrame(key, parts[ANNOTATION], files)
 
 
 @upload_router.put(
     "/datasets/{dataset}/frames/{key:any}",
     status_code=201,
-    response_model=StoredFrame,
-    responses={200: {"model": StoredFrame, "description": "Stored already."}},
+    response_model=FrameAnswer,
+    responses={200: {"model": FrameAnswer, "description": "Stored already."}},
     openapi_extra=described_body(),
 )
 async def put_frame(
     request: Request,
-    dataset: DatasetName,
+    common: CommonToFrames,
     upload: Annotated[UploadedFrame, Depends(frame_upload)],
     services: AppServices,
 ) -> Response:
@@ -313,7 +311,7 @@ async def put_frame(
     watching = asyncio.ensure_future(_tell_when_left(request, given_up))
     try:
         return await to_thread.run_sync(
-            _store, services, dataset, upload, given_up, limiter=places
+            _store, services, common, upload, given_up, limiter=places
         )
     except GivenUp:
         raise (ClientDisconnect if given_up.is_set() else stopping)() from None
@@ -328,20 +326,18 @@ async def _tell_when_left(request: Request, given_up: threading.Event) -> None:
 
 def _store(
     services: ServiceContext,
-    dataset: str,
+    common: UploadRequest,
     upload: UploadedFrame,
     given_up: threading.Event,
 ) -> Response:
-    ready = prepare_frame(services, dataset, upload, given_up)
-    stored = store_frame(services, dataset, ready)
-    # Made when others may write again: it takes as long as all the rows.
-    if stored.describe is not None:
-        answer = stored.describe()
-    else:
-        with services.database.read() as reading:
-            answer = frames.describe_stored(reading, stored.frame_id)
+    stored = add_frame(services, common, upload, given_up)
     headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
-    return written(answer, 201 if stored.created else 200, headers)
+    if isinstance(stored, NewFrame):
+        # Made when others may write again: it takes as long as all the rows.
+        return written(stored.describe(), 201, headers)
+    with services.database.read() as session:
+        answer = frames.describe_stored(session, stored.frame_id)
+    return written(answer, 200, headers)
 
 
 @known_frames_router.post(

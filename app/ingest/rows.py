@@ -1,8 +1,8 @@
-"""One frame as rows, all or nothing, and as the answer to its upload."""
+"""New frames as rows, all or nothing, and as the answers to their uploads."""
 
 from __future__ import annotations
 
-import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -10,14 +10,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app import metrics
 from app.access.audit import Act, AuditTrail
+from app.boxes import current
 from app.boxes.counts import count, summary, tallies_of
-from app.boxes.current import TallyRepository, require_own, retire
 from app.boxes.frames import stored_files
-from app.boxes.queries import FileRow, FrameRepository, NewBoxes
+from app.boxes.queries import FrameRepository
 from app.boxes.reader import (
     StoredDecision,
     accepted_tags,
@@ -27,7 +28,7 @@ from app.boxes.reader import (
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Frame
-from app.ingest.files import CheckedFiles
+from app.ingest.frame import ReadyFrame, StoredFrame
 from app.measuring.active import ActiveDataset
 from app.measuring.evidence import packed
 from app.measuring.queries import (
@@ -39,211 +40,134 @@ from app.measuring.queries import (
 from app.review.service import carry_reviews
 from app.security import Principal
 from app.verdicts import effective_verdict
-from filter_core.annotation.frame import FrameAnnotation
 from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
-from filter_core.pipeline import MeasuredFrame
-from filter_core.types import Decisions, Reason
+from filter_core.types import (
+    VERDICT_OF_REASON,
+    VERDICTS,
+    Decisions,
+    FloatArray,
+    Reason,
+)
+from unghost.wire.datasets import VerdictCounts
 from unghost.wire.frames import FrameDetails
 
 
-def describe_new(
-    active: ActiveDataset, content: FrameContent, written: WrittenFrame
-) -> dict[str, Any]:
-    """A `wire.StoredFrame`; its decisions are dicts, with answers that came along."""
-    frame = _frame(active, content, written)
-    return {
-        "frame": frame,
-        "segmentation": frame.segmentation,
-        "decisions": _decisions(active, content, written),
-    }
+@dataclass(frozen=True, kw_only=True)
+class NewFrame(StoredFrame):
+    """A frame that was not there before: what its rows say of it.
 
+    `carried` are the answers, as rows, that came along from the revision before.
+    """
 
-def _frame(
-    active: ActiveDataset, content: FrameContent, written: WrittenFrame
-) -> FrameDetails:
-    files = {row.kind: row for row in content.files.rows}
-    report, raw = content.measured.segmentation, content.annotation.raw
-    decided = zip(
-        content.measured.evidence.class_index.tolist(),
-        written.decisions.reason.tolist(),
-        written.decisions.toss_up.tolist(),
-        strict=True,
-    )
-    answers = {row["box_id"]: row["verdict"] for row in written.carried}
-    alike = tallies_of(
-        (index, reason, toss, answers.get(box_id))
-        for box_id, (index, reason, toss) in enumerate(decided, written.first_box_id)
-    )
-    width, height = content.files.image_wh
-    return FrameDetails(
-        id=written.frame_id,
-        key=content.key,
-        revision=written.revision,
-        width=width,
-        height=height,
-        map=content.annotation.map,
-        has_image="image" in files,
-        has_segmentation="segmentation" in files,
-        lossy=content.measured.lossy,
-        created_at=written.created_at,
-        counts=summary(count(alike)),
-        dataset=active.name,
-        camera=raw.get("camera"),
-        carla_version=content.annotation.carla_version,
-        captured_text=content.annotation.captured_at,
-        weather=raw.get("weather"),
-        superseded=False,
-        segmentation=report,
-        files=stored_files(written.frame_id, files),
-    )
-
-
-def _decisions(
-    active: ActiveDataset, content: FrameContent, written: WrittenFrame
-) -> list[StoredDecision]:
-    measured, geometry = content.measured, content.measured.geometry
-    if written.revision > 1:  # answered as if it was read, as it always has been
-        edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
-        geometry = replace(geometry, edges=edges)
-    facts = measured.facts(active.config)
-    composed = decision_dicts(
-        facts,
-        measured.ids,
-        measured.evidence,
-        written.decisions,
-        geometry,
-    )
-    masks = measured.evidence.accept_mask.tolist()
-    tags = {mask: accepted_tags(facts.family, mask) for mask in set(masks)}
-    described: list[StoredDecision] = [
-        {
-            **decision,
-            "frame": content.key,
-            "box_id": written.first_box_id + position,
-            "frame_id": written.frame_id,
-            "run": active.row.run_id,
-            "config": active.row.config_digest,
-            "revision": 0,
-            "review": None,
-            "effective_verdict": decision["verdict"],
-            "accepted_tags": tags[mask],
-        }
-        for position, (decision, mask) in enumerate(zip(composed, masks, strict=True))
-    ]
-    for row in written.carried:
-        position = row["box_id"] - written.first_box_id
-        reason = int(written.decisions.reason[position])
-        described[position] |= {
-            "revision": row["revision"],
-            "review": current_review(row),
-            "effective_verdict": effective_verdict(reason, row["verdict"]),
-        }
-    return described
-
-
-@dataclass(frozen=True)
-class FrameContent:
-    """A frame that is ready to be stored."""
-
-    key: str
-    digest: str
-    sender: Principal
-    annotation: FrameAnnotation
-    files: CheckedFiles
-    measured: MeasuredFrame
-
-
-@dataclass(frozen=True)
-class WrittenFrame:
-    """What the database gave a new frame, and what was decided."""
-
-    frame_id: int
+    ready: ReadyFrame
+    active: ActiveDataset
     first_box_id: int
     revision: int
     created_at: datetime
     decisions: Decisions
     carried: Sequence[Mapping[str, Any]] = ()
-    """Answers that came along from the revision before, as rows."""
+
+    @property
+    def boxes(self) -> int:
+        """How many it has."""
+        return len(self.decisions.reason)
+
+    @property
+    def box_ids(self) -> list[int]:
+        """The server's ids of its boxes, in the order of the annotation."""
+        return list(range(self.first_box_id, self.first_box_id + self.boxes))
+
+    def describe(self) -> dict[str, Any]:
+        """A `wire.StoredFrame`; its decisions are dicts.
+
+        The database is not asked, so it is best made when others may write again.
+        """
+        frame = _details(self)
+        return {
+            "frame": frame,
+            "segmentation": frame.segmentation,
+            "decisions": _decisions(self),
+        }
 
 
-def write_frames(
+def insert_frames(
     session: Session,
     active: ActiveDataset,
-    work: Sequence[tuple[FrameContent, KeyRow]],
-) -> list[WrittenFrame]:
+    sender: Principal,
+    frames: Sequence[ReadyFrame],
+    known: Mapping[str, KeyRow],
+) -> list[NewFrame]:
     """Insert frames of different keys and decide their boxes.
 
-    Each comes with what its key had before: the revision that it replaces, if any.
+    `known` is what their keys had before: the revisions that they replace, if any.
     """
-    frames = FrameRepository(session)
-    formers = [
-        None if known.frame_id is None else frames.with_id(known.frame_id)
-        for _, known in work
-    ]
-    for former in formers:
-        if former is not None:
-            retire(session, former)
-    contents = [content for content, _ in work]
-    written = _numbered(session, active, contents, formers)
-    rows = _Rows(active, _class_ids(session, active, contents))
-    for content, row in zip(contents, written, strict=True):
-        rows.add(content, row)
-    rows.insert(session)
-    for number, former in enumerate(formers):
-        if former is not None:
-            content, row = contents[number], written[number]
-            boxes = _with_what_was_decided(rows.boxes_of(content.key), content, row)
-            carried = _replaced(session, active.name, former, content, boxes)
-            written[number] = replace(row, carried=carried)
-    for content, known in work:
-        if known.has_problem:
-            ProblemRepository(session).forget(active.row.dataset_id, content.key)
-    once_committed(session, partial(_count, contents, written))
-    return written
-
-
-def _count(contents: Sequence[FrameContent], written: Sequence[WrittenFrame]) -> None:
-    metrics.FRAMES.add(len(contents))
-    for content in contents:
-        for file in content.files.rows:
-            metrics.FRAME_BYTES.add(file.size_bytes, file.kind)
-    reasons = np.concatenate([row.decisions.reason for row in written])
-    metrics.BOXES.add(len(reasons))
-    for number, boxes in enumerate(np.bincount(reasons).tolist()):
-        if boxes:
-            reason = Reason(number)
-            metrics.DECISIONS.add(boxes, reason.verdict.value, reason.label)
+    if not frames:
+        return []
+    repository = FrameRepository(session)
+    former_ids = {frame.key: known[frame.key].frame_id for frame in frames}
+    formers = {
+        key: repository.with_id(frame_id)
+        for key, frame_id in former_ids.items()
+        if frame_id is not None
+    }
+    for former in formers.values():
+        current.retire(session, former)
+    new = _numbered(session, active, frames, formers)
+    class_ids = _class_ids(session, active, frames)
+    _insert(session, active, sender, new, class_ids)
+    for place, frame in enumerate(new):
+        if frame.key in formers:
+            carried = _carried(session, sender, formers[frame.key], frame, class_ids)
+            new[place] = replace(frame, carried=carried)
+        if known[frame.key].has_problem:
+            ProblemRepository(session).forget(active.row.dataset_id, frame.key)
+    once_committed(session, partial(_count, new))
+    return new
 
 
 def _numbered(
     session: Session,
     active: ActiveDataset,
-    contents: Sequence[FrameContent],
-    formers: Sequence[Frame | None],
-) -> list[WrittenFrame]:
-    sizes = [len(content.measured.evidence) for content in contents]
+    frames: Sequence[ReadyFrame],
+    formers: Mapping[str, Frame],
+) -> list[NewFrame]:
+    sizes = [len(frame.measured.evidence) for frame in frames]
     frame_id, box_id = FrameRepository(session).take_ids(len(sizes), sum(sizes))
-    written = []
-    for content, former, size in zip(contents, formers, sizes, strict=True):
-        written.append(
-            WrittenFrame(
-                frame_id=frame_id,
+    new = []
+    for ready, size in zip(frames, sizes, strict=True):
+        former = formers.get(ready.key)
+        decisions = decide(ready.measured.evidence, active.config)
+        new.append(
+            NewFrame(
+                ready.key,
+                frame_id,
+                verdict_counts(decisions.reason),
+                ready=ready,
+                active=active,
                 first_box_id=box_id,
                 revision=1 if former is None else former.revision + 1,
                 created_at=utc_now(),
-                decisions=decide(content.measured.evidence, active.config),
+                decisions=decisions,
             )
         )
         frame_id, box_id = frame_id + 1, box_id + size
-    return written
+    return new
+
+
+def verdict_counts(reasons: NDArray[np.integer[Any]]) -> VerdictCounts:
+    """How many boxes have each verdict, by their reasons."""
+    boxes = np.bincount(VERDICT_OF_REASON[reasons], minlength=len(VERDICTS)).tolist()
+    return VerdictCounts(
+        **{verdict.value: boxes[code] for code, verdict in enumerate(VERDICTS)}
+    )
 
 
 def _class_ids(
-    session: Session, active: ActiveDataset, contents: Sequence[FrameContent]
+    session: Session, active: ActiveDataset, frames: Sequence[ReadyFrame]
 ) -> dict[str, int]:
     names = dict.fromkeys(
-        name for content in contents for name in content.measured.evidence.class_names
+        name for frame in frames for name in frame.measured.evidence.class_names
     )
     datasets = DatasetRepository(session)
     known = datasets.classes(active.row.dataset_id)
@@ -252,166 +176,225 @@ def _class_ids(
     return datasets.class_ids(datasets.named(active.name), list(names))
 
 
-class _Rows:
-    """Rows of several frames, table by table."""
-
-    def __init__(self, active: ActiveDataset, class_ids: Mapping[str, int]) -> None:
-        self._active, self._class_ids = active, class_ids
-        self._frames: list[dict[str, Any]] = []
-        self._files: dict[int, Sequence[FileRow]] = {}
-        self._boxes: dict[str, list[dict[str, Any]]] = {}
-        self._decisions: list[dict[str, Any]] = []
-        self._evidence: list[dict[str, Any]] = []
-
-    def boxes_of(self, key: str) -> list[dict[str, Any]]:
-        """The boxes of the frame under a key."""
-        return self._boxes[key]
-
-    def add(self, content: FrameContent, written: WrittenFrame) -> None:
-        """One more frame."""
-        row = self._active.row
-        names = content.measured.evidence.class_names
-        class_ids = [self._class_ids[name] for name in names]
-        boxes = _box_rows(content, class_ids, written)
-        self._frames.append(_frame_row(self._active, content, written))
-        self._files[written.frame_id] = content.files.rows
-        self._boxes[content.key] = boxes
-        self._decisions += _decision_rows(
-            row.dataset_id, boxes, content, written.decisions
-        )
-        self._evidence.append(
+def _insert(
+    session: Session,
+    active: ActiveDataset,
+    sender: Principal,
+    frames: Sequence[NewFrame],
+    class_ids: Mapping[str, int],
+) -> None:
+    """Rows of frames, files, boxes, decisions and evidence; tallies count them in."""
+    row, repository = active.row, FrameRepository(session)
+    boxes: dict[str, list[Any]] = defaultdict(list)
+    decisions: dict[str, list[Any]] = defaultdict(list)
+    evidence = []
+    for frame in frames:
+        measured = frame.ready.measured
+        ids_of_classes = [class_ids[name] for name in measured.evidence.class_names]
+        columns = _box_columns(frame, ids_of_classes)
+        for name, values in columns.items():
+            boxes[name] += values
+        for name, values in _decision_columns(frame, columns).items():
+            decisions[name] += values
+        evidence.append(
             {
-                "frame_id": written.frame_id,
+                "frame_id": frame.frame_id,
                 "measurement_id": row.measurement_id,
-                **packed(content.measured, class_ids),
+                **packed(measured, ids_of_classes),
             }
         )
-
-    def insert(self, session: Session) -> None:
-        """All of them."""
-        FrameRepository(session).add(self._frames, self._files)
-        boxes = [box for each in self._boxes.values() for box in each]
-        FrameRepository(session).add_boxes(NewBoxes(boxes, self._decisions))
-        EvidenceRepository(session).add(self._evidence)
-        alike = (
-            (r["class_id"], r["reason"], r["toss_up"], None) for r in self._decisions
-        )
-        TallyRepository(session).add(self._active.row.dataset_id, tallies_of(alike))
-
-
-def _with_what_was_decided(
-    boxes: Sequence[Mapping[str, Any]], content: FrameContent, written: WrittenFrame
-) -> list[dict[str, Any]]:
-    columns = zip(
-        boxes,
-        content.annotation.boxes,
-        written.decisions.reason.tolist(),
-        written.decisions.toss_up.tolist(),
-        strict=True,
+    repository.add(
+        [_frame_row(frame, sender) for frame in frames],
+        {frame.frame_id: frame.ready.checked.files for frame in frames},
     )
-    return [
-        {**row, "raw": box.raw, "reason": reason, "toss_up": toss_up}
-        for row, box, reason, toss_up in columns
-    ]
+    repository.add_boxes(boxes)
+    current.add(session, row.dataset_id, decisions)
+    EvidenceRepository(session).add(evidence)
 
 
-def _replaced(
-    session: Session,
-    dataset: str,
-    former: Frame,
-    content: FrameContent,
-    boxes: Sequence[Mapping[str, Any]],
-) -> Sequence[Mapping[str, Any]]:
-    """Carry answers over and note those set aside; Forbidden if they are others'."""
-    carried, set_aside = carry_reviews(session, former, boxes)
-    sender, act = content.sender, f"replacing frame {content.key!r}"
-    of_others = require_own(sender, set_aside, act)
-    AuditTrail(session, sender).note(
-        Act.FRAME_REPLACED,
-        content.key,
-        dataset=dataset,
-        revision=former.revision + 1,
-        answers=sum(set_aside.values()),
-        of_others=of_others,
-    )
-    return carried
-
-
-def _frame_row(
-    active: ActiveDataset, content: FrameContent, written: WrittenFrame
-) -> dict[str, Any]:
-    annotation = content.annotation
-    width, height = content.files.image_wh
+def _frame_row(frame: NewFrame, sender: Principal) -> dict[str, Any]:
+    row, checked = frame.active.row, frame.ready.checked
+    annotation = checked.annotation
+    width, height = checked.image_wh
     return {
-        "id": written.frame_id,
-        "first_box_id": written.first_box_id,
-        "revision": written.revision,
-        "dataset_id": active.row.dataset_id,
-        "key": content.key,
-        "content_digest": content.digest,
-        "config_id": active.row.config_id,
-        "run_id": active.row.run_id,
-        "box_count": len(annotation.boxes),
+        "id": frame.frame_id,
+        "first_box_id": frame.first_box_id,
+        "revision": frame.revision,
+        "dataset_id": row.dataset_id,
+        "key": frame.key,
+        "content_digest": checked.digest,
+        "config_id": row.config_id,
+        "run_id": row.run_id,
+        "box_count": frame.boxes,
         "width": width,
         "height": height,
         "carla_version": annotation.carla_version,
         "map": annotation.map,
         "captured_at": annotation.captured_at,
         "annotation": annotation.raw,
-        "created_by": content.sender.name,
-        "created_at": written.created_at,
+        "created_by": sender.name,
+        "created_at": frame.created_at,
     }
 
 
-def _box_rows(
-    content: FrameContent, class_ids: list[int], written: WrittenFrame
-) -> list[dict[str, Any]]:
-    index = content.measured.evidence.class_index.tolist()
-    return [
-        {
-            "id": written.first_box_id + position,
-            "frame_id": written.frame_id,
-            "class_id": class_ids[index[position]],
-            "source_id": box.id,
-        }
-        for position, box in enumerate(content.annotation.boxes)
-    ]
+def _box_columns(frame: NewFrame, class_ids: Sequence[int]) -> dict[str, list[Any]]:
+    index = frame.ready.measured.evidence.class_index.tolist()
+    return {
+        "id": frame.box_ids,
+        "frame_id": [frame.frame_id] * frame.boxes,
+        "class_id": [class_ids[each] for each in index],
+        "source_id": [box.id for box in frame.ready.checked.annotation.boxes],
+    }
 
 
-def _decision_rows(
-    dataset_id: int,
-    boxes: list[dict[str, Any]],
-    content: FrameContent,
-    decisions: Decisions,
-) -> list[dict[str, Any]]:
-    evidence = content.measured.evidence
+def _decision_columns(
+    frame: NewFrame, boxes: Mapping[str, list[Any]]
+) -> dict[str, list[Any]]:
+    evidence, decisions = frame.ready.measured.evidence, frame.decisions
+    return {
+        "box_id": boxes["id"],
+        "dataset_id": [frame.active.row.dataset_id] * frame.boxes,
+        "frame_id": boxes["frame_id"],
+        "class_id": boxes["class_id"],
+        "match_percent": _or_none(evidence.match_percent),
+        "crowding": np.nan_to_num(evidence.crowding, nan=0.0).tolist(),
+        "distance": _or_none(evidence.distance),
+        "reason": decisions.reason.tolist(),
+        "large": decisions.large.tolist(),
+        "toss_up": decisions.toss_up.tolist(),
+        "revision": [0] * frame.boxes,
+    }
+
+
+def _or_none(column: FloatArray) -> list[float | None]:
+    # NaN alone is unlike itself.
+    return [value if value == value else None for value in column.tolist()]
+
+
+def _carried(
+    session: Session,
+    sender: Principal,
+    former: Frame,
+    frame: NewFrame,
+    class_ids: Mapping[str, int],
+) -> Sequence[Mapping[str, Any]]:
+    """Carry answers over and note those set aside; Forbidden if they are others'."""
+    evidence = frame.ready.measured.evidence
     columns = zip(
-        boxes,
-        evidence.match_percent.tolist(),
-        evidence.crowding.tolist(),
-        evidence.distance.tolist(),
-        decisions.reason.tolist(),
-        decisions.large.tolist(),
-        decisions.toss_up.tolist(),
+        frame.box_ids,
+        frame.ready.checked.annotation.boxes,
+        evidence.class_index.tolist(),
+        frame.decisions.reason.tolist(),
+        frame.decisions.toss_up.tolist(),
         strict=True,
     )
-    return [
+    boxes = [
         {
-            "box_id": box["id"],
-            "dataset_id": dataset_id,
-            "frame_id": box["frame_id"],
-            "class_id": box["class_id"],
-            "match_percent": _known(match),
-            "crowding": _known(crowding) or 0.0,
-            "distance": _known(distance),
+            "id": box_id,
+            "source_id": box.id,
+            "class_id": class_ids[evidence.class_names[index]],
+            "raw": box.raw,
             "reason": reason,
-            "large": large,
             "toss_up": toss_up,
-            "revision": 0,
         }
-        for box, match, crowding, distance, reason, large, toss_up in columns
+        for box_id, box, index, reason, toss_up in columns
     ]
+    carried, set_aside = carry_reviews(session, former, boxes)
+    of_others = current.require_own(sender, set_aside, f"replacing frame {frame.key!r}")
+    AuditTrail(session, sender).note(
+        Act.FRAME_REPLACED,
+        frame.key,
+        dataset=frame.active.name,
+        revision=frame.revision,
+        answers=sum(set_aside.values()),
+        of_others=of_others,
+    )
+    return carried
 
 
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
+def _count(frames: Sequence[NewFrame]) -> None:
+    metrics.FRAMES.add(len(frames))
+    for frame in frames:
+        for file in frame.ready.checked.files:
+            metrics.FRAME_BYTES.add(file.size_bytes, file.kind)
+    reasons = np.concatenate([frame.decisions.reason for frame in frames])
+    metrics.BOXES.add(len(reasons))
+    for number, boxes in enumerate(np.bincount(reasons).tolist()):
+        if boxes:
+            reason = Reason(number)
+            metrics.DECISIONS.add(boxes, reason.verdict.value, reason.label)
+
+
+def _details(frame: NewFrame) -> FrameDetails:
+    checked, measured = frame.ready.checked, frame.ready.measured
+    files = {row.kind: row for row in checked.files}
+    answers = {row["box_id"]: row["verdict"] for row in frame.carried}
+    alike = tallies_of(
+        zip(
+            measured.evidence.class_index.tolist(),
+            frame.decisions.reason.tolist(),
+            frame.decisions.toss_up.tolist(),
+            map(answers.get, frame.box_ids),
+            strict=True,
+        )
+    )
+    annotation = checked.annotation
+    width, height = checked.image_wh
+    return FrameDetails(
+        id=frame.frame_id,
+        key=frame.key,
+        revision=frame.revision,
+        width=width,
+        height=height,
+        map=annotation.map,
+        has_image="image" in files,
+        has_segmentation="segmentation" in files,
+        lossy=measured.lossy,
+        created_at=frame.created_at,
+        counts=summary(count(alike)),
+        dataset=frame.active.name,
+        camera=annotation.raw.get("camera"),
+        carla_version=annotation.carla_version,
+        captured_text=annotation.captured_at,
+        weather=annotation.raw.get("weather"),
+        superseded=False,
+        segmentation=measured.segmentation,
+        files=stored_files(frame.frame_id, files),
+    )
+
+
+def _decisions(frame: NewFrame) -> list[StoredDecision]:
+    measured, geometry = frame.ready.measured, frame.ready.measured.geometry
+    if frame.revision > 1:  # answered as if it was read, as it always has been
+        edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
+        geometry = replace(geometry, edges=edges)
+    facts = measured.facts(frame.active.config)
+    composed = decision_dicts(
+        facts, measured.ids, measured.evidence, frame.decisions, geometry
+    )
+    masks = measured.evidence.accept_mask.tolist()
+    tags = {mask: accepted_tags(facts.family, mask) for mask in set(masks)}
+    described: list[StoredDecision] = [
+        {
+            **decision,
+            "frame": frame.key,
+            "box_id": box_id,
+            "frame_id": frame.frame_id,
+            "run": frame.active.row.run_id,
+            "config": frame.active.row.config_digest,
+            "revision": 0,
+            "review": None,
+            "effective_verdict": decision["verdict"],
+            "accepted_tags": tags[mask],
+        }
+        for decision, box_id, mask in zip(composed, frame.box_ids, masks, strict=True)
+    ]
+    for row in frame.carried:
+        position = row["box_id"] - frame.first_box_id
+        reason = int(frame.decisions.reason[position])
+        described[position] |= {
+            "revision": row["revision"],
+            "review": current_review(row),
+            "effective_verdict": effective_verdict(reason, row["verdict"]),
+        }
+    return described

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from app.errors import AppError, TooLarge, Unprocessable, UnsupportedMedia
 from app.incoming import Pieces
-from app.ingest.files import KINDS
+from app.ingest.check import KINDS
+from app.ingest.frame import UploadedFrame
 
 _ANNOTATION: Final = ".json"
 
@@ -27,46 +28,33 @@ class FrameLimits:
     max_frame_bytes: int
 
 
-@dataclass
-class IncomingFrame:
-    """A frame as it came; `fault` is what is wrong with it already."""
-
-    name: str
-    annotation: bytes = b""
-    files: dict[str, bytes] = field(default_factory=dict)
-    fault: AppError | None = None
-
-    @property
-    def size_bytes(self) -> int:
-        """What it holds in memory."""
-        return len(self.annotation) + sum(map(len, self.files.values()))
-
-
 class FrameAssembler:
     """Gives each frame when the next one begins, or the archive ends."""
 
     def __init__(self, limits: FrameLimits) -> None:
         self._limits = limits
-        self._open: IncomingFrame | None = None
+        self._open: UploadedFrame | None = None
 
     @property
     def size_bytes(self) -> int:
         """What the frame that is not complete yet holds in memory."""
         return self._open.size_bytes if self._open else 0
 
-    def add(self, member: Member) -> Iterator[IncomingFrame]:
+    def add(self, member: Member) -> Iterator[UploadedFrame]:
         """The frames that this member completes."""
         if member.name.endswith(_ANNOTATION):
             yield from self.finish()
-            self._open = IncomingFrame(member.name.removesuffix(_ANNOTATION))
+            self._open = UploadedFrame(
+                member.name.removesuffix(_ANNOTATION), may_rename=True
+            )
             self._take(self._open, "annotation", member.content)
-        elif self._open and member.name.startswith(f"{self._open.name}."):
-            suffixes = member.name[len(self._open.name) + 1 :]
+        elif self._open and member.name.startswith(f"{self._open.key}."):
+            suffixes = member.name[len(self._open.key) + 1 :]
             self._add_file(self._open, suffixes.partition(".")[0], member.content)
         else:
-            yield IncomingFrame(member.name, fault=self._misplaced(member.name))
+            yield UploadedFrame(member.name, fault=self._misplaced(member.name))
 
-    def finish(self) -> Iterator[IncomingFrame]:
+    def finish(self) -> Iterator[UploadedFrame]:
         """The last frame."""
         done, self._open = self._open, None
         if done is not None:
@@ -74,13 +62,13 @@ class FrameAssembler:
 
     def _misplaced(self, name: str) -> Unprocessable:
         first = "the NAME.json of its frame before it"
-        expected = repr(f"{self._open.name}.KIND"[:80]) if self._open else first
+        expected = repr(f"{self._open.key}.KIND"[:80]) if self._open else first
         return Unprocessable(
             f"file {name[:80]!r} belongs to no frame; expected {expected}",
             code="misplaced_member",
         )
 
-    def _add_file(self, frame: IncomingFrame, kind: str, content: bytes | None) -> None:
+    def _add_file(self, frame: UploadedFrame, kind: str, content: bytes | None) -> None:
         if kind not in KINDS:
             _refuse(
                 frame,
@@ -98,7 +86,7 @@ class FrameAssembler:
         else:
             self._take(frame, kind, content)
 
-    def _take(self, frame: IncomingFrame, part: str, content: bytes | None) -> None:
+    def _take(self, frame: UploadedFrame, part: str, content: bytes | None) -> None:
         limits = self._limits
         if content is None:
             most = limits.max_part_bytes
@@ -112,7 +100,7 @@ class FrameAssembler:
             frame.files[part] = content
 
 
-def _refuse(frame: IncomingFrame, fault: AppError) -> None:
+def _refuse(frame: UploadedFrame, fault: AppError) -> None:
     """The first fault is what is told; nothing of the frame is kept."""
     frame.fault = frame.fault or fault
     frame.annotation, frame.files = b"", {}

@@ -21,6 +21,7 @@ from app.measuring.queries import (
     active_row,
     active_row_and_key,
     glance,
+    key_rows,
 )
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -54,12 +55,15 @@ class PlanCache:
         """The dataset as this session sees it; NotFound."""
         return self._dataset(session, name, active_row(session, name))
 
-    def active_and_key(
-        self, session: Session, name: str, key: str
-    ) -> tuple[ActiveDataset, KeyRow]:
-        """The same, and what it has under a frame's key."""
-        row, known = active_row_and_key(session, name, key)
-        return self._dataset(session, name, row), known
+    def active_and_keys(
+        self, session: Session, name: str, keys: Sequence[str]
+    ) -> tuple[ActiveDataset, dict[str, KeyRow]]:
+        """The same, and what it has under these keys of frames."""
+        if len(keys) == 1:  # one statement is half as dear as three
+            row, known = active_row_and_key(session, name, keys[0])
+            return self._dataset(session, name, row), {keys[0]: known}
+        active = self.active(session, name)
+        return active, key_rows(session, active.row.dataset_id, keys) if keys else {}
 
     def before_measuring(
         self, database: Database, name: str, key: str
@@ -70,7 +74,8 @@ class PlanCache:
         if plans is not None:
             return ActiveDataset(name, row, *plans), known
         with database.read() as session:
-            return self.active_and_key(session, name, key)
+            active, of_keys = self.active_and_keys(session, name, [key])
+            return active, of_keys[key]
 
     def _dataset(self, session: Session, name: str, row: ActiveRow) -> ActiveDataset:
         key = _named(name, row)

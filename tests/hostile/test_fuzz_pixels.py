@@ -14,7 +14,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from app.ingest.files import KINDS, check_files
+from app.ingest.check import KINDS, check_files
 from app.settings import Settings
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import FilterError

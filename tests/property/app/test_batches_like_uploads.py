@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from app.boxes import frames as described
 from app.errors import FrameConflict, NotFound
 from app.ingest.batch import BatchIntake
-from app.ingest.service import BatchOf, UploadedFrame, prepare_frame, store_frame
-from app.ingest.tar import IncomingFrame
+from app.ingest.frame import RefusedFrame, UploadedFrame, UploadRequest
+from app.ingest.rows import NewFrame
+from app.ingest.service import add_frame
 from filter_core.errors import FilterError
 from tests.api import frames as scene
 
@@ -52,11 +53,10 @@ def annotation_of(boxes):
 def one_by_one(street, frames, replace):
     for key, boxes, has_segmentation, number in frames:
         files = files_of(number, has_segmentation)
-        upload = UploadedFrame(key, annotation_of(boxes), files, street.by, replace)
+        request = UploadRequest(street.name, street.by, replace)
+        upload = UploadedFrame(key, annotation_of(boxes), files)
         try:
-            ready = prepare_frame(street.context, street.name, upload)
-            stored = store_frame(street.context, street.name, ready)
-            yield 201 if stored.created else 200
+            yield status(add_frame(street.context, request, upload))
         except FrameConflict:
             yield 409
         except FilterError:
@@ -67,19 +67,17 @@ async def at_once(street, frames, replace):
     async def incoming():
         for key, boxes, has_segmentation, number in frames:
             files = files_of(number, has_segmentation)
-            yield IncomingFrame(key, annotation_of(boxes), files)
+            yield UploadedFrame(key, annotation_of(boxes), files, may_rename=True)
 
-    batch = BatchOf(street.name, street.by, replace)
-    intake = BatchIntake(street.context, batch, CapacityLimiter(1))
-    return [line async for lines in intake.lines(incoming()) for line in lines]
+    request = UploadRequest(street.name, street.by, replace)
+    intake = BatchIntake(street.context, request, CapacityLimiter(1))
+    return [frame async for some in intake.ended(incoming()) for frame in some]
 
 
-def status(line):
-    if isinstance(line.error, FrameConflict):
-        return 409
-    if line.error is not None:
-        return 422
-    return 201 if line.created else 200
+def status(frame):
+    if isinstance(frame, RefusedFrame):
+        return 409 if isinstance(frame.error, FrameConflict) else 422
+    return 201 if isinstance(frame, NewFrame) else 200
 
 
 def without_ids(value):
@@ -105,8 +103,8 @@ def test_a_batch_is_like_its_frames_one_by_one(services, frames, replace):
     alone, together = services.dataset(), services.dataset()
 
     statuses = list(one_by_one(alone, frames, replace))
-    lines = asyncio.run(at_once(together, frames, replace))
+    ended = asyncio.run(at_once(together, frames, replace))
 
-    assert [status(line) for line in lines] == statuses
+    assert [status(frame) for frame in ended] == statuses
     assert stored(together) == stored(alone)
     assert together.tallies() == together.recounted()

@@ -10,15 +10,9 @@ import pytest
 from sqlalchemy import select
 
 from app.engine.pixels import PixelPool
-from app.ingest.service import (
-    BatchOf,
-    UploadedFrame,
-    prepare_frame,
-    store,
-    store_frame,
-    work_on,
-)
-from app.ingest.tar import IncomingFrame
+from app.ingest.frame import UploadedFrame, UploadRequest
+from app.ingest.rows import NewFrame
+from app.ingest.service import prepare_frame, store_frames
 from app.measuring.queries import EvidenceRepository
 from tests.api import frames as scene
 from tests.services import running_services
@@ -64,41 +58,26 @@ def street(tmp_path):
         pool.close()
 
 
-def upload(street, key):
-    annotation = json.dumps(scene.annotation()).encode()
-    files = {"segmentation": scene.segmentation()}
-    return UploadedFrame(key, annotation, files, street.by)
-
-
 def has_current_numbers(street, frame_id):
     with street.context.database.read() as session:
         current = street.row(session).active_measurement_id or 0
         return not EvidenceRepository(session).lacking([frame_id], current)
 
 
-def test_a_frame_is_measured_again_while_others_may_write(street):
-    ready = prepare_frame(street.context, street.name, upload(street, "a"))
-    street.run(OTHERWISE)
-
-    stored = store_frame(street.context, street.name, ready)
-
-    assert stored.created
-    assert has_current_numbers(street, stored.frame_id)
-    assert street.context.pixels.others_wrote == [True, True]
-
-
-def test_so_are_frames_of_a_batch(street):
-    batch = BatchOf(street.name, street.by, replace=False)
+@pytest.mark.parametrize("keys", [["a"], ["a", "b"]])
+def test_frames_are_measured_again_while_others_may_write(street, keys):
+    request = UploadRequest(street.name, street.by)
     annotation = json.dumps(scene.annotation()).encode()
     files = {"segmentation": scene.segmentation()}
-    works = [
-        work_on(street.context, batch, IncomingFrame(name, annotation, files))
-        for name in ("a", "b")
+    prepared = [
+        prepare_frame(street.context, request, UploadedFrame(key, annotation, files))
+        for key in keys
     ]
     street.run(OTHERWISE)
 
-    lines = store(street.context, batch, works)
+    stored = store_frames(street.context, request, prepared)
 
-    assert [line.created for line in lines] == [True, True]
-    assert all(has_current_numbers(street, line.frame_id) for line in lines)
-    assert street.context.pixels.others_wrote == [True] * 4
+    new = [frame for frame in stored if isinstance(frame, NewFrame)]
+    assert [frame.key for frame in new] == keys
+    assert all(has_current_numbers(street, frame.frame_id) for frame in new)
+    assert street.context.pixels.others_wrote == [True] * 2 * len(keys)

@@ -14,8 +14,8 @@ from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FramePage, FrameRepository
 from app.exports.queries import ExportRepository
 from app.exports.service import ExportRequest, request_export
+from app.ingest.check import MAX_TEXT
 from app.ingest.queries import known_frames
-from app.ingest.service import MAX_TEXT
 from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
 from app.runs.flips import DiffPage, compared_runs, run_diff

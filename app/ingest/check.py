@@ -1,18 +1,22 @@
-"""What a frame may be called, and which files it may consist of."""
+"""An uploaded frame is checked: its key, its annotation, the headers of its files."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from app.boxes.queries import FileRow
 from app.errors import Unprocessable
-from app.measuring.pixels import FrameFiles
+from app.incoming import in_turn, is_large
+from app.ingest.frame import CheckedFrame, UploadedFrame
+from app.measuring.pixels import naming
 from app.settings import Settings
 from app.storage import sha256_of
-from filter_core.annotation.frame import FrameAnnotation
+from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
+from filter_core.annotation.parsing import parse_annotation, without_key
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
 from filter_core.evidence.lidar import check_points
 from filter_core.formats.reading import MAX_KEY
@@ -24,27 +28,92 @@ KINDS: Final = (*PICTURES, *CLOUDS)
 _SAME_SIZE: Final = ("segmentation", "ignore_mask")
 
 
-@dataclass(frozen=True)
-class CheckedFiles:
-    """Files whose headers are in order; their pixels were not looked at."""
+MAX_TEXT: Final = 200
+"""Characters of an id, a class or a map: what their columns hold."""
+_CANONICAL: Final = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
+_DIGEST_OF: Final = b"frame 1\n"
+"""Begins every content digest, should its definition ever change."""
 
-    contents: Mapping[str, bytes]
-    rows: tuple[FileRow, ...]
-    image_wh: tuple[int, int]
 
-    def blobs(self) -> dict[str, bytes]:
-        """The files by their digests."""
-        return {row.sha256: self.contents[row.kind] for row in self.rows}
+def check_frame(
+    key: str,
+    annotation: bytes | Mapping[str, object],
+    upload: UploadedFrame,
+    settings: Settings,
+) -> CheckedFrame:
+    """Read the annotation and the headers of the files; nothing is decoded.
 
-    def measured(self, sensors: tuple[str, ...]) -> FrameFiles:
-        """What a measurement reads that asks for the files of these sensors."""
-        return FrameFiles.of(self.contents, self.image_wh, sensors)
+    `key` and `annotation` come from `read_key`.
+
+    Raises
+    ------
+    FilterError
+        Whatever is wrong with the annotation, or with one of the files.
+    """
+    size = len(upload.annotation)
+    with in_turn(size):
+        parsed = parse_annotation(
+            annotation, limits=_annotation_limits(settings), frame=key
+        )
+    with naming(key):
+        wh, files = check_files(upload.files, parsed, settings)
+    with in_turn(size):
+        digest = _content_digest(parsed, files, is_large=is_large(size))
+    return CheckedFrame(key, parsed, wh, files, upload.files, digest)
+
+
+def read_key(
+    upload: UploadedFrame, settings: Settings
+) -> tuple[str, bytes | Mapping[str, object]]:
+    """The frame's key, and its annotation without one.
+
+    Raises
+    ------
+    AppError
+        What was found wrong with the frame when it came.
+    AnnotationErrors
+        The annotation may name the key, and is not JSON.
+    """
+    if upload.fault is not None:
+        raise upload.fault
+    if not upload.may_rename:
+        return upload.key, upload.annotation
+    with in_turn(len(upload.annotation)):
+        return without_key(upload.annotation, upload.key, _annotation_limits(settings))
+
+
+def _annotation_limits(settings: Settings) -> AnnotationLimits:
+    return AnnotationLimits(
+        max_boxes=settings.max_boxes_per_frame,
+        max_text=MAX_TEXT,
+        max_bytes=int(settings.max_json_bytes),
+    )
+
+
+def _content_digest(
+    annotation: FrameAnnotation, files: tuple[FileRow, ...], *, is_large: bool
+) -> str:
+    """Names what was sent: the files' bytes, and the annotation's meaning."""
+    digest = hashlib.sha256(_DIGEST_OF)
+    for file in files:
+        digest.update(f"{file.kind} {file.sha256}\n".encode())
+    if is_large:
+        # In pieces: no other thread runs while a document is written in one.
+        for piece in _CANONICAL.iterencode(annotation.raw):
+            digest.update(piece.encode())
+    else:
+        digest.update(_CANONICAL.encode(annotation.raw).encode())
+    return digest.hexdigest()
 
 
 def check_files(
     contents: Mapping[str, bytes], annotation: FrameAnnotation, settings: Settings
-) -> CheckedFiles:
+) -> tuple[tuple[int, int], tuple[FileRow, ...]]:
     """Check types and sizes, and that files are whole; no pixel and no point is read.
+
+    Returns
+    -------
+    (width, height) of the image in px, and what is stored about each file
 
     Raises
     ------
@@ -73,7 +142,7 @@ def check_files(
         FileRow(kind, sha256_of(content), len(content), types[kind])
         for kind, content in sorted(contents.items())
     )
-    return CheckedFiles(contents, rows, wh)
+    return wh, rows
 
 
 def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
@@ -112,8 +181,8 @@ def _image_wh(
     )
 
 
-def checked_key(key: str) -> str:
-    """The key, if it can name a frame.
+def require_key(key: str) -> None:
+    """Refuse a key that cannot name a frame.
 
     Raises
     ------
@@ -128,7 +197,6 @@ def checked_key(key: str) -> str:
             f"'town10/000012', found {fault}",
             code="bad_key",
         )
-    return key
 
 
 def _fault(key: str) -> str:
