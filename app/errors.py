@@ -13,7 +13,6 @@ AppError                     anything that the service says no to
 |   `-- CountChanged         a list has more or fewer boxes than were expected
 |-- StaleRevision            someone changed the thing since it was looked at
 |   |-- StaleReview          ... the thing is a box under review
-|   |-- LostRace             ... or was answered in the same moment
 |   `-- StaleSnapshot        ... the thing is all that a filter selects
 |-- TooLarge                 larger than a limit of the settings
 |-- TooSlow                  a body that stopped arriving
@@ -157,17 +156,6 @@ class StaleReview(StaleRevision):
             f"box {box_id} is at revision {found}, you reviewed revision {seen}",
             current=current,
         )
-
-
-class LostRace(StaleRevision):
-    """A box was answered by someone else in the same moment: to clients, stale."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            "someone answered one of these boxes at the same moment; look again",
-            current=None,
-        )
-        self.kind = StaleReview.code
 
 
 class StaleSnapshot(StaleRevision):

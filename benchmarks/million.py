@@ -10,14 +10,13 @@ import numpy as np
 from numpy.random import Generator
 from sqlalchemy.orm import Session
 
-from app.boxes.counts import tallies_of
-from app.boxes.current import TallyRepository
+from app.boxes import current
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.datasets.service import NewDataset, create_dataset
 from app.db.base import utc_now
 from app.db.bulk import insert_rows
-from app.db.tables import Box, Dataset, Decision, Frame, FrameEvidence
+from app.db.tables import Box, Dataset, Frame, FrameEvidence
 from app.measuring.evidence import pack_numbers
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
@@ -85,11 +84,12 @@ def _store(session: Session, dataset_id: int, wanted: Wanted, rng: Generator) ->
     insert_rows(session, Frame, made.frames)
     insert_rows(session, FrameEvidence, made.evidence)
     insert_rows(session, Box, made.boxes)
-    insert_rows(session, Decision, made.decisions)
-    alike = (
-        (row["class_id"], row["reason"], row["toss_up"], None) for row in made.decisions
+    decisions = made.decisions
+    current.add(
+        session,
+        dataset_id,
+        {name: [row[name] for row in decisions] for name in decisions[0]},
     )
-    TallyRepository(session).add(dataset_id, tallies_of(alike))
 
 
 def rows_of(

@@ -1,4 +1,10 @@
-"""Current decisions and tallies: the one door through which they change."""
+"""Current decisions and tallies: the one door through which they change.
+
+`add` stores the decisions on new boxes, `answered` shows answers of people,
+`decided_again`, `measured_again` and `replace_tallies` are the end of a run, and
+`retire` takes a frame's boxes away. Nothing else writes these two tables, and each of
+these keeps the tallies in step with the decisions. What only reads them comes after.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +13,222 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import case, delete, func, insert, null, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Executable,
+    Selectable,
+    bindparam,
+    case,
+    delete,
+    func,
+    null,
+    select,
+    union_all,
+    update,
+)
 from sqlalchemy.orm import Session
 
-from app.boxes.filter import BoxFilter
 from app.boxes.orders import Present
 from app.boxes.queries import FrameRepository
 from app.db.bulk import (
     Written,
     chunks,
     insert_columns,
+    insert_rows,
+    run,
     run_each,
     update_rows,
     upsert_in,
 )
 from app.db.tables import Box, Decision, Frame, Review, Tally
-from app.errors import Forbidden, NotFound
-from app.measuring.queries import is_deleted
+from app.errors import Forbidden
 from app.security import Principal, Role
 from filter_core.types import Decisions, Evidence, FloatArray, IntArray
+
+
+class TallyKey(NamedTuple):
+    """What boxes of one tally have in common; `review` is empty without an answer."""
+
+    class_id: int
+    reason: int
+    toss_up: bool
+    review: str
+
+
+def add(
+    session: Session, dataset_id: int, columns: Mapping[str, Sequence[Any]]
+) -> None:
+    """Store the decisions on new boxes, which nobody has answered, and count them in.
+
+    `columns` are those of `decisions`, all equally long.
+    """
+    insert_columns(session, Decision, columns)
+    alike = Counter(
+        zip(columns["class_id"], columns["reason"], columns["toss_up"], strict=True)
+    )
+    counts = {TallyKey(*key, ""): boxes for key, boxes in alike.items()}
+    dialect = session.connection().dialect.name
+    run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
+
+
+def answered(session: Session, since: int) -> None:
+    """Show the answers with ids above `since` as the latest ones of their boxes.
+
+    They are rows of `reviews` by now, one for each box, in the same transaction. As one
+    transaction writes at a time, the ids tell the answers of one act from all others.
+    """
+    # In this order: the tallies are told by what the decisions still say.
+    dialect = session.connection().dialect.name
+    run(session, _answers_as_tallies(dialect), since=since)
+    run(session, _ANSWERS_AS_LATEST, since=since)
+
+
+def decided_again(
+    session: Session,
+    box_ids: IntArray,
+    before: Decisions,
+    after: Decisions,
+    written: Written,
+) -> None:
+    """Make these the current decisions; `before` are the ones they replace.
+
+    The tallies of the dataset have to be replaced with them (`replace_tallies`).
+
+    Most changes leave the flags alone. Updating only the reason then spares the two
+    partial indexes, which is a third of the cost of a million rows.
+    """
+    flags = (before.large != after.large) | (before.toss_up != after.toss_up)
+    plain = ~flags
+    update_rows(
+        session,
+        Decision,
+        {
+            "box_id": box_ids[plain].tolist(),
+            "reason": after.reason[plain].tolist(),
+        },
+        written,
+    )
+    update_rows(
+        session,
+        Decision,
+        {
+            "box_id": box_ids[flags].tolist(),
+            "reason": after.reason[flags].tolist(),
+            "large": after.large[flags].tolist(),
+            "toss_up": after.toss_up[flags].tolist(),
+        },
+        written,
+    )
+
+
+def measured_again(
+    session: Session, box_ids: IntArray, evidence: Evidence, written: Written
+) -> None:
+    """Copy the numbers that lists sort and filter by; no tally counts by them."""
+
+    def known(column: FloatArray) -> list[float | None]:
+        return [None if value != value else value for value in column.tolist()]
+
+    update_rows(
+        session,
+        Decision,
+        {
+            "box_id": box_ids.tolist(),
+            "match_percent": known(evidence.match_percent),
+            "crowding": [value or 0.0 for value in known(evidence.crowding)],
+            "distance": known(evidence.distance),
+        },
+        written,
+    )
+
+
+def replace_tallies(
+    session: Session, dataset_id: int, counts: Mapping[TallyKey, int]
+) -> None:
+    """Set all tallies of a dataset: counted anew, or none of one that is deleted."""
+    session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
+    insert_rows(session, Tally, _tally_rows(dataset_id, counts))
+
+
+def retire(session: Session, frame: Frame) -> None:
+    """Take a frame's boxes out of every list and count; its history stays."""
+    dialect = session.connection().dialect.name
+    run(session, _frame_out_of_tallies(dialect), frame_id=frame.id)
+    session.execute(delete(Decision).where(Decision.frame_id == frame.id))
+    FrameRepository(session).supersede(frame)
+
+
+def _tally_rows(
+    dataset_id: int, counts: Mapping[TallyKey, int]
+) -> list[dict[str, int | str]]:
+    return [
+        {"dataset_id": dataset_id, **key._asdict(), "boxes": boxes}
+        for key, boxes in counts.items()
+        if boxes
+    ]
+
+
+# Statements are built once: every upload and every answer runs them, and building costs
+# several times as much.
+_TALLY: Final = ("dataset_id", *TallyKey._fields)
+_ANSWERS_AS_LATEST: Final = (
+    update(Decision)
+    .where(Review.id > bindparam("since"), Decision.box_id == Review.box_id)
+    .values(
+        review=case((Review.verdict == "clear", null()), else_=Review.verdict),
+        revision=Review.revision,
+    )
+)
+
+
+@lru_cache
+def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
+    """Insert tallies, or add to those that there are: given as rows, or selected."""
+    statement = upsert_in(dialect, Tally)
+    if changes is not None:
+        statement = statement.from_select([*_TALLY, "boxes"], changes)
+    counted: Executable = statement.on_conflict_do_update(
+        index_elements=_TALLY, set_={"boxes": Tally.boxes + statement.excluded.boxes}
+    )
+    return counted
+
+
+@lru_cache
+def _answers_as_tallies(dialect: str) -> Executable:
+    """Count answered boxes out as they were, and in as they are now."""
+    alike = (Decision.dataset_id, Decision.class_id, Decision.reason, Decision.toss_up)
+    before = func.coalesce(Decision.review, "").label("before")
+    now = case((Review.verdict == "clear", ""), else_=Review.verdict).label("now")
+    said = (
+        select(*alike, before, now, func.count().label("boxes"))
+        .join(Review, Review.box_id == Decision.box_id)
+        .where(Review.id > bindparam("since"))
+        .group_by(*alike, before, now)
+        .cte("said")
+    )
+    kind = [said.c[column.name] for column in alike]
+    moved = union_all(
+        select(*kind, said.c.before.label("review"), (-said.c.boxes).label("boxes")),
+        select(*kind, said.c.now, said.c.boxes),
+    ).subquery()
+    tally, boxes = [moved.c[name] for name in _TALLY], func.sum(moved.c.boxes)
+    return _counted_in(
+        dialect, select(*tally, boxes).group_by(*tally).having(boxes != 0)
+    )
+
+
+@lru_cache
+def _frame_out_of_tallies(dialect: str) -> Executable:
+    review = func.coalesce(Decision.review, "")
+    alike = (
+        Decision.dataset_id,
+        Decision.class_id,
+        Decision.reason,
+        Decision.toss_up,
+        review,
+    )
+    rows = select(*alike, -func.count()).group_by(*alike)
+    return _counted_in(dialect, rows.where(Decision.frame_id == bindparam("frame_id")))
 
 
 class CurrentRow(NamedTuple):
@@ -52,7 +255,7 @@ class TallyRow(NamedTuple):
 
 
 class DecisionRepository:
-    """Rows of `decisions`, `flips` and `tallies`."""
+    """Rows of `decisions`, read."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -63,34 +266,6 @@ class DecisionRepository:
         for chunk in chunks(box_ids):
             found |= self._fetch(Decision.box_id.in_(chunk))
         return found
-
-    def dataset_of(self, box_id: int) -> int:
-        """The dataset of a box that has a current decision."""
-        rows = select(Decision.dataset_id).where(Decision.box_id == box_id)
-        found = self._session.scalar(rows)
-        if found is None or is_deleted(self._session, found):
-            raise NotFound("box", box_id)
-        return found
-
-    def ids_in_dataset(self, box_ids: Iterable[int], dataset_id: int) -> set[int]:
-        """Those of these boxes that are current boxes of the dataset."""
-        found: set[int] = set()
-        for chunk in chunks(box_ids):
-            rows = select(Decision.box_id).where(
-                Decision.box_id.in_(chunk), Decision.dataset_id == dataset_id
-            )
-            found.update(self._session.scalars(rows))
-        return found
-
-    def selection(self, wanted: BoxFilter, *, limit: int) -> list[int]:
-        """Ids of all boxes of a filter, in order, up to a limit."""
-        rows = (
-            select(Decision.box_id)
-            .where(*wanted.conditions())
-            .order_by(Decision.box_id)
-            .limit(limit)
-        )
-        return list(self._session.scalars(rows))
 
     def of_frames(self, frame_ids: Iterable[int]) -> dict[int, CurrentRow]:
         """Current decisions of the boxes of frames."""
@@ -138,84 +313,16 @@ class DecisionRepository:
             found[row[0]].append(TallyRow(row[1], row[2], row[3], row[4], row[5]))
         return found
 
-    def refresh(
-        self, box_ids: IntArray, before: Decisions, after: Decisions, written: Written
-    ) -> None:
-        """Make these the current decisions; `before` are the ones they replace.
-
-        Most changes leave the flags alone. Updating only the reason then spares the
-        two partial indexes, which is a third of the cost of a million rows.
-        """
-        flags = (before.large != after.large) | (before.toss_up != after.toss_up)
-        plain = ~flags
-        update_rows(
-            self._session,
-            Decision,
-            {
-                "box_id": box_ids[plain].tolist(),
-                "reason": after.reason[plain].tolist(),
-            },
-            written,
+    def reviewed(self, dataset_id: int) -> list[tuple[int, str]]:
+        """Box and answer of every reviewed box of a dataset, in order of id."""
+        rows = (
+            select(Decision.box_id, Decision.review)
+            .where(Decision.dataset_id == dataset_id, Decision.review.is_not(None))
+            .order_by(Decision.box_id)
         )
-        update_rows(
-            self._session,
-            Decision,
-            {
-                "box_id": box_ids[flags].tolist(),
-                "reason": after.reason[flags].tolist(),
-                "large": after.large[flags].tolist(),
-                "toss_up": after.toss_up[flags].tolist(),
-            },
-            written,
-        )
+        return [(row[0], str(row[1])) for row in self._session.execute(rows)]
 
-    def refresh_numbers(
-        self, box_ids: IntArray, evidence: Evidence, written: Written
-    ) -> None:
-        """Copy the numbers that lists sort and filter by."""
-
-        def known(column: FloatArray) -> list[float | None]:
-            return [None if value != value else value for value in column.tolist()]
-
-        update_rows(
-            self._session,
-            Decision,
-            {
-                "box_id": box_ids.tolist(),
-                "match_percent": known(evidence.match_percent),
-                "crowding": [value or 0.0 for value in known(evidence.crowding)],
-                "distance": known(evidence.distance),
-            },
-            written,
-        )
-
-    def answered(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Make these answers, rows that were added to `reviews`, the latest ones."""
-        update_rows(
-            self._session,
-            Decision,
-            {
-                "box_id": [row["box_id"] for row in rows],
-                "review": [
-                    None if row["verdict"] == "clear" else row["verdict"]
-                    for row in rows
-                ],
-                "revision": [row["revision"] for row in rows],
-            },
-        )
-
-    def answered_in(self, batch_id: int) -> None:
-        """Make the answers of an act on many boxes the latest ones."""
-        self._session.connection().execute(
-            update(Decision)
-            .where(Review.batch_id == batch_id, Decision.box_id == Review.box_id)
-            .values(
-                review=case((Review.verdict == "clear", null()), else_=Review.verdict),
-                revision=Review.revision,
-            )
-        )
-
-    def _fetch(self, condition: object) -> dict[int, CurrentRow]:
+    def _fetch(self, condition: ColumnElement[bool]) -> dict[int, CurrentRow]:
         rows = (
             select(
                 Decision.box_id,
@@ -227,23 +334,14 @@ class DecisionRepository:
                 Decision.review,
                 Decision.revision,
             )
-            .where(condition)  # type: ignore[arg-type]  # any condition
+            .where(condition)
             .order_by(Decision.box_id)
         )
         return {row[0]: CurrentRow(*row) for row in self._session.execute(rows)}
 
 
-class TallyKey(NamedTuple):
-    """What boxes of one tally have in common; `review` is empty without an answer."""
-
-    class_id: int
-    reason: int
-    toss_up: bool
-    review: str
-
-
 class TallyRepository:
-    """Rows of `tallies`."""
+    """Rows of `tallies`, read."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -258,27 +356,6 @@ class TallyRepository:
             for row in self._session.execute(rows)
         }
 
-    def add(self, dataset_id: int, changes: Mapping[TallyKey, int]) -> None:
-        """Count these boxes in (or out, where negative)."""
-        rows = [
-            {"dataset_id": dataset_id, **key._asdict(), "boxes": change}
-            for key, change in changes.items()
-            if change
-        ]
-        if not rows:
-            return
-        dialect = self._session.connection().dialect.name
-        run_each(self._session, _count_in(dialect), rows)
-
-    def replace(self, dataset_id: int, counts: Mapping[TallyKey, int]) -> None:
-        """Set all tallies of a dataset."""
-        self._session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
-        self._insert(dataset_id, counts)
-
-    def clear(self, dataset_id: int) -> None:
-        """Count nothing any more: the dataset is deleted."""
-        self._session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
-
     def present(self, dataset_id: int) -> Present:
         """What occurs in a dataset."""
         found = self.of_dataset(dataset_id)
@@ -291,59 +368,6 @@ class TallyRepository:
             toss_ups=any(key.toss_up for key in found),
             large=self._session.scalar(has_large.limit(1)) is not None,
         )
-
-    def reviewed(self, dataset_id: int) -> list[tuple[int, str]]:
-        """Box and answer of every reviewed box of a dataset, in order of id."""
-        rows = (
-            select(Decision.box_id, Decision.review)
-            .where(Decision.dataset_id == dataset_id, Decision.review.is_not(None))
-            .order_by(Decision.box_id)
-        )
-        return [(row[0], str(row[1])) for row in self._session.execute(rows)]
-
-    def _insert(self, dataset_id: int, counts: Mapping[TallyKey, int]) -> None:
-        rows = [
-            {"dataset_id": dataset_id, **key._asdict(), "boxes": boxes}
-            for key, boxes in counts.items()
-            if boxes
-        ]
-        if rows:
-            self._session.execute(insert(Tally), rows)
-
-
-@lru_cache
-def _count_in(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
-    # Built once: every upload runs it, and building costs five times as much.
-    statement = upsert_in(dialect, Tally)
-    return statement.on_conflict_do_update(
-        index_elements=["dataset_id", *TallyKey._fields],
-        set_={"boxes": Tally.boxes + statement.excluded.boxes},
-    )
-
-
-def add(
-    session: Session, dataset_id: int, columns: Mapping[str, Sequence[Any]]
-) -> None:
-    """Store the decisions on new boxes, which nobody has answered, and count them in.
-
-    `columns` are those of `decisions`, all equally long.
-    """
-    insert_columns(session, Decision, columns)
-    alike = Counter(
-        zip(columns["class_id"], columns["reason"], columns["toss_up"], strict=True)
-    )
-    TallyRepository(session).add(
-        dataset_id, {TallyKey(*key, ""): boxes for key, boxes in alike.items()}
-    )
-
-
-def retire(session: Session, frame: Frame) -> None:
-    """Take a frame's boxes out of every list and count; its history stays."""
-    gone = DecisionRepository(session).per_frame([frame.id])[frame.id]
-    TallyRepository(session).add(
-        frame.dataset_id, {TallyKey(*row[:-1]): -row.boxes for row in gone}
-    )
-    FrameRepository(session).supersede(frame)
 
 
 _NAMED: Final = 3

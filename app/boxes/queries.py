@@ -266,11 +266,10 @@ class FrameRepository:
         insert_columns(self._session, Box, columns)
 
     def supersede(self, frame: Frame) -> None:
-        """A newer revision is coming: this one has no current decisions any more."""
+        """It is not the newest revision under its key any more."""
         self._session.execute(
             update(Frame).where(Frame.id == frame.id).values(superseded_at=utc_now())
         )
-        self._session.execute(delete(Decision).where(Decision.frame_id == frame.id))
 
     def remove(self, dataset_id: int, key: str) -> None:
         """Delete every revision under a key."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 from sqlalchemy.orm import Session
 
 from app.boxes.counts import count, summary
-from app.boxes.current import TallyRepository
+from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db.base import utc_now
@@ -141,7 +141,7 @@ def remove_dataset(
         )
     forget_dataset(session, dataset.id)
     DatasetRepository(session).hide(dataset)
-    TallyRepository(session).clear(dataset.id)
+    replace_tallies(session, dataset.id, {})
     once_committed(session, context.something_to_remove.set)
 
 

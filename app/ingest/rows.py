@@ -37,7 +37,8 @@ from app.measuring.queries import (
     KeyRow,
     ProblemRepository,
 )
-from app.review.service import carry_reviews
+from app.review.queries import AnswerRow
+from app.review.service import NewBox, carry_reviews
 from app.security import Principal
 from app.verdicts import effective_verdict
 from filter_core.decisions.record import decision_dicts
@@ -66,7 +67,7 @@ class NewFrame(StoredFrame):
     revision: int
     created_at: datetime
     decisions: Decisions
-    carried: Sequence[Mapping[str, Any]] = ()
+    carried: Sequence[AnswerRow] = ()
 
     @property
     def boxes(self) -> int:
@@ -277,27 +278,17 @@ def _carried(
     former: Frame,
     frame: NewFrame,
     class_ids: Mapping[str, int],
-) -> Sequence[Mapping[str, Any]]:
+) -> Sequence[AnswerRow]:
     """Carry answers over and note those set aside; Forbidden if they are others'."""
     evidence = frame.ready.measured.evidence
-    columns = zip(
-        frame.box_ids,
-        frame.ready.checked.annotation.boxes,
-        evidence.class_index.tolist(),
-        frame.decisions.reason.tolist(),
-        frame.decisions.toss_up.tolist(),
-        strict=True,
-    )
     boxes = [
-        {
-            "id": box_id,
-            "source_id": box.id,
-            "class_id": class_ids[evidence.class_names[index]],
-            "raw": box.raw,
-            "reason": reason,
-            "toss_up": toss_up,
-        }
-        for box_id, box, index, reason, toss_up in columns
+        NewBox(box_id, box.id, class_ids[evidence.class_names[index]], box.raw)
+        for box_id, box, index in zip(
+            frame.box_ids,
+            frame.ready.checked.annotation.boxes,
+            evidence.class_index.tolist(),
+            strict=True,
+        )
     ]
     carried, set_aside = carry_reviews(session, former, boxes)
     of_others = current.require_own(sender, set_aside, f"replacing frame {frame.key!r}")

@@ -13,7 +13,13 @@ from app.boxes.snapshot import select_boxes
 from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.db.tables import Dataset
-from app.errors import AppError, CountChanged, LostRace, StaleReview, Unprocessable
+from app.errors import (
+    AppError,
+    CountChanged,
+    StaleReview,
+    StaleSnapshot,
+    Unprocessable,
+)
 from app.http.deps import (
     AppServices,
     CurrentPrincipal,
@@ -113,8 +119,13 @@ def create_bulk_review(
     left = len(stored.skipped) + len(stored.stale)
     if body.filter is not None and (left or dataset.active_run_id != run_id):
         audit.session.rollback()
-        _look(body, services)
-        raise LostRace
+        _look(body, services)  # says what has changed: StaleSnapshot
+        raise StaleSnapshot(
+            expected=chosen.number,
+            found=chosen.number,
+            changed=left,
+            current={"total": chosen.number, "snapshot": body.snapshot},
+        )
     audit.note(
         Act.ANSWERS_GIVEN,
         stored.batch.id,

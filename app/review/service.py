@@ -1,33 +1,33 @@
-"""Answers of people: on one box, on many at once, taken back, carried over."""
+"""Answers of people: on one box, on many at once, taken back, carried over.
+
+All of them are stored in one way (`app.review.queries`). An answer goes to a box as
+somebody saw it, by the revision that it had then: if somebody else answered in between,
+one answer alone is refused (StaleReview), and an act on many boxes leaves that box.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqlalchemy.orm import Session
 
-from app.boxes.current import (
-    CurrentRow,
-    DecisionRepository,
-    TallyKey,
-    TallyRepository,
-    require_own,
-)
+from app.boxes.current import require_own
 from app.boxes.queries import FrameRepository, LatestAnswers
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Frame, ReviewBatch
-from app.errors import Conflict, NotFound, StaleReview, TooLarge, Unprocessable
+from app.errors import Conflict, StaleReview, TooLarge, Unprocessable
 from app.metrics import REVIEWS
 from app.review.queries import (
-    ClaimRepository,
+    AnswerRow,
     ReviewBatches,
     ReviewRepository,
     SeenBoxes,
+    Signature,
     Standing,
 )
 from app.security import Principal
@@ -49,16 +49,24 @@ def review_box(
     session: Session, box_id: int, answer: Answer, seen_revision: int
 ) -> Review:
     """Add one answer; StaleReview if someone answered since it was seen."""
-    current = DecisionRepository(session).rows([box_id]).get(box_id)
-    if current is None:
-        raise NotFound("box", box_id)
-    if current.revision != seen_revision:
-        raise StaleReview(box_id=box_id, seen=seen_revision, found=current.revision)
-    dataset_id = DecisionRepository(session).dataset_of(box_id)
-    (row,) = _store(session, dataset_id, [(current, answer)], batch_id=None)
+    reviews = ReviewRepository(session)
+    box = reviews.state(box_id)
+    seen = SeenBoxes([box_id], seen_revision)
+    by = Signature(box.dataset_id, answer.reviewer, utc_now())
+    if not reviews.answer([seen], answer.verdict, answer.comment, by):
+        newest = LatestAnswers(session).of([box_id]).get(box_id)
+        found = 0 if newest is None else newest.revision
+        raise StaleReview(box_id=box_id, seen=seen_revision, found=found)
     once_committed(session, partial(REVIEWS.add, 1, answer.verdict))
-    review = None if answer.verdict == "clear" else answer.verdict
-    return Review(**row, effective_verdict=effective_verdict(current.reason, review))
+    return Review(
+        box_id=box_id,
+        revision=seen_revision + 1,
+        verdict=answer.verdict,
+        reviewer=answer.reviewer,
+        comment=answer.comment,
+        created_at=by.at,
+        effective_verdict=effective_verdict(box.reason, answer.verdict),
+    )
 
 
 @dataclass(frozen=True)
@@ -102,19 +110,20 @@ def review_many(
     session: Session, dataset: Dataset, chosen: ChosenBoxes, answer: Answer
 ) -> StoredBatch:
     """Add one answer to many boxes, each once, where it is as somebody saw it."""
-    batches = ReviewBatches(session)
+    batches, reviews = ReviewBatches(session), ReviewRepository(session)
     batch = batches.add(
         ReviewBatch(
             dataset_id=dataset.id, verdict=answer.verdict, reviewer=answer.reviewer
         )
     )
-    answered = batches.answer(batch, chosen.boxes, answer.comment)
+    by = Signature(dataset.id, answer.reviewer, utc_now(), batch.id)
+    answered = reviews.answer(chosen.boxes, answer.verdict, answer.comment, by)
     once_committed(session, partial(REVIEWS.add, answered, answer.verdict))
     if answered == chosen.expected:
         return StoredBatch(batch, answered, chosen.skipped, chosen.stale)
     taken = {box_id for seen in chosen.boxes for box_id in seen.box_ids}
     left = sorted(taken.difference(batches.boxes(batch.id)))
-    stale = DecisionRepository(session).ids_in_dataset(left, dataset.id)
+    stale = {state.box_id for state in reviews.states(dataset.id, left)}
     gone = [box_id for box_id in left if box_id not in stale]
     return StoredBatch(
         batch,
@@ -156,9 +165,11 @@ def listed_boxes(
         )
     alike: dict[int, list[int]] = {}
     stale: list[int] = []
-    for state in ReviewBatches(session).states(dataset.id, sorted(revision_of)):
+    for state in ReviewRepository(session).states(dataset.id, sorted(revision_of)):
         expected = revision_of.pop(state.box_id)
-        is_stale = state.is_answered if expected is None else state.revision != expected
+        is_stale = (
+            state.review is not None if expected is None else state.revision != expected
+        )
         group = stale if is_stale else alike.setdefault(state.revision, [])
         group.append(state.box_id)
     boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
@@ -186,7 +197,7 @@ def boxes_as_they_are(
 ) -> ChosenBoxes:
     """Boxes that a person has seen in the state that this session reads."""
     alike: dict[int, list[int]] = {}
-    for state in ReviewBatches(session).states(dataset.id, ids):
+    for state in ReviewRepository(session).states(dataset.id, ids):
         alike.setdefault(state.revision, []).append(state.box_id)
     boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
     return ChosenBoxes(boxes, stale=[], skipped=[])
@@ -229,7 +240,8 @@ def undo_batch(
             reviewer=by.name,
         )
     )
-    undone = batches.answer_as_before(undo, standing)
+    signed = Signature(batch.dataset_id, by.name, utc_now(), undo.id)
+    undone = ReviewRepository(session).answer_as_before(standing, signed)
     once_committed(session, partial(REVIEWS.add, undone, "undo"))
     if undone == size:
         return undo, undone, []
@@ -237,55 +249,25 @@ def undo_batch(
     return undo, undone, sorted(skipped)
 
 
-def _store(
-    session: Session,
-    dataset_id: int,
-    answers: Sequence[tuple[CurrentRow, Answer]],
-    *,
-    batch_id: int | None,
-) -> list[dict[str, object]]:
-    rows: list[dict[str, object]] = []
-    changes: dict[TallyKey, int] = {}
-    for current, answer in answers:
-        rows.append(
-            {
-                "box_id": current.box_id,
-                "revision": current.revision + 1,
-                "verdict": answer.verdict,
-                "comment": answer.comment,
-                "reviewer": answer.reviewer,
-                "batch_id": batch_id,
-                "created_at": utc_now(),
-            }
-        )
-        review = "" if answer.verdict == "clear" else answer.verdict
-        for said, change in ((current.review or "", -1), (review, 1)):
-            key = TallyKey(current.class_id, current.reason, current.toss_up, said)
-            changes[key] = changes.get(key, 0) + change
-    if rows:
-        ReviewRepository(session).add(rows)
-        TallyRepository(session).add(dataset_id, changes)
-        answered = {current.box_id for current, _ in answers}
-        ClaimRepository(session).release(dataset_id, answered)
-    return rows
+class NewBox(NamedTuple):
+    """A box of a new revision of a frame; `raw` is the box as it came."""
+
+    id: int
+    source_id: str
+    class_id: int
+    raw: Mapping[str, Any]
 
 
 def carry_reviews(
-    session: Session, old: Frame, boxes: Sequence[Mapping[str, Any]]
-) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    session: Session, old: Frame, boxes: Iterable[NewBox]
+) -> tuple[list[AnswerRow], Counter[str]]:
     """Repeat the latest answers on boxes whose class and geometry are the same.
-
-    Parameters
-    ----------
-    boxes : sequence of mappings
-        Of the new revision: ``id`` (the server's), ``source_id``, ``class_id``,
-        ``reason``, ``toss_up`` and ``raw``, the box as it came.
 
     Returns
     -------
-    carried : list of dict
-        The repeated answers as rows.
-    set_aside : dict of str to int
+    carried : list of AnswerRow
+        The repeated answers.
+    set_aside : Counter of str
         How many answers stay behind, by reviewer: their boxes are gone or are others
         now, or have no answer in force. Those count that somebody else cleared or
         answered over, in any revision: else who does so first could do away with other
@@ -294,12 +276,11 @@ def carry_reviews(
     reviews = ReviewRepository(session)
     answered = reviews.answered_boxes(old.id)
     if not answered:
-        return [], {}
+        return [], Counter()
     latest = LatestAnswers(session).of(former.id for former in answered)
-    new = {box["source_id"]: box for box in boxes}
+    new = {box.source_id: box for box in boxes}
     annotation = FrameRepository(session).with_id(old.id, annotation=True).annotation
-    carried: list[dict[str, Any]] = []
-    changes: Counter[TallyKey] = Counter()
+    carried: list[AnswerRow] = []
     left = []
     for former in answered:
         review, box = latest[former.id], new.get(former.source_id)
@@ -307,14 +288,14 @@ def carry_reviews(
         if (
             box is None
             or review.verdict == "clear"
-            or former.class_id != box["class_id"]
-            or _geometry(raw) != _geometry(box["raw"])
+            or former.class_id != box.class_id
+            or _geometry(raw) != _geometry(box.raw)
         ):
             left.append(former.id)
             continue
         carried.append(
             {
-                "box_id": box["id"],
+                "box_id": box.id,
                 "revision": 1,
                 "verdict": review.verdict,
                 "comment": review.comment,
@@ -324,12 +305,8 @@ def carry_reviews(
                 "created_at": utc_now(),
             }
         )
-        before = TallyKey(box["class_id"], box["reason"], box["toss_up"], "")
-        changes[before] -= 1
-        changes[before._replace(review=review.verdict)] += 1
     if carried:
-        reviews.add(carried)
-        TallyRepository(session).add(old.dataset_id, changes)
+        reviews.carry_over(carried)
     return carried, reviews.meant_by(left)
 
 

@@ -15,7 +15,13 @@ from typing import Final
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.boxes.current import DecisionRepository, TallyKey, TallyRepository
+from app.boxes.current import (
+    DecisionRepository,
+    TallyKey,
+    decided_again,
+    measured_again,
+    replace_tallies,
+)
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
 from app.db.tables import Dataset, Run
@@ -89,7 +95,7 @@ def _decide_and_store(
         activation.decide(numbers, active, config)
     run.previous_run_id = dataset.active_run_id
     if run.activate:
-        TallyRepository(session).replace(dataset.id, activation.tallies)
+        replace_tallies(session, dataset.id, activation.tallies)
         _activate(session, dataset, run)
     run.changed, run.done = activation.changed, run.total
     run.counts = {verdict.value: activation.counts[verdict] for verdict in Verdict}
@@ -104,7 +110,7 @@ class Activation:
         self.changed = 0
         self.counts: Counter[Verdict] = Counter()
         self.tallies: Counter[TallyKey] = Counter()
-        reviewed = TallyRepository(session).reviewed(run.dataset_id)
+        reviewed = DecisionRepository(session).reviewed(run.dataset_id)
         self._reviewed = np.array([box_id for box_id, _ in reviewed], np.int64)
         self._reviews = [review for _, review in reviewed]
 
@@ -127,19 +133,21 @@ class Activation:
     def _refresh(
         self, numbers: BeforeAndAfter, before: Decisions, after: Decisions
     ) -> None:
-        repository, ids = DecisionRepository(self._session), numbers.after.box_ids
+        ids = numbers.after.box_ids
         changed = _differs(before, after)
         measured_anew = numbers.before is not numbers.after
         rows = int(changed.sum()) + (len(ids) if measured_anew else 0)
         self._progress.begin(len(ids), rows)
-        repository.refresh(
+        decided_again(
+            self._session,
             ids[changed],
             _part(before, changed),
             _part(after, changed),
             self._progress,
         )
         if measured_anew:
-            repository.refresh_numbers(ids, numbers.after.evidence, self._progress)
+            evidence = numbers.after.evidence
+            measured_again(self._session, ids, evidence, self._progress)
 
     def _tally(self, numbers: DatasetColumns, decisions: Decisions) -> None:
         """Count everything anew: cheaper, and surer, than counting what changed."""

@@ -342,21 +342,46 @@ def test_a_snapshot_is_that_of_its_own_filter(api, dataset):
     assert {one.json()["code"] for one in wrong} == {"bad_snapshot"}
 
 
-@pytest.mark.parametrize("many", [False, True], ids=["one answer", "many answers"])
-def test_a_lost_race_is_told_alike(service, many):
-    """The answer of the other one is stored; the decision does not show it yet."""
+@pytest.fixture
+def answered_unseen(service):
+    """A dataset, and the box that has an answer which its decision does not show."""
     api = Api(service.admin())
     with api.http:
         name = api.dataset()
-        box_id = api.stored(name, "0")["decisions"][1]["box_id"]
+        boxes = [box["box_id"] for box in api.stored(name, "0")["decisions"]]
         with service.app.state.database.write() as session:
-            answer = {"box_id": box_id, "revision": 1, "verdict": "keep"}
+            answer = {"box_id": boxes[1], "revision": 1, "verdict": "keep"}
             session.execute(insert(Review), {**answer, "reviewer": "ada"})
+        yield api, name, boxes
 
-        if many:
-            lost = bulk(api, name, "reject", box_ids=[box_id])
-        else:
-            lost = api.review(box_id, "reject")
 
-    assert (lost.status_code, lost.json()["code"]) == (412, "stale_review")
-    assert "at the same moment" in lost.json()["detail"]
+def test_an_answer_that_is_too_late_is_stale_whatever_the_decision_shows(
+    answered_unseen,
+):
+    api, _, boxes = answered_unseen
+
+    late = api.review(boxes[1], "reject")
+
+    assert (late.status_code, late.json()["code"]) == (412, "stale_review")
+    assert "is at revision 1, you reviewed revision 0" in late.json()["detail"]
+
+
+def test_a_box_that_is_answered_in_the_same_moment_is_left_as_stale(answered_unseen):
+    api, name, boxes = answered_unseen
+
+    act = bulk(api, name, "reject", box_ids=boxes)
+
+    assert act.status_code == 201
+    assert (act.json()["count"], act.json()["stale"]) == (len(boxes) - 1, boxes[1:2])
+    assert undo(api, act.json()["id"]).json()["undone"] == len(boxes) - 1
+
+
+def test_all_of_a_filter_are_answered_or_none(answered_unseen):
+    api, name, boxes = answered_unseen
+    seen = snapshot(api, name)
+
+    act = bulk(api, name, "reject", filter={}, snapshot=seen)
+
+    assert (act.status_code, act.json()["code"]) == (412, "stale_snapshot")
+    assert act.json()["current"] == {"total": len(boxes), "snapshot": seen}
+    assert api.json(f"/boxes/{boxes[0]}")["review"] is None

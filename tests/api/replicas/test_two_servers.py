@@ -92,6 +92,48 @@ def test_of_two_answers_on_one_box_one_counts_and_the_other_is_stale(replicas, p
     assert found[0] == found[1]
 
 
+def test_of_two_acts_on_the_same_boxes_each_box_counts_in_one(replicas, person):
+    (ada, _), (_, bob) = person(), person()
+    name = replicas.street(frames=10)
+    boxes = [box["box_id"] for box in ada.boxes(name)]
+
+    for act in range(10):
+        seen = [act] * len(boxes)
+        which = {"dataset": name, "box_ids": boxes, "seen_revisions": seen}
+        answers = both_at_once(
+            partial(ada.post, "/reviews/bulk", {"verdict": "keep", **which}),
+            partial(bob.post, "/reviews/bulk", {"verdict": "reject", **which}),
+        )
+        assert [answer.status_code for answer in answers] == [201, 201]
+        done = sorted((each.json() for each in answers), key=lambda one: one["count"])
+        assert [one["count"] for one in done] == [0, len(boxes)]
+        assert [one["stale"] for one in done] == [boxes, []]
+        won = done[1]["verdict"]
+        shown = [each.api.boxes(name) for each in replicas.both]
+        assert shown[0] == shown[1]
+        said = [(box["revision"], box["review"]["verdict"]) for box in shown[0]]
+        assert said == [(act + 1, won)] * len(boxes)
+        stats = replicas.one.api.json(f"/datasets/{name}/stats")
+        assert (stats["reviewed"], stats["boxes"]) == (len(boxes), len(boxes))
+
+
+def test_of_two_acts_on_one_filter_the_later_is_stale(replicas, person):
+    (ada, _), (_, bob) = person(), person()
+    name = replicas.street(frames=5)
+
+    for _ in range(5):
+        page = ada.json("/boxes", dataset=name, count="true")
+        which = {"dataset": name, "filter": {}, "snapshot": page["snapshot"]}
+        answers = both_at_once(
+            partial(ada.post, "/reviews/bulk", {"verdict": "keep", **which}),
+            partial(bob.post, "/reviews/bulk", {"verdict": "reject", **which}),
+        )
+        assert sorted(answer.status_code for answer in answers) == [201, 412]
+        (late,) = [answer.json() for answer in answers if answer.status_code == 412]
+        assert late["code"] == "stale_snapshot"
+        assert late["current"]["total"] == page["total"]
+
+
 def test_a_key_that_is_sent_to_both_is_answered_once(replicas, person):
     one, two = person()
     name = replicas.street()

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from sqlalchemy import create_engine, delete, insert
 from sqlalchemy.orm import Session
 
-from app.boxes.counts import count_alike
-from app.boxes.current import TallyKey, TallyRepository
+from app.boxes.counts import count_alike, tallies_of
+from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.filter import BoxFilter, BoxProbes, ClassThresholds
 from app.boxes.orders import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
 from app.db.base import Base
-from app.db.tables import Decision, Tally
+from app.db.tables import Decision
 from filter_core.types import Reason, Verdict
 
 DATASET, OTHER = 1, 2
@@ -211,16 +211,14 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
 
 def fill(session: Session, rows: list[Row]) -> None:
     session.execute(delete(Decision))
-    session.execute(delete(Tally))
     columns = [row.as_columns() for row in rows]
     strangers = [
         row | {"box_id": row["box_id"] + 1000, "dataset_id": OTHER} for row in columns
     ]
     if rows:
         session.execute(insert(Decision), columns + strangers)
-    for row in rows:
-        alike = TallyKey(row.class_id, int(row.reason), row.toss_up, row.review or "")
-        TallyRepository(session).add(DATASET, {alike: 1})
+    alike = ((row.class_id, int(row.reason), row.toss_up, row.review) for row in rows)
+    replace_tallies(session, DATASET, tallies_of(alike))
 
 
 def page_by_page(session: Session, wanted: BoxFilter, order: str, limits) -> list[int]:
