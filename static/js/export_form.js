@@ -101,16 +101,6 @@ function wordsOf({ key, text, choices }, value) {
 /** 0.8 as "80/20". @param {number} share */
 export const splitText = (share) => `${Math.round(100 * share)}/${Math.round(100 * (1 - share))}`;
 
-/** @param {number | null} bytes */
-export function sizeText(bytes) {
-  if (bytes === null) return "–";
-  if (bytes < 1000) return `${bytes} B`;
-  const units = ["kB", "MB", "GB", "TB"];
-  const power = Math.min(units.length, Math.floor(Math.log10(bytes) / 3));
-  const size = bytes / 1000 ** power;
-  return `${size.toFixed(size < 10 ? 1 : 0)} ${units[power - 1]}`;
-}
-
 /** "3 min 20 s". @param {string | null} from @param {string | null} to */
 export function tookText(from, to) {
   if (!from || !to) return "";

@@ -69,10 +69,14 @@ export function percentText(percent) {
 /** Where no threshold is near, whole numbers will do. @param {number} percent */
 const wholePercent = (percent) => (percent < 1 ? percentText(percent) : `${Math.round(percent)} %`);
 
-/** @param {number} bytes */
+/** @param {number | null} bytes */
 export function sizeText(bytes) {
-  const [unit, size] = bytes < 1e6 ? ["kB", 1e3] : bytes < 1e9 ? ["MB", 1e6] : ["GB", 1e9];
-  return `${(bytes / size).toFixed(bytes / size < 10 ? 1 : 0)} ${unit}`;
+  if (bytes === null) return "–";
+  if (bytes < 1000) return `${bytes} B`;
+  const units = ["kB", "MB", "GB", "TB"];
+  const power = Math.min(units.length, Math.floor(Math.log10(bytes) / 3));
+  const size = bytes / 1000 ** power;
+  return `${size.toFixed(size < 10 ? 1 : 0)} ${units[power - 1]}`;
 }
 
 /** @param {number | null | undefined} metres */

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { booksOf, exportForm, formatText, optionsOf, optionsText, parseNumbers, sizeText, splitText, tookText } from "../../../static/js/export_form.js";
+import { booksOf, exportForm, formatText, optionsOf, optionsText, parseNumbers, splitText, tookText } from "../../../static/js/export_form.js";
+import { sizeText } from "../../../static/js/wording.js";
 
 const API = {
   components: {

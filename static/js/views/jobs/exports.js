@@ -3,7 +3,8 @@
 
 import { html, useEffect, useState } from "../../html.js";
 import { jobs } from "../../calls/jobs.js";
-import { booksOf, exportForm, formatText, optionsText, sizeText } from "../../export_form.js";
+import { booksOf, exportForm, formatText, optionsText } from "../../export_form.js";
+import { sizeText } from "../../wording.js";
 import { isOver, percentDone } from "../../watch.js";
 import { agoText, countOf, countText } from "../../wording.js";
 import { useLoaded } from "../hooks.js";
