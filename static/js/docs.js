@@ -1,8 +1,8 @@
 // @ts-check
 // The API described for people: the server's own page, shown to whoever is signed in.
 
-import { ApiError, request, send, showSession } from "./api.js";
-import { createSession } from "./session.js";
+import { ApiError, request, send, showSession } from "./core/api.js";
+import { createSession } from "./core/connection.js";
 
 /** @param {string} words @param {string} [href] */
 function say(words, href) {
@@ -29,4 +29,5 @@ async function show() {
 }
 
 showSession(createSession(localStorage).current.get()?.session ?? "");
+
 show().catch((error) => say(error instanceof ApiError && error.status === 401 ? "Sign in first, then open this page again." : error.message));

@@ -1,14 +1,16 @@
 // @ts-check
-// Puts the page together. Nothing else reaches into the document by an id.
+// Puts the page together: app, boxes, answers, uploads, shell. Nothing else looks up an element by id.
 
-import { api } from "./api.js";
-import { createApp } from "./app.js";
-import { h, render } from "./html.js";
-import { loginOf } from "./router.js";
-import { watchKeys } from "./keys.js";
-import { watchTheme } from "./theme.js";
-import { NO_TOKEN_LINKS } from "./wording.js";
-import { Shell } from "./views/shell.js";
+import { NO_TOKEN_LINKS } from "./boxes/wording.js";
+import { api } from "./core/api.js";
+import { createApp } from "./core/app.js";
+import { h, render } from "./core/html.js";
+import { watchKeys } from "./core/keymap.js";
+import { watchTheme } from "./core/prefs.js";
+import { loginOf } from "./core/router.js";
+import { createAnswers } from "./review/answers.js";
+import { Shell } from "./shell/shell.js";
+import { createUploads, uploadCalls } from "./upload/sender.js";
 
 /** @param {string} id */
 function element(id) {
@@ -34,18 +36,25 @@ async function signIn({ kind, secret }) {
 }
 
 const first = takeLogin();
-const app = await createApp(api, localStorage);
+
+const core = createApp(api, localStorage);
+const app = { ...core, ...(await createAnswers(core, localStorage)), uploads: createUploads(uploadCalls, core.isSignedIn) };
+
 const linkError = first ? await signIn(first) : "";
+
 watchTheme(app.prefs);
+
 watchKeys(app);
+
 render(h(Shell, { app, linkError }), element("app"));
+
 if (app.isSignedIn.get()) {
   if (linkError) app.toasts.show(linkError, { kind: "error" });
   void app.greet();
   app.offerUnowned();
-  void app.saver.resume();
-  app.bulk.resume();
+  app.resume();
 }
+
 // A login link opened over the running page.
 addEventListener("hashchange", async () => {
   const login = takeLogin();

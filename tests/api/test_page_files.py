@@ -40,7 +40,7 @@ def test_the_shell_names_every_module_that_it_starts_with(anybody):
     named = re.findall(r'rel="modulepreload" href="/static/([^"]+)"', page)
 
     assert named == started_modules(static_dir(), "js/main.js")
-    assert {"js/main.js", "js/views/shell.js", "js/views/frames.js"} < set(named)
+    assert {"js/main.js", "js/shell/shell.js", "js/datasets/frames.js"} < set(named)
     assert not any("uplot" in name for name in named), "loaded with its view"
 
 

@@ -205,7 +205,7 @@ def test_help_lists_every_binding_of_the_keymap(scene, ada):
     dialog = page.get_by_role("dialog", name="Keys")
     expect(dialog).to_be_visible()
     table = page.evaluate(
-        "async () => (await import('/static/js/keymap.js')).KEYMAP"
+        "async () => (await import('/static/js/core/keymap.js')).KEYMAP"
         ".map((row) => [row.help, row.keys.join(' or ')])"
     )
     shown = dialog.locator(".help__row").evaluate_all(

@@ -18,18 +18,18 @@ def test_first_view_loads_no_other_views_modules(scene, ada):
 
     loaded = page.evaluate(LOADED)
 
-    assert any(name.endswith("/views/frames.js") for name in loaded)
-    others = re.compile("stage|uplot.*js|queue.js")
+    assert any(name.endswith("/datasets/frames.js") for name in loaded)
+    others = re.compile("/stage/|uplot.*js|/queue/")
     assert list(filter(others.search, loaded)) == []
 
 
 def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, ada):
     page = ada.open(f"#/datasets/{scene.dataset}/frames")
-    page.route("**/views/frame.js", lambda route: route.abort())
+    page.route("**/review/frame.js", lambda route: route.abort())
     page.locator("a.thumb").click()
     expect(page.get_by_role("alert")).to_be_visible()
 
-    page.unroute("**/views/frame.js")
+    page.unroute("**/review/frame.js")
     page.get_by_role("button", name="Try again").click()
 
     expect(page.locator("h1")).to_have_text("run/000001")

@@ -32,3 +32,36 @@ def test_every_module_is_type_checked():
     ]
 
     assert unchecked == []
+
+
+LEVELS = [
+    ["."],
+    ["shell"],
+    ["queue", "grid"],
+    ["review"],
+    ["runs", "quality", "datasets"],
+    ["tuning", "stage", "upload"],
+    ["jobs"],
+    ["boxes"],
+    ["core"],
+]
+"""The folders of the page's modules, from what is put together to what all of it is made
+of: a module imports from its own folder and from those below."""
+_IMPORTED = re.compile(r"""(?:from\s+|import\(\s*)"(\.[^"]+)\"""")
+
+
+def test_modules_import_from_folders_below_their_own():
+    level_of = {name: level for level, names in enumerate(LEVELS) for name in names}
+    upwards = []
+    for file in sorted(STATIC.glob("js/**/*.js")):
+        own = file.parent.relative_to(STATIC / "js").as_posix()
+        # Imports of types count too: who reads one file has to know the other.
+        for named in _IMPORTED.findall(file.read_text()):
+            other = (file.parent / named).resolve().parent
+            if other == file.parent or "vendor" in other.parts:
+                continue
+            folder = other.relative_to(STATIC / "js").as_posix()
+            if level_of[folder] <= level_of[own]:
+                upwards.append(f"{own}/{file.name} imports {named}")
+
+    assert upwards == []

@@ -1,8 +1,5 @@
 // @ts-check
-// Where the cells of a long grid are. Pure: numbers in, numbers out.
-//
-// A browser cannot make an element as tall as it likes. Up to its limit one pixel scrolled is
-// one pixel of the grid; beyond, the scrollbar is a scale of the whole, and still honest.
+// Where the cells of a long grid are, pure.
 
 /**
  * @typedef {object} Layout
@@ -14,13 +11,16 @@
  * @property {number} full  px, of all rows
  * @property {number} height  px, of the scrolled element
  */
+
 /** @typedef {{x0: number, y0: number, x1: number, y1: number}} Rect  px from the grid's own corner */
 
 export const GAP_PX = 8;
 export const CAPTION_PX = 40;
 const MOST_PX = 16_000_000;
+
 /** Room at the start, for the ring around a selected cell. */
 export const HEAD_PX = 12;
+
 /** Room at the end, so that the bar of answers never covers the last row. */
 const FOOT_PX = 72;
 

@@ -1,14 +1,14 @@
 // @ts-check
-// A long list that is read by cursor, seen as if it lay there whole: every place that was
-// reached keeps its box's id, only boxes near what is looked at are kept in memory.
-//
-// A cursor leads from a page to the next, so a jump far ahead walks there in large pages; the
-// cursors on the way are kept, and a jump back takes one request. Answered boxes stay where
-// they are even if the filter would not find them again: nothing moves under the hand.
+// A long list read by cursor as if it lay there whole: ids, kept for whoever comes back.
 
-import { seenRevision } from "../reviews.js";
+import { seenRevision } from "../boxes/box.js";
+import { selectionOf, sortOf } from "../boxes/filters.js";
+import { request, urlOf } from "../core/api.js";
+import { createValue } from "../core/observable.js";
+import { NOTHING } from "./selection.js";
 
-/** @typedef {import("../types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Decision} Decision */
+
 /**
  * @typedef {object} Part  boxes that one request brought, in their order
  * @property {number} start  index of the first
@@ -17,13 +17,16 @@ import { seenRevision } from "../reviews.js";
  * @property {string | undefined} cursor  that brings them again
  * @property {ReadonlyMap<number, Decision> | null} boxes  null: let go of
  */
+
 /** @typedef {{items: Decision[], next_cursor: string | null, total?: number | null, snapshot?: string | null}} BoxPage */
 /** @typedef {{limit: number, cursor: string | undefined, count: boolean}} BoxRequest */
 
 const PAGE = 200;
 const LARGE_PAGE = 1000;
+
 /** Places shown before anything is known. */
 const FIRST_SIGHT = 60;
+
 /** Boxes kept in memory besides those in sight. */
 const KEPT = 6000;
 
@@ -210,3 +213,51 @@ export function createPager(load) {
 
 /** @param {readonly Decision[]} items */
 const byId = (items) => new Map(items.map((box) => [box.box_id, box]));
+
+/** @param {string} dataset @param {Record<string, string | number | boolean>} filter @param {{sort?: string, limit: number, cursor?: string, count?: boolean}} page @param {AbortSignal} [signal] @returns {Promise<BoxPage>} */
+export const listBoxes = (dataset, filter, { sort, limit, cursor, count }, signal) =>
+  request(urlOf("/boxes", { dataset, ...texts(filter), sort, limit, cursor, count: count ? "true" : undefined }), { signal });
+
+/** @param {Record<string, string | number | boolean>} filter */
+const texts = (filter) => Object.fromEntries(Object.entries(filter).map(([key, value]) => [key, String(value)]));
+
+/**
+ * @typedef {object} Place
+ * @property {string} key
+ * @property {Pager} pager
+ * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
+ * @property {{offset: number, seen: number}} scroll  how far down, and when one left
+ * @property {() => void} end
+ */
+
+const KEPT_PLACES = 4;
+
+/** Others may be answering: a list that was left longer ago is read again. */
+const FRESH_MS = 10 * 60_000;
+
+/** @type {Map<string, Place>} the one used last comes last */
+const places = new Map();
+
+/** @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query @param {string} key @returns {Place} */
+export function placeOf(app, dataset, query, key) {
+  const known = places.get(key);
+  if (known && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
+    places.delete(key);
+    places.set(key, known);
+    return known;
+  }
+  leave(key);
+  const filter = selectionOf(query);
+  const pager = createPager((page) => listBoxes(dataset, filter, { ...page, sort: sortOf(query) }));
+  const scroll = { offset: 0, seen: Date.now() };
+  const place = { key, pager, selection: createValue(NOTHING), scroll, end: app.stores.lend(pager) };
+  places.set(key, place);
+  for (const old of [...places.keys()].slice(0, -KEPT_PLACES)) leave(old);
+  return place;
+}
+
+/** Forget a list: it is read anew when it is wanted. @param {string} key */
+export function leave(key) {
+  places.get(key)?.end();
+  places.delete(key);
+}

@@ -1,6 +1,11 @@
 // @ts-check
-// The line of boxes that one person goes through: those behind, the one looked at, those ahead.
-// Pure and immutable; what the boxes are like is the store's affair.
+// The line of ids one goes through, pure; and how a blind answer compares.
+
+import { answerOf } from "../boxes/box.js";
+
+/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/router.js").Query} Query */
 
 /**
  * @typedef {object} Line
@@ -74,4 +79,27 @@ export function paceOf(times) {
   const last = times.slice(-PACE_OVER);
   const span = (last.at(-1) ?? 0) - (last[0] ?? 0);
   return last.length < 4 || span <= 0 ? null : ((last.length - 1) * 60_000) / span;
+}
+
+/** @typedef {{boxId: number, words: string, agrees: boolean}} Comparison */
+
+/** An audit is blind unless one wants to see; elsewhere as one prefers. @param {Query} query @param {{blind?: boolean}} prefs */
+export function isBlind(query, prefs) {
+  if (query.blind) return query.blind === "on";
+  return query.order === "audit" || prefs.blind === true;
+}
+
+/** What was hidden, beside what was answered. @param {Decision} before @param {Answer} answer @returns {Comparison | null} null: nothing to compare with */
+export function compared(before, answer) {
+  if (answer !== "keep" && answer !== "reject") return null;
+  const earlier = answerOf(before);
+  const name = `${before.class} ${before.id}`;
+  if (earlier === "keep" || earlier === "reject") {
+    const agrees = earlier === answer;
+    const who = before.review?.reviewer || "The earlier answer";
+    return { boxId: before.box_id, agrees, words: agrees ? `${name}: you and ${who} agree, ${answer}` : `${name}: ${who} said ${earlier}, you said ${answer}` };
+  }
+  if (before.verdict === "unmeasured") return null;
+  const agrees = (before.verdict === "kept") === (answer === "keep");
+  return { boxId: before.box_id, agrees, words: `${name}: the filter ${agrees ? "agrees" : "says"} ${before.verdict}${agrees ? "" : `, you said ${answer}`}` };
 }

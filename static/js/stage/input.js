@@ -1,7 +1,7 @@
 // @ts-check
-// Pointers and wheel of the stage, translated into pan, zoom, hover and click.
+// Pointers and wheel as pan, zoom, hover, click.
 
-/** @typedef {import("../geometry.js").Point} Point */
+/** @typedef {import("./geometry.js").Point} Point */
 
 /**
  * @typedef {object} Gestures

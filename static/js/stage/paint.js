@@ -1,27 +1,26 @@
 // @ts-check
-// What the two layers look like. Base: image, mask, all boxes but the selected one. Top: lit
-// pixels, hovered and selected box, labels. Verdicts differ in stroke and sign, not only in colour.
+// What the two layers look like; hundreds of boxes drawn once while one pans.
 
-import { areaOf, isOnStage, toStage } from "../geometry.js";
-import { answerOf } from "../reviews.js";
-import { labelText } from "../wording.js";
-import { paintLabel, paintShortLabels } from "./labels.js";
-import { paintMark } from "./marks.js";
-import { outline, solidLines } from "./strokes.js";
+import { answerOf } from "../boxes/box.js";
+import { labelText } from "../boxes/wording.js";
+import { areaOf, isOnStage, toStage } from "./geometry.js";
+import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./shapes.js";
 
-/** @typedef {import("../types.js").Decision} Decision */
-/** @typedef {import("../types.js").Verdict} Verdict */
-/** @typedef {import("../types.js").Xyxy} Xyxy */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Verdict} Verdict */
+/** @typedef {import("../core/types.js").Xyxy} Xyxy */
 /** @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo: string, edge: string, dim: string, unsure: string, font: string}} Inks */
+
 /**
  * @typedef {object} Scene
  * @property {import("./stage.js").Snapshot} snapshot
- * @property {import("../geometry.js").View} view
+ * @property {import("./geometry.js").View} view
  * @property {{width: number, height: number}} size
  * @property {Decision | null} hovered
  * @property {ReadonlySet<Decision>} neighbours  of the selected box
  * @property {Inks} inks
  */
+
 /** @typedef {{box: Decision, rect: Xyxy}} Placed */
 
 /** @type {readonly Verdict[]} */
@@ -32,6 +31,7 @@ const DASHES = { kept: [], rejected: [7, 4], unmeasured: [2, 3], veiled: [] };
 
 /** With a box selected, those that overlap it stay closer to the eye than the rest. */
 const DIMMED = { neighbours: 0.62, others: 0.28 };
+
 /** Closer than this one looks at pixels, not at the scene. */
 const CRISP_FROM = 8;
 
@@ -119,7 +119,7 @@ export function paintTop(ctx, scene) {
   paintForward(ctx, selected, scene);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Lit} lit @param {import("../geometry.js").View} view */
+/** @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Lit} lit @param {import("./geometry.js").View} view */
 function paintLit(ctx, { canvas, bounds }, view) {
   ctx.imageSmoothingEnabled = false;
   const { scale, x, y } = view;
@@ -138,7 +138,7 @@ function paintForward(ctx, box, { view, size, inks, snapshot }) {
   paintLabel(ctx, { text: labelText(box), verdict, rect, size, inks });
 }
 
-/** @param {readonly Decision[]} boxes @param {import("../geometry.js").View} view @param {{width: number, height: number}} size @returns {Placed[]} those on the stage, large ones first */
+/** @param {readonly Decision[]} boxes @param {import("./geometry.js").View} view @param {{width: number, height: number}} size @returns {Placed[]} those on the stage, large ones first */
 function placedBoxes(boxes, view, size) {
   const placed = [];
   for (const box of largeFirst(boxes)) {
@@ -163,7 +163,7 @@ function largeFirst(boxes) {
   return order;
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {import("../geometry.js").View} view @param {Inks} inks */
+/** @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {import("./geometry.js").View} view @param {Inks} inks */
 function paintEdges(ctx, edges, view, inks) {
   ctx.beginPath();
   for (const edge of edges) {
@@ -179,3 +179,51 @@ function paintEdges(ctx, edges, view, inks) {
   ctx.lineWidth = 1.25;
   ctx.stroke();
 }
+
+const MARGIN_PX = 256;
+
+/** @param {(ctx: CanvasRenderingContext2D, scene: Scene) => void} paint  draws the boxes of a scene */
+export function createDrawnBoxes(paint) {
+  const canvas = document.createElement("canvas");
+  const own = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  /** What is on the canvas. @type {Scene | null} */
+  let drawn = null;
+
+  /** @param {Scene} scene @param {number} density */
+  function holds(scene, density) {
+    return (
+      drawn !== null &&
+      canvas.width === Math.round((scene.size.width + 2 * MARGIN_PX) * density) &&
+      canvas.height === Math.round((scene.size.height + 2 * MARGIN_PX) * density) &&
+      drawn.snapshot === scene.snapshot &&
+      drawn.inks === scene.inks &&
+      drawn.view.scale === scene.view.scale &&
+      Math.abs(drawn.view.x - scene.view.x) <= MARGIN_PX &&
+      Math.abs(drawn.view.y - scene.view.y) <= MARGIN_PX
+    );
+  }
+
+  /** @param {Scene} scene @param {number} density */
+  function draw(scene, density) {
+    const size = { width: scene.size.width + 2 * MARGIN_PX, height: scene.size.height + 2 * MARGIN_PX };
+    canvas.width = Math.round(size.width * density);
+    canvas.height = Math.round(size.height * density);
+    own.setTransform(density, 0, 0, density, 0, 0);
+    const { scale, x, y } = scene.view;
+    paint(own, { ...scene, size, view: { scale, x: x + MARGIN_PX, y: y + MARGIN_PX } });
+    drawn = scene;
+  }
+
+  /** The boxes of a scene that moves, on whole pixels. @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
+  return function copy(ctx, scene) {
+    const density = ctx.getTransform().a;
+    if (!holds(scene, density)) draw(scene, density);
+    const from = /** @type {Scene} */ (drawn).view;
+    const x = Math.round((scene.view.x - from.x) * density) / density - MARGIN_PX;
+    const y = Math.round((scene.view.y - from.y) * density) / density - MARGIN_PX;
+    ctx.imageSmoothingEnabled = false;
+    ctx.drawImage(canvas, x, y, canvas.width / density, canvas.height / density);
+  };
+}
+
+/** @typedef {ReturnType<typeof createDrawnBoxes>} DrawnBoxes */

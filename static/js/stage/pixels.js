@@ -1,16 +1,18 @@
 // @ts-check
-// The pixels of a segmentation file, exactly as they are stored, and the lit ones of a box.
+// Stored pixels of a segmentation, and the lit ones of a box.
 
-import { pixelBounds } from "../geometry.js";
-import { lightPixels, tagMatcher } from "../palette.js";
+import { pixelBounds } from "./geometry.js";
 
-/** @typedef {import("../types.js").Decision} Decision */
-/** @typedef {import("../types.js").SegmentationReport} SegmentationReport */
+/** @typedef {import("../core/types.js").AcceptedTag} AcceptedTag */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Rgb} Rgb */
+/** @typedef {import("../core/types.js").SegmentationReport} SegmentationReport */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
 /** @typedef {{canvas: HTMLCanvasElement, bounds: Bounds, count: number}} Lit */
 
 /** On the image: a light that no CARLA scene has, and a shade that makes it stand out. */
 const LIT = [255, 221, 51, 168];
+
 const UNLIT = [8, 10, 14, 96];
 
 /**
@@ -51,3 +53,63 @@ export function litPixels(segmentation, form, box) {
 
 /** Can the file itself be shown as the mask? Raw tags and swapped colours must be painted. @param {SegmentationReport} form */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
+
+/** @typedef {{encoding: string, channel_order: string, lossy: boolean}} PixelForm */
+
+/** How far a JPEG may have moved a colour, per channel: the server's own tolerance. */
+const LOSSY_TOLERANCE = 32;
+
+/**
+ * A test for one pixel: do these three stored channels carry an accepted tag?
+ * @param {readonly AcceptedTag[]} accepted @param {PixelForm} form
+ * @returns {(c0: number, c1: number, c2: number) => boolean}
+ */
+export function tagMatcher(accepted, form) {
+  const swapped = form.channel_order === "bgr";
+  if (form.encoding === "raw") {
+    const tags = new Set(accepted.map(({ tag }) => tag));
+    return swapped ? (_0, _1, c2) => tags.has(c2) : (c0) => tags.has(c0);
+  }
+  const colors = accepted.map(({ rgb }) => (swapped ? [rgb[2], rgb[1], rgb[0]] : rgb));
+  if (form.lossy) {
+    return (c0, c1, c2) =>
+      colors.some(([a = 0, b = 0, c = 0]) => isNear(c0, a) && isNear(c1, b) && isNear(c2, c));
+  }
+  const packed = new Set(colors.map(([a = 0, b = 0, c = 0]) => (a << 16) | (b << 8) | c));
+  return (c0, c1, c2) => packed.has((c0 << 16) | (c1 << 8) | c2);
+}
+
+/** @param {number} found @param {number} wanted */
+const isNear = (found, wanted) => Math.abs(found - wanted) <= LOSSY_TOLERANCE;
+
+/**
+ * Light the matching pixels: `lit` where the tag is accepted, `unlit` elsewhere.
+ * @param {Uint8ClampedArray} rgba of the segmentation; replaced in place
+ * @param {(c0: number, c1: number, c2: number) => boolean} matches
+ * @param {readonly number[]} lit rgba @param {readonly number[]} unlit rgba
+ * @returns {number} how many pixels are lit
+ */
+export function lightPixels(rgba, matches, lit, unlit) {
+  let count = 0;
+  for (let i = 0; i < rgba.length; i += 4) {
+    const isLit = matches(rgba[i] ?? 0, rgba[i + 1] ?? 0, rgba[i + 2] ?? 0);
+    if (isLit) count++;
+    rgba.set(isLit ? lit : unlit, i);
+  }
+  return count;
+}
+
+/** WCAG contrast of two colours, 1 to 21. @param {Rgb} a @param {Rgb} b */
+export function contrast(a, b) {
+  const [light, dark] = [luminance(a), luminance(b)].sort((x, y) => y - x);
+  return ((light ?? 0) + 0.05) / ((dark ?? 0) + 0.05);
+}
+
+/** @param {Rgb} rgb */
+function luminance(rgb) {
+  const [r, g, b] = rgb.map((channel) => {
+    const share = channel / 255;
+    return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
+  });
+  return 0.2126 * (r ?? 0) + 0.7152 * (g ?? 0) + 0.0722 * (b ?? 0);
+}

@@ -1,17 +1,14 @@
 // @ts-check
-// The stage: two layers of canvas, drawn by requestAnimationFrame from the latest snapshot and
-// the current view. Events only change those two; nothing is drawn from an event.
+// Two layers of canvas, drawn by requestAnimationFrame from a snapshot and a view; the view glides.
 
-import { boxesAt, clampView, cropView, fitView, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "../geometry.js";
-import { createGlide } from "./glide.js";
+import { boxesAt, clampView, cropView, fitView, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "./geometry.js";
 import { listen } from "./input.js";
-import { createDrawnBoxes } from "./drawn_boxes.js";
-import { paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
+import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
-/** @typedef {import("../types.js").Decision} Decision */
-/** @typedef {import("../types.js").Xyxy} Xyxy */
-/** @typedef {import("../geometry.js").View} View */
-/** @typedef {import("../geometry.js").Point} Point */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("./geometry.js").Point} Point */
+/** @typedef {import("./geometry.js").View} View */
+/** @typedef {import("../core/types.js").Xyxy} Xyxy */
 
 /**
  * @typedef {object} Snapshot  everything that is drawn
@@ -36,6 +33,7 @@ import { paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
  */
 
 const CLICK_SLACK_PX = 4;
+
 /** A pan that pauses for so long is drawn as it will stay. */
 const REST_MS = 100;
 
@@ -242,4 +240,49 @@ function fitLayer(layer, size) {
   layer.canvas.width = Math.round(size.width * density);
   layer.canvas.height = Math.round(size.height * density);
   layer.setTransform(density, 0, 0, density, 0, 0);
+}
+
+const DURATION_MS = 160;
+
+/** @param {() => View} current @param {(view: View) => void} show */
+export function createGlide(current, show) {
+  /** @type {View | null} */
+  let goal = null;
+  let request = 0;
+
+  function stop() {
+    cancelAnimationFrame(request);
+    goal = null;
+  }
+
+  /** @param {View} target @param {boolean} smoothly */
+  function to(target, smoothly) {
+    stop();
+    if (!smoothly || matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      show(target);
+      return;
+    }
+    goal = target;
+    const from = current();
+    const start = performance.now();
+    /** @param {number} now */
+    const step = (now) => {
+      const share = Math.min(Math.max(0, now - start) / DURATION_MS, 1);
+      show(between(from, target, 1 - (1 - share) ** 3));
+      if (share < 1) request = requestAnimationFrame(step);
+      else goal = null;
+    };
+    request = requestAnimationFrame(step);
+  }
+
+  return { to, stop, target: () => goal ?? current() };
+}
+
+/** Scale moves geometrically, so that zooming feels even. @param {View} a @param {View} b @param {number} share @returns {View} */
+function between(a, b, share) {
+  if (share === 1) return b;
+  const scale = a.scale * (b.scale / a.scale) ** share;
+  const same = Math.abs(b.scale - a.scale) < 1e-9;
+  const t = same ? share : (scale - a.scale) / (b.scale - a.scale);
+  return { scale, x: a.x + (b.x - a.x) * t, y: a.y + (b.y - a.y) * t };
 }

@@ -9,8 +9,8 @@ import { readVoc } from "./voc.js";
 
 /** @typedef {import("./matching.js").Entry} Entry */
 /** @typedef {import("./matching.js").FrameFiles} FrameFiles */
-/** @typedef {import("./matching.js").Unmatched} Unmatched */
 /** @typedef {import("./manifest.js").ReadFrame} ReadFrame */
+/** @typedef {import("./matching.js").Unmatched} Unmatched */
 /** @typedef {"manifest" | "carlasimu" | "yolo" | "voc" | "pairs"} Layout */
 
 /**
@@ -26,8 +26,22 @@ import { readVoc } from "./voc.js";
 export const LAYOUT_NAMES = { manifest: "Manifest", carlasimu: "carlasimu folder", yolo: "YOLO folder", voc: "Pascal VOC folder", pairs: "Images and segmentations" };
 
 const CLASS_LISTS = ["data.yaml", "data.yml", "dataset.yaml", "classes.txt", "labels.txt", "obj.names"];
+
 const TEXTS_AT_THE_TOP = new Set(["readme.txt", "requirements.txt", "train.txt", "val.txt", "test.txt"]);
+
 const MAX_LABEL_BYTES = 16 * 1024 * 1024;
+
+/** @param {Entry | null} image @param {Entry | null} segmentation @returns {Record<string, Entry>} */
+const filesOf = (image, segmentation) => ({ ...(image && { image }), ...(segmentation && { segmentation }) });
+
+/** @param {Entry} entry lies in a folder of segmentations */
+const isTag = ({ path }) => SEGMENTATION_FOLDERS.includes(path.split("/")[0] ?? "");
+
+/** @param {Entry} entry */
+const stemOf = ({ path }) => baseOf(path).slice(0, -suffixOf(path).length || undefined);
+
+/** @param {string} path */
+const unfoldered = (path) => (SEGMENTATION_FOLDERS.includes(path.split("/")[0] ?? "") ? path.slice(path.indexOf("/") + 1) : path);
 
 /** @type {Record<Layout, (entries: readonly Entry[], tick: () => void) => Promise<Plan>>} */
 const READERS = { manifest: readManifest, carlasimu: readCarlasimu, yolo: readYolo, voc: readVocFolder, pairs: readPairs };
@@ -176,23 +190,11 @@ async function textOf({ blob, path, size }) {
   return blob.text();
 }
 
-/** @param {Entry | null} image @param {Entry | null} segmentation @returns {Record<string, Entry>} */
-const filesOf = (image, segmentation) => ({ ...(image && { image }), ...(segmentation && { segmentation }) });
-
-/** @param {Entry} entry */
-const stemOf = ({ path }) => baseOf(path).slice(0, -suffixOf(path).length || undefined);
-
 /** The first of the usual folders that is there. @param {readonly Entry[]} entries */
 function tagsOf(entries) {
   const folder = SEGMENTATION_FOLDERS.find((name) => hasFolder(entries, name));
   return folder ? below(entries, folder).filter(isImage) : [];
 }
-
-/** @param {Entry} entry lies in a folder of segmentations */
-const isTag = ({ path }) => SEGMENTATION_FOLDERS.includes(path.split("/")[0] ?? "");
-
-/** @param {string} path */
-const unfoldered = (path) => (SEGMENTATION_FOLDERS.includes(path.split("/")[0] ?? "") ? path.slice(path.indexOf("/") + 1) : path);
 
 /** A text file that holds boxes. @param {Entry} entry */
 function isLabel({ path }) {

@@ -7,12 +7,15 @@
  * @property {number} size
  * @property {Blob} blob
  */
+
 /** @typedef {{path: string, why: string}} Unmatched */
 /** @typedef {{key: string, label: Entry, image: Entry | null, segmentation: Entry | null}} FrameFiles */
 
 const IMAGE_SUFFIXES = [".png", ".jpg", ".jpeg"];
+
 /** Names of folders that say what their files are, not which frame they belong to. */
 const FOLDER_WORDS = new Set(["images", "image", "img", "jpegimages", "labels", "label", "annotations"]);
+
 export const SEGMENTATION_FOLDERS = ["seg", "segmentation", "segmentations", "semantic"];
 
 /** @param {string} path */

@@ -1,10 +1,11 @@
 // @ts-check
-// Sends frames a few at a time: can be paused, cancelled and resumed, waits while the server
-// is away, and lists what was refused in the server's words. Knows no view and no fetch.
+// Frames sent a few at a time: pause, cancel, go on, try the refused again.
 
-import { ApiError, NoAnswer } from "../api.js";
-import { createValue } from "../store.js";
+import { ApiError, NoAnswer, post, segment, send, urlOf } from "../core/api.js";
+import { createValue } from "../core/observable.js";
+import { FILE_KINDS } from "./manifest.js";
 
+/** @typedef {import("./matching.js").Entry} Entry */
 /** @typedef {import("./manifest.js").ReadFrame} ReadFrame */
 /** @typedef {"sending" | "paused" | "offline" | "busy" | "signed-out" | "done" | "stopped"} Phase */
 /** @typedef {{key: string, why: string, more: readonly string[]}} Refusal */
@@ -22,6 +23,7 @@ import { createValue } from "../store.js";
 const WORKERS = 4;
 const FIRST_RETRY_S = 1;
 const LONGEST_RETRY_S = 30;
+
 /** One frame's refusal says that every other would be refused as well. */
 const HOPELESS = [403, 404];
 
@@ -135,3 +137,94 @@ export const doneOf = ({ stored, same, refused }) => stored + same + refused.len
 
 /** @param {Phase} phase */
 export const isOver = (phase) => phase === "done" || phase === "stopped";
+
+/** Slashes stay: they are part of a key. @param {string} key */
+const keyPath = (key) => key.split("/").map(segment).join("/");
+
+/** A file as it is now; one that has gone or changed since it was picked is refused here, not by the network. @param {import("./matching.js").Entry} entry */
+async function contentOf({ blob, path }) {
+  try {
+    return new Blob([await blob.arrayBuffer()]);
+  } catch {
+    throw new Error(`${path} can no longer be read: it was changed or taken away`);
+  }
+}
+
+/** @param {ReadFrame} frame */
+async function formOf({ annotation, files }) {
+  const form = new FormData();
+  form.append("annotation", new Blob([JSON.stringify(annotation)], { type: "application/json" }), "annotation.json");
+  for (const kind of FILE_KINDS) {
+    const entry = files[kind];
+    if (entry) form.append(kind, await contentOf(entry), kind);
+  }
+  return form;
+}
+
+export const uploadCalls = {
+  /** @param {{name: string, classes?: string[]} & Record<string, unknown>} dataset @returns {Promise<import("../core/types.js").Dataset>} */
+  createDataset: (dataset) => post("/datasets", dataset),
+
+  /**
+   * @param {string} dataset @param {ReadFrame} frame @param {boolean} replace  other content becomes the next revision
+   * @param {AbortSignal} signal @returns {Promise<boolean>} true: stored now; false: it was there already
+   */
+  async putFrame(dataset, frame, replace, signal) {
+    const url = urlOf(`/datasets/${segment(dataset)}/frames/${keyPath(frame.key)}`, { replace: replace ? "true" : undefined });
+    return (await send(url, { method: "PUT", body: await formOf(frame), signal })).status === 201;
+  },
+};
+
+/** @typedef {typeof uploadCalls} UploadCalls */
+/** @typedef {{dataset: string, sender: Sender}} Job */
+/** @typedef {{dataset: string, isNew: boolean, classes: string[] | null, reading: Record<string, string>, frames: readonly ReadFrame[], replace: boolean}} Order */
+
+/**
+ * @param {UploadCalls} calls
+ * @param {import("../core/observable.js").Value<boolean>} isSignedIn
+ */
+export function createUploads(calls, isSignedIn) {
+  const job = createValue(/** @type {Job | null} */ (null));
+  /** What was dropped or picked, until it is sent or put away. */
+  const dropped = createValue(/** @type {Promise<Entry[]> | null} */ (null));
+  /** Grows when an upload ends: what is counted then is no longer true. */
+  const ended = createValue(0);
+
+  const isRunning = () => job.get() !== null && !isOver(/** @type {Job} */ (job.get()).sender.state.get().phase);
+
+  /** @param {Phase} phase what it waited in */
+  const resumeFrom = (phase) => job.get()?.sender.state.get().phase === phase && job.get()?.sender.resume();
+
+  addEventListener("online", () => resumeFrom("offline"));
+  isSignedIn.observe((isIn) => isIn && resumeFrom("signed-out"));
+  addEventListener("beforeunload", (event) => isRunning() && event.preventDefault());
+
+  return {
+    job,
+    dropped,
+    ended,
+    isRunning,
+
+    /** @param {Promise<Entry[]>} entries */
+    take: (entries) => dropped.set(entries),
+
+    /** Make the dataset if it is new, then begin; rejects when that is refused. @param {Order} order */
+    async start({ dataset, isNew, classes, reading, frames, replace }) {
+      if (isNew) await calls.createDataset({ name: dataset, ...(classes && { classes }), ...reading });
+      const sender = createSender(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
+      sender.state.observe(({ phase }) => {
+        if (isOver(phase)) ended.set(ended.get() + 1);
+        if (phase === "signed-out") isSignedIn.set(false);
+      });
+      dropped.set(null);
+      job.set({ dataset, sender });
+      sender.resume();
+    },
+
+    /** Take the finished one off the screen. */
+    dismiss: () => job.set(null),
+  };
+}
+
+/** @typedef {ReturnType<typeof createUploads>} Uploads */
+/** @typedef {import("../core/app.js").App & {uploads: Uploads}} UploadApp  what views are given that take uploads */

@@ -7,6 +7,7 @@ import { allBelow, childOf, parseXml } from "./xml.js";
 /** @typedef {import("./xml.js").XmlElement} XmlElement */
 
 const CORNERS = ["xmin", "ymin", "xmax", "ymax"];
+
 const KEPT = ["pose", "truncated", "difficult", "occluded"];
 
 /**

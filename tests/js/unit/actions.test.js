@@ -1,18 +1,19 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { createFrameActions } from "../../../static/js/frame_actions.js";
-import { createPrefs } from "../../../static/js/prefs.js";
-import { parseHash } from "../../../static/js/router.js";
-import { createStore, createValue } from "../../../static/js/store.js";
-import { createUndo } from "../../../static/js/undo.js";
+import { createFrameActions } from "../../../static/js/review/frame.js";
+import { createPrefs } from "../../../static/js/core/prefs.js";
+import { parseHash } from "../../../static/js/core/router.js";
+import { createStore } from "../../../static/js/boxes/store.js";
+import { createValue } from "../../../static/js/core/observable.js";
+import { createUndo } from "../../../static/js/review/answers.js";
 import { decision, memoryStorage } from "./builders.js";
 
 /** @type {any} */
 let app;
-/** @type {import("../../../static/js/store.js").Store} */
+/** @type {import("../../../static/js/boxes/store.js").Store} */
 let store;
-/** @type {import("../../../static/js/frame_actions.js").FrameActions} */
+/** @type {import("../../../static/js/review/frame.js").FrameActions} */
 let actions;
 /** @type {string[]} */
 let said;

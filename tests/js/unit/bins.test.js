@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { binsFor, countTicks, heightOf, rebinned, shortCount, together } from "../../../static/js/bins.js";
+import { binsFor, countTicks, heightOf, rebinned, shortCount, together } from "../../../static/js/tuning/histogram.js";
 
 test("bins are joined without losing a box", () => {
   assert.deepEqual(rebinned([1, 2, 3, 4, 5, 6, 7, 8], 4), [3, 7, 11, 15]);

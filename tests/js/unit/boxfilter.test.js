@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { countsBy, filtersOf, neighbour, nextUndecided, shownBoxes } from "../../../static/js/boxfilter.js";
+import { countsBy, filtersOf, neighbour, nextUndecided, shownBoxes } from "../../../static/js/boxes/filters.js";
 import { decision } from "./builders.js";
 
 /** @param {string} verdict */

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/api.js";
-import { createBulk } from "../../../static/js/bulk.js";
+import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { createBulk } from "../../../static/js/review/outbox.js";
 import { memoryStorage } from "./builders.js";
 
 /** A server that answers as it is told. */

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError } from "../../../static/js/api.js";
-import { createCrops } from "../../../static/js/grid/crops.js";
+import { ApiError } from "../../../static/js/core/api.js";
+import { createCrops } from "../../../static/js/boxes/crops.js";
 
 /** Crops that arrive when one says so. */
 function source() {

@@ -3,8 +3,8 @@ import { once } from "node:events";
 import { createServer } from "node:http";
 import { test } from "node:test";
 
-import { showSession } from "../../../static/js/api.js";
-import { EventStream } from "../../../static/js/events.js";
+import { showSession } from "../../../static/js/core/api.js";
+import { EventStream } from "../../../static/js/jobs/job.js";
 
 /**
  * A server on a port of its own that answers each request as the next one says.

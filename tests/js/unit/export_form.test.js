@@ -1,8 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { booksOf, exportForm, formatText, optionsOf, optionsText, parseNumbers, splitText, tookText } from "../../../static/js/export_form.js";
-import { sizeText } from "../../../static/js/wording.js";
+import { booksOf, exportForm, formatText, optionsText } from "../../../static/js/runs/exports.js";
+import { optionsOf, parseNumbers } from "../../../static/js/core/form.js";
+import { splitText, tookText } from "../../../static/js/core/numbers.js";
+import { sizeText } from "../../../static/js/core/numbers.js";
 
 const API = {
   components: {

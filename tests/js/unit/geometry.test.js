@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { MAX_SCALE, boxesAt, clampView, cropView, fitView, nextOfStack, panBy, pixelBounds, revealView, toImage, toStage, zoomAt } from "../../../static/js/geometry.js";
+import { MAX_SCALE, boxesAt, clampView, cropView, fitView, nextOfStack, panBy, pixelBounds, revealView, toImage, toStage, zoomAt } from "../../../static/js/stage/geometry.js";
 
 const IMAGE = { width: 1280, height: 720 };
 const STAGE = { width: 800, height: 600 };

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { countOfMore, isFiltered, selectionOf, sortOf, withoutFilters } from "../../../static/js/grid/filters.js";
+import { countOfMore, isFiltered, selectionOf, sortOf, withoutFilters } from "../../../static/js/boxes/filters.js";
 
 test("the address is read as the server takes it, and nonsense is left out", () => {
   const query = { verdict: "kept", toss_up: "true", conflict: "no", match_min: "5", match_max: "many", distance_max: "-1", box: "7" };

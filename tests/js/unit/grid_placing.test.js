@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { boxIn, cropRequest, placed } from "../../../static/js/grid/placing.js";
+import { boxIn, cropRequest, placed } from "../../../static/js/boxes/crops.js";
 
 /** What the server cuts out, and how large it makes it: its own rule. */
 function serverCrop([x0, y0, x1, y1], { pad, height }, frame) {
@@ -15,7 +15,7 @@ function serverCrop([x0, y0, x1, y1], { pad, height }, frame) {
 }
 
 const FRAME = { width: 640, height: 360 };
-const BOXES = /** @type {import("../../../static/js/types.js").Xyxy[]} */ ([
+const BOXES = /** @type {import("../../../static/js/core/types.js").Xyxy[]} */ ([
   [300, 100, 400, 140],
   [300, 100, 320, 180],
   [0, 0, 30, 60],

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { DEFAULT_SETTINGS, KEYMAP, actionOf, boundKeys, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/keymap.js";
+import { DEFAULT_SETTINGS, KEYMAP, actionOf, boundKeys, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
 import { memoryStorage } from "./builders.js";
 
 /** @param {string} key @param {object} [some] */

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { brokenToFit } from "../../../static/js/stage/labels.js";
+import { brokenToFit } from "../../../static/js/stage/shapes.js";
 
 /** Ten pixels a letter. */
 const ctx = { measureText: (/** @type {string} */ text) => /** @type {TextMetrics} */ ({ width: 10 * text.length }) };

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { createLatest } from "../../../static/js/latest.js";
+import { createLatest } from "../../../static/js/tuning/preview.js";
 
 /** A server that answers when told. */
 function slowServer() {

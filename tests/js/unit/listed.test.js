@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { listQuery, listedOf, withoutList } from "../../../static/js/queue/listed.js";
+import { listQuery, listedOf, withoutList } from "../../../static/js/boxes/filters.js";
 
 test("boxes keep the order of the address; twice the same is once", () => {
   assert.deepEqual(listedOf({ boxes: "1042,7,1042" }), [1042, 7]);

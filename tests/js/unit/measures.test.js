@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { answersIn, bandQuery, bandText, cellQuery, intervalText, kappaText, shareOf, shareText, worthTrying } from "../../../static/js/measures.js";
+import { answersIn, bandQuery, bandText, cellQuery, intervalText, kappaText, shareOf, shareText, worthTrying } from "../../../static/js/quality/measures.js";
 
 const CONFUSION = { kept_keep: 6, kept_reject: 1, rejected_keep: 1, rejected_reject: 2 };
 

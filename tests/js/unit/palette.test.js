@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { contrast, lightPixels, swatchOf, tagMatcher } from "../../../static/js/palette.js";
+import { contrast, lightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
+import { swatchOf } from "../../../static/js/review/inspector.js";
 
 /** @type {any} */
 const CAR = { tag: 14, name: "Car", rgb: [0, 0, 142] };

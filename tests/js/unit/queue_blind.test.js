@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { compared, isBlind } from "../../../static/js/queue/blind.js";
+import { compared, isBlind } from "../../../static/js/queue/line.js";
 import { decision } from "./builders.js";
 
 const review = (verdict) => ({ verdict, reviewer: "bo", revision: 1, comment: "I think so" });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { linkTo, loginOf, parseHash } from "../../../static/js/router.js";
+import { linkTo, loginOf, parseHash } from "../../../static/js/core/router.js";
 
 test("an empty address is the list of datasets", () => {
   for (const hash of ["", "#", "#/", "#/datasets"]) assert.equal(parseHash(hash).name, "datasets", hash);

@@ -1,11 +1,11 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/api.js";
-import { createOutbox } from "../../../static/js/outbox.js";
-import { withAnswer } from "../../../static/js/reviews.js";
-import { createSaver } from "../../../static/js/saver.js";
-import { LOCAL, REMOTE } from "../../../static/js/store.js";
+import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { createOutbox } from "../../../static/js/review/outbox.js";
+import { withAnswer } from "../../../static/js/boxes/box.js";
+import { createSaver } from "../../../static/js/review/outbox.js";
+import { LOCAL, REMOTE } from "../../../static/js/boxes/store.js";
 import { decision, memoryStorage } from "./builders.js";
 
 /** @typedef {{boxId: number, verdict: string, comment: string, seen_revision: number, key: string}} Sent */

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { own, unowned } from "../../../static/js/owners.js";
-import { SESSION_KEY, createSession } from "../../../static/js/session.js";
+import { own, unowned } from "../../../static/js/review/outbox.js";
+import { SESSION_KEY, createSession } from "../../../static/js/core/connection.js";
 import { memoryStorage } from "./builders.js";
 
 /** @param {string} name @param {string} [session] */

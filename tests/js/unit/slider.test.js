@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { movedByKey, typedPercent, valueAt } from "../../../static/js/slider.js";
+import { movedByKey, typedPercent, valueAt } from "../../../static/js/tuning/histogram.js";
 
 /** @param {string} key */
 const press = (key, shiftKey = false) => ({ key, shiftKey });

@@ -1,9 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { withAnswer, withStored } from "../../../static/js/reviews.js";
-import { LOCAL, REMOTE, UNDO, createStore, createValue } from "../../../static/js/store.js";
-import { createUndo } from "../../../static/js/undo.js";
+import { withAnswer, withStored } from "../../../static/js/boxes/box.js";
+import { LOCAL, REMOTE, UNDO, createStore } from "../../../static/js/boxes/store.js";
+import { createValue } from "../../../static/js/core/observable.js";
+import { createUndo } from "../../../static/js/review/answers.js";
 import { decision } from "./builders.js";
 
 test("a change is told with its origin, and what was before", () => {

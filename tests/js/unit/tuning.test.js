@@ -1,19 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import {
-  appliesTo,
-  classPath,
-  differences,
-  editsBetween,
-  editsOf,
-  effectiveEdits,
-  queryOf,
-  toYaml,
-  valueOf,
-  valueText,
-  withEdits,
-} from "../../../static/js/tuning.js";
+import { appliesTo, classPath, differences, editsBetween, editsOf, effectiveEdits, queryOf, toYaml, valueOf, valueText, withEdits } from "../../../static/js/tuning/config.js";
 
 const ACTIVE = {
   profile: "paper",

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/api.js";
+import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
 import { createSender } from "../../../static/js/upload/sender.js";
 
 /** @param {number} count @returns {any[]} */

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ApiError, NoAnswer } from "../../../static/js/api.js";
-import { percentDone, watchRun } from "../../../static/js/watch.js";
+import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { percentDone, watchRun } from "../../../static/js/jobs/job.js";
 
 /** An event source that does what the test says; `readyState` as in browsers. */
 class Source extends EventTarget {

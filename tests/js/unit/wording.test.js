@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { agoText, countOf, endedText, labelText, percentText, matchText, reasonText, shortText, spokenText } from "../../../static/js/wording.js";
+import { agoText, countOf, percentText } from "../../../static/js/core/numbers.js";
+import { endedText } from "../../../static/js/core/connection.js";
+import { labelText, matchText, reasonText, shortText, spokenText } from "../../../static/js/boxes/wording.js";
 import { decision } from "./builders.js";
 
 test("the label says the number, what was needed, and what hides the box", () => {

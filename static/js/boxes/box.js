@@ -1,0 +1,91 @@
+// @ts-check
+// What an answer makes of a decision, and what may be seen of it before one has answered.
+
+/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Verdict} Verdict */
+
+/** @param {Decision} box @returns {Exclude<Answer, "clear"> | null} the person's answer in force */
+export function answerOf(box) {
+  const verdict = box.review?.verdict;
+  return verdict && verdict !== "clear" ? verdict : null;
+}
+
+/** @param {Decision} box */
+export const isUndecided = (box) => answerOf(box) === null;
+
+/** The revision that an answer given now has seen. @param {Partial<Pick<Decision, "revision" | "review">>} box */
+export const seenRevision = (box) => Math.max(box.revision ?? 0, box.review?.revision ?? 0);
+
+/** @param {Decision} box @param {Answer} answer @returns {Verdict} */
+function effectiveAfter(box, answer) {
+  if (answer === "keep") return "kept";
+  if (answer === "reject") return "rejected";
+  return box.verdict;
+}
+
+/**
+ * The box as it will be once the answer is stored; its revision stays the server's.
+ * @param {Decision} box @param {Answer} answer @param {string} [comment]
+ * @returns {Decision}
+ */
+export function withAnswer(box, answer, comment = "") {
+  const revision = seenRevision(box);
+  const review = answer === "clear" ? null : { verdict: answer, reviewer: "", revision, comment };
+  return { ...box, revision, review, effective_verdict: effectiveAfter(box, answer) };
+}
+
+/**
+ * The box as the server has stored it.
+ * @param {Decision} box @param {import("../core/types.js").StoredReview} stored
+ * @returns {Decision}
+ */
+export function withStored(box, stored) {
+  const { revision, verdict, reviewer, comment, effective_verdict } = stored;
+  const review = verdict === "clear" ? null : { verdict, reviewer, revision, comment: comment ?? "" };
+  return { ...box, revision, review, effective_verdict };
+}
+
+/** One copy per box: views compare boxes by identity. @type {WeakMap<Decision, Decision>} */
+const copies = new WeakMap();
+
+/** Without everything that the filter, or anybody, has said. @param {Decision} box @returns {Decision} */
+export function veiled(box) {
+  const known = copies.get(box);
+  if (known) return known;
+  const copy = Object.freeze({
+    ...box,
+    verdict: /** @type {const} */ ("veiled"),
+    effective_verdict: /** @type {const} */ ("veiled"),
+    reason: "veiled",
+    explanation: "",
+    evidence: null,
+    match_percent: null,
+    threshold: null,
+    margin: null,
+    toss_up: false,
+    matched_pixels: null,
+    box_pixels: null,
+    crowding: null,
+    explained_by: null,
+    hidden_by: [],
+    accepted_tags: [],
+    review: null,
+  });
+  copies.set(box, copy);
+  return copy;
+}
+
+/** @param {Decision} box */
+const hasAnswer = (box) => answerOf(box) !== null;
+
+/**
+ * What may be shown of a box. For an audit of answered boxes, `isOpen` tells which ones this
+ * person has answered by now.
+ * @param {Decision} box @param {boolean} isBlind the switch in the preferences @param {(box: Decision) => boolean} [isOpen]
+ * @returns {Decision}
+ */
+export const seen = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? veiled(box) : box);
+
+/** @param {Decision} box */
+export const isVeiled = (box) => box.verdict === "veiled";

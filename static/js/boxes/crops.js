@@ -1,0 +1,298 @@
+// @ts-check
+// Crops: fetched few at a time, kept, placed in a square, drawn. For grid, queue strip and flips alike.
+
+import { ApiError, urlOf } from "../core/api.js";
+import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Xyxy} Xyxy */
+/** @typedef {{src: string, width: number, height: number}} Crop */
+/** @typedef {{state: "shown", crop: Crop} | {state: "none" | "failed", crop: null}} CropAnswer */
+/** @typedef {{url: string, tell: (answer: CropAnswer) => void}} Wish */
+
+const PARALLEL = 6;
+const KEPT = 800;
+
+/**
+ * @param {(url: string, signal: AbortSignal) => Promise<Crop>} fetchCrop
+ * @param {{onError?: (error: unknown) => void, discard?: (crop: Crop) => void, parallel?: number, kept?: number}} [how]
+ */
+export function createCrops(fetchCrop, { onError = () => {}, discard = () => {}, parallel = PARALLEL, kept = KEPT } = {}) {
+  /** Oldest use first. @type {Map<string, Crop>} */
+  const have = new Map();
+  /** @type {Set<Wish>} */
+  const waiting = new Set();
+  /** @type {Map<string, {wishes: Set<Wish>, stop: AbortController}>} */
+  const underWay = new Map();
+  /** Urls on show, and how often. @type {Map<string, number>} */
+  const inUse = new Map();
+
+  function next() {
+    for (const wish of waiting) {
+      const going = underWay.get(wish.url);
+      if (going) going.wishes.add(wish);
+      else if (underWay.size >= parallel) continue;
+      else void start(wish);
+      waiting.delete(wish);
+    }
+  }
+
+  /** @param {Wish} first */
+  async function start(first) {
+    const going = { wishes: new Set([first]), stop: new AbortController() };
+    underWay.set(first.url, going);
+    const answer = await fetchCrop(first.url, going.stop.signal).then(
+      (crop) => /** @type {CropAnswer} */ ({ state: "shown", crop }),
+      (error) => refusal(error, going.stop.signal),
+    );
+    // Cancelled meanwhile, and perhaps asked for anew: then this answer is nobody's.
+    if (underWay.get(first.url) === going) underWay.delete(first.url);
+    if (answer?.crop) keep(first.url, answer.crop);
+    if (answer) for (const wish of going.wishes) wish.tell(answer);
+    next();
+  }
+
+  /** @param {unknown} error @param {AbortSignal} signal @returns {CropAnswer | null} */
+  function refusal(error, signal) {
+    if (signal.aborted) return null;
+    onError(error);
+    const isNone = error instanceof ApiError && error.status === 404;
+    return { state: isNone ? "none" : "failed", crop: null };
+  }
+
+  /** @param {string} url @param {Crop} crop */
+  function keep(url, crop) {
+    have.set(url, crop);
+    for (const [old, its] of have) {
+      if (have.size <= kept) return;
+      if (inUse.has(old)) continue;
+      have.delete(old);
+      discard(its);
+    }
+  }
+
+  /** @param {string} url @param {number} change */
+  function use(url, change) {
+    const times = (inUse.get(url) ?? 0) + change;
+    if (times > 0) inUse.set(url, times);
+    else inUse.delete(url);
+  }
+
+  return {
+    /** The crop if it is here. @param {string} url */
+    ready: (url) => have.get(url) ?? null,
+
+    /** Ask for a crop; call what is returned once it is not wanted any more. @param {string} url @param {(answer: CropAnswer) => void} tell */
+    want(url, tell) {
+      use(url, 1);
+      const wish = { url, tell };
+      const crop = have.get(url);
+      if (crop) {
+        have.delete(url);
+        have.set(url, crop);
+        tell({ state: "shown", crop });
+      } else {
+        waiting.add(wish);
+        next();
+      }
+      return () => {
+        use(url, -1);
+        waiting.delete(wish);
+        const going = underWay.get(url);
+        if (!going?.wishes.delete(wish) || going.wishes.size > 0) return;
+        underWay.delete(url);
+        going.stop.abort();
+        // Others are given up in the same stroke: their turn must not come in between.
+        queueMicrotask(next);
+      };
+    },
+
+    /** For those who watch: how much is asked for now. */
+    load: () => ({ underWay: underWay.size, waiting: waiting.size }),
+  };
+}
+
+/** @typedef {ReturnType<typeof createCrops>} Crops */
+
+/** @param {number} boxId @param {{pad: number, height: number}} how */
+export const cropUrl = (boxId, { pad, height }) => urlOf(`/boxes/${boxId}/crop`, { pad, height });
+
+/** @typedef {{width: number, height: number}} Size */
+/** @typedef {{left: number, top: number, width: number, height: number}} Place  px in the cell */
+
+/** Of the box's longer side, on every side of it. */
+const AROUND = 0.3;
+
+/** Of a tiny box one sees at least so much around. */
+const LEAST_SIDE_PX = 28;
+const PAD_STEP = 0.05;
+const MOST_PAD = 10;
+const HEIGHT_STEP_PX = 32;
+
+/** The square of the image that a cell shows. @param {Xyxy} xyxy */
+function squareAround([x0, y0, x1, y1]) {
+  const side = Math.max(Math.max(x1 - x0, y1 - y0) * (1 + 2 * AROUND), LEAST_SIDE_PX);
+  return { x: (x0 + x1 - side) / 2, y: (y0 + y1 - side) / 2, side };
+}
+
+/** What to ask the server for: enough around the box to fill the square. @param {Xyxy} xyxy @param {number} cell css px @param {number} density device px per css px @returns {{pad: number, height: number}} */
+export function cropRequest(xyxy, cell, density) {
+  const [x0, y0, x1, y1] = xyxy;
+  const long = Math.max(x1 - x0, y1 - y0, 1);
+  const short = Math.min(x1 - x0, y1 - y0);
+  const { side } = squareAround(xyxy);
+  const pad = Math.min(MOST_PAD, Math.ceil((side - short) / (2 * long) / PAD_STEP) * PAD_STEP);
+  const rows = y1 - y0 + 2 * pad * long;
+  const pixels = (rows * cell * Math.min(density, 2)) / side;
+  const height = Math.min(1024, Math.max(HEIGHT_STEP_PX, Math.ceil(pixels / HEIGHT_STEP_PX) * HEIGHT_STEP_PX));
+  return { pad: Math.round(pad * 100) / 100, height };
+}
+
+/** The part of the image that the server cuts out, as long as the image goes on. @param {Xyxy} xyxy @param {number} pad */
+function windowOf([x0, y0, x1, y1], pad) {
+  const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
+  return {
+    left: Math.max(0, Math.floor(x0 - margin)),
+    top: Math.max(0, Math.floor(y0 - margin)),
+    right: Math.ceil(x1 + margin),
+    bottom: Math.ceil(y1 + margin),
+  };
+}
+
+/**
+ * Where the crop and the box on it lie in the cell.
+ * @param {Xyxy} xyxy @param {number} pad @param {number} cell css px
+ * @param {Size} natural of the crop @param {Size | null} frame of the image, if it is known
+ * @returns {{picture: Place, box: Place}}
+ */
+export function placed(xyxy, pad, cell, natural, frame) {
+  const { x, y, side } = squareAround(xyxy);
+  const scale = cell / side;
+  const cut = clipped(windowOf(xyxy, pad), natural, frame);
+  const [x0, y0, x1, y1] = xyxy;
+  return {
+    picture: {
+      left: (cut.left - x) * scale,
+      top: (cut.top - y) * scale,
+      width: (cut.right - cut.left) * scale,
+      height: (cut.bottom - cut.top) * scale,
+    },
+    box: boxPlace(x0 - x, y0 - y, x1 - x0, y1 - y0, scale),
+  };
+}
+
+/** The box alone, for a cell whose crop is still to come. @param {Xyxy} xyxy @param {number} cell @returns {Place} */
+export function boxIn(xyxy, cell) {
+  const { x, y, side } = squareAround(xyxy);
+  const [x0, y0, x1, y1] = xyxy;
+  return boxPlace(x0 - x, y0 - y, x1 - x0, y1 - y0, cell / side);
+}
+
+/** @param {number} left @param {number} top @param {number} width @param {number} height @param {number} scale @returns {Place} */
+const boxPlace = (left, top, width, height, scale) => ({ left: left * scale, top: top * scale, width: width * scale, height: height * scale });
+
+/** @typedef {{left: number, top: number, right: number, bottom: number}} Window */
+
+/**
+ * Where the image ended, the crop is smaller than what was asked for. Its shape tells on which
+ * side; where both sides end, only the image's size does.
+ * @param {Window} asked @param {Size} natural @param {Size | null} frame @returns {Window}
+ */
+function clipped(asked, natural, frame) {
+  const shape = natural.width / natural.height;
+  if (frame) {
+    const inside = { ...asked, right: Math.min(asked.right, frame.width), bottom: Math.min(asked.bottom, frame.height) };
+    if (isLike(shapeOf(inside), shape, natural)) return inside;
+  }
+  if (isLike(shapeOf(asked), shape, natural)) return asked;
+  if (shape < shapeOf(asked)) return { ...asked, right: asked.left + shape * (asked.bottom - asked.top) };
+  return { ...asked, bottom: asked.top + (asked.right - asked.left) / shape };
+}
+
+/** @param {Window} window */
+const shapeOf = ({ left, top, right, bottom }) => (right - left) / Math.max(1, bottom - top);
+
+/** Equal but for the rounding of either side to whole pixels. @param {number} a @param {number} b @param {Size} natural */
+const isLike = (a, b, { width, height }) => Math.abs(a / b - 1) <= 1.5 / Math.min(width, height);
+
+/** @type {WeakMap<import("../core/app.js").App, Crops>} */
+const caches = new WeakMap();
+
+/** @param {import("../core/app.js").App} app */
+export function cropsOf(app) {
+  const known = caches.get(app);
+  if (known) return known;
+  const crops = createCrops((url, signal) => load(app, url, signal), { onError: app.notice, discard: ({ src }) => URL.revokeObjectURL(src) });
+  caches.set(app, crops);
+  return crops;
+}
+
+/** @param {import("../core/app.js").App} app @param {string} url @param {AbortSignal} signal */
+async function load(app, url, signal) {
+  const src = URL.createObjectURL(await app.api.blob(url, signal));
+  const image = new Image();
+  image.src = src;
+  await image.decode();
+  return { src, width: image.naturalWidth, height: image.naturalHeight };
+}
+
+/** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
+
+/** A crop as long as its cell is on show. @param {import("../core/app.js").App} app @param {string} url @returns {SeenCrop} */
+export function useCrop(app, url) {
+  const crops = cropsOf(app);
+  const [seen, setSeen] = useState(/** @type {SeenCrop | null} */ (null));
+  const [attempt, setAttempt] = useState(0);
+  useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
+  const hasFailed = seen?.state === "failed";
+  // With the drawing that says so, and not after it: the network may be back by then.
+  useLayoutEffect(() => {
+    if (!hasFailed) return;
+    const again = () => setAttempt((n) => n + 1);
+    addEventListener("online", again);
+    return () => removeEventListener("online", again);
+  }, [hasFailed]);
+  if (seen?.url === url) return seen;
+  const crop = url ? crops.ready(url) : null;
+  return { url, state: crop ? "shown" : "waiting", crop };
+}
+
+/** How far from the screen a picture is asked for already. */
+const NEAR = "400px";
+
+/**
+ * A picture that is asked for when it comes near the screen, and given up when it leaves.
+ * @param {{app: import("../core/app.js").App, url: string, children?: unknown}} props  `children`: what stands there when there is none
+ */
+export function NearPicture({ app, url, children }) {
+  const place = useRef(/** @type {HTMLImageElement | null} */ (null));
+  const [isNear, setNear] = useState(false);
+  const { state, crop } = useCrop(app, isNear ? url : "");
+  const isMissing = isNear && (state === "none" || state === "failed");
+  useEffect(() => {
+    const watcher = new IntersectionObserver((entries) => setNear(entries.at(-1)?.isIntersecting ?? false), { rootMargin: NEAR });
+    if (place.current) watcher.observe(place.current);
+    return () => watcher.disconnect();
+  }, [isMissing]);
+  return isMissing && children ? children : html`<img ref=${place} src=${crop?.src} alt="" decoding="async" draggable=${false} />`;
+}
+
+/** @param {{app: App, box: Decision, size: number, frameSize: Size | null}} props */
+export function Picture({ app, box, size, frameSize }) {
+  const { xyxy, box_id } = box;
+  const ask = xyxy ? cropRequest(xyxy, size, devicePixelRatio || 1) : null;
+  const { state, crop } = useCrop(app, ask ? cropUrl(box_id, ask) : "");
+  const places = useMemo(
+    () => (xyxy && ask && crop ? placed(xyxy, ask.pad, size, crop, frameSize) : null),
+    [crop, size, frameSize, ask?.pad, box_id],
+  );
+  if (!xyxy) return html`<div class="cell__none"><${Icon} name="image" /><span>${box.reason === "outside_image" ? "outside" : "no area"}</span></div>`;
+  const outline = html`<span class="cell__box cell__box--${box.effective_verdict}" style=${px(places?.box ?? boxIn(xyxy, size))} />`;
+  if (!places || !crop) return html`<div class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
+  return html`<img class="cell__image" src=${crop.src} alt="" draggable=${false} style=${px(places.picture)} />${outline}`;
+}
+
+/** @param {Place} place */
+const px = ({ left, top, width, height }) => ({ left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });

@@ -1,0 +1,161 @@
+// @ts-check
+// Which boxes: in the address, as a question to the server, as a test of one box, as the bar of controls.
+
+import { answerOf, isUndecided } from "./box.js";
+import { REASONS } from "./wording.js";
+
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/router.js").Query} Query */
+
+/** The filters that live in the address; a list of frames and a frame share them. */
+export const FILTER_KEYS = /** @type {const} */ (["verdict", "reason", "class", "review"]);
+
+/** What V goes through. */
+export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
+
+/** @type {readonly {value: string, text: string}[]} */
+export const REVIEW_CHOICES = [
+  { value: "undecided", text: "Undecided" },
+  { value: "decided", text: "Decided" },
+  { value: "keep", text: "Answered keep" },
+  { value: "reject", text: "Answered reject" },
+  { value: "unsure", text: "Unsure" },
+];
+
+/** @param {Decision} box @param {Query} query */
+export function isShown(box, query) {
+  return (
+    (!query.verdict || box.verdict === query.verdict) &&
+    (!query.reason || box.reason === query.reason) &&
+    (!query.class || box.class === query.class) &&
+    (!query.review || matchesReview(box, query.review))
+  );
+}
+
+/** @param {Decision} box @param {string} wanted */
+function matchesReview(box, wanted) {
+  const answer = answerOf(box);
+  if (wanted === "none" || wanted === "any") return (answer === null) === (wanted === "none");
+  const isDecided = answer === "keep" || answer === "reject";
+  if (wanted === "undecided" || wanted === "decided") return isDecided === (wanted === "decided");
+  return answer === wanted;
+}
+
+/** @param {readonly Decision[]} boxes @param {Query} query */
+export const shownBoxes = (boxes, query) => boxes.filter((box) => isShown(box, query));
+
+/** Only the filters, without what else is in the address. @param {Query} query @returns {Query} */
+export function filtersOf(query) {
+  return Object.fromEntries(FILTER_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
+}
+
+/**
+ * The box `step` further in the frame's order, among those shown; null past an end.
+ * A box that a filter has meanwhile hidden still has its place.
+ * @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @param {1 | -1} step
+ * @returns {Decision | null}
+ */
+export function neighbour(boxes, query, selected, step) {
+  return search(boxes, selected, step, (box) => isShown(box, query));
+}
+
+/** The next one that nobody has answered, from the start again when the end is reached. @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null} */
+export function nextUndecided(boxes, query, selected) {
+  /** @param {Decision} box */
+  const wanted = (box) => box.box_id !== selected && isUndecided(box) && isShown(box, query);
+  return search(boxes, selected, 1, wanted) ?? boxes.find(wanted) ?? null;
+}
+
+/**
+ * @param {readonly Decision[]} boxes @param {number | null} selected @param {1 | -1} step
+ * @param {(box: Decision) => boolean} wanted
+ */
+function search(boxes, selected, step, wanted) {
+  const at = boxes.findIndex((box) => box.box_id === selected);
+  const start = at >= 0 ? at + step : step > 0 ? 0 : boxes.length - 1;
+  for (let i = start; i >= 0 && i < boxes.length; i += step) {
+    const box = boxes[i];
+    if (box && wanted(box)) return box;
+  }
+  return null;
+}
+
+/** How many boxes have each value of a key: what a filter's choices say. @param {readonly Decision[]} boxes @param {"verdict" | "reason" | "class"} key @returns {Map<string, number>} */
+export function countsBy(boxes, key) {
+  /** @type {Map<string, number>} */
+  const counts = new Map();
+  for (const box of boxes) counts.set(box[key], (counts.get(box[key]) ?? 0) + 1);
+  return new Map([...counts].sort(([a], [b]) => a.localeCompare(b)));
+}
+
+const FLAGS = /** @type {const} */ (["toss_up", "conflict"]);
+
+const NUMBERS = /** @type {const} */ (["match_min", "match_max", "distance_min", "distance_max"]);
+
+/** Filters that a popover keeps. */
+export const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS]);
+
+export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, ...MORE_KEYS]);
+
+/** @type {readonly {value: string, text: string}[]} */
+export const SORTS = [
+  { value: "doubt", text: "Most doubtful first" },
+  { value: "match_percent", text: "Lowest match first" },
+  { value: "-match_percent", text: "Highest match first" },
+  { value: "crowding", text: "Most crowded first" },
+  { value: "id", text: "As they came in" },
+];
+
+/** @param {Query} query */
+export const sortOf = (query) => (SORTS.some(({ value }) => value === query.sort) ? (query.sort ?? "") : "doubt");
+
+/** What of the address selects boxes, as the server takes it; nonsense is left out. @param {Query} query @returns {Record<string, string | number | boolean>} */
+export function selectionOf(query) {
+  /** @type {Record<string, string | number | boolean>} */
+  const found = {};
+  for (const key of FILTER_KEYS) if (query[key]) found[key] = query[key] ?? "";
+  for (const key of FLAGS) if (query[key] === "true") found[key] = true;
+  for (const key of NUMBERS) {
+    const value = numberOf(query[key]);
+    if (value !== null) found[key] = value;
+  }
+  return found;
+}
+
+/** @param {string | undefined} text */
+function numberOf(text) {
+  const value = text === undefined || text.trim() === "" ? NaN : Number(text);
+  return Number.isFinite(value) && value >= 0 ? value : null;
+}
+
+/** @param {Query} query */
+export const isFiltered = (query) => Object.keys(selectionOf(query)).length > 0;
+
+/** @param {Query} query how many of those in the popover are set */
+export const countOfMore = (query) => MORE_KEYS.filter((key) => key in selectionOf(query)).length;
+
+/** @param {Query} query @returns {Query} without any filter; the order stays */
+export const withoutFilters = (query) => Object.fromEntries(Object.entries(query).filter(([key]) => !BOX_FILTER_KEYS.includes(key)));
+
+const MOST = 50;
+
+/** @param {Query} query @returns {number[]} nonsense is left out */
+export function listedOf(query) {
+  const ids = (query.boxes ?? "").split(",").map(Number).filter((id) => Number.isSafeInteger(id) && id > 0);
+  return [...new Set(ids)].slice(0, MOST);
+}
+
+/** @param {readonly number[]} ids @returns {Query} */
+export const listQuery = (ids) => ({ boxes: ids.slice(0, MOST).join(",") });
+
+/** @param {Query} query @returns {Query} */
+export const withoutList = ({ boxes: _, ...rest }) => rest;
+
+export const VERDICT_CHOICES = [
+  { value: "", text: "All" },
+  { value: "kept", text: "Kept" },
+  { value: "rejected", text: "Rejected" },
+  { value: "unmeasured", text: "Unmeasured" },
+];
+
+export const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));

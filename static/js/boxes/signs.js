@@ -1,0 +1,58 @@
+// @ts-check
+// Verdict and answer as a sign: badge, stroke, bar, progress, the check on the corner.
+
+import { html } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { answerOf } from "./box.js";
+
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").FrameCounts} FrameCounts */
+
+const SIGNS = { keep: "check", reject: "cross", unsure: "question" };
+
+/** @param {{box: Decision, isWaiting: boolean}} props */
+export function AnswerSign({ box, isWaiting }) {
+  const answer = answerOf(box);
+  if (!answer) return null;
+  return html`<span class="sign sign--${answer} ${isWaiting ? "is-waiting" : ""}" role="img" aria-label=${`answered ${answer}${isWaiting ? ", not saved yet" : ""}`}>
+    <${Icon} name=${SIGNS[answer]} />
+  </span>`;
+}
+
+/** @param {{verdict: string}} props */
+export function VerdictBadge({ verdict }) {
+  const icon = { kept: "check", rejected: "cross", veiled: "blind" }[verdict] ?? "question";
+  return html`<span class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict === "veiled" ? "hidden" : verdict}</span>`;
+}
+
+/** The swatch draws the stroke that the stage draws: solid, dashed, dotted. @param {{verdict: string}} props */
+export const StrokeSwatch = ({ verdict }) => html`<span class="stroke stroke--${verdict}" aria-hidden="true"></span>`;
+
+/** Kept, rejected and unmeasured as one bar, with the numbers for whoever cannot see it. @param {{counts: FrameCounts}} props */
+export function VerdictBar({ counts }) {
+  const { boxes, kept, rejected, unmeasured } = counts;
+  const text = `${countText(kept)} kept, ${countText(rejected)} rejected, ${countText(unmeasured)} unmeasured`;
+  /** @param {number} n */
+  const share = (n) => ({ flexGrow: String(n) });
+  return html`<div class="vbar" role="img" aria-label=${boxes ? text : "no boxes"}>
+    ${kept > 0 && html`<span class="vbar__kept" style=${share(kept)} />`}
+    ${rejected > 0 && html`<span class="vbar__rejected" style=${share(rejected)} />`}
+    ${unmeasured > 0 && html`<span class="vbar__unmeasured" style=${share(unmeasured)} />`}
+  </div>`;
+}
+
+/** How far people have come. @param {{counts: FrameCounts}} props */
+export function ReviewProgress({ counts }) {
+  const all = counts.reviewed + counts.to_review;
+  const percent = all ? Math.floor((100 * counts.reviewed) / all) : counts.boxes ? 100 : 0;
+  const left = counts.to_review ? `${countText(counts.to_review)} to review` : "nothing to review";
+  return html`<div class="progress">
+    <div class="progress__text">
+      <span>${countOf(counts.reviewed, "answer")}</span><span>${left}</span>
+    </div>
+    <div class="progress__track" role="progressbar" aria-label="reviewed" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}>
+      <span class="progress__fill" style=${{ width: `${percent}%` }} />
+    </div>
+  </div>`;
+}

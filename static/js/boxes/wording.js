@@ -1,0 +1,120 @@
+// @ts-check
+// Reasons, verdicts and numbers of a box in words: the same everywhere.
+
+import { metresText, percentText } from "../core/numbers.js";
+
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Verdict} Verdict */
+
+/** @type {Record<string, string>} */
+export const REASONS = {
+  visible: "visible",
+  below_threshold: "below threshold",
+  large_below_threshold: "large, below threshold",
+  no_visible_pixels: "no visible pixel",
+  outside_image: "outside the image",
+  covers_image: "covers the image",
+  degenerate: "no area",
+  out_of_range: "out of range",
+  unmapped_class: "class not mapped",
+  no_segmentation: "not measured",
+  explained_by_nearer: "explained by a nearer box",
+  hidden_by_depth: "hidden by depth",
+  hidden_by_instance: "too few instance pixels",
+  too_few_lidar_points: "too few LiDAR points",
+};
+
+/** For a box that is not to be judged by what others say of it. */
+const VEILED = "hidden until you answer";
+
+/** @param {string} reason */
+export const reasonText = (reason) => (reason === "veiled" ? VEILED : (REASONS[reason] ?? reason.replaceAll("_", " ")));
+
+/** @type {Record<Verdict, string>} the sign that goes with the colour */
+export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", veiled: "•" };
+
+/** @type {Record<string, string>} */
+export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "taken back" };
+
+export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
+
+/** Where no threshold is near, whole numbers will do. @param {number} percent */
+const wholePercent = (percent) => (percent < 1 ? percentText(percent) : `${Math.round(percent)} %`);
+
+/** "Car" or "Motorcycle + Rider". @param {Decision} box */
+export const acceptedText = (box) =>
+  box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
+
+/** Its pixels' share decided, or nothing did; else another channel's number. @param {Decision} box */
+export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
+
+/** The share that matched, where it decided: nothing beside a reason that another channel gave. @param {Decision} box */
+export const matchText = (box) => (isMeasured(box) && isByShare(box) ? percentText(box.match_percent) : "");
+
+/** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %". @param {Decision} box */
+export function labelText(box) {
+  if (!isByShare(box)) return sentenceText(box);
+  return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
+}
+
+/** Kinds of evidence, and what each looks at. @type {Record<string, {text: string, about: string}>} */
+export const CHANNELS = {
+  semantic: { text: "Segmentation", about: "pixels of the class in the box" },
+  ordered: { text: "Order", about: "the nearest box takes its pixels first" },
+  depth: { text: "Depth", about: "pixels as far away as the box" },
+  depth_center: { text: "Depth at the centre", about: "what is seen in the middle" },
+  instance: { text: "Instances", about: "pixels of the object itself" },
+  lidar: { text: "LiDAR", about: "points in the 3D box" },
+};
+
+/** @param {string} name */
+export const channelText = (name) => CHANNELS[name]?.text ?? name.replaceAll("_", " ");
+
+/** The server's sentence after its verdict: "explained by the nearer car 122". @param {Decision} box */
+const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
+
+/** @param {Decision} box */
+function measureText(box) {
+  const tags = acceptedText(box);
+  switch (box.reason) {
+    case "visible":
+      return isMeasured(box) ? `${percentText(box.match_percent)} ${tags}${thresholdText(box, "≥")}` : "visible";
+    case "below_threshold":
+    case "large_below_threshold":
+      return `${percentText(box.match_percent)} ${tags}${thresholdText(box, "<")}`;
+    case "no_visible_pixels":
+      return `no ${tags.replaceAll(" + ", " or ")} pixel`;
+    case "out_of_range":
+      return `${metresText(box.distance)}: out of range`;
+    case "veiled":
+      return `${box.class} ${box.id}`;
+    case "explained_by_nearer":
+      return box.explained_by ? `explained by nearer box ${box.explained_by}` : reasonText(box.reason);
+    default:
+      return reasonText(box.reason);
+  }
+}
+
+/** @param {Decision} box */
+const isMeasured = (box) => box.match_percent !== null && box.match_percent !== undefined;
+
+/** @param {Decision} box @param {string} sign */
+const thresholdText = (box, sign) => (box.threshold === null ? "" : ` ${sign} ${percentText(box.threshold)}`);
+
+/** @param {Decision} box */
+function hiddenText(box) {
+  const most = box.hidden_by?.[0];
+  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercent(most.percent)}` : "";
+}
+
+/** What the smallest label says: "car 4.1 %". @param {Decision} box */
+export function shortText(box) {
+  return isMeasured(box) && isByShare(box) ? `${box.class} ${percentText(box.match_percent)}` : box.class;
+}
+
+/** One sentence for ears and for boxes that the server did not explain. @param {Decision} box */
+export function spokenText(box) {
+  if (box.verdict === "veiled") return `${box.class} ${box.id}, ${VEILED}`;
+  const answer = box.review && box.review.verdict !== "clear" ? `, answered ${box.review.verdict}` : "";
+  return `${box.class} ${box.id}, ${box.verdict}${answer}: ${labelText(box)}`;
+}

@@ -1,0 +1,101 @@
+// @ts-check
+// The door to the chart library: fetched when first shown, coloured by tokens.
+
+import { onThemeChange } from "./prefs.js";
+
+/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
+/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default.Options} Options */
+/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default.AlignedData} Data */
+/** @typedef {Record<string, string>} Ink  CSS colours by token name */
+
+/** @type {Promise<typeof import("../../vendor/uplot-1.6.32.module.js").default> | null} */
+let library = null;
+
+/** One fetch for all charts; a failed one may be tried again. */
+function loadLibrary() {
+  library ??= import("../../vendor/uplot-1.6.32.module.js").then(
+    (module) => module.default,
+    (error) => {
+      library = null;
+      throw error;
+    },
+  );
+  return library;
+}
+
+/** How long a chart that only follows may be behind. */
+const SOON_MS = 150;
+
+const TOKENS = ["text", "text-soft", "text-faint", "line", "line-strong", "surface", "accent", "kept-strong", "rejected-strong", "kept", "rejected", "unsure", "unmeasured-strong"];
+
+/** The colours as they are now. @param {Element} element @returns {Ink} */
+export function readInk(element) {
+  const style = getComputedStyle(element);
+  return Object.fromEntries(TOKENS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+}
+
+/** Canvas text in the page's own font. @param {Element} element */
+const fontOf = (element) => `11px ${getComputedStyle(element).fontFamily}`;
+
+/**
+ * Draw into an element until stopped: again when it gets another size or the theme changes.
+ * @param {HTMLElement} element
+ * @param {import("./prefs.js").PrefsValue} prefs
+ * @param {(ink: Ink, font: string) => Omit<Options, "width" | "height">} describe
+ * @param {() => Data} data
+ * @returns {{redraw: () => void, redrawSoon: () => void, update: () => void, stop: () => void}}
+ */
+export function drawChart(element, prefs, describe, data) {
+  /** @type {UPlot | null} */
+  let plot = null;
+  let isStopped = false;
+  // Twenty charts may follow one threshold: those out of sight wait until they are seen.
+  let isSeen = true;
+  let isBehind = false;
+  const redraw = () => {
+    isBehind = !isSeen;
+    if (isSeen) plot?.redraw(false);
+  };
+  let soon = 0;
+  const later = globalThis.requestIdleCallback ?? ((run) => setTimeout(run, SOON_MS));
+  const redrawSoon = () => {
+    soon ||= later(() => {
+      soon = 0;
+      if (!isStopped) redraw();
+    }, { timeout: SOON_MS });
+  };
+  const sight = new IntersectionObserver(([entry]) => {
+    isSeen = entry?.isIntersecting ?? true;
+    if (isSeen && isBehind) redraw();
+  });
+  sight.observe(element);
+  const size = () => ({ width: Math.max(element.clientWidth, 40), height: Math.max(element.clientHeight, 40) });
+  const build = async () => {
+    const Plot = await loadLibrary();
+    if (isStopped) return;
+    plot?.destroy();
+    plot = new Plot({ ...describe(readInk(element), fontOf(element)), ...size() }, data(), element);
+    // A picture of what the table beside it says.
+    plot.root.setAttribute("aria-hidden", "true");
+    element.dataset.drawn = String(Number(element.dataset.drawn ?? 0) + 1);
+  };
+  const watcher = new ResizeObserver(() => plot?.setSize(size()));
+  watcher.observe(element);
+  // The attribute that switches the theme may be set by a later observer than this one.
+  const stopTheme = onThemeChange(prefs, () => requestAnimationFrame(() => void build()));
+  build().catch(() => (element.dataset.failed = "true"));
+  return {
+    redraw,
+    // When there is time: charts that follow another one must not slow it down.
+    redrawSoon,
+    update: () => plot?.setData(data()),
+    stop() {
+      isStopped = true;
+      watcher.disconnect();
+      sight.disconnect();
+      stopTheme();
+      plot?.destroy();
+      plot = null;
+    },
+  };
+}

@@ -1,0 +1,152 @@
+// @ts-check
+// How a view reads: useValue, useLoaded, usePages, useTask, useActions, useHead.
+
+import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
+import { linkTo } from "./router.js";
+
+/** @template T @param {import("./observable.js").Value<T>} value @returns {T} */
+export function useValue(value) {
+  const [seen, setSeen] = useState(() => value.get());
+  useEffect(() => {
+    setSeen(() => value.get());
+    return value.observe((next) => setSeen(() => next));
+  }, [value]);
+  return seen;
+}
+
+/**
+ * @template T
+ * @typedef {{state: "loading", value: T | null, error: null, reload: () => void}
+ *   | {state: "ready", value: T, error: null, reload: () => void}
+ *   | {state: "error", value: T | null, error: Error, reload: () => void}} Loaded
+ */
+
+/**
+ * Load when `deps` change; what was asked for before is abandoned.
+ * @template T
+ * @param {import("./app.js").App} app
+ * @param {(signal: AbortSignal) => Promise<T>} load
+ * @param {readonly unknown[]} deps
+ * @returns {Loaded<T>}
+ */
+export function useLoaded(app, load, deps) {
+  const [attempt, setAttempt] = useState(0);
+  const [found, setFound] = useState(/** @type {{value: T | null, error: Error | null, done: boolean}} */ ({ value: null, error: null, done: false }));
+  useEffect(() => {
+    const stop = new AbortController();
+    setFound((last) => ({ ...last, error: null, done: false }));
+    load(stop.signal).then(
+      (value) => !stop.signal.aborted && setFound({ value, error: null, done: true }),
+      (error) => {
+        if (stop.signal.aborted) return;
+        app.notice(error);
+        setFound((last) => ({ ...last, error, done: true }));
+      },
+    );
+    return () => stop.abort();
+  }, [...deps, attempt]);
+  const reload = useCallback(() => setAttempt((n) => n + 1), []);
+  const { value, error, done } = found;
+  if (error) return { state: "error", value, error, reload };
+  return done && value !== null ? { state: "ready", value, error: null, reload } : { state: "loading", value, error: null, reload };
+}
+
+/** Offer actions to the keys while the view is on show, from the moment on at which it is: nobody waits for the paint. @param {import("./app.js").App} app @param {import("./app.js").Actions} actions */
+export function useActions(app, actions) {
+  useLayoutEffect(() => {
+    app.actions.set([...app.actions.get(), actions]);
+    return () => app.actions.set(app.actions.get().filter((offered) => offered !== actions));
+  }, [app, actions]);
+}
+
+/**
+ * What is being typed stays, whatever else is drawn meanwhile; who listens is told after a pause.
+ * @param {string} value @param {(value: string) => void} onChange @param {number} pauseMs
+ */
+export function useTyped(value, onChange, pauseMs) {
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
+  useEffect(() => {
+    if (typed === null) return;
+    const timer = setTimeout(() => {
+      onChange(typed.trim());
+      setTyped(null);
+    }, pauseMs);
+    return () => clearTimeout(timer);
+  }, [typed, onChange]);
+  return {
+    shown: typed ?? value,
+    /** @param {{currentTarget: HTMLInputElement}} event */
+    onInput: ({ currentTarget }) => setTyped(currentTarget.value),
+  };
+}
+
+/** @typedef {{text: string, href?: string}} Crumb  one step of the path to a view; the last one has no address */
+/** @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} Head  what the top bar says: `dataset` is the one that is looked at, if any; `tools` stand in the bar */
+
+/** @param {string} dataset @returns {Crumb[]} */
+const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...(dataset ? [{ text: dataset }] : [])];
+
+/**
+ * What the top bar says of a view while it is on show.
+ * @param {import("./app.js").App} app @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
+ */
+export function useHead(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
+  useTitle(title);
+  useLayoutEffect(() => app.head.set({ dataset, crumbs, tools }), [app, dataset, JSON.stringify(crumbs), tools]);
+}
+
+/** @param {string} title */
+export function useTitle(title) {
+  useEffect(() => {
+    document.title = title ? `${title} · Unghost` : "Unghost";
+  }, [title]);
+}
+
+/**
+ * @template T
+ * @typedef {{items: readonly T[], cursor: string | null, isDone: boolean, error: Error | null}} Pages
+ */
+
+const MOST_AT_ONCE = 1000;
+
+/** Lists left behind: how much was shown, and how far down one was. @type {Map<string, {shown: number, scroll: number}>} */
+const left = new Map();
+
+/**
+ * @template T
+ * @param {import("./app.js").App} app
+ * @param {string} key  what makes it another list
+ * @param {number} size  of a page
+ * @param {(limit: number, cursor: string | undefined) => Promise<import("./types.js").Page<T>>} load
+ */
+export function usePages(app, key, size, load) {
+  const [pages, setPages] = useState(/** @type {Pages<T>} */ ({ items: [], cursor: null, isDone: false, error: null }));
+  const isBusy = useRef(false);
+  const back = useRef(left.get(key));
+  const shown = useRef(0);
+  shown.current = pages.items.length;
+
+  const more = useCallback(async () => {
+    if (isBusy.current || pages.isDone) return;
+    isBusy.current = true;
+    const limit = pages.items.length ? size : Math.min(Math.max(size, back.current?.shown ?? 0), MOST_AT_ONCE);
+    try {
+      const page = await load(limit, pages.cursor ?? undefined);
+      setPages({ items: [...pages.items, ...page.items], cursor: page.next_cursor, isDone: page.next_cursor === null, error: null });
+    } catch (error) {
+      app.notice(error);
+      setPages({ ...pages, error: error instanceof Error ? error : new Error(String(error)) });
+    } finally {
+      isBusy.current = false;
+    }
+  }, [pages]);
+
+  useEffect(() => void more(), []);
+  useLayoutEffect(() => {
+    if (shown.current === 0 || !back.current) return;
+    scrollTo(0, back.current.scroll);
+    back.current = undefined;
+  }, [pages]);
+  useLayoutEffect(() => () => void left.set(key, { shown: shown.current, scroll: scrollY }), [key]);
+  return { ...pages, more };
+}

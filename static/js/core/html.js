@@ -1,0 +1,33 @@
+// @ts-check
+// The one door to the libraries that draw the page; charts have their own (chart.js).
+// Nothing else imports from ../vendor.
+
+import htm from "../../vendor/htm-3.1.1.module.js";
+import { Component, createContext, h, render } from "../../vendor/preact-11.2.0.module.js";
+import {
+  useCallback,
+  useContext,
+  useEffect,
+  useLayoutEffect,
+  useMemo,
+  useRef,
+  useState,
+} from "../../vendor/preact-hooks-11.2.0.module.js";
+
+/** Tagged template -> virtual DOM. Text is always text: there is no way to inject HTML. */
+const html = htm.bind(h);
+
+export {
+  Component,
+  createContext,
+  h,
+  html,
+  render,
+  useCallback,
+  useContext,
+  useEffect,
+  useLayoutEffect,
+  useMemo,
+  useRef,
+  useState,
+};

@@ -1,0 +1,61 @@
+// @ts-check
+// Counts, percent, bytes, metres, times in words: once.
+
+/** 0.8 as "80/20". @param {number} share */
+export const splitText = (share) => `${Math.round(100 * share)}/${Math.round(100 * (1 - share))}`;
+
+/** "3 min 20 s". @param {string | null} from @param {string | null} to */
+export function tookText(from, to) {
+  if (!from || !to) return "";
+  const seconds = Math.max(0, (Date.parse(to) - Date.parse(from)) / 1000);
+  if (seconds < 0.1) return "under 0.1 s";
+  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  if (seconds < 60) return `${Math.round(seconds)} s`;
+  return `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
+}
+
+const GROUPED = new Intl.NumberFormat("en", { useGrouping: true });
+
+/** 12 345 with thin spaces. @param {number} n */
+export const countText = (n) => GROUPED.format(n).replaceAll(",", "\u2009");
+
+/** @param {number} n @param {string} one @param {string} [many] */
+export const countOf = (n, one, many = `${one}s`) =>
+  `${countText(n)} ${n === 1 ? one : many}`;
+
+/**
+ * Three digits are enough to compare, but never 0 or a threshold by rounding: small numbers keep one more.
+ * @param {number | null | undefined} percent
+ */
+export function percentText(percent) {
+  if (percent === null || percent === undefined || Number.isNaN(percent)) return "–";
+  const size = Math.abs(percent);
+  const digits = size === 0 || size >= 99.95 ? 0 : size < 1 ? 2 : 1;
+  return `${percent.toFixed(digits).replace(/\.0$/, "")} %`;
+}
+
+/** @param {number | null} bytes */
+export function sizeText(bytes) {
+  if (bytes === null) return "–";
+  if (bytes < 1000) return `${bytes} B`;
+  const units = ["kB", "MB", "GB", "TB"];
+  const power = Math.min(units.length, Math.floor(Math.log10(bytes) / 3));
+  const size = bytes / 1000 ** power;
+  return `${size.toFixed(size < 10 ? 1 : 0)} ${units[power - 1]}`;
+}
+
+/** @param {number | null | undefined} metres */
+export const metresText = (metres) =>
+  metres === null || metres === undefined ? "–" : `${metres.toFixed(metres < 10 ? 1 : 0)} m`;
+
+/** A number and its sign stay on one line. @param {string} text */
+export const unbroken = (text) => text.replaceAll(" %", "\u00a0%");
+
+/** @param {string} iso @param {number} [now] ms */
+export function agoText(iso, now = Date.now()) {
+  const seconds = Math.max(0, Math.round((now - Date.parse(iso)) / 1000));
+  if (seconds < 45) return "just now";
+  if (seconds < 3600) return `${Math.max(1, Math.round(seconds / 60))} min ago`;
+  if (seconds < 86400) return `${Math.round(seconds / 3600)} h ago`;
+  return new Date(iso).toLocaleDateString("en", { day: "numeric", month: "short", year: "numeric" });
+}

@@ -1,0 +1,109 @@
+// @ts-check
+// Page, Dialog, Menu, Notice, Failure, Segments, Select, NumberField, Copy, FileList: controls that know no domain.
+
+import { html, useState } from "./html.js";
+import { Icon } from "./icons.js";
+import { countText } from "./numbers.js";
+import { linkTo } from "./router.js";
+
+/** @param {{title: string, children?: unknown, icon?: string, actions?: unknown}} props */
+export function Notice({ title, children, icon = "image", actions }) {
+  return html`<section class="notice">
+    <div class="notice__icon"><${Icon} name=${icon} /></div>
+    <h2 class="notice__title">${title}</h2>
+    <div class="notice__text">${children}</div>
+    ${actions && html`<div class="notice__actions">${actions}</div>`}
+  </section>`;
+}
+
+/** What went wrong, in the server's words, and a way on. @param {{error: Error, onRetry: () => void}} props */
+export function Failure({ error, onRetry }) {
+  const { problem, status } = /** @type {{problem?: {title?: string, request_id?: string}, status?: number}} */ (error);
+  return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
+    actions=${html`${status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`}<button class="button" onClick=${onRetry}>Try again</button>`}>
+    <p role="alert">${error.message}</p>
+    ${problem?.request_id && html`<p class="faint">Request ${problem.request_id}</p>`}
+  <//>`;
+}
+
+/** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
+export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));
+
+/** A command to copy. @param {{text: string}} props */
+export function Command({ text }) {
+  const [isCopied, setCopied] = useState(false);
+  const copy = async () => {
+    await navigator.clipboard?.writeText(text);
+    setCopied(true);
+    setTimeout(() => setCopied(false), 1500);
+  };
+  return html`<div class="command">
+    <code>${text}</code>
+    <button class="button button--quiet button--icon" onClick=${copy} aria-label=${`Copy: ${text}`} title="Copy">
+      <${Icon} name=${isCopied ? "check" : "copy"} />
+    </button>
+    <span class="sr-only" role="status">${isCopied ? "Copied" : ""}</span>
+  </div>`;
+}
+
+/** A choice among few. @param {{label: string, value: string, choices: readonly {value: string, text: string}[], onChange: (value: string) => void}} props */
+export function Segments({ label, value, choices, onChange }) {
+  return html`<div class="segments" role="group" aria-label=${label}>
+    ${choices.map(
+      (choice) => html`<button class="segments__item" aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
+        ${choice.text}
+      </button>`,
+    )}
+  </div>`;
+}
+
+/** @param {{label: string, value: string, choices: readonly {value: string, text: string}[], any: string, onChange: (value: string) => void}} props */
+export function Select({ label, value, choices, any, onChange }) {
+  const known = value === "" || choices.some((choice) => choice.value === value);
+  return html`<span class="select ${value ? "is-set" : ""}">
+    <select aria-label=${label} value=${value} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
+      <option value="">${any}</option>
+      ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
+      ${!known && html`<option value=${value}>${value}</option>`}
+    </select>
+  </span>`;
+}
+
+/**
+ * @param {{label: string, value: number | null, unit: string, step?: number, isEmptyAllowed?: boolean, isSet?: boolean,
+ *   parse: (text: string) => number | null, onChange: (value: number | null) => void}} props
+ */
+export function NumberField({ label, value, unit, step = 0.5, isEmptyAllowed = false, isSet = false, parse, onChange }) {
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
+  const shown = typed ?? (value === null ? "" : String(value));
+  const isWrong = typed !== null && parse(typed) === null && !(isEmptyAllowed && typed.trim() === "");
+  /** @param {{currentTarget: HTMLInputElement}} event */
+  const onInput = ({ currentTarget }) => {
+    const text = currentTarget.value;
+    setTyped(text);
+    const number = parse(text);
+    if (number !== null) onChange(number);
+    else if (isEmptyAllowed && text.trim() === "") onChange(null);
+  };
+  return html`<span class="amount ${isSet ? "is-set" : ""} ${isWrong ? "is-wrong" : ""}">
+    <input class="num" type="number" inputmode="decimal" step=${step} min="0" aria-label=${label} aria-invalid=${isWrong}
+      value=${shown} placeholder=${isEmptyAllowed ? "none" : ""} onInput=${onInput} onBlur=${() => setTyped(null)} />
+    <span class="amount__unit" aria-hidden="true">${unit}</span>
+  </span>`;
+}
+
+const MOST_LISTED = 200;
+
+/** @param {{title: string, items: readonly {name: string, why: string, more?: readonly string[]}[], isOpen?: boolean}} props */
+export function FileList({ title, items, isOpen = false }) {
+  if (items.length === 0) return null;
+  return html`<details class="filelist" open=${isOpen}>
+    <summary>${title} <span class="num">${countText(items.length)}</span></summary>
+    <ul tabindex="0" aria-label=${title}>
+      ${items.slice(0, MOST_LISTED).map(
+        ({ name, why, more = [] }) => html`<li><b>${name}</b> <span>${why}</span>${more.length > 0 && html`<ul>${more.map((line) => html`<li>${line}</li>`)}</ul>`}</li>`,
+      )}
+      ${items.length > MOST_LISTED && html`<li class="faint">and ${countText(items.length - MOST_LISTED)} more</li>`}
+    </ul>
+  </details>`;
+}

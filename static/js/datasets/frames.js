@@ -1,0 +1,137 @@
+// @ts-check
+// Frames of a dataset, page by page.
+
+import { NearPicture } from "../boxes/crops.js";
+import { FILTER_KEYS, REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES } from "../boxes/filters.js";
+import { VerdictBar } from "../boxes/signs.js";
+import { useHead, useLoaded, usePages, useTyped, useValue } from "../core/hooks.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { Failure, Notice, Segments, Select } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { DatasetDialog } from "./settings.js";
+
+/** @typedef {import("../upload/sender.js").UploadApp} App */
+/** @typedef {import("../core/types.js").FrameItem} FrameItem */
+/** @typedef {import("../core/router.js").Query} Query */
+
+const PAGE_SIZE = 60;
+
+/** @param {{app: App, route: import("../core/router.js").Route}} props */
+export function FramesView({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useHead(app, { title: name, dataset: name });
+  const uploads = useValue(app.uploads.ended);
+  const [isOpen, setOpen] = useState(false);
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name, uploads]);
+  const counts = dataset.value?.counts;
+  /** @param {Query} query */
+  const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));
+
+  return html`<main id="main" class="page" tabindex="-1">
+      <div class="page__head">
+        <h1>${name}</h1>
+        ${counts && html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countText(counts.to_review)} to review</span>`}
+        ${counts && html`<button class="button page__settings" onClick=${() => setOpen(true)}>
+          <${Icon} name="settings" />Dataset settings${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
+        </button>`}
+        ${isOpen && dataset.value && html`<${DatasetDialog} app=${app} dataset=${dataset.value} onClose=${() => setOpen(false)} onChanged=${dataset.reload} />`}
+      </div>
+      ${dataset.state === "error"
+        ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
+        : html`<${FrameFilters} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+            <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app} dataset=${name} query=${route.query}
+              total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`}
+    </main>`;
+}
+
+/** @param {Query} query */
+const apiParams = (query) => Object.fromEntries(FRAME_FILTERS.map((key) => [key, query[key]]));
+
+const FRAME_FILTERS = /** @type {const} */ ([...FILTER_KEYS, "key"]);
+
+/** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
+function FrameGrid({ app, dataset, query, total, onClear }) {
+  const { items, isDone, error, more } = usePages(app, `${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
+    app.api.frames(dataset, { ...apiParams(query), limit, cursor }),
+  );
+  const isFiltered = FRAME_FILTERS.some((key) => query[key]);
+  if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
+  if (isDone && items.length === 0) return html`<${Nothing} isFiltered=${isFiltered} onClear=${onClear} />`;
+  return html`<p class="page__count" role="status">${countLine(items.length, isDone, isFiltered, total)}</p>
+    <ul class="thumbs" aria-busy=${!isDone && items.length === 0}>
+      ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
+      ${items.length === 0 && Array.from({ length: 12 }, () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`)}
+    </ul>
+    ${error && html`<p class="more" role="alert">${error.message} <button class="button button--small" onClick=${more}>Try again</button></p>`}
+    ${!isDone && !error && html`<${Sentinel} onSeen=${more} />`}`;
+}
+
+/** @param {number} shown @param {boolean} isDone @param {boolean} isFiltered @param {number | null} total */
+function countLine(shown, isDone, isFiltered, total) {
+  if (shown === 0) return "Loading frames";
+  if (!isDone) return `First ${countText(shown)}${!isFiltered && total ? ` of ${countText(total)}` : ""} frames`;
+  const hidden = isFiltered && total ? total - shown : 0;
+  return countOf(shown, "frame") + (hidden > 0 ? ` · ${countText(hidden)} hidden by the filters` : "");
+}
+
+/** Asks for more when it comes into sight. @param {{onSeen: () => void}} props */
+function Sentinel({ onSeen }) {
+  const element = useRef(/** @type {HTMLDivElement | null} */ (null));
+  useEffect(() => {
+    const watcher = new IntersectionObserver((entries) => entries.some((entry) => entry.isIntersecting) && onSeen(), { rootMargin: "600px" });
+    if (element.current) watcher.observe(element.current);
+    return () => watcher.disconnect();
+  }, [onSeen]);
+  return html`<div class="more" ref=${element}><span class="spinner" aria-hidden="true"></span><span class="sr-only">Loading more frames</span></div>`;
+}
+
+/** @param {{app: App, frame: FrameItem, query: Query}} props */
+function Thumb({ app, frame, query }) {
+  const { id, key, counts, has_image, lossy } = frame;
+  const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : !counts.boxes ? "no boxes" : counts.reviewed ? "all answered" : "nothing to review";
+  return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
+    <div class="thumb__picture">
+      ${has_image ? html`<${NearPicture} app=${app} url=${app.api.thumbnailUrl(id)} />` : html`<${Icon} name="image" />`}
+      ${lossy && html`<span class="thumb__flag">lossy</span>`}
+    </div>
+    <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>
+    <${VerdictBar} counts=${counts} />
+    <div class="thumb__text faint"><span>${waiting}</span></div>
+  </a>`;
+}
+
+/** @param {{isFiltered: boolean, onClear: () => void}} props */
+function Nothing({ isFiltered, onClear }) {
+  return isFiltered
+    ? html`<${Notice} icon="filter" title="No frame matches" actions=${html`<button class="button" onClick=${onClear}>Clear the filters</button>`}>
+        <p>Every frame of this dataset is hidden by the filters.</p>
+      <//>`
+    : html`<${Notice} title="No frames yet"><p>Nothing has been pushed to this dataset.</p><//>`;
+}
+
+const TYPING_PAUSE_MS = 250;
+
+/** @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+export function FrameFilters({ classes, query, onChange }) {
+  /** @param {string} key */
+  const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
+  const isSet = [...FILTER_KEYS, "key"].some((key) => query[key]);
+  return html`<div class="filters" role="search" aria-label="Filter frames">
+    <${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES} onChange=${set("verdict")} />
+    <${Select} label="Reason" any="Any reason" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
+    <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${classes.map((name) => ({ value: name, text: name }))} onChange=${set("class")} />
+    <${Select} label="Review" any="Answered or not" value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
+    <${KeyPrefix} value=${query.key ?? ""} onChange=${set("key")} />
+    ${isSet && html`<button class="button button--quiet" onClick=${() => onChange({})}><${Icon} name="cross" />Clear</button>`}
+  </div>`;
+}
+
+/** @param {{value: string, onChange: (value: string) => void}} props */
+function KeyPrefix({ value, onChange }) {
+  const { shown, onInput } = useTyped(value, onChange, TYPING_PAUSE_MS);
+  return html`<label class="search"><span class="sr-only">Key starts with</span>
+    <input type="search" value=${shown} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} />
+  </label>`;
+}

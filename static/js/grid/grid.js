@@ -1,0 +1,385 @@
+// @ts-check
+// The view: filters, status, acts that wait, bar for the selected.
+
+import { REVIEW_CHOICES, SORTS, VERDICT_CHOICES, VERDICT_CYCLE, countOfMore, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
+import { REASONS } from "../boxes/wording.js";
+import { useActions, useHead, useLoaded, useTyped, useValue } from "../core/hooks.js";
+import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { Failure, Notice, Segments, Select } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { GridBar } from "../review/acts.js";
+import { GridCells } from "./cells.js";
+import { leave, listBoxes, placeOf } from "./pager.js";
+import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
+
+/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../review/answers.js").ReviewApp} App */
+/** @typedef {import("./pager.js").Pager} Pager */
+/** @typedef {import("../core/router.js").Query} Query */
+/** @typedef {import("./selection.js").Selection} Selection */
+
+/** @param {{app: App, route: import("../core/router.js").Route}} props */
+export function GridView({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useHead(app, { title: `Grid · ${name}`, dataset: name });
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  /** @param {Query} query */
+  const setQuery = (query) => app.router.replace(linkTo("grid", { dataset: name }, query));
+  const failed = dataset.state === "error" && !dataset.value;
+  return html`<main id="main" class="grid-view" tabindex="-1">
+      <h1 class="sr-only">Boxes of ${name} as a grid</h1>
+      ${failed
+        ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
+        : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+            <${OpenActs} app=${app} dataset=${name} />
+            <${Boxes} key=${name} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
+              inAll=${dataset.value?.counts.boxes ?? null} />`}
+    </main>`;
+}
+
+/** @param {{app: App, dataset: string, query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
+function Boxes({ app, dataset, query, inAll, onQuery }) {
+  const { place, update } = usePlace(app, dataset, query);
+  const { pager } = place;
+  const version = usePager(app, place);
+  useValue(place.selection);
+  const selection = place.selection.get();
+  const select = place.selection.set;
+  const frameSize = useFrameSize(app, dataset);
+  const latest = useRef({ place, query });
+  latest.current = { place, query };
+  const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
+  useActions(app, actions.byName);
+  useEffect(() => app.bulk.sweeps.observe(update), [update]);
+
+  const total = pager.total();
+  if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
+  if (pager.isWhole() && pager.known() === 0) return html`<${Nothing} query=${query} inAll=${inAll} onQuery=${onQuery} />`;
+  const selected = sizeOf(selection, total);
+  return html`<${GridStatus} app=${app} pager=${pager} query=${query} inAll=${inAll} version=${version} selected=${selected}
+      onUpdate=${update} onAll=${() => select(everything(selection))} />
+    <${GridCells} key=${place.key} app=${app} place=${place} version=${version} frameSize=${frameSize} actions=${actions} />
+    <${GridBar} app=${app} selected=${selected} isAll=${selection.all} actions=${actions.byName} onNone=${() => select(nothing(selection))} />
+    <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
+}
+
+/** The list of a filter, where one left it; `update` reads it anew. @param {App} app @param {string} dataset @param {Query} query */
+function usePlace(app, dataset, query) {
+  const [reading, setReading] = useState(0);
+  const key = `${dataset} ${JSON.stringify([sortOf(query), selectionOf(query)])}`;
+  const place = useMemo(() => placeOf(app, dataset, query, key), [key, reading]);
+  const update = useMemo(
+    () => () => {
+      leave(key);
+      setReading((n) => n + 1);
+    },
+    [key],
+  );
+  return { place, update };
+}
+
+/** Draw again whenever the list knows more. @param {App} app @param {import("./pager.js").Place} place */
+function usePager(app, { pager }) {
+  const [version, setVersion] = useState(0);
+  useEffect(() => {
+    const change = () => {
+      app.notice(pager.error());
+      setVersion((n) => n + 1);
+    };
+    const stop = pager.observe(change);
+    const stopActs = app.bulk.open.observe(change);
+    pager.want(0, 1);
+    change();
+    return () => {
+      stop();
+      stopActs();
+    };
+  }, [pager]);
+  return version;
+}
+
+/** Frames of a dataset are of one size, nearly always. @param {App} app @param {string} dataset */
+function useFrameSize(app, dataset) {
+  const frames = useLoaded(app, (signal) => app.api.frames(dataset, { limit: 1 }, signal), [dataset]);
+  const frame = frames.value?.items[0];
+  return useMemo(() => (frame?.width && frame.height ? { width: frame.width, height: frame.height } : null), [frame]);
+}
+
+/** @param {{query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
+function Nothing({ query, inAll, onQuery }) {
+  if (!isFiltered(query)) return html`<${Notice} icon="grid" title="No boxes yet"><p>Nothing has been pushed to this dataset.</p><//>`;
+  const clear = html`<button class="button" onClick=${() => onQuery(withoutFilters(query))}>Clear the filters</button>`;
+  return html`<${Notice} icon="filter" title="No box matches" actions=${clear}>
+    <p>${inAll ? `All ${countOf(inAll, "box", "boxes")} of this dataset are hidden by the filters.` : "Every box is hidden by the filters."}</p>
+  <//>`;
+}
+
+/** How many boxes a filter selects, and what stands for them as they are now. @param {string} dataset @param {Record<string, string | number | boolean>} filter @returns {Promise<{total: number, snapshot: string} | null>} */
+export async function countBoxes(dataset, filter) {
+  const { total, snapshot } = await listBoxes(dataset, filter, { limit: 1, count: true });
+  return typeof total === "number" && snapshot ? { total, snapshot } : null;
+}
+
+/**
+ * @param {App} app @param {string} dataset
+ * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page  as it is now
+ */
+export function createGridActions(app, dataset, page) {
+  /** Read anew each time: keys come faster than the page is drawn. */
+  function now() {
+    const { place, query } = page();
+    return { selection: place.selection.get(), pager: place.pager, query };
+  }
+
+  /** @param {Selection} selection */
+  const select = (selection) => page().place.selection.set(selection);
+
+  /** @param {Answer} verdict */
+  function answer(verdict) {
+    const { selection, pager, query } = now();
+    const total = pager.total();
+    if (selection.all && total !== null) app.bulk.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
+    else if (selection.ids.size) app.bulk.answer(dataset, verdict, [...selection.ids], pager.revisions());
+    else return app.toasts.show("Select boxes first: click, drag, or Space on one.");
+    select(nothing(selection));
+  }
+
+  function undo() {
+    const last = app.undo.peek();
+    if (!last) return app.toasts.show("Nothing to take back.");
+    if (last.batchId) return void app.bulk.undo(last.batchId);
+    app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
+  }
+
+  /** @param {number} index */
+  function toggle(index) {
+    const { selection, pager } = now();
+    const id = pager.idAt(index);
+    if (id === undefined) return;
+    if (!selection.all) return select(toggled(selection, index, id));
+    if (pager.isWhole()) return select(allBut(selection, pager.allIds(), index, id));
+    app.toasts.show("All boxes of the filters are selected. Narrow the filters to leave some out.");
+  }
+
+  function open() {
+    const { selection, pager, query } = now();
+    const box = pager.at(selection.focus);
+    if (box) app.router.go(linkTo("frame", { id: box.frame_id }, { ...query, box: String(box.box_id) }));
+  }
+
+  return {
+    toggle,
+    open,
+
+    all() {
+      const { selection, pager } = now();
+      const total = pager.total();
+      if (total === null) return app.toasts.show("The number of boxes is not known yet.");
+      select(everything(selection));
+      app.announcement.set(`All ${countOf(total, "box", "boxes")} selected`);
+    },
+
+    /** By the names of the keymap. */
+    byName: {
+      keep: () => answer("keep"),
+      reject: () => answer("reject"),
+      unsure: () => answer("unsure"),
+      clear: () => answer("clear"),
+      undo,
+      crop: open,
+      cycleVerdict() {
+        const { query } = now();
+        const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));
+        const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
+        app.router.replace(linkTo("grid", { dataset }, { ...query, verdict }));
+        app.announcement.set(`Showing ${verdict || "all"} boxes`);
+      },
+      blind: () => app.prefs.change({ blind: !app.prefs.get().blind }),
+      grid: () => app.router.go(linkTo("frames", { dataset }, now().query)),
+      escape: () => select(nothing(now().selection)),
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createGridActions>} GridActions */
+
+const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
+
+const TYPING_PAUSE_MS = 400;
+export const SMALLEST_PX = 72;
+export const LARGEST_PX = 360;
+
+/** @param {{app: App, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+export function GridFilters({ app, classes, query, onChange }) {
+  /** @param {string} key */
+  const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
+  const [isOpen, setOpen] = useState(false);
+  return html`<div class="grid-filters" role="search" aria-label="Filter boxes">
+    <${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES} onChange=${set("verdict")} />
+    <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
+    <div class="grid-filters__rest ${isOpen ? "is-open" : ""}">
+    <${Select} label="Reason" any="Any reason" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
+    <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${classes.map((name) => ({ value: name, text: name }))} onChange=${set("class")} />
+    <${Select} label="Review" any="Answered or not" value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
+    <${More} query=${query} onChange=${onChange} />
+    ${isFiltered(query) && html`<button class="button button--quiet" onClick=${() => onChange(withoutFilters(query))}><${Icon} name="cross" />Clear</button>`}
+    </div>
+    <span class="grid-filters__middle"></span>
+    <${Order} value=${sortOf(query)} onChange=${set("sort")} />
+    <${SizeSlider} app=${app} />
+  </div>`;
+}
+
+/** @param {{value: string, onChange: (value: string) => void}} props */
+function Order({ value, onChange }) {
+  return html`<span class="select">
+    <select aria-label="Order" value=${value} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
+      ${SORTS.map((sort) => html`<option value=${sort.value}>${sort.text}</option>`)}
+    </select>
+  </span>`;
+}
+
+/** @param {{app: App}} props */
+function SizeSlider({ app }) {
+  const { cropSize } = useValue(app.prefs);
+  /** @param {{currentTarget: HTMLInputElement}} event */
+  const onInput = ({ currentTarget }) => app.prefs.change({ cropSize: Number(currentTarget.value) });
+  return html`<label class="size"><${Icon} name="grid" /><span class="sr-only">Size of the crops</span>
+    <input class="slider" type="range" min=${SMALLEST_PX} max=${LARGEST_PX} step="4" value=${cropSize} onInput=${onInput} />
+  </label>`;
+}
+
+/** What is filtered by less often. @param {{query: Query, onChange: (query: Query) => void}} props */
+function More({ query, onChange }) {
+  const root = useRef(/** @type {HTMLDivElement | null} */ (null));
+  const [isOpen, setOpen] = useState(false);
+  useClosing(root, isOpen, () => setOpen(false));
+  const count = countOfMore(query);
+  /** @param {string} key */
+  const flag = (key) => (/** @type {{currentTarget: HTMLInputElement}} */ event) => onChange({ ...query, [key]: event.currentTarget.checked ? "true" : "" });
+  return html`<div class="menu" ref=${root}>
+    <button class="button ${count ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />More${count > 0 && html` <b class="num">${count}</b>`}</button>
+    ${isOpen &&
+    html`<div class="menu__panel more-filters" role="group" aria-label="More filters">
+      <label class="switch"><input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} /><span>Toss-ups only</span></label>
+      <label class="switch"><input type="checkbox" checked=${query.conflict === "true"} onChange=${flag("conflict")} /><span>The filter contradicts a person</span></label>
+      <${Range} text="Match" unit="%" keys=${["match_min", "match_max"]} most=${100} query=${query} onChange=${onChange} />
+      <${Range} text="Distance" unit="m" keys=${["distance_min", "distance_max"]} query=${query} onChange=${onChange} />
+    </div>`}
+  </div>`;
+}
+
+/** @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
+function useClosing(root, isOpen, close) {
+  useEffect(() => {
+    if (!isOpen) return;
+    /** @param {Event} event */
+    const onEvent = (event) => {
+      const isInside = event.target instanceof Node && root.current?.contains(event.target);
+      if (event instanceof KeyboardEvent && event.key === "Escape") {
+        event.preventDefault();
+        close();
+      } else if (!(event instanceof KeyboardEvent) && !isInside) close();
+    };
+    addEventListener("pointerdown", onEvent);
+    addEventListener("keydown", onEvent, { capture: true });
+    return () => {
+      removeEventListener("pointerdown", onEvent);
+      removeEventListener("keydown", onEvent, { capture: true });
+    };
+  }, [isOpen]);
+}
+
+/** @param {{text: string, unit: string, keys: [string, string], most?: number, query: Query, onChange: (query: Query) => void}} props */
+function Range({ text, unit, keys, most, query, onChange }) {
+  return html`<fieldset class="range">
+    <legend>${text}</legend>
+    ${keys.map((key, i) => html`<${NumberField} key=${key} label=${`${text}, ${i ? "at most" : "at least"}`} hint=${i ? "to" : "from"} most=${most} value=${query[key] ?? ""}
+      onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`)}
+    <span class="faint">${unit}</span>
+  </fieldset>`;
+}
+
+/** @param {{label: string, hint: string, most?: number, value: string, onChange: (value: string) => void}} props */
+function NumberField({ label, hint, most, value, onChange }) {
+  const { shown, onInput } = useTyped(value, onChange, TYPING_PAUSE_MS);
+  return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label} placeholder=${hint} value=${shown} onInput=${onInput} />`;
+}
+
+/** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
+export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
+  const total = pager.total();
+  const report = useValue(app.bulk.report);
+  const left = pager.changed().filter((box) => !isShown(box, query)).length;
+  const hidden = total !== null && inAll !== null && isFiltered(query) ? Math.max(0, inAll - total) : 0;
+  return html`<div class="grid-status">
+    <p role="status">
+      ${total === null && pager.known() === 0 ? "Loading boxes" : html`<b class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${total === 1 ? "box" : "boxes"}`}
+      ${hidden > 0 && html`<span class="faint"> · ${countText(hidden)} hidden by the filters</span>`}
+    </p>
+    ${left > 0 && html`<button class="button button--small" onClick=${onUpdate}>${countOf(left, "box no longer matches", "boxes no longer match")} · update</button>`}
+    ${pager.error() && html`<p class="grid-status__error" role="alert"><${Icon} name="warn" />${pager.error()?.message} <button class="button button--small" onClick=${pager.retry}>Try again</button></p>`}
+    <span class="grid-status__middle"></span>
+    <span class="faint grid-status__hint">${selected ? "" : "Click, drag or Space selects"}</span>
+    ${total !== null && total > 0 && html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`}
+  </div>
+  ${report && html`<${ReportLine} app=${app} report=${report} />`}`;
+}
+
+/** What an act or an undo left alone. @param {{app: App, report: import("../review/answers.js").Report}} props */
+function ReportLine({ app, report }) {
+  const shown = report.boxes.slice(0, 12);
+  return html`<div class="strip" role="status">
+    <${Icon} name="warn" /><p>${report.text} ${shown.map((id) => html`<${BoxLink} app=${app} id=${id} />`)}${report.boxes.length > shown.length && html` and ${countText(report.boxes.length - shown.length)} more`}</p>
+    <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.bulk.report.set(null)}><${Icon} name="cross" /></button>
+  </div>`;
+}
+
+/** @param {{app: App, id: number}} props */
+function BoxLink({ app, id }) {
+  const box = app.stores.find(id);
+  if (!box) return html`<span class="strip__box num">${id}</span>`;
+  return html`<a class="strip__box" href=${linkTo("frame", { id: box.frame_id }, { box: String(id) })}>${box.class} ${box.id}</a>`;
+}
+
+/** @type {Record<string, string>} */
+const WILL = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "take the answer back from" };
+
+/** @type {Record<string, string>} */
+const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
+
+/** Acts that are not stored: nothing is lost, and nothing is hidden. @param {{app: App, dataset: string}} props */
+export function OpenActs({ app, dataset }) {
+  const open = useValue(app.bulk.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
+  return open.map(({ act, state, text }) => {
+    const what = `${WILL[act.verdict]} ${countOf(act.count, "box", "boxes")}`;
+    return html`<div key=${act.key} class="strip strip--error" role="alert">
+      <${Icon} name="cloud" />
+      <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
+      ${state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
+      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.bulk.retry(act.key)}>Send now</button>`}
+      <button class="button button--small button--quiet" onClick=${() => app.bulk.giveUp(act.key)}>Discard</button>
+    </div>`;
+  });
+}
+
+/** @param {string} text */
+const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).replace(/\.$/, "")}.` : "");
+
+/** The number that one agrees to is the one that is shown. @param {App} app @param {import("../review/outbox.js").Act} act */
+async function acceptNow(app, act) {
+  try {
+    const list = await countBoxes(act.dataset, act.filter ?? {});
+    if (list === null) return;
+    app.bulk.giveUp(act.key);
+    app.bulk.sweeps.set(app.bulk.sweeps.get() + 1);
+    app.toasts.show(`${countOf(list.total, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
+      action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.bulk.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
+    });
+  } catch (error) {
+    app.notice(error);
+    app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
+  }
+}

@@ -1,0 +1,237 @@
+// @ts-check
+// A run or an export while somebody looks: told by events, drawn as bar and badge, started, cancelled.
+
+import { ApiError, jobs, send } from "../core/api.js";
+import { html, useEffect, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { linkTo } from "../core/router.js";
+
+/** @typedef {import("../core/types.js").JobState} JobState */
+/** @typedef {import("../core/types.js").Run} Run */
+
+const STATES = {
+  queued: { icon: "clock", text: "queued" },
+  running: { icon: "play", text: "running" },
+  done: { icon: "check", text: "done" },
+  failed: { icon: "warn", text: "failed" },
+  cancelled: { icon: "cross", text: "cancelled" },
+};
+
+/** @param {{state: JobState}} props */
+export function StateBadge({ state }) {
+  const { icon, text } = STATES[state] ?? { icon: "question", text: state };
+  return html`<span class="statebadge statebadge--${state}"><${Icon} name=${icon} />${text}</span>`;
+}
+
+/** @param {{job: {state: JobState, done?: number, total?: number}, label: string}} props */
+export function JobBar({ job, label }) {
+  const percent = percentDone(job);
+  const isCounted = (job.total ?? 0) > 0;
+  const isUnsure = job.state === "queued" || !isCounted;
+  return html`<div class="jobbar ${isUnsure ? "jobbar--unsure" : ""}" role="progressbar" aria-label=${label} aria-valuemin="0" aria-valuemax="100" aria-valuenow=${isUnsure ? undefined : percent}
+    aria-valuetext=${isCounted ? `${countText(job.done ?? 0)} of ${countText(job.total ?? 0)} frames` : job.state}>
+    <span style=${{ width: `${isUnsure ? 30 : percent}%` }}></span>
+  </div>`;
+}
+
+/** A run as it is now, for as long as somebody looks. @param {Run | null} run @param {(run: Run) => void} [onOver] @returns {Run | null} */
+export function useWatched(run, onOver) {
+  const [seen, setSeen] = useState(run);
+  useEffect(() => {
+    setSeen(run);
+    if (!run || isOver(run)) return undefined;
+    return watchRun(run.id, (next) => {
+      setSeen(next);
+      if (isOver(next)) onOver?.(next);
+    });
+  }, [run]);
+  return seen && run && seen.id === run.id ? seen : run;
+}
+
+/** @param {{app: import("../core/app.js").App, run: Run}} props */
+export const CancelButton = ({ app, run }) => html`<${Canceller} app=${app} what=${`run ${run.id}`} cancel=${() => jobs.cancelRun(run.id)} />`;
+
+/** Asked for once; the state of the job says when it is so. @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props */
+export function Canceller({ app, what, cancel }) {
+  const [isAsked, setAsked] = useState(false);
+  const ask = async () => {
+    setAsked(true);
+    try {
+      await cancel();
+    } catch (error) {
+      app.notice(error);
+      app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
+      setAsked(false);
+    }
+  };
+  return html`<button class="button button--small" disabled=${isAsked} onClick=${ask}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
+}
+
+/** States, as an EventSource numbers them. */
+const CONNECTING = 0;
+const OPEN = 1;
+const CLOSED = 2;
+const RETRY_MS = 1000;
+
+/** @typedef {{event: string, data: string}} Told */
+
+export class EventStream extends EventTarget {
+  #stop = new AbortController();
+  #lastId = "";
+  #retryMs = RETRY_MS;
+  readyState = CONNECTING;
+
+  /** @param {string} url */
+  constructor(url) {
+    super();
+    this.url = url;
+    void this.#run();
+  }
+
+  close() {
+    this.readyState = CLOSED;
+    this.#stop.abort();
+  }
+
+  async #run() {
+    while (this.readyState !== CLOSED) {
+      const isRefused = await this.#listen();
+      if (this.readyState === CLOSED) return;
+      this.readyState = isRefused ? CLOSED : CONNECTING;
+      this.dispatchEvent(new Event("error"));
+      if (!isRefused) await new Promise((done) => setTimeout(done, this.#retryMs));
+    }
+  }
+
+  /** @returns {Promise<boolean>} true: there is nothing to ask for again */
+  async #listen() {
+    /** @type {Record<string, string>} */
+    const headers = { Accept: "text/event-stream" };
+    if (this.#lastId) headers["Last-Event-ID"] = this.#lastId;
+    try {
+      const answer = await send(this.url, { headers, cache: "no-store", signal: this.#stop.signal });
+      if (answer.status !== 200 || !answer.body) return true;
+      this.readyState = OPEN;
+      await this.#read(answer.body);
+      return false;
+    } catch (error) {
+      // What breaks off in the middle is no refusal either.
+      return error instanceof ApiError;
+    }
+  }
+
+  /** @param {ReadableStream<Uint8Array>} body */
+  async #read(body) {
+    const reader = body.getReader();
+    const decoder = new TextDecoder();
+    let rest = "";
+    /** @type {Told} */
+    let told = { event: "message", data: "" };
+    for (let { value, done } = await reader.read(); !done; { value, done } = await reader.read()) {
+      const lines = (rest + decoder.decode(value, { stream: true })).split(/\r\n|\r|\n/);
+      rest = lines.pop() ?? "";
+      for (const line of lines) told = this.#hear(line, told);
+    }
+  }
+
+  /** @param {string} line @param {Told} told @returns {Told} what is told so far */
+  #hear(line, told) {
+    if (line === "") {
+      if (told.data && this.readyState !== CLOSED) this.dispatchEvent(new MessageEvent(told.event, { data: told.data.slice(0, -1) }));
+      return { event: "message", data: "" };
+    }
+    const [, field = "", value = ""] = /^([^:]*):? ?(.*)$/.exec(line) ?? [];
+    if (field === "id") this.#lastId = value;
+    if (field === "retry" && /^\d+$/.test(value)) this.#retryMs = Number(value);
+    if (field === "event") return { ...told, event: value };
+    return field === "data" ? { ...told, data: `${told.data}${value}\n` } : told;
+  }
+}
+
+/** @param {{app: import("../core/app.js").App, dataset: string, run: Run, onClose: () => void}} props */
+export function RunStrip({ app, dataset, run, onClose }) {
+  return html`<section class="runstrip runstrip--${run.state}" aria-label=${`Run ${run.id}`}>
+    <${StateBadge} state=${run.state} />
+    <p class="runstrip__text" role="status">${wordsOf(run)}</p>
+    ${!isOver(run) && html`<${JobBar} job=${run} label=${`Run ${run.id}`} /><${CancelButton} app=${app} run=${run} />`}
+    ${run.state === "done" && html`<a class="button button--small" href=${linkTo("runs", { dataset }, { run: String(run.id) })}>See what changed</a>`}
+    ${isOver(run) && html`<button class="button button--quiet button--icon" aria-label="Close" onClick=${onClose}><${Icon} name="cross" /></button>`}
+  </section>`;
+}
+
+/** @param {Run} run */
+function wordsOf(run) {
+  const what = run.kind === "measure" ? "measures every frame again" : "decides again from the stored numbers";
+  switch (run.state) {
+    case "queued":
+      return `Run ${run.id} waits for its turn.`;
+    case "running":
+      return `Run ${run.id} ${what}: ${countText(run.done)} of ${countOf(run.total, "frame")}.`;
+    case "done":
+      return `Run ${run.id} is done: ${countOf(run.changed, "box has", "boxes have")} another verdict or reason.`;
+    case "cancelled":
+      return `Run ${run.id} was cancelled. What was active still is.`;
+    default:
+      return `Run ${run.id} failed: ${run.error?.detail ?? run.error?.title ?? "no reason was given"}`;
+  }
+}
+
+/** @typedef {{state: import("../core/types.js").JobState}} Job */
+
+const OVER = new Set(["done", "failed", "cancelled"]);
+
+const ASK_AGAIN_MS = 1000;
+
+/** @param {Job} job */
+export const isOver = (job) => OVER.has(job.state);
+
+/** Percent done; a job that has not counted its frames yet has done nothing. @param {Job & {done?: number, total?: number}} job */
+export function percentDone({ state, done = 0, total = 0 }) {
+  if (state === "done") return 100;
+  return total > 0 ? Math.min(100, Math.floor((100 * done) / total)) : 0;
+}
+
+/**
+ * Tell of a run until it is over. `onRun` may be told the same state twice.
+ * @param {number} id
+ * @param {(run: Run) => void} onRun
+ * @param {{open?: (url: string) => EventStream, load?: (id: number) => Promise<Run>, pauseMs?: number}} [how]
+ * @returns {() => void} stop watching
+ */
+export function watchRun(id, onRun, { open = (url) => new EventStream(url), load = jobs.run, pauseMs = ASK_AGAIN_MS } = {}) {
+  let isStopped = false;
+  const source = open(jobs.eventsUrl(id));
+  const stop = () => {
+    isStopped = true;
+    source.close();
+  };
+  /** @param {Event} event */
+  const hear = (event) => {
+    if (isStopped || !(event instanceof MessageEvent) || !event.data) return;
+    const run = JSON.parse(event.data);
+    if (isOver(run)) stop();
+    onRun(run);
+  };
+  source.addEventListener("progress", hear);
+  source.addEventListener("end", hear);
+  // A lost connection is opened again by the stream itself; a refused one is closed.
+  source.addEventListener("error", () => {
+    if (!isStopped && source.readyState === 2) void ask();
+  });
+
+  const ask = async () => {
+    while (!isStopped) {
+      try {
+        const run = await load(id);
+        if (isStopped) return;
+        if (isOver(run)) stop();
+        onRun(run);
+      } catch (error) {
+        if (error instanceof ApiError && !error.isTemporary) return stop();
+      }
+      if (!isStopped) await new Promise((done) => setTimeout(done, pauseMs));
+    }
+  };
+  return stop;
+}

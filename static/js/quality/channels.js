@@ -1,0 +1,159 @@
+// @ts-check
+// Kinds of evidence side by side, and the run that measures them.
+
+import { listQuery } from "../boxes/filters.js";
+import { CHANNELS, channelText } from "../boxes/wording.js";
+import { jobs, loadEvaluation, startEvaluation } from "../core/api.js";
+import { useLoaded } from "../core/hooks.js";
+import { html, useEffect, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText, percentText } from "../core/numbers.js";
+import { Segments } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { MeasureCell } from "./comparison.js";
+import { bandText } from "./measures.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/types.js").ChannelScore} ChannelScore */
+/** @typedef {import("../core/types.js").Evaluation} Evaluation */
+/** @typedef {import("../core/types.js").Run} Run */
+/** @typedef {import("../core/types.js").Score} Score */
+
+const TRUTHS = [
+  { value: "instances", text: "Instances" },
+  { value: "people", text: "People" },
+];
+
+const BY = [
+  { value: "all", text: "All boxes" },
+  { value: "class", text: "Class" },
+  { value: "distance", text: "Distance" },
+];
+
+/** @param {{app: App, dataset: string, active: string, truth: string, onTruth: (truth: string) => void, onMeasured: () => void}} props */
+export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
+  const loaded = useLoaded(app, (signal) => loadEvaluation(dataset, truth, signal), [dataset, truth]);
+  const measuring = useMeasuring(app, dataset, () => (loaded.reload(), onMeasured()));
+  const [by, setBy] = useState("all");
+  const found = loaded.value;
+  const isCounted = found !== null && found.boxes > 0;
+  return html`<section class="panelbox quality__wide" aria-labelledby="channels-title" aria-busy=${loaded.state === "loading"}>
+    <header class="panelbox__head"><h2 id="channels-title">Channels compared</h2>
+      <span class="faint">${truth === "people" ? "visible is what people kept" : "visible is what has a pixel in the instance image"}</span>
+      <span class="panelbox__tools">
+        ${isCounted && html`<${Segments} label="Compare channels by" value=${by} choices=${BY} onChange=${setBy} />`}
+        <${Segments} label="Compare with" value=${truth} choices=${TRUTHS} onChange=${onTruth} />
+        ${isCounted && found.not_measured.length > 0 && html`<${MeasureButton} measuring=${measuring} />`}
+      </span></header>
+    ${measuring.run && html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`}
+    ${loaded.state === "error" && !found && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${!found && loaded.state === "loading" && html`<div class="bone bone--row shimmer" aria-hidden="true"></div><p class="sr-only" role="status">Loading the comparison of channels</p>`}
+    ${found && (isCounted ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />` : html`<${Nothing} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)}
+  </section>`;
+}
+
+/** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
+const Compared = ({ dataset, found, by, active }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
+  <p class="faint channels__note">${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}; dot: measured, line: 95 % interval. Where a channel has no number for a box, the segmentation judges.
+    ${found.truth === "instances" && found.channels.instance ? " The instance channel reads the image that says what is visible, so it is the ceiling rather than a rival." : ""}
+    ${found.not_measured.length > 0 ? ` Not measured: ${found.not_measured.map((name) => channelText(name)).join(", ")}.` : ""}</p>`;
+
+/** Why there is nothing to compare, and what would change that. @param {{dataset: string, found: Evaluation, measuring: Measuring, onTruth: (truth: string) => void}} props */
+function Nothing({ dataset, found, measuring, onTruth }) {
+  if (found.truth === "people") {
+    return html`<p class="panelbox__empty">Nobody has kept or rejected a box yet, so there is nothing to compare with. <a href=${linkTo("queue", { dataset })}>Answer boxes</a></p>`;
+  }
+  if (found.not_measured.includes("instance")) {
+    return html`<div class="panelbox__empty channels__ask">
+      <p>Only the segmentation has been measured. Order, depth, instances and LiDAR are measured from the files that came with the frames; every verdict stays as it is.</p>
+      <p><${MeasureButton} measuring=${measuring} /></p></div>`;
+  }
+  return html`<p class="panelbox__empty">No frame came with an instance image, which would say what is visible. <button class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
+}
+
+/** @typedef {{run: Run | null, isBusy: boolean, start: () => void, close: () => void}} Measuring */
+
+/** @param {{measuring: Measuring}} props */
+const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="button" disabled=${isBusy} onClick=${start}><${Icon} name="play" />Measure every channel</button>`;
+
+/** The run that measures: asked for here, or already at work when one comes. @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring} */
+function useMeasuring(app, dataset, onDone) {
+  const [asked, setAsked] = useState(/** @type {Run | null} */ (null));
+  const [isSending, setSending] = useState(false);
+  /** @param {Run} run */
+  const settle = (run) => {
+    if (run.state === "done") setAsked(null);
+    onDone();
+  };
+  const run = useWatched(asked, settle);
+  useEffect(() => {
+    const stop = new AbortController();
+    const look = async () => {
+      const { items } = await jobs.runs(dataset, { limit: 5 }, stop.signal);
+      const open = items.find((one) => one.kind === "measure" && !isOver(one));
+      if (open) setAsked((now) => now ?? open);
+    };
+    // Without an answer the button is still there; who presses it is told what is wrong.
+    look().catch(() => {});
+    return () => stop.abort();
+  }, [dataset]);
+  const start = async () => {
+    setSending(true);
+    try {
+      const started = await startEvaluation(dataset);
+      if (isOver(started)) settle(started);
+      else setAsked(started);
+    } catch (error) {
+      app.notice(error);
+      app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
+    }
+    setSending(false);
+  };
+  return { run, isBusy: isSending || (run !== null && !isOver(run)), start: () => void start(), close: () => setAsked(null) };
+}
+
+/** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
+export function ChannelTable({ dataset, found, by, active }) {
+  const channels = Object.entries(found.channels);
+  if (by === "all") return html`<${Whole} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
+  return html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels channels--matrix">
+    <caption class="sr-only">F1 of each channel by ${by}</caption>
+    <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${channelText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
+    <tbody>${groupsOf(channels, by).map(({ key, text, scores }) => html`<tr key=${key}>
+      <th scope="row">${text}</th>
+      ${scores.map((score, at) => html`<td key=${at}><${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${channelText(channels[at]?.[0] ?? "")}`} /></td>`)}
+    </tr>`)}</tbody>
+  </table></div>`;
+}
+
+/** @param {readonly [string, ChannelScore][]} channels @param {string} by @returns {{key: string, text: string, scores: (Score | undefined)[]}[]} */
+function groupsOf(channels, by) {
+  const [, first] = channels[0] ?? [];
+  if (!first) return [];
+  if (by === "class") return Object.keys(first.by_class).map((name) => ({ key: name, text: name, scores: channels.map(([, one]) => one.by_class[name]) }));
+  return first.by_distance.map(({ band }) => ({ key: band, text: bandText(band), scores: channels.map(([, one]) => one.by_distance.find((score) => score.band === band)) }));
+}
+
+/** @param {{dataset: string, channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
+const Whole = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Channels" tabindex="0"><table class="table groups channels">
+  <caption class="sr-only">Precision, recall and F1 of each channel</caption>
+  <thead><tr><th scope="col">Channel</th><th class="is-num" scope="col" title="Boxes that it had a number for">Judged</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th><th scope="col">Worst</th></tr></thead>
+  <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
+    <th scope="row">${channelText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${CHANNELS[name]?.about}</span></th>
+    <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>
+    <td><${MeasureCell} measure=${score.precision} name="Precision" /></td>
+    <td><${MeasureCell} measure=${score.recall} name="Recall" /></td>
+    <td><${MeasureCell} measure=${score.f1} name="F1" /></td>
+    <td class="is-num num">${countText(score.kept_hidden)}</td>
+    <td class="is-num num">${countText(score.rejected_visible)}</td>
+    <td><${WorstLink} dataset=${dataset} name=${name} worst=${score.worst} /></td>
+  </tr>`)}</tbody>
+</table></div>`;
+
+/** What a channel got wrong most visibly, one after the other. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
+function WorstLink({ dataset, name, worst }) {
+  if (worst.length === 0) return html`<span class="faint">none</span>`;
+  const link = linkTo("queue", { dataset }, listQuery(worst.map(({ box_id }) => box_id)));
+  return html`<a class="channels__worst" href=${link}>Look at ${countText(worst.length)}<span class="sr-only"> that ${channelText(name)} got wrong</span></a>`;
+}

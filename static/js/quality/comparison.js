@@ -1,0 +1,146 @@
+// @ts-check
+// Confusion as a matrix and by group, with whiskers.
+
+import { html, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countText } from "../core/numbers.js";
+import { Segments } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { CELLS, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
+
+/** @typedef {import("../core/types.js").Confusion} Confusion */
+/** @typedef {import("../core/types.js").Measure} Measure */
+/** @typedef {import("../core/types.js").Truth} Truth */
+
+const MEASURES = /** @type {const} */ ([
+  { key: "precision", text: "Precision" },
+  { key: "recall", text: "Recall" },
+  { key: "f1", text: "F1" },
+]);
+
+/** @param {{dataset: string, truth: Truth, confusion: Confusion}} props */
+export function ConfusionPanel({ dataset, truth, confusion }) {
+  const words = WORDS[truth];
+  return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
+    <header class="panelbox__head"><h2 id="confusion-title">${words.all}</h2><span class="faint">${words.counted(answersIn(confusion))}</span></header>
+    <div class="quality__split">
+      <${Matrix} dataset=${dataset} truth=${truth} confusion=${confusion} />
+      <dl class="scores">
+        ${MEASURES.map(({ key, text }) => {
+          const measure = confusion[key];
+          return html`<div class="score" key=${key}>
+            <dt>${text} <span class="faint">${key === "f1" ? "both in one number" : words[key]}</span></dt>
+            <dd><span class="score__value num">${shareText(measure?.value)}</span><${Whisker} measure=${measure} name=${text} />
+              <span class="score__interval num faint">${measure ? `95 %: ${intervalText(measure)}` : intervalText(measure)}</span></dd>
+          </div>`;
+        })}
+      </dl>
+    </div>
+    ${truth === "people" && confusion.kept_reject + confusion.rejected_keep > 0 &&
+    html`<p class="quality__conflicts"><a class="button" href=${linkTo("grid", { dataset }, { conflict: "true" })}>${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`}
+  </section>`;
+}
+
+/** @param {number} n */
+const conflictText = (n) => (n === 1 ? "See the box on which they differ" : `See the ${countText(n)} boxes on which they differ`);
+
+/** @param {{dataset: string, truth: Truth, confusion: Confusion}} props */
+function Matrix({ dataset, truth, confusion }) {
+  const words = WORDS[truth];
+  return html`<table class="matrix">
+    <caption class="sr-only">What the filter said, in rows, against ${words.said}, in columns</caption>
+    <thead><tr><td></td><th scope="col">${words.keep}</th><th scope="col">${words.reject}</th></tr></thead>
+    <tbody>
+      ${["kept", "rejected"].map(
+        (filter) => html`<tr key=${filter}>
+          <th scope="row">filter ${filter === "kept" ? "keeps" : "rejects"}</th>
+          ${CELLS.filter((cell) => cell.filter === filter).map((cell) => html`<td key=${cell.cell}><${Field} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} /></td>`)}
+        </tr>`,
+      )}
+    </tbody>
+  </table>`;
+}
+
+/** @param {{confusion: Confusion, cell: typeof CELLS[number], href: string | null}} props */
+function Field({ confusion, cell, href }) {
+  const count = confusion[cell.cell];
+  const share = shareOf(confusion, cell.cell);
+  const inner = html`<span class="field2__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
+    <span class="field2__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
+    <span class="field2__count num">${countText(count)}</span>
+    <span class="field2__share num">${percentOf(share)} %</span>
+    <span class="field2__text">${cell.text}</span>`;
+  const name = `field2 field2--${cell.isAgreed ? "agreed" : "differ"}`;
+  return count > 0 && href ? html`<a class=${name} href=${href}>${inner}</a>` : html`<span class=${name}>${inner}</span>`;
+}
+
+/** @typedef {{key: string, text: string, confusion: Confusion, query: Record<string, string> | null}} Group */
+
+const CHOICES = [
+  { value: "class", text: "Class" },
+  { value: "distance", text: "Distance" },
+];
+
+/** @param {{dataset: string, quality: import("../core/types.js").Quality}} props */
+export function PerGroup({ dataset, quality }) {
+  const [by, setBy] = useState("class");
+  const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(({ confusion }) => answersIn(confusion) > 0);
+  return html`<section class="panelbox quality__wide" aria-labelledby="groups-title">
+    <header class="panelbox__head"><h2 id="groups-title">${by === "class" ? "By class" : "By distance"}</h2>
+      <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
+      <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} /></span></header>
+    <div class="tablewrap"><table class="table groups">
+      <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th><th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col">Kept ghosts</th><th class="is-num" scope="col">Lost boxes</th></tr></thead>
+      <tbody>${groups.map((group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`)}</tbody>
+    </table></div>
+  </section>`;
+}
+
+/** @param {import("../core/types.js").Quality} quality @returns {Group[]} */
+const classGroups = ({ by_class }) => Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
+
+/** @param {import("../core/types.js").Quality} quality @returns {Group[]} */
+const bandGroups = ({ by_distance }) => by_distance.map((confusion) => ({ key: confusion.band, text: bandText(confusion.band), confusion, query: bandQuery(confusion.band) }));
+
+/** @param {{dataset: string, truth: import("../core/types.js").Truth, group: Group}} props */
+function Row({ dataset, truth, group }) {
+  const { confusion, text, query } = group;
+  /** @type {Record<string, string>} */
+  const answered = truth === "people" ? { review: "decided" } : {};
+  return html`<tr>
+    <th scope="row">${query ? html`<a href=${linkTo("grid", { dataset }, { ...query, ...answered })}>${text}</a>` : text}</th>
+    <td class="is-num num">${countText(answersIn(confusion))}</td>
+    <td><${MeasureCell} measure=${confusion.precision} name="Precision" /></td>
+    <td><${MeasureCell} measure=${confusion.recall} name="Recall" /></td>
+    <td><${MeasureCell} measure=${confusion.f1} name="F1" /></td>
+    ${CELLS.filter(({ isAgreed }) => !isAgreed).map((about) => {
+      const count = countText(confusion[about.cell]);
+      const href = confusion[about.cell] > 0 && query ? boxesOf(dataset, truth, about, query) : null;
+      return html`<td class="is-num num" key=${about.cell}>${href ? html`<a title=${about.text} href=${href}>${count}</a>` : count}</td>`;
+    })}
+  </tr>`;
+}
+
+/** @param {{measure: Measure | null, name: string}} props */
+export function Whisker({ measure, name }) {
+  if (!measure) return html`<span class="whisker whisker--none" title=${`${name}: too few answers`}><span class="sr-only">not known</span></span>`;
+  const [low, at, high] = [measure.low, measure.value, measure.high].map((share) => 100 * share);
+  return html`<span class="whisker" title=${`${name} ${shareText(measure.value)}, 95 % between ${intervalText(measure)}`}>
+    <svg class="whisker__svg" viewBox="0 0 100 12" preserveAspectRatio="none" aria-hidden="true" focusable="false">
+      <line class="whisker__scale" x1="0" x2="100" y1="6" y2="6" />
+      <line class="whisker__range" x1=${low} x2=${high} y1="6" y2="6" />
+      <line class="whisker__range" x1=${low} x2=${low} y1="2.5" y2="9.5" />
+      <line class="whisker__range" x1=${high} x2=${high} y1="2.5" y2="9.5" />
+    </svg>
+    <i class="whisker__dot" style=${{ left: `${at}%` }}></i>
+  </span>`;
+}
+
+/** The number, its interval in words, and the drawing. @param {{measure: Measure | null, name: string}} props */
+export function MeasureCell({ measure, name }) {
+  return html`<div class="measure">
+    <span class="measure__value num">${measure ? shareText(measure.value) : "–"}</span>
+    <${Whisker} measure=${measure} name=${name} />
+    <span class="measure__interval num">${measure ? `${percentOf(measure.low)}–${percentOf(measure.high)}` : ""}</span>
+  </div>`;
+}

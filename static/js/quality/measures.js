@@ -1,0 +1,129 @@
+// @ts-check
+// Shares, intervals and truths in words; links to the boxes counted. Pure.
+
+import { countOf } from "../core/numbers.js";
+import { linkTo } from "../core/router.js";
+
+/** @typedef {import("../core/types.js").Cell} Cell */
+/** @typedef {import("../core/types.js").Measure} Measure */
+/** @typedef {import("../core/types.js").Truth} Truth */
+
+/** With fewer answers than this an interval is wider than most differences. */
+export const FEW_ANSWERS = 100;
+
+/** @type {readonly {cell: Cell, filter: "kept" | "rejected", person: "keep" | "reject", isAgreed: boolean, text: string}[]} */
+export const CELLS = [
+  { cell: "kept_keep", filter: "kept", person: "keep", isAgreed: true, text: "rightly kept" },
+  { cell: "kept_reject", filter: "kept", person: "reject", isAgreed: false, text: "ghosts that were kept" },
+  { cell: "rejected_keep", filter: "rejected", person: "keep", isAgreed: false, text: "real boxes that were rejected" },
+  { cell: "rejected_reject", filter: "rejected", person: "reject", isAgreed: true, text: "rightly rejected" },
+];
+
+/** @param {Record<Cell, number>} confusion */
+export const answersIn = (confusion) => CELLS.reduce((total, { cell }) => total + confusion[cell], 0);
+
+/** @param {Record<Cell, number>} confusion @param {Cell} cell  0 to 1, of all answers */
+export const shareOf = (confusion, cell) => confusion[cell] / Math.max(1, answersIn(confusion));
+
+/** Which boxes a cell counts, as filters of the grid. @param {"kept" | "rejected"} filter @param {"keep" | "reject"} person @returns {Record<string, string>} */
+export const cellQuery = (filter, person) => ({ verdict: filter, review: person });
+
+/** 0.947 as 94.7; nothing is certain with a finite number of answers. @param {number} share */
+export const percentOf = (share) => Math.round(1000 * share) / 10;
+
+/** @param {number | null | undefined} share */
+export const shareText = (share) => (share === null || share === undefined ? "–" : `${percentOf(share)} %`);
+
+/** @param {Measure | null} measure */
+export const intervalText = (measure) => (measure ? `${percentOf(measure.low)}–${percentOf(measure.high)} %` : "too few answers");
+
+/** How people speak of kappa (Landis and Koch). @param {number | null} kappa */
+export function kappaText(kappa) {
+  if (kappa === null) return "not known";
+  const bounds = /** @type {const} */ ([[0, "poor"], [0.2, "slight"], [0.4, "fair"], [0.6, "moderate"], [0.8, "substantial"]]);
+  return bounds.find(([most]) => kappa <= most)?.[1] ?? "almost perfect";
+}
+
+/** "0-50" with its unit. @param {string} band */
+export function bandText(band) {
+  if (band === "unknown") return "unknown";
+  return `${band.replace("-", "–").replace(">", "> ")} m`;
+}
+
+/** The limits of a band, as filters of the grid; null where the grid has none. @param {string} band @returns {Record<string, string> | null} */
+export function bandQuery(band) {
+  const between = /^(\d+)-(\d+)$/.exec(band);
+  if (between) return { distance_min: between[1] ?? "", distance_max: between[2] ?? "" };
+  const above = /^>\s*(\d+)$/.exec(band);
+  return above ? { distance_min: above[1] ?? "" } : null;
+}
+
+/**
+ * Which suggestions are worth a change: another value that scores better, or that holds what was asked for.
+ * @template {{current: number, suggested: number, f1_current: number | null, f1_suggested: number | null}} T
+ * @param {readonly T[]} suggested @param {string} [target] @returns {T[]}
+ */
+export const worthTrying = (suggested, target = "f1") =>
+  suggested.filter((one) => one.suggested !== one.current && (target !== "f1" || (one.f1_suggested ?? 0) > (one.f1_current ?? 0)));
+
+/** @typedef {typeof CELLS[number]} CellAbout */
+
+/**
+ * @typedef {object} Words
+ * @property {(n: number) => string} head  after "the filter against"
+ * @property {string} all  heading of the comparison as a whole
+ * @property {(n: number) => string} counted  what was counted for it
+ * @property {(n: number) => string} some  so many, in few words
+ * @property {string} column  heading of their number
+ * @property {string} keep  the truth's own words
+ * @property {string} reject
+ * @property {string} said  what the columns are, spoken
+ * @property {string} precision  what it is a part of
+ * @property {string} recall
+ * @property {Record<string, string>} goals  what is suggested, by target
+ * @property {string} both  without which nothing is suggested
+ */
+
+export const TRUTHS = [
+  { value: "people", text: "People" },
+  { value: "instances", text: "Instances" },
+];
+
+/** @type {Record<Truth, Words>} */
+export const WORDS = {
+  people: {
+    head: (n) => `${countOf(n, "answer")} of people`,
+    all: "All boxes that were answered",
+    counted: (n) => `${countOf(n, "answer")}, the latest of each box`,
+    some: (n) => countOf(n, "answer"),
+    column: "Answers",
+    keep: "people keep",
+    reject: "people reject",
+    said: "what people said",
+    precision: "of the boxes that the filter keeps, people keep",
+    recall: "of the boxes that people keep, the filter keeps",
+    goals: { f1: "the ones that agree best with the answers of people", recall: "the highest ones that keep what people keep" },
+    both: "Answers on both sides are needed before a threshold can be suggested: some boxes to keep and some to reject, of the same class.",
+  },
+  instances: {
+    head: (n) => `instance images, ${countOf(n, "box", "boxes")}`,
+    all: "All boxes with an instance image",
+    counted: (n) => `${countOf(n, "box", "boxes")}; visible is what has a pixel of its own`,
+    some: (n) => countOf(n, "box", "boxes"),
+    column: "Boxes",
+    keep: "is visible",
+    reject: "is not visible",
+    said: "what instances show",
+    precision: "of the boxes that the filter keeps, are visible",
+    recall: "of the boxes that are visible, the filter keeps",
+    goals: { f1: "the ones that agree best with what is visible", recall: "the highest ones that keep what is visible" },
+    both: "Boxes on both sides are needed before a threshold can be suggested: some visible and some not, of the same class.",
+  },
+};
+
+/**
+ * The boxes that a field counts. The grid knows what people said; what instances show it does not.
+ * @param {string} dataset @param {Truth} truth @param {CellAbout} cell @param {Record<string, string>} [more]
+ */
+export const boxesOf = (dataset, truth, { filter, person }, more = {}) =>
+  truth === "people" ? linkTo("grid", { dataset }, { ...more, ...cellQuery(filter, person) }) : null;

@@ -1,0 +1,117 @@
+// @ts-check
+// The view, and people against people.
+
+import { jobs, loadQuality } from "../core/api.js";
+import { useHead, useLoaded } from "../core/hooks.js";
+import { html } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { Failure, Notice, Segments } from "../core/parts.js";
+import { ROUTES, linkTo } from "../core/router.js";
+import { Channels } from "./channels.js";
+import { ConfusionPanel, PerGroup } from "./comparison.js";
+import { FEW_ANSWERS, TRUTHS, WORDS, answersIn, kappaText } from "./measures.js";
+import { Suggestions } from "./suggestions.js";
+
+/** @typedef {import("../core/types.js").Agreement} Agreement */
+/** @typedef {import("../core/app.js").App} App */
+
+/** Where answers are given. @param {string} dataset @param {Record<string, string>} [query] */
+export const queueLink = (dataset, query = {}) => linkTo(ROUTES.some(({ name }) => name === "queue") ? "queue" : "frames", { dataset }, query);
+
+/** @param {{app: App, route: import("../core/router.js").Route}} props */
+export const QualityView = ({ app, route }) => html`<${QualityOf} key=${route.params.dataset} app=${app} route=${route} />`;
+
+/** One dataset: nothing of another one is left over. @param {{app: App, route: import("../core/router.js").Route}} props */
+function QualityOf({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useHead(app, { title: `Quality · ${name}`, dataset: name });
+  const target = route.query.target === "recall" ? "recall" : "f1";
+  const against = route.query.against === "instances" ? "instances" : "people";
+  /** @param {Record<string, string>} some  an empty value is the usual one, which links leave out */
+  const change = (some) => app.router.replace(linkTo("quality", { dataset: name }, { ...route.query, ...some }));
+  const loaded = useLoaded(app, async (signal) => {
+    const [quality, active] = await Promise.all([loadQuality(name, { truth: against, target }, signal), jobs.activeConfig(name, signal)]);
+    return { quality, active };
+  }, [name, target, against]);
+  const quality = loaded.value?.quality;
+  const known = quality ? answersIn(quality.confusion) : 0;
+  const truth = quality?.truth ?? against;
+  const setAgainst = (/** @type {string} */ wanted) => change({ against: wanted === "people" ? "" : wanted });
+  return html`<main id="main" class="page" tabindex="-1" aria-busy=${!quality}>
+      <div class="page__head">
+        <h1>Quality</h1>
+        ${quality && html`<span class="faint">the filter against ${WORDS[truth].head(known)}${truth === "people" && quality.unsure > 0 ? `, ${countText(quality.unsure)} unsure besides` : ""}</span>`}
+        <span class="page__settings"><${Segments} label="Compare the filter with" value=${against} choices=${TRUTHS} onChange=${setAgainst} /></span>
+      </div>
+      ${loaded.state === "error" && !quality
+        ? html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`
+        : !quality || !loaded.value
+          ? html`<${Skeleton} />`
+          : html`<div class="quality">
+              ${known === 0
+                ? html`<${Empty} dataset=${name} truth=${truth} unsure=${quality.unsure} onInstances=${() => setAgainst("instances")} />`
+                : html`${truth === "people" && known < FEW_ANSWERS && html`<${Few} dataset=${name} answers=${known} />`}
+                    <${ConfusionPanel} dataset=${name} truth=${truth} confusion=${quality.confusion} />
+                    <${PerGroup} dataset=${name} quality=${quality} />
+                    <${Suggestions} app=${app} dataset=${name} truth=${truth} suggested=${quality.suggested} active=${loaded.value.active} target=${target}
+                      onTarget=${(/** @type {string} */ wanted) => change({ target: wanted === "f1" ? "" : wanted })} />
+                    <${Reviewers} agreement=${quality.agreement} reviewers=${quality.reviewers} />`}
+              <${Channels} app=${app} dataset=${name} active=${String(loaded.value.active.config.evidence ?? "")} truth=${route.query.truth === "people" ? "people" : "instances"}
+                onTruth=${(/** @type {string} */ wanted) => change({ truth: wanted === "people" ? wanted : "" })} onMeasured=${loaded.reload} />
+            </div>`}
+    </main>`;
+}
+
+/** @param {{dataset: string, answers: number}} props */
+const Few = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="warn" />
+  <span><strong>${countOf(answers, "answer")} say little.</strong> Read the intervals rather than the numbers; from about ${FEW_ANSWERS} answers on they become narrow.</span>
+  <a class="button button--small" href=${queueLink(dataset)}>Answer more</a></p>`;
+
+/** @param {{dataset: string, truth: string, unsure: number, onInstances: () => void}} props */
+const Empty = ({ dataset, truth, unsure, onInstances }) =>
+  truth === "instances"
+    ? html`<${Notice} icon="question" title="No instances have been measured">
+  <p>Instance images that came with frames say what is visible. "Measure every channel" below reads them.</p>
+<//>`
+    : html`<${Notice} icon="question" title="Nobody has answered yet"
+  actions=${html`<a class="button button--primary" href=${queueLink(dataset)}>Answer boxes</a><button class="button" onClick=${onInstances}>Compare with instances</button>`}>
+  <p>How well the filter does is told by people: keep or reject some boxes, kept and rejected ones, and this page compares.</p>
+  ${unsure > 0 && html`<p class="faint">${countOf(unsure, "box", "boxes")} flagged as unsure ${unsure === 1 ? "does" : "do"} not count.</p>`}
+<//>`;
+
+const Skeleton = () => html`<div class="quality" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="panelbox"><div class="bone bone--tall shimmer"></div></div>`)}</div>
+  <p class="sr-only" role="status">Loading quality</p>`;
+
+/** @param {{agreement: Agreement, reviewers: readonly {name: string, answers: number, keep: number, reject: number, unsure: number}[]}} props */
+export function Reviewers({ agreement, reviewers }) {
+  return html`<section class="panelbox quality__wide" aria-labelledby="reviewers-title">
+    <header class="panelbox__head"><h2 id="reviewers-title">People</h2><span class="faint">${countOf(reviewers.length, "reviewer")}</span></header>
+    <div class="quality__split quality__split--top">
+      <div class="tablewrap"><table class="table">
+        <thead><tr><th scope="col">Reviewer</th><th class="is-num" scope="col">Answers</th><th class="is-num" scope="col">Keep</th><th class="is-num" scope="col">Reject</th><th class="is-num" scope="col">Unsure</th></tr></thead>
+        <tbody>${reviewers.map((one) => html`<tr key=${one.name}><th scope="row">${one.name}</th>${[one.answers, one.keep, one.reject, one.unsure].map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`)}</tbody>
+      </table></div>
+      <${Together} agreement=${agreement} />
+    </div>
+  </section>`;
+}
+
+/** @param {{agreement: Agreement}} props */
+function Together({ agreement }) {
+  const { boxes, percent, kappa, interval, pairs } = agreement;
+  if (boxes === 0) return html`<p class="panelbox__empty">No box has been answered by two people. When some are, this says how far they agree.</p>`;
+  return html`<div class="together">
+    <dl class="together__figures">
+      <div><dt>agree on</dt><dd class="num">${percent === null ? "–" : `${Math.round(10 * percent) / 10} %`}</dd><dd class="faint">of ${countOf(boxes, "box", "boxes")} answered twice</dd></div>
+      <div><dt>Cohen's kappa</dt><dd class="num">${kappaNumber(kappa)}</dd><dd class="faint">${kappaText(kappa)}${interval ? `, 95 %: ${kappaNumber(interval[0])} to ${kappaNumber(interval[1])}` : ""}</dd></div>
+    </dl>
+    <div class="tablewrap"><table class="table">
+      <thead><tr><th scope="col">Pair</th><th class="is-num" scope="col">Boxes</th><th class="is-num" scope="col">Agree</th><th class="is-num" scope="col">Kappa</th></tr></thead>
+      <tbody>${pairs.map((pair) => html`<tr key=${`${pair.a} ${pair.b}`}><th scope="row">${pair.a} and ${pair.b}</th><td class="is-num num">${countText(pair.boxes)}</td><td class="is-num num">${countText(pair.agreed)}</td><td class="is-num num">${kappaNumber(pair.kappa)}</td></tr>`)}</tbody>
+    </table></div>
+  </div>`;
+}
+
+/** @param {number | null} kappa */
+const kappaNumber = (kappa) => (kappa === null ? "–" : kappa.toFixed(2).replace("-", "−"));

@@ -1,0 +1,97 @@
+// @ts-check
+// Order, filters, progress, and the strip of boxes before and after.
+
+import { veiled } from "../boxes/box.js";
+import { Picture } from "../boxes/crops.js";
+import { REVIEW_CHOICES, VERDICT_CHOICES, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { AnswerSign } from "../boxes/signs.js";
+import { REASONS, spokenText } from "../boxes/wording.js";
+import { useValue } from "../core/hooks.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { Segments, Select } from "../core/parts.js";
+import { ahead, currentOf, isBlind, lookedAt, paceOf } from "./line.js";
+import { ORDERS, orderOf } from "./session.js";
+
+/** @typedef {import("../review/answers.js").ReviewApp} App */
+/** @typedef {import("./line.js").Line} Line */
+/** @typedef {import("../core/router.js").Query} Query */
+/** @typedef {import("./session.js").Sitting} Sitting */
+
+const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
+
+/** @param {{app: App, sitting: Sitting, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+export function QueueHead({ app, sitting, classes, query, onChange }) {
+  const prefs = useValue(app.prefs);
+  /** @param {string} key */
+  const set = (key) => (/** @type {string} */ value) => onChange({ ...query, [key]: value });
+  return html`<div class="queue__head">
+    ${sitting.listed.length > 0
+      ? html`<p class="queue__listed">${countOf(sitting.listed.length, "chosen box", "chosen boxes")} <button class="button button--small" onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
+      : html`<${Choices} classes=${classes} query=${query} set=${set} onChange=${onChange} />`}
+    <label class="switch queue__blind" title="Hide the filter's verdict and earlier answers until you have answered">
+      <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => set("blind")(event.currentTarget.checked ? "on" : "off")} /><span>Blind</span>
+    </label>
+    <span class="queue__middle"></span>
+    <${Progress} sitting=${sitting} />
+  </div>`;
+}
+
+/** Which boxes, and which first. @param {{classes: readonly string[], query: Query, set: (key: string) => (value: string) => void, onChange: (query: Query) => void}} props */
+function Choices({ classes, query, set, onChange }) {
+  const [isOpen, setOpen] = useState(false);
+  return html`<${Segments} label="Order" value=${orderOf(query)} choices=${ORDERS} onChange=${set("order")} />
+    <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
+    <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
+      <${Select} label="Verdict" any="Any verdict" value=${query.verdict ?? ""} choices=${VERDICT_CHOICES.slice(1)} onChange=${set("verdict")} />
+      <${Select} label="Class" any="Any class" value=${query.class ?? ""} choices=${classes.map((name) => ({ value: name, text: name }))} onChange=${set("class")} />
+      <${Select} label="Reason" any="Any reason in the image" value=${query.reason ?? ""} choices=${REASON_CHOICES} onChange=${set("reason")} />
+      <${Select} label="Review" any=${orderOf(query) === "audit" ? "Decided" : "Undecided"} value=${query.review ?? ""} choices=${REVIEW_CHOICES} onChange=${set("review")} />
+      ${isFiltered(query) && html`<button class="button button--quiet" onClick=${() => onChange(withoutFilters(query))}><${Icon} name="cross" />Clear</button>`}
+    </div>`;
+}
+
+/** @param {{sitting: Sitting}} props */
+function Progress({ sitting }) {
+  const { left } = useValue(sitting.counts);
+  const { times, verdicts } = useValue(sitting.tally);
+  const comparisons = useValue(sitting.comparisons);
+  const pace = paceOf(times);
+  const done = verdicts.size;
+  const all = sitting.order === "audit" ? (left ?? 0) : done + (left ?? 0);
+  const percent = all ? Math.floor((100 * done) / all) : 0;
+  return html`<div class="queue__progress">
+    <p role="status"><b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${sitting.order === "audit" ? "to audit" : "left"}`}
+      ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
+      ${comparisons.length > 0 && html`<span class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(comparisons.length)}</span>`}</p>
+    <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>
+  </div>`;
+}
+
+const BEHIND = 3;
+const AHEAD = 6;
+const SIZE_PX = 56;
+
+/** @param {{app: import("../review/answers.js").ReviewApp, sitting: import("./session.js").Sitting, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
+export function QueueStrip({ app, sitting, line, isHidden, onShow }) {
+  const { waiting } = useValue(app.saver.state);
+  const list = useRef(/** @type {HTMLOListElement | null} */ (null));
+  const { verdicts } = useValue(sitting.tally);
+  const here = currentOf(line);
+  useEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }), [here]);
+  const ids = [...line.ids.slice(Math.max(0, line.at - BEHIND), line.at), ...(here === null ? [] : [here]), ...ahead(line, AHEAD)];
+  const boxes = ids.flatMap((id) => sitting.store.get(id) ?? []);
+  return html`<ol class="strip-list" ref=${list} aria-label="Boxes before and after">
+    ${boxes.map((box) => {
+      const isCovered = isHidden && !verdicts.has(box.box_id);
+      return html`<li key=${box.box_id}>
+        <button class="strip-list__box ${isCovered ? "is-covered" : ""}" aria-current=${box.box_id === here ? "true" : undefined} aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
+          title=${`${box.class} ${box.id}`} onClick=${() => onShow(lookedAt(line, box.box_id))}>
+          <${Picture} app=${app} box=${isCovered ? veiled(box) : box} size=${SIZE_PX} frameSize=${null} />
+          ${!isCovered && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`}
+        </button>
+      </li>`;
+    })}
+  </ol>`;
+}

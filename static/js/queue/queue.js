@@ -1,0 +1,300 @@
+// @ts-check
+// The view: stage, panel, and the states in which there is no box.
+
+import { answerOf, veiled } from "../boxes/box.js";
+import { VERDICT_CYCLE, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { useBoxes } from "../boxes/store.js";
+import { spokenText } from "../boxes/wording.js";
+import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
+import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText, metresText } from "../core/numbers.js";
+import { createValue } from "../core/observable.js";
+import { Failure, Notice } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { AnswerBar } from "../review/acts.js";
+import { Inspector } from "../review/inspector.js";
+import { createMedia } from "../stage/media.js";
+import { QueueStage, createLookActions } from "../stage/view.js";
+import { QueueHead, QueueStrip } from "./head.js";
+import { again, ahead, currentOf, isBlind, lookedAt, nextOpen, passed, stepped } from "./line.js";
+import { sittingOf, touch } from "./session.js";
+
+/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../review/answers.js").ReviewApp} App */
+/** @typedef {import("../core/router.js").Query} Query */
+/** @typedef {import("./session.js").Sitting} Sitting */
+
+const AHEAD = 3;
+const RENEW_MS = 4 * 60_000;
+
+/** @param {{app: App, route: import("../core/router.js").Route}} props */
+export function QueueView({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useHead(app, { title: `Queue · ${name}`, dataset: name });
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const sitting = sittingOf(app, name, route.query);
+  /** @param {Query} query */
+  const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));
+  const failed = dataset.state === "error" && !dataset.value;
+  return html`<main id="main" class="queue" tabindex="-1">
+      <h1 class="sr-only">Queue of ${name}</h1>
+      ${failed
+        ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
+        : html`<${QueueHead} app=${app} sitting=${sitting} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+            <${Sitter} key=${sitting} app=${app} sitting=${sitting} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`}
+    </main>`;
+}
+
+/** @param {{app: App, sitting: Sitting, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function Sitter({ app, sitting, query, isEmpty, onQuery }) {
+  const media = useMemo(() => createMedia(app), [app]);
+  const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
+  const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
+  const [view] = useState(() => createValue(/** @type {"crop" | "frame"} */ ("crop")));
+  const now = useRef(query);
+  now.current = query;
+  const actions = useMemo(
+    () =>
+      createQueueActions(app, sitting, {
+        stage: () => stage.current,
+        openComment: () => comment.current?.focus(),
+        isBlind: () => isBlind(now.current, app.prefs.get()),
+        view,
+      }),
+    [app, sitting],
+  );
+  useActions(app, actions.byName);
+  useSupply(app, sitting, media);
+
+  useBoxes(sitting.store);
+  const line = useValue(sitting.line);
+  const { waiting } = useValue(app.saver.state);
+  const prefs = useValue(app.prefs);
+  const verdicts = useValue(sitting.tally).verdicts;
+  const box = sitting.store.get(currentOf(line) ?? 0) ?? null;
+  const isHidden = box !== null && isBlind(query, prefs) && !verdicts.has(box.box_id);
+  const shown = isHidden && box ? veiled(box) : box;
+  const isWaiting = box !== null && waiting.has(box.box_id);
+
+  return html`<div class="queue__body ${box ? "" : "is-empty"}">
+    <${QueueStrip} app=${app} sitting=${sitting} line=${line} isHidden=${isHidden} onShow=${actions.show} />
+    ${box && shown
+      ? html`<div class="review__stage queue__stage">
+            <${QueueStage} app=${app} box=${shown} media=${media} view=${view} isBlind=${isHidden} actions=${actions.byName} stageRef=${stage} />
+            <${Conflicts} app=${app} sitting=${sitting} onShow=${actions.show} />
+            <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
+          </div>
+          ${isHidden
+            ? html`<${BlindPanel} key=${box.box_id} box=${shown} sitting=${sitting} onSee=${() => onQuery({ ...query, blind: "off" })} />`
+            : html`<${Inspector} app=${app} frame=${media.ready(box.frame_id)?.frame ?? null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
+      : html`<${NoBox} app=${app} sitting=${sitting} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
+  </div>`;
+}
+
+/** @param {{app: App, sitting: Sitting, query: Query, actions: QueueActions, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function NoBox({ app, sitting, query, actions, isEmpty, onQuery }) {
+  const { state, error, isEnd } = useValue(sitting.supply);
+  if (state === "error" && error) return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void sitting.refill()} /></div>`;
+  if (!isEnd) return html`<${Fetching} />`;
+  if (isEmpty) return html`<${NoBoxesYet} />`;
+  return html`<${AllDone} app=${app} sitting=${sitting} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
+}
+
+/** Boxes, frames and pictures are here before they are looked at. @param {App} app @param {Sitting} sitting @param {import("../stage/media.js").MediaCache} media */
+function useSupply(app, sitting, media) {
+  const line = useValue(sitting.line);
+  const { lit, mask } = useValue(app.prefs);
+  useEffect(() => {
+    void sitting.refill();
+    sitting.showWaiting();
+    const giveBack = app.stores.lend(sitting.store, { takesAnswers: true });
+    const renewing = setInterval(() => document.visibilityState === "visible" && void sitting.renew(), RENEW_MS);
+    return () => {
+      giveBack();
+      clearInterval(renewing);
+      touch(app);
+    };
+  }, [sitting]);
+  useEffect(() => {
+    const frames = new Set(ahead(line, AHEAD).flatMap((id) => sitting.store.get(id)?.frame_id ?? []));
+    for (const frame of frames) (lit || mask ? media.wantAll(frame) : media.want(frame)).catch(() => {});
+  }, [line, lit, mask]);
+}
+
+/**
+ * @param {App} app @param {Sitting} sitting
+ * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void, isBlind: () => boolean,
+ *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
+ */
+export function createQueueActions(app, sitting, page) {
+  const { store, line } = sitting;
+  const current = () => store.get(currentOf(line.get()) ?? 0) ?? null;
+
+  function say() {
+    const box = current();
+    if (box) app.announcement.set(page.isBlind() ? `${box.class} ${box.id}` : spokenText(box));
+  }
+
+  /** @param {import("./line.js").Line} next */
+  function show(next) {
+    page.view.set("crop");
+    sitting.show(next);
+    say();
+  }
+
+  /** @param {Answer} verdict @param {string} [comment] */
+  function answer(verdict, comment) {
+    const box = current();
+    if (!box) return;
+    performance.mark("queue:answer");
+    const isOwn = sitting.tally.get().verdicts.has(box.box_id);
+    const words = comment ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
+    const isSame = box.review?.verdict === verdict && (box.review.comment ?? "") === words;
+    page.view.set("crop");
+    if (isOwn && isSame) sitting.show(nextOpen(line.get()));
+    else sitting.answer(box, verdict, words, page.isBlind() && !isOwn);
+    say();
+  }
+
+  async function undo() {
+    const last = app.undo.peek();
+    if (!last) return app.toasts.show("Nothing to take back.");
+    if (last.batchId) return void app.bulk.undo(last.batchId);
+    page.view.set("crop");
+    const box = await sitting.takeBack(last).catch((error) => (app.notice(error), app.toasts.show(error.message, { kind: "error" }), null));
+    if (box) app.announcement.set(`${box.class} ${box.id}: taken back`);
+  }
+
+  function cycleVerdict() {
+    const { query, params } = app.router.route.get();
+    const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));
+    const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
+    app.router.replace(linkTo("queue", params, { ...query, verdict }));
+    app.announcement.set(`Showing ${verdict || "all"} boxes`);
+  }
+
+  /** The box, the whole frame, the box again; after a pan, first back to the box. */
+  function crop() {
+    if (page.stage()?.mode() === "free" && page.view.get() === "crop") page.stage()?.recrop();
+    else page.view.set(page.view.get() === "crop" ? "frame" : "crop");
+  }
+
+  return {
+    show,
+
+    /** A comment on a box that has no answer flags it as unsure, and stays. @param {Answer} verdict @param {string} [comment] */
+    answer(verdict, comment) {
+      const box = current();
+      if (comment === undefined || !box) return answer(verdict, comment);
+      sitting.comment(box, answerOf(box) ?? verdict, comment);
+    },
+
+    again: () => show(again(line.get())),
+
+    /** By the names of the keymap. */
+    byName: {
+      keep: () => answer("keep"),
+      reject: () => answer("reject"),
+      unsure: () => answer("unsure"),
+      undo: () => void undo(),
+      comment: () => current() && page.openComment(),
+      next: () => show(stepped(line.get(), 1)),
+      previous: () => show(stepped(line.get(), -1)),
+      nextUndecided: () => show(nextOpen(line.get())),
+      grid: () => app.router.go(linkTo("grid", { dataset: sitting.dataset }, { ...sitting.query, order: "", blind: "" })),
+      ...createLookActions(app, page.stage),
+      cycleVerdict,
+      blind() {
+        const { query, params } = app.router.route.get();
+        app.router.replace(linkTo("queue", params, { ...query, blind: page.isBlind() ? "off" : "on" }));
+      },
+      crop,
+      fit() {
+        page.view.set("frame");
+        page.stage()?.fit();
+      },
+      escape: () => page.view.set("crop"),
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
+
+/** @param {{box: import("../core/types.js").Decision, sitting: import("./session.js").Sitting, onSee: () => void}} props */
+export function BlindPanel({ box, sitting, onSee }) {
+  const last = useValue(sitting.comparisons).at(-1);
+  return html`<aside class="panel panel--inspector" aria-label="Selected box">
+    <header class="inspector__head"><h2>${box.class} <span class="faint">${box.id}</span></h2></header>
+    <p class="inspector__sentence">Is there a ${box.class.replaceAll("_", " ")} to be seen in the box? The filter's verdict and earlier answers are hidden until you have answered.</p>
+    ${last && html`<p class="agreement agreement--${last.agrees ? "yes" : "no"}" role="status"><${Icon} name=${last.agrees ? "check" : "warn"} /><span>${last.words}</span></p>`}
+    <dl class="facts">
+      <div><dt>Frame</dt><dd>${box.frame}</dd></div>
+      ${box.distance !== null && html`<div><dt>Distance</dt><dd class="num">${metresText(box.distance)}</dd></div>`}
+    </dl>
+    <button class="button" onClick=${onSee}>Show verdicts</button>
+  </aside>`;
+}
+
+export const Fetching = () => html`<div class="queue__message" aria-busy="true"><div class="queue__wait shimmer"></div><p class="sr-only" role="status">Loading the next boxes</p></div>`;
+
+/** @param {{app: App, sitting: Sitting, query: Query, actions: QueueActions, onAll: () => void}} props */
+export function AllDone({ app, sitting, query, actions, onAll }) {
+  const { verdicts } = useValue(sitting.tally);
+  const { elsewhere } = useValue(sitting.counts);
+  const { waiting } = useValue(app.saver.state);
+  const open = passed(useValue(sitting.line)).length;
+  const { dataset, order } = sitting;
+  const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
+  return html`<div class="queue__message">
+    <${Notice} icon="check" title=${title} actions=${html`<${Ways} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} sitting=${sitting} actions=${actions} onAll=${onAll} />`}>
+      <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered a box of these filters yet." : "Every box of these filters has an answer.")}</p>
+      ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
+      ${open > 0 && html`<p>You passed over ${countOf(open, "box", "boxes")}.</p>`}
+      ${elsewhere > 0 && html`<p>${countOf(elsewhere, "box is", "boxes are")} with somebody else at the moment.</p>`}
+    <//>
+  </div>`;
+}
+
+export const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>Nothing has been pushed to this dataset.</p><//></div>`;
+
+/** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, sitting: Sitting, actions: QueueActions, onAll: () => void}} props */
+function Ways({ dataset, order, query, open, elsewhere, sitting, actions, onAll }) {
+  return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.again}>Go through ${open === 1 ? "it" : "them"}</button>`}
+    ${elsewhere > 0 && html`<button class="button" onClick=${sitting.lookAgain}>Look again</button>`}
+    ${(isFiltered(query) || sitting.listed.length > 0) && html`<button class="button" onClick=${onAll}>${sitting.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
+    ${order !== "audit" && html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`}
+    <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
+    <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;
+}
+
+/** @param {ReadonlyMap<number, string>} verdicts */
+function doneText(verdicts) {
+  if (verdicts.size === 0) return "";
+  const of = (/** @type {string} */ verdict) => [...verdicts.values()].filter((given) => given === verdict).length;
+  const parts = [`${countText(of("keep"))} kept`, `${countText(of("reject"))} rejected`, ...(of("unsure") ? [`${countText(of("unsure"))} unsure`] : [])];
+  return `You answered ${countOf(verdicts.size, "box", "boxes")}: ${parts.join(", ")}.`;
+}
+
+/** Somebody was first: their answer stands, and one goes on where one is. @param {{app: App, sitting: Sitting, onShow: (line: import("./line.js").Line) => void}} props */
+export function Conflicts({ app, sitting, onShow }) {
+  const conflicts = [...useValue(app.conflicts).values()].flatMap((item) => {
+    const box = sitting.store.get(item.boxId);
+    return box ? [{ item, box }] : [];
+  });
+  if (conflicts.length === 0) return null;
+  return html`<div class="queue__conflicts">
+    ${conflicts.map(({ item, box }) => {
+      const { reviewer = "", verdict = "clear" } = box.review ?? {};
+      const theirs = verdict === "clear" ? "took the answer back" : `answered ${verdict}`;
+      return html`<section key=${box.box_id} class="conflict" role="alert">
+        <p><${Icon} name="warn" /> ${box.class} ${box.id}: <b>${reviewer || "somebody else"} ${theirs}</b> while you answered ${item.verdict}. Yours is not stored.</p>
+        <div class="conflict__actions">
+          <button class="button button--small" onClick=${() => app.settle(box.box_id)}>Leave it</button>
+          <button class="button button--small" onClick=${() => app.insist(box, item)}>Use mine: ${item.verdict}</button>
+          <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(sitting.line.get(), box.box_id))}>Look at it</button>
+        </div>
+      </section>`;
+    })}
+  </div>`;
+}

@@ -1,0 +1,260 @@
+// @ts-check
+// One frame: stage in the middle, list on its left, the selected box on its right.
+
+import { isUndecided, seen, withAnswer } from "../boxes/box.js";
+import { VERDICT_CYCLE, filtersOf, isShown, neighbour, nextUndecided, shownBoxes } from "../boxes/filters.js";
+import { LOCAL, REMOTE, UNDO, useBoxes, useSeen } from "../boxes/store.js";
+import { spokenText } from "../boxes/wording.js";
+import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
+import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { Failure } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { LookBar, StageView, createLookActions } from "../stage/view.js";
+import { AnswerBar } from "./acts.js";
+import { BoxList } from "./boxlist.js";
+import { Inspector } from "./inspector.js";
+
+/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("./answers.js").ReviewApp} App */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Frame} Frame */
+/** @typedef {import("../boxes/store.js").Store} Store */
+
+/** @param {{app: App, route: import("../core/router.js").Route}} props */
+export function FrameView({ app, route }) {
+  const id = Number(route.params.id);
+  const loaded = useLoaded(app, (signal) => app.frames.load(id, signal), [id]);
+  const frame = loaded.value?.id === id ? loaded.value : null;
+  if (loaded.state === "error" && !frame) {
+    return html`<${NoFrame} app=${app} error=${loaded.error} onRetry=${loaded.reload} />`;
+  }
+  if (!frame) return html`<${Skeleton} app=${app} last=${loaded.value} />`;
+  return html`<${FrameReview} key=${frame.id} app=${app} frame=${frame} query=${route.query} />`;
+}
+
+/** @param {{app: App, error: Error, onRetry: () => void}} props */
+function NoFrame({ app, error, onRetry }) {
+  useHead(app, { title: "" });
+  return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${onRetry} /></main>`;
+}
+
+/** @param {{app: App, frame: Frame, query: import("../core/router.js").Query}} props */
+function FrameReview({ app, frame, query }) {
+  useHead(app, {
+    title: `${frame.key} · ${frame.dataset}`,
+    dataset: frame.dataset,
+    crumbs: [
+      { text: "Datasets", href: linkTo("datasets") },
+      { text: frame.dataset, href: linkTo("frames", { dataset: frame.dataset }, { ...query, box: "" }) },
+      { text: frame.key },
+    ],
+    tools: useMemo(() => html`<${FrameSteps} frame=${frame} query=${query} />`, [frame, query]),
+  });
+  const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
+  const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
+  const [tab, setTab] = useState("box");
+  const { store } = useMemo(() => openWithWaiting(app, frame), [app, frame]);
+  const actions = useMemo(() => {
+    const openComment = () => {
+      // At once, or the next keys would still be shortcuts. Again only if the panel was hidden:
+      // a focus that comes late would take the keys of somebody who has finished typing.
+      comment.current?.focus();
+      const isReached = document.activeElement === comment.current;
+      setTab("box");
+      if (!isReached) setTimeout(() => comment.current?.focus());
+    };
+    return createFrameActions(app, frame, store, { stage: () => stage.current, openComment });
+  }, [app, frame, store]);
+  useActions(app, actions.byName);
+  useEffect(() => store.observe((change) => (app.undo.notice(change), app.saver.notice(change))), [app, store]);
+  useEffect(() => app.frames.fetchAhead(frame.next_id), [app, frame]);
+  useArrival(app, actions, query);
+
+  const answered = useBoxes(store);
+  const boxes = useSeen(app, answered);
+  const { waiting } = useValue(app.saver.state);
+  const shown = useMemo(() => boxes.filter((_, i) => isShown(/** @type {Decision} */ (answered[i]), query)), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
+  const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
+
+  return html`<main id="main" class="review" tabindex="-1" data-tab=${tab}>
+      <h1 class="sr-only">${frame.key}</h1>
+      <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
+      <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
+        onSelect=${actions.select} onQuery=${(/** @type {import("../core/router.js").Query} */ next) => app.router.replace(linkTo("frame", { id: frame.id }, next))} />
+      <div class="review__stage">
+        <${StageView} app=${app} frame=${frame} shown=${shown} selected=${selected} onSelect=${actions.select} stageRef=${stage} />
+        <${LookBar} app=${app} frame=${frame} actions=${actions.byName} />
+        <${AnswerBar} app=${app} box=${selected} isWaiting=${selected !== null && waiting.has(selected.box_id)} actions=${actions.byName} />
+      </div>
+      <${Inspector} app=${app} frame=${frame} box=${selected} boxes=${boxes} actions=${actions} commentRef=${comment}
+        isWaiting=${selected !== null && waiting.has(selected.box_id)} />
+    </main>`;
+}
+
+/** Open the frame with what this browser has answered and the server does not know yet. @param {App} app @param {Frame} frame */
+function openWithWaiting(app, frame) {
+  const open = app.frames.open(frame);
+  for (const item of app.saver.waitingFor(frame.id)) {
+    const box = open.store.get(item.boxId);
+    if (box) open.store.apply(withAnswer(box, item.verdict, item.comment), REMOTE);
+  }
+  return open;
+}
+
+/** The address may ask for "the first box" or for an undo here: do it once and write the result. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
+function useArrival(app, actions, query) {
+  useEffect(() => {
+    if (query.undo) {
+      const { undo, ...rest } = query;
+      app.router.replace(linkTo("frame", app.router.route.get().params, rest));
+      actions.byName.undo();
+    } else if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
+  }, [actions]);
+}
+
+/** On a narrow screen, list and box take turns. @param {{tab: string, count: number, onChange: (tab: string) => void}} props */
+function Tabs({ tab, count, onChange }) {
+  return html`<div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
+    <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => onChange("box")}>Selected box</button>
+    <button class="segments__item" aria-pressed=${tab === "list"} onClick=${() => onChange("list")}>Boxes <span class="num">${count}</span></button>
+  </div>`;
+}
+
+/** @param {{app: App, last: Frame | null}} props */
+function Skeleton({ app, last }) {
+  useHead(app, { title: "", dataset: last?.dataset });
+  return html`<main id="main" class="review" tabindex="-1" aria-busy="true">
+      <aside class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="bone bone--row" />`)}</aside>
+      <div class="review__stage"><div class="stage shimmer" /></div>
+      <aside class="panel panel--inspector"><div class="bone" /><div class="bone bone--short" /><div class="bone bone--tall" /></aside>
+      <p class="sr-only" role="status">Loading the frame</p>
+    </main>`;
+}
+
+/**
+ * @param {App} app @param {Frame} frame @param {Store} store
+ * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void}} page
+ */
+export function createFrameActions(app, frame, store, page) {
+  const query = () => app.router.route.get().query;
+  const selectedId = () => Number(query().box) || null;
+  const selected = () => store.get(selectedId() ?? 0) ?? null;
+
+  /** @param {number | null} boxId */
+  function select(boxId) {
+    const box = boxId === null ? undefined : store.get(boxId);
+    app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), box: box ? String(boxId) : "" }));
+    app.announcement.set(box ? spokenText(seen(box, app.prefs.get().blind)) : "");
+  }
+
+  /** @param {Answer} verdict @param {string} [comment] */
+  function answer(verdict, comment) {
+    const box = selected();
+    if (!box) return app.toasts.show("Select a box first.");
+    const words = comment ?? box.review?.comment ?? "";
+    if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return;
+    app.settle(box.box_id);
+    store.apply(withAnswer(box, verdict, words), LOCAL);
+    app.announcement.set(`${box.class} ${box.id}: ${verdict}`);
+  }
+
+  /** @param {number | null} id @param {string} box  which one there: first, last, undecided */
+  function goToFrame(id, box) {
+    if (id === null) return app.toasts.show("There is no further frame.");
+    app.router.go(linkTo("frame", { id }, { ...query(), box }));
+  }
+
+  /** @param {1 | -1} step */
+  function step(step) {
+    const box = neighbour(store.all(), query(), selectedId(), step);
+    if (box) select(box.box_id);
+    else goToFrame(step > 0 ? frame.next_id : frame.previous_id, step > 0 ? "first" : "last");
+  }
+
+  function undo() {
+    const last = app.undo.peek();
+    if (!last) return app.toasts.show("Nothing to take back.");
+    if (last.batchId) return void app.bulk.undo(last.batchId);
+    const box = store.get(last.boxId);
+    if (!box) return app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
+    app.undo.take();
+    store.apply(withAnswer(box, last.verdict, last.comment), UNDO);
+    select(box.box_id);
+    app.announcement.set(`${box.class} ${box.id}: taken back`);
+  }
+
+  function cycleVerdict() {
+    const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query().verdict ?? ""));
+    const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
+    app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), verdict }));
+    app.announcement.set(`Showing ${verdict || "all"} boxes`);
+  }
+
+  /** Crop stays on from box to box, and from frame to frame, until it is switched off. */
+  function crop() {
+    const isCrop = app.prefs.get().crop;
+    const hasMoved = page.stage()?.mode() === "free";
+    if (isCrop && hasMoved && selected()?.xyxy) page.stage()?.recrop();
+    else app.prefs.change({ crop: !isCrop });
+  }
+
+  function fit() {
+    app.prefs.change({ crop: false });
+    page.stage()?.fit();
+  }
+
+  return {
+    select,
+    answer,
+
+    /** What the address asks for instead of a box's number. @param {string} which @returns {number | null} */
+    resolve(which) {
+      const shown = shownBoxes(store.all(), query());
+      if (which === "first") return shown[0]?.box_id ?? null;
+      if (which === "last") return shown.at(-1)?.box_id ?? null;
+      return (shown.find(isUndecided) ?? shown[0])?.box_id ?? null;
+    },
+
+    /** By the names of the keymap. */
+    byName: {
+      keep: () => answer("keep"),
+      reject: () => answer("reject"),
+      unsure: () => answer("unsure"),
+      undo,
+      comment: () => (selected() ? page.openComment() : app.toasts.show("Select a box first.")),
+      next: () => step(1),
+      previous: () => step(-1),
+      nextUndecided() {
+        const box = nextUndecided(store.all(), query(), selectedId());
+        if (box) select(box.box_id);
+        else goToFrame(frame.next_id, "undecided");
+      },
+      nextFrame: () => goToFrame(frame.next_id, ""),
+      previousFrame: () => goToFrame(frame.previous_id, ""),
+      grid: () => app.router.go(linkTo("grid", { dataset: frame.dataset }, { ...query(), box: "" })),
+      ...createLookActions(app, page.stage),
+      blind: () => app.prefs.change({ blind: !app.prefs.get().blind }),
+      cycleVerdict,
+      crop,
+      fit,
+      escape: () => select(null),
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createFrameActions>} FrameActions */
+
+/** @param {{frame: import("../core/types.js").Frame, query: import("../core/router.js").Query}} props */
+export function FrameSteps({ frame, query }) {
+  return html`<div class="framesteps" role="group" aria-label="Frames">
+    <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />
+    <${Step} id=${frame.next_id} query=${query} icon="right" text="Next frame" />
+  </div>`;
+}
+
+/** @param {{id: number | null, query: import("../core/router.js").Query, icon: string, text: string}} props */
+function Step({ id, query, icon, text }) {
+  if (id === null) return html`<span class="button button--quiet button--icon is-disabled" aria-hidden="true"><${Icon} name=${icon} /></span>`;
+  return html`<a class="button button--quiet button--icon" href=${linkTo("frame", { id }, { ...query, box: "" })} aria-label=${text} title=${text}><${Icon} name=${icon} /></a>`;
+}

@@ -1,0 +1,302 @@
+// @ts-check
+// Everything about one box: verdict, sentence, numbers, comment, neighbours, history.
+
+import { answerOf, isVeiled, seenRevision } from "../boxes/box.js";
+import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
+import { ANSWER_TEXT, acceptedText, channelText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
+import { useLoaded, useValue } from "../core/hooks.js";
+import { html, useMemo, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { Keys, boundKeys } from "../core/keymap.js";
+import { agoText, countOf, countText, metresText, percentText, unbroken } from "../core/numbers.js";
+import { overlapping } from "../stage/geometry.js";
+
+/** @typedef {import("./answers.js").ReviewApp} App */
+/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../core/types.js").Frame} Frame */
+/** @typedef {import("../core/types.js").HistoryItem} HistoryItem */
+/** @typedef {import("../core/types.js").Rgb} Rgb */
+
+/**
+ * @param {{app: App, frame: Frame, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
+ *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ */
+export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
+  return html`<aside class="panel panel--inspector" aria-label="Selected box">
+    ${box
+      ? html`<${BoxDetails} key=${box.box_id} app=${app} box=${box} boxes=${boxes} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
+      : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUndecided} />`}
+  </aside>`;
+}
+
+/** @param {{app: App, box: Decision, boxes: readonly Decision[], isWaiting: boolean, actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props */
+function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
+  return html`
+    <header class="inspector__head">
+      <h2>${box.class} <span class="faint">${box.id}</span></h2>
+      <${VerdictBadge} verdict=${box.verdict} />
+    </header>
+    <${Conflict} app=${app} box=${box} />
+    <${AnswerLine} box=${box} isWaiting=${isWaiting} />
+    <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: what the filter says is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
+    <${MatchBar} box=${box} />
+    <${HiddenBy} box=${box} />
+    <${Comment} box=${box} onSave=${(/** @type {string} */ text) => actions.answer(answerOf(box) ?? "unsure", text)} fieldRef=${commentRef} />
+    <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
+    <${Numbers} box=${box} />
+    ${!isVeiled(box) && html`<${History} app=${app} box=${box} />`}`;
+}
+
+/** Two people answered: nothing was overwritten, and this one may insist. @param {{app: App, box: Decision}} props */
+function Conflict({ app, box }) {
+  const mine = useValue(app.conflicts).get(box.box_id);
+  if (!mine) return null;
+  const { reviewer = "", verdict = "clear" } = box.review ?? {};
+  const theirs = verdict === "clear" ? "took the answer back" : `answered ${verdict}`;
+  return html`<section class="conflict" role="alert">
+    <p><b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${mine.verdict}. Yours is not stored.</p>
+    <div class="conflict__actions">
+      <button class="button" onClick=${() => app.settle(box.box_id)}>Leave it</button>
+      <button class="button button--primary" onClick=${() => app.insist(box, mine)}>Use mine: ${mine.verdict}</button>
+    </div>
+  </section>`;
+}
+
+/** @param {{box: Decision, isWaiting: boolean}} props */
+function AnswerLine({ box, isWaiting }) {
+  const answer = answerOf(box);
+  if (!answer) return html`<p class="answerline faint">Nobody has answered yet.</p>`;
+  const state = isWaiting ? "not saved yet" : "saved";
+  return html`<p class="answerline">
+    <${AnswerSign} box=${box} isWaiting=${isWaiting} />
+    <span><b>${answer}</b>${box.review?.reviewer ? ` by ${box.review.reviewer}` : ""}</span>
+    <span class="answerline__state">${state}</span>
+  </p>`;
+}
+
+/** What decided: how much matched, against what was needed, or another channel. @param {{box: Decision}} props */
+function MatchBar({ box }) {
+  const { match_percent: match, threshold } = box;
+  if (!isByShare(box) && !isVeiled(box)) return html`<${OtherChannel} box=${box} />`;
+  if (match === null || match === undefined) return null;
+  const text = `${percentText(match)} of the box is ${acceptedText(box)}${threshold === null ? "" : `, ${percentText(threshold)} needed`}`;
+  return html`<div class="match">
+    <div class="match__text"><span>${acceptedText(box)}</span><span class="num">${percentText(match)}</span></div>
+    <div class="match__track" role="img" aria-label=${text}>
+      <span class="match__fill match__fill--${box.verdict}" style=${{ width: `${Math.min(100, match)}%` }} />
+      ${threshold !== null && html`<span class="match__tick" style=${{ left: `${Math.min(100, threshold)}%` }} />`}
+    </div>
+    ${threshold !== null && html`<div class="match__scale"><span style=${{ left: `${Math.min(92, Math.max(0, threshold))}%` }}>${percentText(threshold)} needed</span></div>`}
+    ${box.toss_up && html`<p class="match__note"><${Icon} name="warn" />A toss-up: too few pixels to tell from the threshold.</p>`}
+  </div>`;
+}
+
+/** Another channel decided; what it says is the sentence above, and the share is beside the point. @param {{box: Decision}} props */
+function OtherChannel({ box }) {
+  const { match_percent: match, visible_pixels: seen } = box;
+  return html`<div class="match match--other">
+    <div class="match__text"><span>Decided by ${channelText(box.evidence ?? "")}</span>
+      ${typeof seen === "number" && html`<span class="num">${countOf(seen, "pixel")} seen</span>`}</div>
+    ${typeof match === "number" && html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`}
+  </div>`;
+}
+
+/** @param {{box: Decision}} props */
+function HiddenBy({ box }) {
+  if (!box.hidden_by?.length) return null;
+  return html`<section class="hidden-by">
+    <h3>${box.verdict === "rejected" && isByShare(box) ? "Hidden by" : "Also in the box"}</h3>
+    <ul>
+      ${box.hidden_by.map(
+        ({ name, percent }) => html`<li>
+          <span class="hidden-by__name"><span class="swatch" style=${{ background: swatchOf(name) }} />${name}</span>
+          <span class="hidden-by__track" aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
+          <span class="num">${percentText(percent)}</span>
+        </li>`,
+      )}
+    </ul>
+  </section>`;
+}
+
+/** No box is selected: the frame itself, and where to start. @param {{app: App, frame: Frame, boxes: readonly Decision[], onStart: () => void}} props */
+function FrameDetails({ app, frame, boxes, onStart }) {
+  const undecided = boxes.filter((box) => answerOf(box) === null).length;
+  const { segmentation } = frame;
+  const keys = boundKeys(useValue(app.keys)).find(({ action }) => action === "nextUndecided")?.keys ?? [];
+  const facts = [
+    ["Size", frame.width && frame.height ? `${frame.width} × ${frame.height}` : "unknown"],
+    ["Map", frame.map],
+    ["CARLA", frame.carla_version],
+    ["Segmentation", segmentation ? `${segmentation.palette}, ${segmentation.encoding}, ${segmentation.channel_order}${segmentation.lossy ? ", lossy" : ""}` : "none"],
+    ["Revision", frame.revision > 1 ? String(frame.revision) : null],
+  ];
+  return html`
+    <header class="inspector__head"><h2>This frame</h2></header>
+    <p class="inspector__sentence">${undecided ? `${countText(undecided)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
+    ${undecided > 0 && html`<button class="button button--primary" onClick=${onStart}>Go to the next undecided<${Keys} app=${app} keys=${keys} /></button>`}
+    <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
+    ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
+}
+
+/** CARLA's colours by name (0.9.14 on), for swatches beside a tag's name. @type {Record<string, Rgb>} */
+const COLOR_OF = {
+  Unlabeled: [0, 0, 0],
+  Road: [128, 64, 128],
+  Sidewalk: [244, 35, 232],
+  Building: [70, 70, 70],
+  Wall: [102, 102, 156],
+  Fence: [190, 153, 153],
+  Pole: [153, 153, 153],
+  TrafficLight: [250, 170, 30],
+  TrafficSign: [220, 220, 0],
+  Vegetation: [107, 142, 35],
+  Terrain: [152, 251, 152],
+  Sky: [70, 130, 180],
+  Pedestrian: [220, 20, 60],
+  Rider: [255, 0, 0],
+  Car: [0, 0, 142],
+  Vehicle: [0, 0, 142],
+  Truck: [0, 0, 70],
+  Bus: [0, 60, 100],
+  Train: [0, 80, 100],
+  Motorcycle: [0, 0, 230],
+  Bicycle: [119, 11, 32],
+  Static: [110, 190, 160],
+  Dynamic: [170, 120, 50],
+  Other: [55, 90, 80],
+  Water: [45, 60, 150],
+  RoadLine: [157, 234, 50],
+  Ground: [81, 0, 81],
+  Bridge: [150, 100, 100],
+  RailTrack: [230, 150, 140],
+  GuardRail: [180, 165, 180],
+  Rock: [180, 130, 70],
+};
+
+/** @param {string} name @returns {string} a CSS color */
+export function swatchOf(name) {
+  const rgb = COLOR_OF[name];
+  return rgb ? `rgb(${rgb.join(" ")})` : "transparent";
+}
+
+/** @param {{box: Decision, onSave: (text: string) => void, fieldRef: {current: HTMLTextAreaElement | null}}} props */
+export function Comment({ box, onSave, fieldRef }) {
+  const stored = box.review?.comment ?? "";
+  const [text, setText] = useState(/** @type {string | null} */ (null));
+  const shown = text ?? stored;
+  const save = () => {
+    if (shown.trim() !== stored) onSave(shown.trim());
+    setText(null);
+    fieldRef.current?.blur();
+  };
+  /** @param {KeyboardEvent} event */
+  const onKeyDown = (event) => {
+    if (event.key === "Enter" && !event.shiftKey) {
+      event.preventDefault();
+      save();
+    } else if (event.key === "Escape") {
+      event.stopPropagation();
+      setText(null);
+      fieldRef.current?.blur();
+    }
+  };
+  const hint = answerOf(box) ? "Enter saves, Esc leaves it" : "Enter saves and flags the box as unsure";
+  return html`<div class="comment">
+    <label class="field">
+      <span>Comment</span>
+      <textarea ref=${fieldRef} rows="2" maxlength="2000" value=${shown} placeholder="Why?" onKeyDown=${onKeyDown}
+        onInput=${(/** @type {{currentTarget: HTMLTextAreaElement}} */ event) => setText(event.currentTarget.value)}></textarea>
+    </label>
+    ${text !== null && text !== stored && html`<div class="comment__foot"><span class="faint">${hint}</span><button class="button button--small" onClick=${save}>Save</button></div>`}
+  </div>`;
+}
+
+/** @param {{app: import("../core/app.js").App, box: import("../core/types.js").Decision}} props */
+export function History({ app, box }) {
+  const loaded = useLoaded(app, (signal) => app.api.history(box.box_id, signal), [box.box_id, seenRevision(box), box.run]);
+  const items = loaded.value?.items ?? [];
+  return html`<section class="history" aria-busy=${loaded.state === "loading"}>
+    <h3>History</h3>
+    ${loaded.state === "error" && html`<p class="faint">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${loaded.state === "loading" && !loaded.value && html`<div class="bone" /><div class="bone bone--short" />`}
+    <ol>${items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`)}</ol>
+  </section>`;
+}
+
+const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "cross", unsure: "question", clear: "undo" });
+
+/** @param {{item: HistoryItem}} props */
+function ReviewLine({ item }) {
+  return html`<span class="sign sign--${item.verdict}"><${Icon} name=${SIGNS[item.verdict] ?? "question"} /></span>
+    <div>
+      <p><b>${item.reviewer}</b> ${ANSWER_TEXT[item.verdict] ?? item.verdict} <${When} at=${item.at} /></p>
+      ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
+    </div>`;
+}
+
+/** @param {{item: HistoryItem}} props */
+function DecisionLine({ item }) {
+  const { verdict, reason = "", match_percent: match, threshold, run } = item;
+  // Without a threshold the share decided nothing.
+  const isByShare = typeof match === "number" && typeof threshold === "number";
+  const numbers = isByShare ? ` · ${percentText(match)} of ${percentText(threshold)}` : "";
+  return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
+    <div><p>Run ${run}: <b>${verdict}</b>, ${reasonText(reason)}${unbroken(numbers)} <${When} at=${item.at} /></p></div>`;
+}
+
+/** @param {{at: string}} props */
+const When = ({ at }) => html`<time class="faint" datetime=${at} title=${at}>${agoText(at)}</time>`;
+
+const MOST = 6;
+
+/** @param {{boxes: readonly Decision[], box: Decision, onSelect: (boxId: number) => void}} props */
+export function Neighbours({ boxes, box, onSelect }) {
+  const found = useMemo(() => overlapping(boxes, box), [boxes, box]);
+  if (found.length === 0) return null;
+  return html`<section class="neighbours" aria-label="Overlapping boxes">
+    <h3>Overlaps <span class="faint">${countText(found.length)}</span></h3>
+    <ul>
+      ${found.slice(0, MOST).map(
+        (other) => html`<li key=${other.box_id}>
+          <button class="neighbour" onClick=${() => onSelect(other.box_id)}>
+            <${StrokeSwatch} verdict=${other.effective_verdict} />
+            <span class="neighbour__name">${other.class} <span class="faint">${other.id}</span></span>
+            <span class="sr-only">${other.effective_verdict}</span>
+            <span class="num">${matchText(other)}</span>
+          </button>
+        </li>`,
+      )}
+    </ul>
+    ${found.length > MOST && html`<p class="faint">and ${countText(found.length - MOST)} more</p>`}
+  </section>`;
+}
+
+/** @param {Decision} box @returns {readonly (readonly [string, string | null])[]} */
+function rowsOf(box) {
+  const { xyxy } = box;
+  return [
+    ["Matched pixels", box.box_pixels ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null],
+    ["Margin", box.margin === null ? null : signed(box.margin)],
+    ["Share of the image", percentText(box.area_percent)],
+    ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
+    ["Distance", box.distance === null ? null : metresText(box.distance)],
+    ["Evidence", box.evidence],
+    ["Explained by", box.explained_by ? `box ${box.explained_by}` : null],
+    ["Rectangle", xyxy ? xyxy.map((value) => Math.round(value * 10) / 10).join(", ") : "outside the image"],
+    ["Segmentation", box.lossy ? "lossy" : null],
+    ["Run, config", `${box.run}, ${String(box.config ?? "").slice(0, 8)}`],
+  ];
+}
+
+/** @param {number} percent */
+const signed = (percent) => `${percent < 0 ? "−" : "+"}${percentText(Math.abs(percent))}`;
+
+/** @param {{box: Decision}} props */
+export function Numbers({ box }) {
+  return html`<section class="numbers">
+    <h3>Numbers</h3>
+    <dl class="facts">
+      ${rowsOf(box).map(([name, value]) => value !== null && html`<div><dt>${name}</dt><dd class="num">${value}</dd></div>`)}
+    </dl>
+  </section>`;
+}

@@ -1,0 +1,235 @@
+// @ts-check
+// Exports: ask, watch, download, check; words for formats and options.
+
+import { jobs } from "../core/api.js";
+import { AskField, fieldOf, optionsOf, valuesOf } from "../core/form.js";
+import { useLoaded } from "../core/hooks.js";
+import { html, useEffect, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
+import { Canceller, JobBar, StateBadge, isOver, percentDone } from "../jobs/job.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/types.js").Export} Export */
+/** @typedef {import("../core/form.js").ExportForm} ExportForm */
+/** @typedef {import("../core/form.js").Field} Field */
+/** @typedef {import("../core/form.js").Schema} Schema */
+
+const SHOWN = 50;
+const ASK_AGAIN_MS = 800;
+
+/** @param {{app: App, dataset: string}} props */
+export function Exports({ app, dataset }) {
+  const loaded = useLoaded(app, (signal) => jobs.exports(dataset, { limit: SHOWN }, signal), [dataset]);
+  const form = useLoaded(app, async (signal) => exportForm(await jobs.description(signal)), []);
+  const [isAsking, setAsking] = useState(false);
+  const items = loaded.value?.items;
+  const isOpen = items?.some((one) => !isOver(one)) ?? false;
+  useEffect(() => {
+    if (!isOpen) return undefined;
+    const timer = setInterval(loaded.reload, ASK_AGAIN_MS);
+    return () => clearInterval(timer);
+  }, [isOpen]);
+  const onMade = () => {
+    setAsking(false);
+    loaded.reload();
+  };
+  return html`<section class="panelbox" aria-labelledby="exports-title">
+    <header class="panelbox__head">
+      <h2 id="exports-title">Exports</h2>
+      <span class="panelbox__tools"><button class="button button--primary" aria-expanded=${isAsking} onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
+    </header>
+    ${isAsking && form.value && html`<${ExportAsk} app=${app} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`}
+    ${isAsking && form.state === "error" && html`<p class="problem" role="alert">${form.error.message}</p>`}
+    ${loaded.state === "error" && !items && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
+    ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Labels are written from what people answered, else from what the filter decided.</p>`}
+    <ul class="runs">
+      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} fields=${form.value?.fields ?? []} /></li>`)}
+    </ul>
+  </section>`;
+}
+
+/** @param {{app: App, item: Export, fields: readonly import("../core/form.js").Field[]}} props */
+function ExportRow({ app, item, fields }) {
+  const about = optionsText(item.options, fields);
+  return html`<article class="run" aria-label=${`Export ${item.id}`}>
+    <div class="run__what"><span class="run__name">${formatText(item.format)}</span><${StateBadge} state=${item.state} /></div>
+    <p class="run__about faint">Export ${item.id} · ${agoText(item.created_at)}${about && ` · ${about}`}</p>
+    <div class="run__how">
+      ${!isOver(item) && html`<${JobBar} job=${item} label=${`Export ${item.id}`} /><p class="faint num">${item.total ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %` : "being written"}</p>`}
+      ${item.state === "cancelled" && html`<p class="faint">Stopped; nothing was written.</p>`}
+      ${item.state === "failed" && html`<p class="run__error"><strong>${item.error?.title ?? "Failed"}.</strong> ${item.error?.detail ?? ""}</p>`}
+      ${item.state === "done" && html`<${Books} counts=${item.counts ?? {}} /><${Sum} sum=${item.sha256 ?? ""} />`}
+    </div>
+    <div class="run__actions">
+      ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => jobs.cancelExport(item.id)} />`}
+      ${item.state === "done" && html`<button class="button button--small" onClick=${() => download(app, item.id)}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
+    </div>
+  </article>`;
+}
+
+/** By the browser itself, however large it is: nothing of it passes through the page. @param {App} app @param {number} id */
+async function download(app, id) {
+  try {
+    const { url } = await jobs.downloadLink(id);
+    const link = document.createElement("a");
+    link.href = url;
+    link.download = "";
+    link.click();
+  } catch (error) {
+    app.notice(error);
+    app.toasts.show(/** @type {Error} */ (error).message, { kind: "error" });
+  }
+}
+
+/** What the archive's own manifest counts; what there is none of is not said. @param {{counts: Record<string, unknown>}} props */
+function Books({ counts }) {
+  const { lines, classes } = booksOf(counts);
+  return html`<dl class="books num">
+      ${lines.map(({ text, count }) => html`<div key=${text}><dt>${text}</dt><dd>${countText(count)}</dd></div>`)}
+    </dl>
+    ${classes.length > 0 &&
+    html`<details class="perclass"><summary>Per class</summary>
+      <div class="tablewrap"><table class="table">
+        <thead><tr><th scope="col">Class</th><th class="is-num" scope="col">In</th><th class="is-num" scope="col">Written</th><th class="is-num" scope="col">Dropped</th><th class="is-num" scope="col">Clipped</th></tr></thead>
+        <tbody>${classes.map((row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`)}</tbody>
+      </table></div>
+    </details>`}`;
+}
+
+/** @param {{sum: string}} props */
+function Sum({ sum }) {
+  const [isCopied, setCopied] = useState(false);
+  const copy = async () => {
+    await navigator.clipboard?.writeText(sum);
+    setCopied(true);
+    setTimeout(() => setCopied(false), 1500);
+  };
+  return html`<p class="sum faint">sha256 <code title=${sum}>${sum.slice(0, 16)}…</code>
+    <button class="button button--quiet button--icon button--small" aria-label=${isCopied ? "Copied" : "Copy the SHA-256"} title="Copy" onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
+}
+
+/** @type {Record<string, [string, string]>} */
+const FORMAT_WORDS = {
+  yolo: ["YOLO", "Ultralytics-ready: images, labels and data.yaml"],
+  coco: ["COCO", "one JSON per part of the split"],
+  kitti: ["KITTI", "label_2 with truncation and occlusion"],
+  voc: ["Pascal VOC", "one XML per frame"],
+  cvat: ["CVAT", "XML for CVAT's images task"],
+  "label-studio": ["Label Studio", "tasks with predictions"],
+  manifest: ["As it came in", "the same files, minus the rejected boxes"],
+  "decisions-jsonl": ["Decisions, JSONL", "every number of every box, one per line"],
+  "decisions-csv": ["Decisions, CSV", "for spreadsheets"],
+  "decisions-parquet": ["Decisions, Parquet", "for dataframes"],
+};
+
+/** @type {Record<string, string>} */
+const FIELD_WORDS = {
+  include: "Boxes that go in",
+  include_unmeasured: "Unmeasured boxes, too",
+  rejected: "Rejected boxes",
+  boxes: "Rectangle",
+  images: "Images",
+  split: "Share for training",
+  bands: "Labels per distance, metres",
+};
+
+/** @type {Record<string, Record<string, string>>} */
+const CHOICE_WORDS = {
+  include: { effective: "kept, people's answers first", kept: "kept by the filter", all: "all, rejected ones too" },
+  rejected: { drop: "left out", dontcare: "marked as to be ignored" },
+  boxes: { visible: "what is inside the image", amodal: "whole, beyond the image", tight: "tight around the pixels" },
+  images: { copy: "copied into the archive", none: "left out, labels alone" },
+};
+
+/** @param {Schema} openapi @returns {ExportForm} */
+export function exportForm(openapi) {
+  const schemas = openapi.components?.schemas ?? {};
+  const formats = valuesOf(schemas.ExportIn?.properties?.format ?? {});
+  const options = Object.entries(schemas.ExportOptions?.properties ?? {});
+  return {
+    formats: formats.map((value) => ({ value, text: FORMAT_WORDS[value]?.[0] ?? value, help: FORMAT_WORDS[value]?.[1] ?? "" })),
+    fields: options.flatMap(([key, schema]) => fieldOf(key, schema, { fields: FIELD_WORDS, choices: CHOICE_WORDS }) ?? []),
+  };
+}
+
+/** @param {string} format */
+export const formatText = (format) => FORMAT_WORDS[format]?.[0] ?? format;
+
+/** What an export was asked for, without what is as always. @param {Record<string, unknown>} options @param {readonly Field[]} fields */
+export function optionsText(options, fields) {
+  const special = fields.filter(({ key, initial }) => key in options && JSON.stringify(options[key]) !== JSON.stringify(initial));
+  const words = special.map((field) => wordsOf(field, options[field.key]));
+  const split = Number(options.split);
+  return [...(split > 0 && split < 1 && !special.some(({ key }) => key === "split") ? [`split ${splitText(split)}`] : []), ...words].join(" · ");
+}
+
+/** @param {Field} field @param {unknown} value */
+function wordsOf({ key, text, choices }, value) {
+  if (key === "split") return value === 1 ? "no split" : `split ${splitText(Number(value))}`;
+  const chosen = choices.find((choice) => choice.value === value);
+  if (chosen) return `${text.toLowerCase()}: ${chosen.text}`;
+  if (typeof value === "boolean") return value ? text.toLowerCase() : `not: ${text.toLowerCase()}`;
+  return `${text.toLowerCase()}: ${Array.isArray(value) ? value.join(", ") : String(value)}`;
+}
+
+/** @type {readonly (readonly [string, string, string])[]} part of the manifest, its key, how it is said */
+const BOOKS = [
+  ["frames", "in", "frames"],
+  ["frames", "train", "to train"],
+  ["frames", "val", "to validate"],
+  ["boxes", "out", "boxes written"],
+  ["boxes", "dontcare", "to be ignored"],
+  ["boxes", "dropped", "dropped"],
+  ["boxes", "clipped", "clipped"],
+];
+
+/** What an archive's manifest counts, for people. @param {Schema} counts */
+export function booksOf(counts) {
+  const lines = BOOKS.map(([part, key, text]) => ({ text, count: Number(counts[part]?.[key] ?? 0) }));
+  const classes = Object.entries(counts.classes ?? {}).map(([name, row]) => ({
+    name,
+    counts: ["in", "out", "dropped", "clipped"].map((key) => Number(/** @type {Schema} */ (row)[key] ?? 0)),
+  }));
+  return { lines: lines.filter(({ count }) => count > 0), classes };
+}
+
+/** @param {{app: import("../core/app.js").App, dataset: string, form: import("../core/form.js").ExportForm, onMade: () => void, onClose: () => void}} props */
+export function ExportAsk({ app, dataset, form, onMade, onClose }) {
+  const [format, setFormat] = useState(form.formats[0]?.value ?? "");
+  const [chosen, setChosen] = useState(/** @type {Record<string, unknown>} */ ({}));
+  const [error, setError] = useState(/** @type {Error | null} */ (null));
+  const [isBusy, setBusy] = useState(false);
+  /** @param {Event} event */
+  const onSubmit = async (event) => {
+    event.preventDefault();
+    setBusy(true);
+    setError(null);
+    try {
+      await jobs.createExport(dataset, { format, options: optionsOf(form.fields, chosen) });
+      onMade();
+    } catch (failure) {
+      app.notice(failure);
+      setError(failure instanceof Error ? failure : new Error(String(failure)));
+      setBusy(false);
+    }
+  };
+  return html`<form class="ask" onSubmit=${onSubmit}>
+    <fieldset class="ask__formats">
+      <legend>Format</legend>
+      ${form.formats.map(
+        ({ value, text, help }) => html`<label class="formatcard ${value === format ? "is-chosen" : ""}">
+          <input type="radio" name="format" value=${value} checked=${value === format} onChange=${() => setFormat(value)} />
+          <span class="formatcard__name">${text}</span><span class="formatcard__help">${help}</span>
+        </label>`,
+      )}
+    </fieldset>
+    <div class="ask__fields">
+      ${form.fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
+    </div>
+    ${error && html`<p class="problem" role="alert">${error.message}</p>`}
+    <p class="ask__foot"><span class="faint">The order of the classes is fixed from the first export on.</span>
+      <button type="button" class="button" onClick=${onClose}>Cancel</button>
+      <button class="button button--primary" disabled=${isBusy || !format}>Make export</button></p>
+  </form>`;
+}

@@ -1,0 +1,206 @@
+// @ts-check
+// The view: runs, and what lies between two of them.
+
+import { VerdictBar } from "../boxes/signs.js";
+import { jobs } from "../core/api.js";
+import { useHead, useLoaded, usePages } from "../core/hooks.js";
+import { html, useEffect, useState } from "../core/html.js";
+import { agoText, countOf, countText, tookText } from "../core/numbers.js";
+import { Failure } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { CancelButton, JobBar, StateBadge, isOver, percentDone, useWatched } from "../jobs/job.js";
+import { differences } from "../tuning/config.js";
+import { FlipGrid, WayTabs, wayOf } from "../tuning/flips.js";
+import { DiffTable } from "../tuning/versions.js";
+import { Exports } from "./exports.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/router.js").Route} Route */
+/** @typedef {import("../core/types.js").Run} Run */
+/** @typedef {import("../core/types.js").RunDiff} RunDiff */
+
+const FIRST = 25;
+const MOST = 1000;
+const LOOK_AGAIN_MS = 5000;
+
+/** @param {{app: App, route: Route}} props */
+export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.dataset} app=${app} route=${route} />`;
+
+/** One dataset: nothing of another one is left over. @param {{app: App, route: import("../core/router.js").Route}} props */
+function RunsOf({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
+  const [limit, setLimit] = useState(FIRST);
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const runs = useLoaded(app, (signal) => jobs.runs(name, { limit }, signal), [name, limit]);
+  const reload = () => (runs.reload(), dataset.reload());
+  useLookAgain(runs.reload);
+  const failed = [dataset, runs].find((loaded) => loaded.state === "error" && !loaded.value);
+  const { run = "", against = "" } = route.query;
+  return html`<main id="main" class="page" tabindex="-1" aria-busy=${!runs.value}>
+      <div class="page__head"><h1>Runs and exports</h1></div>
+      ${failed?.error
+        ? html`<${Failure} error=${failed.error} onRetry=${reload} />`
+        : html`${run && html`<${RunDiffPanel} key=${`${run} ${against}`} app=${app} dataset=${name} run=${Number(run)} against=${Number(against) || null} runs=${runs.value?.items ?? []} />`}
+            <div class="jobs">
+              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${activeRun(dataset.value)} shown=${Number(run) || null} onOver=${reload} />
+              <${Exports} app=${app} dataset=${name} />
+            </div>
+            ${runs.value?.next_cursor && limit < MOST && html`<p class="more"><button class="button" onClick=${() => setLimit(MOST)}>Older runs</button></p>`}`}
+    </main>`;
+}
+
+/** @param {import("../core/types.js").Dataset | null} dataset */
+const activeRun = (dataset) => /** @type {{active_run?: number} | null} */ (dataset)?.active_run ?? null;
+
+/** Others start runs, too: look now and then, and at once when somebody comes back. @param {() => void} reload */
+function useLookAgain(reload) {
+  useEffect(() => {
+    const look = () => document.visibilityState === "visible" && reload();
+    const timer = setInterval(look, LOOK_AGAIN_MS);
+    document.addEventListener("visibilitychange", look);
+    return () => {
+      clearInterval(timer);
+      document.removeEventListener("visibilitychange", look);
+    };
+  }, [reload]);
+}
+
+/** @param {{app: App, dataset: string, runs: readonly Run[] | null, active: number | null, shown: number | null, onOver: () => void}} props */
+function Runs({ app, dataset, runs, active, shown, onOver }) {
+  const open = runs?.filter((run) => !isOver(run)).length ?? 0;
+  return html`<section class="panelbox" aria-labelledby="runs-title">
+    <header class="panelbox__head">
+      <h2 id="runs-title">Runs</h2>
+      <span class="faint">${open ? `${open} at work or waiting` : "a configuration applied to the whole dataset"}</span>
+      <span class="panelbox__tools"><a class="button" href=${linkTo("thresholds", { dataset })}>Try thresholds</a></span>
+    </header>
+    ${runs === null && html`<div aria-hidden="true">${[0, 1, 2].map(() => html`<div class="bone bone--row shimmer"></div>`)}</div><p class="sr-only" role="status">Loading runs</p>`}
+    ${runs?.length === 0 && html`<p class="panelbox__empty">No run yet.</p>`}
+    <ul class="runs">
+      ${runs?.map((run) => html`<li key=${run.id}><${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active} isShown=${run.id === shown} onOver=${onOver} /></li>`)}
+    </ul>
+  </section>`;
+}
+
+const PAGE = 60;
+
+/** @param {{app: App, dataset: string, run: number, against: number | null, runs: readonly Run[]}} props */
+export function RunDiffPanel({ app, dataset, run, against, runs }) {
+  const loaded = useLoaded(app, (signal) => jobs.diff(run, { against: against ?? undefined, limit: 1 }, signal), [run, against]);
+  const diff = loaded.value;
+  return html`<section class="panelbox rundiff" aria-labelledby="diff-title" aria-busy=${loaded.state === "loading"}>
+    <header class="panelbox__head">
+      <h2 id="diff-title">What run ${run} changed</h2>
+      <${Against} dataset=${dataset} run=${run} against=${diff?.against ?? against} runs=${runs} />
+      <span class="panelbox__tools"><a class="button button--quiet" href=${linkTo("runs", { dataset })}>Close</a></span>
+    </header>
+    ${loaded.state === "error" && html`<p class="panelbox__empty" role="alert">${loaded.error.message}</p>`}
+    ${loaded.state === "loading" && html`<div class="bone bone--tall shimmer"></div>`}
+    ${diff && html`<${Between} app=${app} diff=${diff} runs=${runs} />`}
+  </section>`;
+}
+
+/** @param {{dataset: string, run: number, against: number | null, runs: readonly Run[]}} props */
+function Against({ dataset, run, against, runs }) {
+  const others = runs.filter((other) => other.state === "done" && other.id !== run);
+  const isListed = others.some(({ id }) => id === against);
+  /** @param {{currentTarget: HTMLSelectElement}} event */
+  const onChange = ({ currentTarget }) => void (location.hash = linkTo("runs", { dataset }, { run: String(run), against: currentTarget.value }));
+  return html`<label class="select rundiff__against"><span class="faint">against</span>
+    <select aria-label="Run to compare with" value=${String(against ?? "")} onChange=${onChange}>
+      ${!isListed && html`<option value=${String(against ?? "")}>${against ? `run ${against}` : "choose a run"}</option>`}
+      ${others.map(({ id, config }) => html`<option value=${String(id)}>run ${id} (${config.slice(0, 8)})</option>`)}
+    </select>
+  </label>`;
+}
+
+/** @param {{app: App, diff: RunDiff, runs: readonly Run[]}} props */
+function Between({ app, diff, runs }) {
+  if (diff.total === 0) return html`<p class="panelbox__empty">No box changed sides${diff.against ? ` since run ${diff.against}` : ""}.</p><${Keys} app=${app} diff=${diff} runs=${runs} />`;
+  return html`<div class="rundiff__body">
+    <div class="rundiff__tables"><${PerClass} diff=${diff} /><${Keys} app=${app} diff=${diff} runs=${runs} /></div>
+    <${Boxes} app=${app} diff=${diff} />
+  </div>`;
+}
+
+/** @param {{diff: RunDiff}} props */
+function PerClass({ diff }) {
+  const rows = Object.entries(diff.by_class).sort(([, a], [, b]) => b - a);
+  const most = Math.max(1, ...rows.map(([, n]) => n));
+  return html`<div class="tablewrap"><table class="table">
+    <thead><tr><th scope="col">Class</th><th class="is-num" scope="col">Flips</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
+    <tbody>
+      ${rows.map(([name, n]) => html`<tr key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td><td class="table__bar" aria-hidden="true"><span class="meter meter--accent"><i style=${{ width: `${(100 * n) / most}%` }}></i></span></td></tr>`)}
+      <tr><th scope="row">All classes</th><td class="is-num num">${countText(diff.total)}</td><td class="table__bar" aria-hidden="true"></td></tr>
+    </tbody>
+  </table></div>`;
+}
+
+/** Which keys the two configurations differ in. @param {{app: App, diff: RunDiff, runs: readonly Run[]}} props */
+function Keys({ app, diff, runs }) {
+  const [before, after] = [diff.against, diff.run].map((id) => runs.find((run) => run.id === id)?.config);
+  const loaded = useLoaded(app, async (signal) => (before && after ? Promise.all([jobs.config(before, signal), jobs.config(after, signal)]) : null), [before, after]);
+  if (!loaded.value) return null;
+  const rows = differences(loaded.value[0].config, loaded.value[1].config);
+  return rows.length === 0
+    ? html`<p class="faint">Both runs applied the same configuration.</p>`
+    : html`<${DiffTable} rows=${rows} names=${[`Run ${diff.against}`, `Run ${diff.run}`]} />`;
+}
+
+/** @param {{app: App, diff: RunDiff}} props */
+function Boxes({ app, diff }) {
+  const [way, setWay] = useState("");
+  const { items, isDone, error, more } = usePages(app, `diff ${diff.run} ${diff.against}`, PAGE, (limit, cursor) =>
+    jobs.diff(diff.run, { against: diff.against ?? undefined, limit, cursor }),
+  );
+  const shown = items.filter((flip) => !way || wayOf(flip) === way);
+  return html`<div class="rundiff__boxes">
+    <${WayTabs} way=${way} lost=${diff.kept_to_rejected} won=${diff.rejected_to_kept} onChange=${setWay} />
+    <div class="rundiff__flips"><${FlipGrid} app=${app} items=${shown} />
+      ${error && html`<p role="alert">${error.message}</p>`}
+      ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}
+    </div>
+  </div>`;
+}
+
+const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
+
+/** @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean, onOver: () => void}} props */
+export function RunRow({ app, dataset, run: loaded, isActive, isShown, onOver }) {
+  const run = useWatched(loaded, onOver) ?? loaded;
+  return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
+    <div class="run__what">
+      <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />
+      ${isActive && html`<span class="tagword">active</span>`}
+      ${!run.activate && html`<span class="faint run__note">tried, not made active</span>`}
+    </div>
+    <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code> · ${KINDS[run.kind] ?? run.kind} · ${run.created_by}, ${agoText(run.created_at)}${tookOf(run)}</p>
+    <div class="run__how"><${How} run=${run} /></div>
+    <div class="run__actions">
+      ${!isOver(run) && html`<${CancelButton} app=${app} run=${run} />`}
+      ${run.state === "done" && run.total > 0 && html`<a class="button button--small" href=${linkTo("runs", { dataset }, isShown ? {} : { run: String(run.id) })}>${isShown ? "Close" : "What changed"}<span class="sr-only"> in run ${run.id}</span></a>`}
+    </div>
+  </article>`;
+}
+
+/** @param {Run} run */
+function tookOf(run) {
+  const took = tookText(run.started_at, run.finished_at);
+  return took && run.total > 0 ? ` · took ${took}` : "";
+}
+
+/** @param {{run: Run}} props */
+function How({ run }) {
+  if (run.state === "failed") return html`<p class="run__error"><strong>${run.error?.title ?? "Failed"}.</strong> ${run.error?.detail ?? "No reason was given."}</p>`;
+  if (run.state === "cancelled") return html`<p class="faint">Stopped at ${countText(run.done)} of ${countOf(run.total, "frame")}; nothing was changed.</p>`;
+  if (!isOver(run)) {
+    return html`<${JobBar} job=${run} label=${`Run ${run.id}`} />
+      <p class="faint num">${run.state === "queued" ? "waits for its turn" : `${countText(run.done)} of ${countOf(run.total, "frame")}, ${percentDone(run)} %`}</p>`;
+  }
+  const { kept = 0, rejected = 0, unmeasured = 0 } = run.counts;
+  const boxes = kept + rejected + unmeasured;
+  if (boxes === 0) return html`<p class="faint">Began with the dataset.</p>`;
+  return html`<${VerdictBar} counts=${{ boxes, kept, rejected, unmeasured, reviewed: 0, to_review: 0 }} />
+    <p class="faint num">${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed">${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;
+}

@@ -1,0 +1,195 @@
+// @ts-check
+// The frame around every view: routes to views (the large ones fetched when asked for), messages, sign-in.
+
+import { NO_TOKEN_LINKS } from "../boxes/wording.js";
+import { useActions, useHead, useTitle, useValue } from "../core/hooks.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
+import { Icon, Mark } from "../core/icons.js";
+import { HelpDialog } from "../core/keymap.js";
+import { countOf } from "../core/numbers.js";
+import { Failure, Notice } from "../core/parts.js";
+import { linkTo, loginOf } from "../core/router.js";
+import { DatasetsView } from "../datasets/datasets.js";
+import { FramesView } from "../datasets/frames.js";
+import { Uploads } from "../upload/upload.js";
+import { TopBar, hasTabs } from "./topbar.js";
+
+/** @typedef {import("../review/answers.js").ReviewApp & import("../upload/sender.js").UploadApp} App */
+/** @typedef {import("../core/router.js").Route} Route */
+/** @typedef {(props: {app: App, route: Route}) => unknown} View */
+
+/** The views that people arrive at; the others come when they are asked for. @type {Record<string, View>} */
+const VIEWS = { datasets: DatasetsView, frames: FramesView };
+
+/** @type {Record<string, () => Promise<View>>} */
+const LATER = {
+  frame: async () => (await import("../review/frame.js")).FrameView,
+  grid: async () => (await import("../grid/grid.js")).GridView,
+  queue: async () => (await import("../queue/queue.js")).QueueView,
+  thresholds: async () => (await import("../tuning/thresholds.js")).ThresholdsView,
+  runs: async () => (await import("../runs/runs.js")).RunsView,
+  quality: async () => (await import("../quality/quality.js")).QualityView,
+};
+
+/** @param {{app: App, linkError: string}} props */
+export function Shell({ app, linkError }) {
+  const route = useValue(app.router.route);
+  const isSignedIn = useValue(app.isSignedIn);
+  const announcement = useValue(app.announcement);
+  const [isHelpOpen, setHelpOpen] = useState(false);
+  const [actions] = useState(() => ({ help: () => setHelpOpen(true) }));
+  useActions(app, actions);
+  useFocusOnMove(route);
+
+  const View = VIEWS[route.name] ?? (LATER[route.name] ? LateView : UnknownView);
+  return html`<div class="shell" data-view=${isSignedIn ? route.name : "signin"} data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
+    <a class="skip" href="#main" onClick=${skipToMain}>Skip to content</a>
+    ${isSignedIn
+      ? html`<${TopBar} app=${app} />
+        <${View} key=${route.name} app=${app} route=${route} />`
+      : html`<${SignIn} app=${app} linkError=${linkError} />`}
+    ${isSignedIn && html`<${Uploads} app=${app} />`}
+    <${Newcomer} app=${app} />
+    <${Toasts} app=${app} />
+    <div class="sr-only" role="status" aria-live="polite">${announcement}</div>
+    ${isHelpOpen && html`<${HelpDialog} app=${app} onClose=${() => setHelpOpen(false)} />`}
+  </div>`;
+}
+
+/** The address belongs to the router: a skip link must not change it. @param {Event} event */
+function skipToMain(event) {
+  event.preventDefault();
+  document.getElementById("main")?.focus();
+}
+
+/** After a move to another view, reading starts there. @param {Route} route */
+function useFocusOnMove(route) {
+  const isFirst = useRef(true);
+  const place = `${route.name} ${Object.values(route.params).join(" ")}`;
+  useEffect(() => {
+    if (!isFirst.current) {
+      scrollTo(0, 0);
+      document.getElementById("main")?.focus({ preventScroll: true });
+    }
+    isFirst.current = false;
+  }, [place]);
+}
+
+/** Those that have come. @type {Record<string, View>} */
+const arrived = {};
+
+/** A view whose modules come when it is asked for. @param {{app: App, route: Route}} props */
+function LateView({ app, route }) {
+  const { name } = route;
+  const [error, setError] = useState(/** @type {Error | null} */ (null));
+  const [, setArrived] = useState("");
+  const fetchView = () => {
+    setError(null);
+    LATER[name]?.().then((view) => ((arrived[name] = view), setArrived(name)), setError);
+  };
+  useEffect(() => void (arrived[name] ?? fetchView()), [name]);
+  const View = arrived[name];
+  if (View) return html`<${View} app=${app} route=${route} />`;
+  return html`<${Coming} app=${app} error=${error} onRetry=${fetchView} />`;
+}
+
+/** @param {{app: App, error: Error | null, onRetry: () => void}} props */
+function Coming({ app, error, onRetry }) {
+  useHead(app, { title: "", crumbs: [] });
+  return html`<main id="main" class="page" tabindex="-1" aria-busy=${error === null}>${error && html`<${Failure} error=${error} onRetry=${onRetry} />`}</main>`;
+}
+
+/** @param {{app: App, route: Route}} props */
+function UnknownView({ app, route }) {
+  useHead(app, { title: "Not found", crumbs: [] });
+  return html`<main id="main" class="page" tabindex="-1">
+      <${Notice} icon="question" title="There is nothing at this address"
+        actions=${html`<a class="button" href=${linkTo("datasets")}>All datasets</a>`}>
+        <p>${route.params.path}</p>
+      <//>
+    </main>`;
+}
+
+/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/sender.js").UploadApp}} props */
+export function Newcomer({ app }) {
+  const newcomer = useValue(app.newcomer);
+  const person = useValue(app.person);
+  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  useEffect(() => void (newcomer && dialog.current?.showModal()), [newcomer]);
+  if (!newcomer) return null;
+  const now = person?.name ?? "";
+  return html`<dialog class="dialog dialog--question" ref=${dialog} aria-labelledby="newcomer-title" onCancel=${() => app.admit(false)}>
+    <div class="dialog__body">
+      <header class="dialog__head"><h2 id="newcomer-title">Sign in as ${newcomer.name} instead of ${now}?</h2></header>
+      <p>You opened a login link of <b>${newcomer.name}</b> (${newcomer.role}). Answers that you give from then on are stored under that name.</p>
+      <p>If you did not ask for this link, stay ${now}. Answers of ${now} that are not saved yet stay in this browser until ${now} is back.</p>
+      <footer class="dialog__foot">
+        <button class="button" onClick=${() => app.admit(true)}>Sign in as ${newcomer.name}</button>
+        <button class="button button--primary" autofocus onClick=${() => app.admit(false)}>Stay ${now}</button>
+      </footer>
+    </div>
+  </dialog>`;
+}
+
+/** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */
+export function SignIn({ app, linkError }) {
+  useTitle("Sign in");
+  const kept = [...app.kept()];
+  const ended = useValue(app.ended);
+  const [error, setError] = useState(linkError);
+  const [isBusy, setBusy] = useState(false);
+
+  /** @param {SubmitEvent & {currentTarget: HTMLFormElement}} event */
+  const submit = async (event) => {
+    event.preventDefault();
+    const text = String(new FormData(event.currentTarget).get("token") ?? "").trim();
+    if (!text) return setError("Paste the token or the link first.");
+    const credential = credentialIn(text);
+    if (!credential) return setError(NO_TOKEN_LINKS);
+    setBusy(true);
+    setError("");
+    await app.signIn(credential).catch((refusal) => setError(refusal.message));
+    setBusy(false);
+  };
+
+  return html`<main id="main" class="signin" tabindex="-1">
+    <form class="signin__card" onSubmit=${submit} novalidate>
+      <${Mark} />
+      <h1>Sign in to Unghost</h1>
+      ${ended && html`<p class="signin__note" role="status">${ended}</p>`}
+      <p>Open a login link, or paste it or a token here. <code>unghost login</code> prints a link; so does the server when it starts.</p>
+      ${kept.map(([name, count]) => html`<p key=${name} class="signin__note" role="status">${countOf(count, "answer")} of ${name} kept in this browser will be saved once ${name} is in.</p>`)}
+      <label class="field">
+        <span>Token or login link</span>
+        <input name="token" type="password" autocomplete="current-password" spellcheck=${false} aria-invalid=${error !== ""} aria-describedby="token-error" autofocus />
+      </label>
+      <p id="token-error" class="field__error" role="alert">${error}</p>
+      <button class="button button--primary" disabled=${isBusy}>${isBusy ? "Signing in…" : "Sign in"}</button>
+      <p class="faint">A link works once, within ten minutes.</p>
+    </form>
+  </main>`;
+}
+
+/** People paste the whole link, too; null: one of those that are no longer used. @param {string} text @returns {import("../core/types.js").Credential | null} */
+function credentialIn(text) {
+  const login = loginOf(text.slice(Math.max(0, text.indexOf("#"))));
+  if (login?.kind === "token") return null;
+  if (login) return { code: login.secret };
+  return text.startsWith("uc_") ? { code: text } : { token: text };
+}
+
+/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/sender.js").UploadApp}} props */
+export function Toasts({ app }) {
+  const toasts = useValue(app.toasts.list);
+  return html`<div class="toasts">
+    ${toasts.map(
+      ({ id, kind, text, action }) => html`<div key=${id} class="toast toast--${kind}" role=${kind === "error" ? "alert" : "status"}>
+        <${Icon} name=${kind === "error" ? "warn" : "check"} />
+        <span class="toast__text">${text}</span>
+        ${action?.href && html`<a class="button button--small" href=${action.href} onClick=${() => app.toasts.dismiss(id)}>${action.text}</a>`}
+        ${action?.run && html`<button class="button button--small" onClick=${() => (app.toasts.dismiss(id), action.run?.())}>${action.text}</button>`}
+        <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.toasts.dismiss(id)}><${Icon} name="cross" /></button>
+      </div>`,
+    )}
+  </div>`;
+}

@@ -1,0 +1,142 @@
+// @ts-check
+// Where one is, whether all is saved, tabs of the dataset, menu. Drawn once, told by useHead.
+
+import { filtersOf } from "../boxes/filters.js";
+import { useValue } from "../core/hooks.js";
+import { html, useEffect, useLayoutEffect, useRef, useState } from "../core/html.js";
+import { Icon, Mark } from "../core/icons.js";
+import { perform } from "../core/keymap.js";
+import { countOf } from "../core/numbers.js";
+import { ROUTES, linkTo } from "../core/router.js";
+
+/** @typedef {import("../review/answers.js").ReviewApp} App */
+
+/** @param {{app: App}} props */
+export function TopBar({ app }) {
+  const { crumbs, tools } = useValue(app.head);
+  return html`<header class="topbar">
+    <a class="topbar__home" href=${linkTo("datasets")} aria-label="Unghost: all datasets"><${Mark} /><span class="topbar__name">Unghost</span></a>
+    <nav class="crumbs" aria-label="Breadcrumb">
+      <ol>
+        ${crumbs.map(
+          ({ text, href }) => html`<li>${href ? html`<a href=${href}>${text}</a>` : html`<span aria-current="page" title=${text}>${text}</span>`}</li>`,
+        )}
+      </ol>
+    </nav>
+    <${DatasetTabs} app=${app} />
+    <div class="topbar__middle">${tools}</div>
+    <${SaveState} app=${app} />
+    <${Who} app=${app} />
+    <${Menu} app=${app} />
+  </header>`;
+}
+
+/** The name that answers are stored under. @param {{app: App}} props */
+function Who({ app }) {
+  const person = useValue(app.person);
+  if (!person) return null;
+  return html`<span class="who" title=${`Signed in as ${person.name}, ${person.role}`}>
+    <span class="who__letter" aria-hidden="true">${[...person.name][0]?.toUpperCase() ?? ""}</span><span class="who__name">${person.name}</span>
+  </span>`;
+}
+
+const PHASES = {
+  saved: { icon: "check", text: "All answers saved" },
+  saving: { icon: "check", text: "Saving…" },
+  offline: { icon: "cloud", text: "offline, kept here" },
+  busy: { icon: "cloud", text: "server busy, trying again" },
+  "signed-out": { icon: "cloud", text: "signed out, kept here" },
+};
+
+/** One state for single answers and for acts on many. @param {import("../review/outbox.js").SaverState} single @param {readonly import("../review/outbox.js").OpenAct[]} open */
+function withActs({ phase, waiting }, open) {
+  const acts = open.filter(({ state }) => state === "sending" || state === "waiting");
+  const count = acts.reduce((sum, { act }) => sum + act.count, waiting.size);
+  const isIdle = phase === "saved" || phase === "saving";
+  if (isIdle && acts.some(({ state }) => state === "waiting")) return { phase: /** @type {const} */ ("offline"), waiting: count };
+  return { phase: phase === "saved" && acts.length > 0 ? /** @type {const} */ ("saving") : phase, waiting: count };
+}
+
+/** @param {{app: App}} props */
+function SaveState({ app }) {
+  const { phase, waiting } = withActs(useValue(app.saver.state), useValue(app.bulk.open));
+  const { icon, text } = PHASES[phase];
+  const isWaiting = phase !== "saved" && phase !== "saving";
+  const words = isWaiting ? `${countOf(waiting, "answer")} ${text}` : text;
+  return html`<div class="savestate savestate--${phase}" role="status" title=${words}>
+    <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
+    ${isWaiting && html`<button class="button button--small" onClick=${app.resume}>Retry</button>`}
+  </div>`;
+}
+
+const THEMES = /** @type {const} */ ([
+  { value: "system", text: "System", icon: "system" },
+  { value: "light", text: "Light", icon: "sun" },
+  { value: "dark", text: "Dark", icon: "moon" },
+]);
+
+/** @param {{app: App}} props */
+function Menu({ app }) {
+  const [isOpen, setOpen] = useState(false);
+  const root = useRef(/** @type {HTMLDivElement | null} */ (null));
+  useEffect(() => {
+    if (!isOpen) return;
+    /** @param {Event} event */
+    const close = (event) => {
+      const isInside = event.target instanceof Node && root.current?.contains(event.target);
+      if (event instanceof KeyboardEvent ? event.key === "Escape" : !isInside) setOpen(false);
+    };
+    addEventListener("pointerdown", close);
+    addEventListener("keydown", close);
+    return () => {
+      removeEventListener("pointerdown", close);
+      removeEventListener("keydown", close);
+    };
+  }, [isOpen]);
+  return html`<div class="menu" ref=${root}>
+    <button class="button button--quiet button--icon" aria-expanded=${isOpen} aria-label="Settings" title="Settings" onClick=${() => setOpen(!isOpen)}>
+      <${Icon} name="dots" class="icon--bold" />
+    </button>
+    ${isOpen && html`<${MenuPanel} app=${app} close=${() => setOpen(false)} />`}
+  </div>`;
+}
+
+/** @param {{app: App, close: () => void}} props */
+function MenuPanel({ app, close }) {
+  const prefs = useValue(app.prefs);
+  return html`<div class="menu__panel" role="group" aria-label="Settings">
+    <div class="menu__label" id="theme-label">Appearance</div>
+    <div class="segments segments--wide" role="group" aria-labelledby="theme-label">
+      ${THEMES.map(
+        ({ value, text, icon }) => html`<button class="segments__item" aria-pressed=${prefs.theme === value} onClick=${() => app.prefs.change({ theme: value })}>
+          <${Icon} name=${icon} />${text}
+        </button>`,
+      )}
+    </div>
+    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}><${Icon} name="keyboard" />Keys<kbd aria-hidden="true">?</kbd></button>
+    <button class="menu__item" onClick=${() => app.signOut().catch((error) => app.toasts.show(error.message, { kind: "error" }))}>
+      <${Icon} name="exit" />Sign out
+    </button>
+  </div>`;
+}
+
+/** Does this view have the tabs above it? @param {import("../core/router.js").Route} route */
+export const hasTabs = (route) => ROUTES.some(({ name, nav }) => nav && name === route.name);
+
+/** The filters go along: what was looked at as frames can be looked at as a queue. @param {{app: import("../review/answers.js").ReviewApp}} props */
+export function DatasetTabs({ app }) {
+  const route = useValue(app.router.route);
+  const list = useRef(/** @type {HTMLUListElement | null} */ (null));
+  useLayoutEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" }), [route.name]);
+  if (!hasTabs(route)) return null;
+  const { dataset = "" } = route.params;
+  return html`<nav class="tabs" aria-label="Dataset">
+    <ul class="tabs__list" ref=${list}>
+      ${ROUTES.filter(({ nav }) => nav).map(
+        ({ name, nav }) => html`<li key=${name}>
+          <a class="tabs__item" href=${linkTo(name, { dataset }, filtersOf(route.query))} aria-current=${name === route.name ? "page" : undefined}>${nav}</a>
+        </li>`,
+      )}
+    </ul>
+  </nav>`;
+}

@@ -1,0 +1,143 @@
+// @ts-check
+// One histogram for all, one for each class, reasons now and then.
+
+import { reasonText } from "../boxes/wording.js";
+import { html } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText, percentText } from "../core/numbers.js";
+import { NumberField, Segments } from "../core/parts.js";
+import { THRESHOLD, appliesTo, classPath, valueOf } from "./config.js";
+import { Delta } from "./flips.js";
+import { Histogram, together, typedPercent } from "./histogram.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("./preview.js").Tuning} Tuning */
+
+const SCALES = [
+  { value: "", text: "Log" },
+  { value: "linear", text: "Linear" },
+];
+
+/** @param {import("../core/types.js").ConfigBody} config @param {string} name */
+const hasOwn = (config, name) => valueOf(config, classPath(name)) !== undefined;
+
+/** @param {import("../core/types.js").ConfigBody} config @param {string} name */
+const thresholdOf = (config, name) => Number(appliesTo(config, name) ?? 0);
+
+/** @param {{app: App, tuning: Tuning, scale: string, selected: string}} props */
+export function AllClasses({ app, tuning, scale, selected }) {
+  const { tried, active, change } = tuning;
+  const counts = histogramsOf(tuning);
+  const names = Object.keys(counts);
+  const own = names.filter((name) => hasOwn(tried, name));
+  const followers = names.filter((name) => !own.includes(name));
+  const threshold = Number(valueOf(tried, THRESHOLD));
+  /** @param {number | null} value */
+  const set = (value) => value !== null && change({ [THRESHOLD]: value });
+  return html`<section class="panelbox" aria-labelledby="all-classes">
+    <header class="panelbox__head">
+      <h2 id="all-classes">All classes</h2>
+      <span class="faint">${followText(followers.length, own)}</span>
+      <span class="panelbox__tools">
+        <${NumberField} label="Threshold of all classes" unit="%" value=${threshold} parse=${typedPercent} onChange=${set} isSet=${THRESHOLD in tuning.edits} />
+        <${Segments} label="Scale of the counts" value=${scale} choices=${SCALES} onChange=${(/** @type {string} */ value) => tuning.look({ scale: value, class: selected })} />
+      </span>
+    </header>
+    <${Histogram} app=${app} name="all classes" size="large" counts=${together(followers.map((name) => counts[name] ?? []))}
+      threshold=${threshold} active=${Number(valueOf(active.config, THRESHOLD))} isLog=${scale !== "linear"} onChange=${set} />
+    <${Legend} />
+  </section>`;
+}
+
+/** @param {Tuning} tuning @returns {Record<string, number[]>} */
+const histogramsOf = ({ preview, baseline }) => (preview?.histograms ?? baseline?.histograms)?.classes ?? {};
+
+/** @param {number} following @param {readonly string[]} own */
+function followText(following, own) {
+  if (own.length === 0) return `${countOf(following, "class", "classes")}, boxes by the share of their pixels that match`;
+  const shown = own.length > 3 ? `${own.length} others` : own.join(", ");
+  return `${countOf(following, "class", "classes")} together; ${shown} ${own.length === 1 ? "has its own" : "have their own"}`;
+}
+
+function Legend() {
+  return html`<p class="chartlegend">
+    <span><i class="chartswatch chartswatch--below"></i>below the threshold</span>
+    <span><i class="chartswatch chartswatch--above"></i>at or above it</span>
+    <span><i class="chartswatch chartswatch--active"></i>active threshold</span>
+    <span class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd><kbd>PgDn</kbd> 10</span>
+  </p>`;
+}
+
+/** @param {{app: App, tuning: Tuning, scale: string, selected: string}} props */
+export function ClassCards({ app, tuning, scale, selected }) {
+  const counts = histogramsOf(tuning);
+  const names = Object.keys(counts);
+  // One class alone is all classes.
+  if (names.length === 1 && !hasOwn(tuning.tried, names[0] ?? "")) return null;
+  return html`<ul class="classcards">
+    ${Object.entries(counts).map(
+      ([name, bins]) => html`<li key=${name}><${ClassCard} app=${app} tuning=${tuning} name=${name} counts=${bins} scale=${scale} isSelected=${name === selected} /></li>`,
+    )}
+  </ul>`;
+}
+
+/** @param {{app: App, tuning: Tuning, name: string, counts: readonly number[], scale: string, isSelected: boolean}} props */
+function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
+  const { tried, active, edits, change, look } = tuning;
+  const path = classPath(name);
+  const threshold = thresholdOf(tried, name);
+  /** @param {number | null} value */
+  const set = (value) => value !== null && change({ [path]: value });
+  const follow = () => change({ [path]: undefined });
+  return html`<section class="classcard ${isSelected ? "is-selected" : ""}" aria-label=${name}>
+    <header class="classcard__head">
+      <button class="classcard__name" aria-pressed=${isSelected} title=${isSelected ? "Show all classes again" : `Show reasons and flips of ${name} alone`}
+        onClick=${() => look({ class: isSelected ? "" : name, scale })}>${name}</button>
+      ${hasOwn(tried, name)
+        ? html`<button class="button button--quiet button--small" onClick=${follow} title=${`Follow all classes (${percentText(Number(valueOf(tried, THRESHOLD)))})`}><${Icon} name="undo" />own</button>`
+        : html`<span class="faint classcard__follows">as for all</span>`}
+      <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} parse=${typedPercent} onChange=${set} isSet=${path in edits} />
+    </header>
+    <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold} active=${thresholdOf(active.config, name)} isLog=${scale !== "linear"} onChange=${set} />
+    <${ClassCounts} tuning=${tuning} name=${name} />
+  </section>`;
+}
+
+/** @param {{tuning: Tuning, name: string}} props */
+function ClassCounts({ tuning, name }) {
+  const now = tuning.preview?.by_class?.[name];
+  const before = tuning.baseline?.by_class?.[name];
+  const flips = tuning.preview?.flips?.by_class[name];
+  return html`<dl class="classcard__counts num">
+    <div><dt><span class="badge__sign badge__sign--kept"><${Icon} name="check" /></span><span class="sr-only">kept</span></dt><dd>${now ? countText(now.kept) : "…"} <${Delta} count=${now?.kept} before=${before?.kept} /></dd></div>
+    <div><dt><span class="badge__sign badge__sign--rejected"><${Icon} name="cross" /></span><span class="sr-only">rejected</span></dt><dd>${now ? countText(now.rejected) : "…"}</dd></div>
+    <div class="classcard__flips"><dt class="sr-only">would flip</dt><dd>${flips ? `${countOf(flips.kept_to_rejected + flips.rejected_to_kept, "flip")}` : "no flip"}</dd></div>
+  </dl>`;
+}
+
+/** @param {{tuning: import("./preview.js").Tuning, selected: string}} props */
+export function Reasons({ tuning, selected }) {
+  /** @param {import("../core/types.js").Preview | null} preview @returns {Record<string, number>} */
+  const of = (preview) => (selected ? preview?.reasons_by_class?.[selected] : preview?.by_reason) ?? {};
+  const before = of(tuning.baseline);
+  const after = of(tuning.preview);
+  const most = Math.max(1, ...Object.values(after), ...Object.values(before));
+  const reasons = Object.keys({ ...before, ...after }).sort((a, b) => (before[b] ?? 0) - (before[a] ?? 0));
+  return html`<section class="panelbox" aria-labelledby="reasons-title">
+    <header class="panelbox__head"><h2 id="reasons-title">Reasons${selected ? `: ${selected}` : ""}</h2></header>
+    <div class="tablewrap"><table class="table">
+      <thead><tr><th scope="col">Reason</th><th class="is-num" scope="col">Now</th><th class="is-num" scope="col">Tried</th><th class="is-num" scope="col">Change</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
+      <tbody>
+        ${reasons.map(
+          (reason) => html`<tr key=${reason}>
+            <th scope="row">${reasonText(reason)}</th>
+            <td class="is-num num">${countText(before[reason] ?? 0)}</td>
+            <td class="is-num num">${countText(after[reason] ?? 0)}</td>
+            <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
+            <td class="table__bar" aria-hidden="true"><span class="meter meter--${reason === "visible" ? "kept" : "rejected"}"><i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
+          </tr>`,
+        )}
+      </tbody>
+    </table></div>
+  </section>`;
+}

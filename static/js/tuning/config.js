@@ -1,0 +1,138 @@
+// @ts-check
+// A configuration that is tried: edits, differences, link, YAML. Pure.
+
+/** @typedef {import("../core/types.js").ClassOverrides} ClassOverrides */
+/** @typedef {import("../core/types.js").ConfigBody} ConfigBody */
+/** @typedef {import("../core/types.js").ConfigValue} ConfigValue */
+/** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined takes a class's own value away */
+/** @typedef {{path: string, before: ConfigValue | undefined, after: ConfigValue | undefined}} Difference */
+
+export const THRESHOLD = "threshold_small_box";
+
+/** In a link: the class follows what holds for all. */
+const FOLLOW = "follow";
+
+/** Names that mean the same class. @type {Record<string, string>} */
+const ALIASES = { street_light: "traffic_light" };
+
+/** @param {string} name */
+const canonical = (name) => ALIASES[name] ?? name;
+
+/** @param {string} name @param {string} [key] */
+export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.${key}`;
+
+/** @param {ConfigBody} config @returns {ClassOverrides} */
+const overridesOf = (config) => /** @type {ClassOverrides} */ (config.classes ?? {});
+
+/** Class names may have dots, keys have none. @param {string} path @returns {{name: string | null, key: string}} */
+function parsePath(path) {
+  const match = /^classes\.(.+)\.(\w+)$/.exec(path);
+  return match ? { name: match[1] ?? "", key: match[2] ?? "" } : { name: null, key: path };
+}
+
+/** @param {ConfigBody} config @param {string} path @returns {ConfigValue | undefined} undefined: not set for this class */
+export function valueOf(config, path) {
+  const { name, key } = parsePath(path);
+  if (name === null) return /** @type {ConfigValue | undefined} */ (config[key]);
+  return overridesOf(config)[name]?.[key];
+}
+
+/** What holds for a class: its own, or the one for all. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
+export function appliesTo(config, name, key = THRESHOLD) {
+  const own = valueOf(config, classPath(name, key));
+  return own === undefined ? valueOf(config, key) : own;
+}
+
+/** @param {ConfigBody} config @param {Edits} edits @returns {ConfigBody} */
+export function withEdits(config, edits) {
+  const changed = { ...config };
+  const classes = { ...overridesOf(config) };
+  for (const [path, value] of Object.entries(edits)) {
+    const { name, key } = parsePath(path);
+    if (name === null) {
+      if (value !== undefined) changed[key] = value;
+      continue;
+    }
+    const { [key]: _, ...rest } = classes[name] ?? {};
+    classes[name] = value === undefined ? rest : { ...rest, [key]: value };
+    if (Object.keys(classes[name]).length === 0) delete classes[name];
+  }
+  return { ...changed, classes };
+}
+
+/** Only what really differs. @param {ConfigBody} config @param {Edits} edits @returns {Edits} */
+export const effectiveEdits = (config, edits) =>
+  Object.fromEntries(Object.entries(edits).filter(([path, value]) => !isSame(valueOf(config, path), value)));
+
+/** @param {ConfigValue | undefined} a @param {ConfigValue | undefined} b */
+const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+/** What lies between two configurations, keys for all classes first. @param {ConfigBody} before @param {ConfigBody} after @returns {Difference[]} */
+export function differences(before, after) {
+  const paths = new Set([...pathsOf(before), ...pathsOf(after)]);
+  return [...paths]
+    .map((path) => ({ path, before: valueOf(before, path), after: valueOf(after, path) }))
+    .filter((row) => !isSame(row.before, row.after));
+}
+
+/** @param {ConfigBody} config @returns {string[]} */
+function pathsOf(config) {
+  const own = Object.entries(overridesOf(config)).flatMap(([name, keys]) => Object.keys(keys).map((key) => `classes.${name}.${key}`));
+  return [...Object.keys(config).filter((key) => key !== "classes"), ...own];
+}
+
+/** From one configuration to another, as edits. @param {ConfigBody} before @param {ConfigBody} after @returns {Edits} */
+export const editsBetween = (before, after) =>
+  Object.fromEntries(differences(before, after).map((row) => [row.path, row.after]));
+
+/** What of an address is about the configuration. @param {ConfigBody} config @param {Record<string, string>} query @returns {Record<string, string>} */
+export const configQuery = (config, query) =>
+  Object.fromEntries(Object.entries(query).filter(([path]) => parsePath(path).name !== null || (path in config && path !== "classes")));
+
+/** The edits that an address names. @param {ConfigBody} config @param {Record<string, string>} query @returns {Edits} */
+export function editsOf(config, query) {
+  const known = Object.entries(configQuery(config, query));
+  return effectiveEdits(config, Object.fromEntries(known.map(([path, text]) => [path, text === FOLLOW ? undefined : parseValue(text)])));
+}
+
+/** @param {string} text @returns {ConfigValue} */
+function parseValue(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return text;
+  }
+}
+
+/** @param {Edits} edits @returns {Record<string, string>} */
+export const queryOf = (edits) =>
+  Object.fromEntries(Object.entries(edits).map(([path, value]) => [path, value === undefined ? FOLLOW : typeof value === "string" ? value : JSON.stringify(value)]));
+
+/** @param {ConfigValue | undefined} value */
+export function valueText(value) {
+  if (value === undefined) return "as for all";
+  if (value === null) return "none";
+  return Array.isArray(value) ? value.join(", ") : String(value);
+}
+
+/** The whole configuration as a file one can keep. @param {ConfigBody} config */
+export function toYaml(config) {
+  const rows = Object.entries(config).filter(([key]) => key !== "classes");
+  const lines = rows.map(([key, value]) => `${key}: ${yamlValue(/** @type {ConfigValue} */ (value))}`);
+  const classes = Object.entries(overridesOf(config));
+  if (classes.length === 0) return [...lines, "classes: {}", ""].join("\n");
+  const own = classes.flatMap(([name, keys]) => [
+    `  ${yamlValue(name)}:`,
+    ...Object.entries(keys).map(([key, value]) => `    ${key}: ${yamlValue(value)}`),
+  ]);
+  return [...lines, "classes:", ...own, ""].join("\n");
+}
+
+/** JSON is YAML; plain words need no quotes. @param {ConfigValue} value */
+function yamlValue(value) {
+  if (typeof value === "string" && /^[a-zA-Z][\w.-]*$/.test(value) && !/^(true|false|null|yes|no|on|off|y|n)$/i.test(value)) return value;
+  return Array.isArray(value) ? `[${value.map(yamlItem).join(", ")}]` : JSON.stringify(value);
+}
+
+/** @param {string | number} value @returns {string} */
+const yamlItem = (value) => yamlValue(value);

@@ -1,0 +1,110 @@
+// @ts-check
+// Boxes that change sides: counts, tabs, cards. Runs shows them, too.
+
+import { NearPicture } from "../boxes/crops.js";
+import { reasonText } from "../boxes/wording.js";
+import { jobs } from "../core/api.js";
+import { html } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText, percentText } from "../core/numbers.js";
+import { linkTo } from "../core/router.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/types.js").Flip} Flip */
+/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @typedef {"lost" | "won"} WayOf */
+
+const CROP_PX = 144;
+
+export const WAYS = /** @type {const} */ ({
+  lost: { text: "kept → rejected", spoken: "from kept to rejected" },
+  won: { text: "rejected → kept", spoken: "from rejected to kept" },
+});
+
+/** @param {Flip} flip @returns {WayOf} */
+export const wayOf = (flip) => (flip.before.verdict === "kept" ? "lost" : "won");
+
+/** @param {{way: string, lost: number, won: number, onChange: (way: WayOf | "") => void}} props */
+export function WayTabs({ way, lost, won, onChange }) {
+  const choices = /** @type {const} */ ([
+    { value: "", count: lost + won, text: "All" },
+    { value: "lost", count: lost, text: WAYS.lost.text },
+    { value: "won", count: won, text: WAYS.won.text },
+  ]);
+  return html`<div class="segments segments--wide waytabs" role="group" aria-label="Which flips">
+    ${choices.map(
+      ({ value, count, text }) => html`<button class="segments__item" aria-pressed=${way === value} onClick=${() => onChange(value)}>
+        ${value && html`<${Way} way=${value} />`}<span>${text}</span><span class="num waytabs__count">${countText(count)}</span>
+      </button>`,
+    )}
+  </div>`;
+}
+
+/** @param {{app: App, items: readonly Flip[]}} props */
+export const FlipGrid = ({ app, items }) => html`<ul class="flips">
+  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} app=${app} flip=${flip} /></li>`)}
+</ul>`;
+
+/** @param {{app: App, flip: Flip}} props */
+function FlipCard({ app, flip }) {
+  const way = wayOf(flip);
+  const match = flip.match_percent === null ? "no match" : percentText(flip.match_percent);
+  return html`<a class="flip flip--${way}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(flip.box_id) })}
+    title=${`${flip.class}, ${match}: ${reasonText(flip.before.reason)} → ${reasonText(flip.after.reason)}`}>
+    <span class="flip__picture">
+      <${NearPicture} app=${app} url=${jobs.cropUrl(flip.box_id, CROP_PX)}><${Icon} name="image" /><//>
+      <${Way} way=${way} />
+    </span>
+    <span class="flip__text"><span class="flip__class">${flip.class}</span><span class="num">${match}</span></span>
+    <span class="flip__reason">${reasonText(flip.after.verdict === "kept" ? flip.before.reason : flip.after.reason)}<span class="sr-only">, ${WAYS[way].spoken}, box ${flip.box_id}</span></span>
+  </a>`;
+}
+
+/** @param {{app: App, tuning: Tuning, selected: string, way: string, onWay: (way: string) => void}} props */
+export function FlipPanel({ app, tuning, selected, way, onWay }) {
+  const { preview, listed } = tuning;
+  const flips = preview?.flips;
+  const counts = (selected ? flips?.by_class[selected] : flips) ?? { kept_to_rejected: 0, rejected_to_kept: 0 };
+  const items = (listed?.flips?.items ?? []).filter((flip) => (!selected || flip.class === selected) && (!way || wayOf(flip) === way));
+  const wanted = way === "lost" ? counts.kept_to_rejected : way === "won" ? counts.rejected_to_kept : counts.kept_to_rejected + counts.rejected_to_kept;
+  return html`<aside class="panelbox flippanel" aria-labelledby="flips-title">
+    <header class="panelbox__head">
+      <h2 id="flips-title">Would flip${selected ? `: ${selected}` : ""}</h2>
+      <span class="faint">nearest to the threshold first</span>
+    </header>
+    <${WayTabs} way=${way} lost=${counts.kept_to_rejected} won=${counts.rejected_to_kept} onChange=${onWay} />
+    <${Body} app=${app} tuning=${tuning} items=${items} wanted=${wanted} />
+  </aside>`;
+}
+
+/** @param {{app: App, tuning: Tuning, items: readonly import("../core/types.js").Flip[], wanted: number}} props */
+function Body({ app, tuning, items, wanted }) {
+  const { preview, listed, isListed } = tuning;
+  if (!preview) return html`<div class="flippanel__list"><${Bones} /></div>`;
+  if (wanted === 0) return html`<p class="panelbox__empty">No box changes sides. Move a threshold to see which ones would.</p>`;
+  return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
+    ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${Bones} />`)}
+    <${FlipGrid} app=${app} items=${items} />
+    <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
+  </div>`;
+}
+
+const Bones = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
+
+/** @param {{tuning: Tuning, shown: number, wanted: number}} props */
+function More({ tuning, shown, wanted }) {
+  if (shown >= wanted || !tuning.isListed) return null;
+  return html`<p class="flippanel__more">
+    <span class="faint">${countText(shown)} of ${countOf(wanted, "box", "boxes")}</span>
+    ${!tuning.showsMany && html`<button class="button button--small" onClick=${tuning.showMany}>Show more</button>`}
+  </p>`;
+}
+
+/** How much more or less than now. @param {{count: number | undefined, before: number | undefined}} props */
+export function Delta({ count, before }) {
+  const by = count === undefined || before === undefined ? 0 : count - before;
+  return html`<span class="delta num ${by === 0 ? "is-none" : ""}">${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
+}
+
+/** The sign of a flip: what it leaves and what it becomes. @param {{way: "lost" | "won"}} props */
+export const Way = ({ way }) => html`<span class="way way--${way}" aria-hidden="true"><${Icon} name=${way === "lost" ? "cross" : "check"} /></span>`;

@@ -1,0 +1,167 @@
+// @ts-check
+// What the server says of it: one question at a time, the address follows.
+
+import { FILTER_KEYS } from "../boxes/filters.js";
+import { jobs } from "../core/api.js";
+import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
+import { linkTo } from "../core/router.js";
+import { configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
+
+/** @typedef {import("../core/types.js").ConfigVersion} ConfigVersion */
+/** @typedef {import("./config.js").Edits} Edits */
+/** @typedef {import("../core/types.js").Preview} Preview */
+
+/** How long nothing may move before boxes are listed and the address is written. */
+const SETTLE_MS = 220;
+const FEW = 60;
+const MANY = 1000;
+
+/** Parts of the address that are about looking, not about the configuration. */
+const VIEW_KEYS = ["class", "scale", "flips", ...FILTER_KEYS];
+
+/** The same for the same content. @param {Record<string, string>} query */
+const textOf = (query) => JSON.stringify(Object.entries(query).sort(([a], [b]) => (a < b ? -1 : 1)));
+
+/** @param {import("../core/router.js").Query} query */
+const viewOf = (query) => Object.fromEntries(VIEW_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
+
+/**
+ * @param {import("../core/app.js").App} app @param {string} dataset @param {ConfigVersion} active
+ * @param {import("../core/router.js").Query} query
+ */
+export function useTuning(app, dataset, active, query) {
+  const [edits, setEdits] = useState(() => editsOf(active.config, query));
+  const [showsMany, setShowsMany] = useState(false);
+  const tried = useMemo(() => withEdits(active.config, edits), [active, edits]);
+  useAddress(app, dataset, query, active, edits, setEdits);
+  const asked = usePreviews(app, dataset, active, tried, showsMany || query.class ? MANY : FEW);
+
+  const change = useCallback(
+    (/** @type {Edits} */ some) => setEdits((held) => effectiveEdits(active.config, { ...held, ...some })),
+    [active],
+  );
+  /** @param {import("../core/router.js").Query} view */
+  const look = (view) => app.router.replace(linkTo("thresholds", { dataset }, { ...viewOf(query), ...view, ...queryOf(edits) }));
+  return { ...asked, active, edits, tried, change, setEdits, look, showsMany, showMany: () => setShowsMany(true) };
+}
+
+/** @typedef {ReturnType<typeof useTuning>} Tuning */
+
+/**
+ * The address follows the edits after a pause; an address from elsewhere is obeyed at once.
+ * @param {import("../core/app.js").App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {ConfigVersion} active @param {Edits} edits @param {(edits: Edits) => void} setEdits
+ */
+function useAddress(app, dataset, query, active, edits, setEdits) {
+  const here = textOf(configQuery(active.config, query));
+  const wanted = textOf(queryOf(edits));
+  const known = useRef(here);
+  useEffect(() => {
+    if (here !== known.current) setEdits(editsOf(active.config, query));
+    known.current = here;
+  }, [here]);
+  useEffect(() => {
+    if (wanted === here) return undefined;
+    const timer = setTimeout(() => {
+      known.current = wanted;
+      app.router.replace(linkTo("thresholds", { dataset }, { ...viewOf(query), ...queryOf(edits) }));
+    }, SETTLE_MS);
+    return () => clearTimeout(timer);
+  }, [wanted, here]);
+}
+
+/** @typedef {{config: import("../core/types.js").ConfigBody, limit: number}} Question */
+
+/**
+ * Counts at once, the list of flips when nothing moves any more.
+ * @param {import("../core/app.js").App} app @param {string} dataset @param {ConfigVersion} active
+ * @param {import("../core/types.js").ConfigBody} tried @param {number} limit
+ */
+function usePreviews(app, dataset, active, tried, limit) {
+  const [baseline, setBaseline] = useState(/** @type {Preview | null} */ (null));
+  const [preview, setPreview] = useState(/** @type {Preview | null} */ (null));
+  const [counted, setCounted] = useState(/** @type {import("../core/types.js").ConfigBody | null} */ (null));
+  const [listed, setListed] = useState(/** @type {Preview | null} */ (null));
+  const [error, setError] = useState(/** @type {Error | null} */ (null));
+  const [isBusy, setBusy] = useState(false);
+  const [attempt, setAttempt] = useState(0);
+  const ask = useMemo(
+    () =>
+      createLatest(
+        (/** @type {Question} */ question, signal) => jobs.preview(dataset, question, signal),
+        {
+          onAnswer: (answer, { config, limit: most }) => {
+            setPreview(answer);
+            setCounted(config);
+            setError(null);
+            if (most > 0) setListed(answer);
+          },
+          onError: (failure) => {
+            app.notice(failure);
+            setError(failure instanceof Error ? failure : new Error(String(failure)));
+          },
+          onBusy: setBusy,
+        },
+      ),
+    [dataset, active],
+  );
+  useEffect(() => () => ask.stop(), [ask]);
+  useEffect(() => {
+    const stop = new AbortController();
+    jobs.preview(dataset, { config: active.config, limit: 0 }, stop.signal).then(
+      (answer) => !stop.signal.aborted && setBaseline(answer),
+      () => {},
+    );
+    return () => stop.abort();
+  }, [ask, attempt]);
+  // Before the frame is painted: the server can count meanwhile.
+  useLayoutEffect(() => {
+    ask.ask({ config: tried, limit: 0 });
+    const timer = setTimeout(() => ask.ask({ config: tried, limit }), SETTLE_MS);
+    return () => clearTimeout(timer);
+  }, [ask, tried, limit]);
+  const retry = () => {
+    setAttempt((n) => n + 1);
+    ask.ask({ config: tried, limit });
+  };
+  return { baseline, preview, counted, listed, error, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
+}
+
+/**
+ * @template Q, A
+ * @param {(question: Q, signal: AbortSignal) => Promise<A>} ask
+ * @param {{onAnswer: (answer: A, question: Q) => void, onError: (error: unknown) => void, onBusy?: (isBusy: boolean) => void}} told
+ */
+export function createLatest(ask, { onAnswer, onError, onBusy = () => {} }) {
+  const stop = new AbortController();
+  /** @type {{question: Q} | null} */
+  let waiting = null;
+  let isBusy = false;
+
+  const work = async () => {
+    isBusy = true;
+    onBusy(true);
+    while (waiting && !stop.signal.aborted) {
+      const { question } = waiting;
+      waiting = null;
+      try {
+        const answer = await ask(question, stop.signal);
+        if (!stop.signal.aborted) onAnswer(answer, question);
+      } catch (error) {
+        if (!stop.signal.aborted) onError(error);
+      }
+    }
+    isBusy = false;
+    if (!stop.signal.aborted) onBusy(false);
+  };
+
+  return {
+    /** What was asked before and has not been sent is forgotten. @param {Q} question */
+    ask(question) {
+      waiting = { question };
+      if (!isBusy) void work();
+    },
+
+    stop: () => stop.abort(),
+  };
+}

@@ -1,0 +1,187 @@
+// @ts-check
+// The view and its summary.
+
+import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
+import { jobs } from "../core/api.js";
+import { useHead, useLoaded } from "../core/hooks.js";
+import { html, useEffect, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { Failure, Notice } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { AllClasses, ClassCards, Reasons } from "./classes.js";
+import { THRESHOLD, effectiveEdits, valueOf, valueText } from "./config.js";
+import { Delta, FlipPanel, Way } from "./flips.js";
+import { useTuning } from "./preview.js";
+import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
+
+/** @typedef {import("../core/app.js").App} App */
+/** @typedef {import("../core/types.js").ConfigVersion} ConfigVersion */
+/** @typedef {import("../core/router.js").Route} Route */
+/** @typedef {import("../core/types.js").Run} Run */
+/** @typedef {import("./preview.js").Tuning} Tuning */
+
+/** @param {{app: App, route: Route}} props */
+export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${route.params.dataset} app=${app} route=${route} />`;
+
+/** One dataset: nothing of another one is left over. @param {{app: App, route: import("../core/router.js").Route}} props */
+function ThresholdsOf({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useHead(app, { title: `Thresholds · ${name}`, dataset: name });
+  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const active = useLoaded(app, (signal) => jobs.activeConfig(name, signal), [name]);
+  const failed = [dataset, active].find((loaded) => loaded.state === "error");
+  const counts = dataset.value?.counts;
+  return html`<main id="main" class="page page--tuning" tabindex="-1" aria-busy=${!active.value}>
+      <div class="page__head">
+        <h1>Thresholds</h1>
+        ${counts && html`<span class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`}
+      </div>
+      ${failed?.error
+        ? html`<${Failure} error=${failed.error} onRetry=${failed.reload} />`
+        : counts?.boxes === 0
+          ? html`<${Empty} />`
+          : counts && active.value
+            ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} active=${active.value} onApplied=${active.reload} />`
+            : html`<${Skeleton} />`}
+    </main>`;
+}
+
+/** @param {{app: App, route: Route, dataset: string, active: ConfigVersion, onApplied: () => void}} props */
+function Tuner({ app, route, dataset, active, onApplied }) {
+  const { class: selected = "", scale = "", flips: way = "" } = route.query;
+  const tuning = useTuning(app, dataset, active, route.query);
+  const [isSaving, setSaving] = useState(false);
+  const [saved, setSaved] = useState(0);
+  const [started, setStarted] = useState(/** @type {Run | null} */ (null));
+  const run = useWatched(started, (over) => over.state === "done" && over.activate && onApplied());
+  const isRunning = run !== null && !isOver(run);
+  useOpenRun(dataset, setStarted);
+  // What has become active is no longer a change.
+  useEffect(() => tuning.setEdits((held) => effectiveEdits(active.config, held)), [active]);
+  /** @param {string} digest */
+  const onSaved = (digest) => {
+    setSaved((n) => n + 1);
+    app.toasts.show(`Saved as version ${digest.slice(0, 8)}.`);
+  };
+  if (!tuning.preview && !tuning.baseline) return tuning.error ? html`<${Failure} error=${tuning.error} onRetry=${tuning.retry} />` : html`<${Skeleton} />`;
+  // Before pixels have been looked at there is nothing to draw or to count.
+  const isUnknown = tuning.preview?.needs_pixels === true;
+  return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
+    ${run && html`<${RunStrip} app=${app} dataset=${dataset} run=${run} onClose=${() => setStarted(null)} />`}
+    ${tuning.error && html`<p class="problem" role="alert">${tuning.error.message} <button class="button button--small" onClick=${tuning.retry}>Try again</button></p>`}
+    ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} />`}
+    <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
+      <div class="tuning__main">
+        ${!isUnknown && html`<${AllClasses} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
+          <${ClassCards} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
+          <${Reasons} tuning=${tuning} selected=${selected} />`}
+        <${Versions} app=${app} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${setStarted} />
+        <${ConfigPanel} tuning=${tuning} />
+      </div>
+      ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
+    </div>
+    ${isSaving && html`<${SaveDialog} app=${app} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} />`}`;
+}
+
+/** Somebody may have started a run before. @param {string} dataset @param {(run: Run) => void} onFound */
+function useOpenRun(dataset, onFound) {
+  useEffect(() => {
+    const stop = new AbortController();
+    jobs.runs(dataset, { limit: 1 }, stop.signal).then(
+      ({ items: [newest] }) => newest && !isOver(newest) && onFound(newest),
+      () => {},
+    );
+    return () => stop.abort();
+  }, [dataset]);
+}
+
+const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are drawn as soon as frames with boxes have been pushed to this dataset.</p><//>`;
+
+const Skeleton = () => html`<div aria-hidden="true">
+    <div class="bone bone--row shimmer"></div><div class="bone bone--chart shimmer"></div>
+    <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="bone bone--tall shimmer"></div>`)}</div>
+  </div>
+  <p class="sr-only" role="status">Loading thresholds</p>`;
+
+/** @type {Record<string, readonly string[]>} the keys that its rule reads */
+const OWN_KEYS = {
+  ordered: ["ordered_min_pixels"],
+  depth: ["min_visible_pixels", "depth_tolerance"],
+  depth_center: ["depth_tolerance"],
+  instance: ["min_visible_pixels"],
+  lidar: ["lidar_min_points"],
+  auto: ["min_visible_pixels", "depth_tolerance", "ordered_min_pixels"],
+};
+
+/** @param {{config: import("../core/types.js").ConfigBody}} props */
+export function ChannelLine({ config }) {
+  const channel = String(config.evidence);
+  const keys = OWN_KEYS[channel];
+  if (!keys) return null;
+  return html`<p class="tuning__channel">The channel <code>${channel}</code> decides, by ${keys.map(
+    (key, at) => html`${at > 0 ? (at === keys.length - 1 ? " and " : ", ") : ""}<code>${key}</code> (${valueText(valueOf(config, key))})`,
+  )}; match thresholds only decide boxes that it has no number for.</p>`;
+}
+
+/** @param {{tuning: Tuning, onReset: () => void, onSave: () => void, isRunning: boolean}} props */
+export function Summary({ tuning, onReset, onSave, isRunning }) {
+  const { preview, baseline, edits, counted } = tuning;
+  const changed = Object.keys(edits).length;
+  const isCurrent = counted === tuning.tried;
+  return html`<section class="summary ${isCurrent ? "" : "is-behind"}" aria-label="What would be decided" data-threshold=${counted ? String(valueOf(counted, THRESHOLD)) : ""}>
+    <div class="summary__numbers">
+      ${preview?.needs_pixels ? html`<${NeedsPixels} />` : html`<${Counts} counts=${preview?.counts ?? null} before=${baseline?.counts ?? null} />
+        <${Flips} flips=${preview?.flips ?? null} />`}
+    </div>
+    <div class="summary__actions">
+      <span class="summary__state">${changed ? `${countOf(changed, "change")} tried, nothing is stored` : "The active configuration"}</span>
+      <button class="button button--quiet" disabled=${changed === 0} onClick=${onReset}><${Icon} name="undo" />Reset</button>
+      <button class="button button--primary" disabled=${changed === 0 || isRunning} onClick=${onSave}>Save as new config version…</button>
+    </div>
+  </section>`;
+}
+
+function NeedsPixels() {
+  return html`<p class="summary__pixels"><${Icon} name="image" /><span><strong>This one has to look at pixels again.</strong>${" "}
+    What it would decide cannot be told from the stored numbers. Applying it measures every frame anew, in the background.</span></p>`;
+}
+
+/** @param {{counts: import("../core/types.js").VerdictCounts | null, before: import("../core/types.js").VerdictCounts | null}} props */
+function Counts({ counts, before }) {
+  const all = counts ? counts.kept + counts.rejected + counts.unmeasured : 0;
+  return html`<div class="summary__verdicts">
+    <div class="figures">
+      <${Figure} verdict="kept" count=${counts?.kept} before=${before?.kept} />
+      <${Figure} verdict="rejected" count=${counts?.rejected} before=${before?.rejected} />
+      ${counts && counts.unmeasured > 0 && html`<${Figure} verdict="unmeasured" count=${counts.unmeasured} before=${before?.unmeasured} />`}
+    </div>
+    ${counts && html`<${VerdictBar} counts=${{ ...counts, boxes: all, reviewed: 0, to_review: 0 }} />`}
+  </div>`;
+}
+
+/** @param {{verdict: string, count: number | undefined, before: number | undefined}} props */
+function Figure({ verdict, count, before }) {
+  return html`<div class="figure" data-figure=${verdict}>
+    <span class="figure__name"><${StrokeSwatch} verdict=${verdict} />${verdict}</span>
+    <span class="figure__value num">${count === undefined ? "–" : countText(count)}</span>
+    <${Delta} count=${count} before=${before} />
+  </div>`;
+}
+
+/** @param {{flips: import("../core/types.js").FlipCounts & {total: number} | null}} props */
+function Flips({ flips }) {
+  return html`<div class="figures figures--flips">
+    <div class="figure" data-figure="lost">
+      <span class="figure__name"><${Way} way="lost" />kept → rejected</span>
+      <span class="figure__value num">${flips ? countText(flips.kept_to_rejected) : "–"}</span>
+      <span class="delta">would flip</span>
+    </div>
+    <div class="figure" data-figure="won">
+      <span class="figure__name"><${Way} way="won" />rejected → kept</span>
+      <span class="figure__value num">${flips ? countText(flips.rejected_to_kept) : "–"}</span>
+      <span class="delta">would flip</span>
+    </div>
+  </div>`;
+}

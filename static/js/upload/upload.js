@@ -1,0 +1,189 @@
+// @ts-check
+// Files dropped or picked, folders included, and how far the upload is.
+
+import { useValue } from "../core/hooks.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
+import { countOf, countText } from "../core/numbers.js";
+import { FileList } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { UploadDialog } from "./dialog.js";
+import { doneOf, isOver } from "./sender.js";
+
+/** @typedef {import("./sender.js").UploadApp} App */
+/** @typedef {import("./matching.js").Entry} Entry */
+/** @typedef {import("./sender.js").Progress} Progress */
+
+/** What uploads show over whatever view is on. @param {{app: App}} props */
+export function Uploads({ app }) {
+  const dropped = useValue(app.uploads.dropped);
+  const job = useValue(app.uploads.job);
+  const isOver = useDrop(app);
+  return html`
+    ${isOver && html`<div class="dropzone" aria-hidden="true"><div class="dropzone__card"><${Icon} name="upload" />Drop images, segmentations and labels to upload them</div></div>`}
+    ${dropped && html`<${UploadDialog} key=${dropped} app=${app} dropped=${dropped} />`}
+    ${job && html`<${UploadPanel} key=${job} app=${app} job=${job} />`}`;
+}
+
+/** Listens on the whole window. @param {App} app @returns {boolean} files hang over it */
+function useDrop(app) {
+  const [isOver, setOver] = useState(false);
+  useEffect(() => {
+    const stop = new AbortController();
+    /** Entering a child comes before leaving its parent: only the balance tells. */
+    let depth = 0;
+    /** @template {keyof WindowEventMap} K @param {K} type @param {(event: WindowEventMap[K]) => void} handle */
+    const on = (type, handle) => addEventListener(type, handle, { signal: stop.signal });
+    /** @param {DragEvent} event @param {number} change */
+    const count = (event, change) => {
+      if (!hasFiles(event.dataTransfer)) return;
+      event.preventDefault();
+      depth = Math.max(0, depth + change);
+      setOver(depth > 0);
+    };
+    on("dragenter", (event) => count(event, 1));
+    on("dragleave", (event) => count(event, -1));
+    on("dragover", (event) => hasFiles(event.dataTransfer) && event.preventDefault());
+    on("drop", (event) => {
+      count(event, -depth);
+      if (event.dataTransfer && hasFiles(event.dataTransfer)) offer(app, filesOfDrop(event.dataTransfer));
+    });
+    return () => stop.abort();
+  }, [app]);
+  return isOver;
+}
+
+/** One at a time: what runs is not thrown away by a second drop. @param {App} app @param {Promise<import("./matching.js").Entry[]>} files */
+function offer(app, files) {
+  if (app.uploads.isRunning()) app.toasts.show("An upload is going on. Wait for it, or cancel it first.");
+  else app.uploads.take(files);
+}
+
+/** @param {{app: App, isPrimary?: boolean}} props */
+export function UploadButtons({ app, isPrimary = false }) {
+  return html`<div class="pickers">
+    <${Picker} app=${app} text="Upload a folder" icon="upload" isFolder=${true} isPrimary=${isPrimary} />
+    <${Picker} app=${app} text="Upload files" icon="image" />
+  </div>`;
+}
+
+/** @param {{app: App, text: string, icon: string, isFolder?: boolean, isPrimary?: boolean}} props */
+function Picker({ app, text, icon, isFolder = false, isPrimary = false }) {
+  const field = useRef(/** @type {HTMLInputElement | null} */ (null));
+  /** @param {{currentTarget: HTMLInputElement}} event */
+  const onChange = ({ currentTarget }) => {
+    if (currentTarget.files?.length) offer(app, filesOfField(currentTarget.files));
+    // The same folder may be picked again.
+    currentTarget.value = "";
+  };
+  return html`<span>
+    <button class="button ${isPrimary ? "button--primary" : ""}" onClick=${() => field.current?.click()}><${Icon} name=${icon} />${text}</button>
+    <input ref=${field} type="file" hidden multiple webkitdirectory=${isFolder} aria-label=${text} onChange=${onChange} />
+  </span>`;
+}
+
+/** More than this is no small set; walking on would only freeze the page. */
+export const MOST_FILES = 60_000;
+
+/** What was dropped goes beyond what a page should read. */
+export class TooMany extends Error {
+  constructor() {
+    super(`More than ${MOST_FILES} files: use the command line for these.`);
+  }
+}
+
+/** Do files hang on the pointer? @param {DataTransfer | null} transfer */
+export const hasFiles = (transfer) => transfer?.types.includes("Files") ?? false;
+
+/** All files of a drop. To be called while the event is on: what it holds is gone afterwards. @param {DataTransfer} transfer @returns {Promise<Entry[]>} */
+export function filesOfDrop(transfer) {
+  const items = [...transfer.items].filter(({ kind }) => kind === "file");
+  const found = items.map((item) => item.webkitGetAsEntry?.() ?? item.getAsFile());
+  return allOf(found);
+}
+
+/** @param {readonly (FileSystemEntry | File | null)[]} found */
+async function allOf(found) {
+  /** @type {Entry[]} */
+  const entries = [];
+  for (const one of found) {
+    if (one instanceof File) entries.push(entryOf(one, one.name));
+    else if (one) await collect(one, entries);
+  }
+  return entries;
+}
+
+/** @param {FileList} files @returns {Promise<Entry[]>} */
+export async function filesOfField(files) {
+  if (files.length > MOST_FILES) throw new TooMany();
+  return [...files].map((file) => entryOf(file, file.webkitRelativePath || file.name));
+}
+
+/** @param {File} file @param {string} path @returns {Entry} */
+const entryOf = (file, path) => ({ path, size: file.size, blob: file });
+
+/** @param {FileSystemEntry} entry @param {Entry[]} entries */
+async function collect(entry, entries) {
+  if (entries.length >= MOST_FILES) throw new TooMany();
+  const path = entry.fullPath.replace(/^\//, "");
+  if (entry.isFile) {
+    const file = await new Promise((resolve, reject) => /** @type {FileSystemFileEntry} */ (entry).file(resolve, reject));
+    entries.push(entryOf(file, path));
+    return;
+  }
+  const reader = /** @type {FileSystemDirectoryEntry} */ (entry).createReader();
+  // A reader gives a portion at a time, and an empty one at the end.
+  for (let some = await portion(reader); some.length; some = await portion(reader)) {
+    for (const one of some) await collect(one, entries);
+  }
+}
+
+/** @param {FileSystemDirectoryReader} reader @returns {Promise<FileSystemEntry[]>} */
+const portion = (reader) => new Promise((resolve, reject) => reader.readEntries(resolve, reject));
+
+/** @type {Record<import("./sender.js").Phase, string>} */
+const PHASES = {
+  sending: "Uploading",
+  paused: "Paused",
+  offline: "The server does not answer; trying again",
+  busy: "The server is busy; trying again",
+  "signed-out": "Signed out; sign in to go on",
+  done: "Uploaded",
+  stopped: "Stopped",
+};
+
+/** @param {{app: import("./sender.js").UploadApp, job: import("./sender.js").Job}} props */
+export function UploadPanel({ app, job: { dataset, sender } }) {
+  const progress = useValue(sender.state);
+  const { phase, total, refused, trouble } = progress;
+  const done = doneOf(progress);
+  const percent = total ? Math.floor((100 * done) / total) : 100;
+  const isEnd = isOver(phase);
+  return html`<section class="upload-panel" aria-label="Upload">
+    <header class="upload-panel__head">
+      <h2>${PHASES[phase]} <span class="faint">${dataset}</span></h2>
+      ${isEnd && html`<button class="button button--quiet button--icon" aria-label="Close the upload" onClick=${app.uploads.dismiss}><${Icon} name="cross" /></button>`}
+    </header>
+    <div class="progress__track" role="progressbar" aria-label="Frames uploaded" aria-valuemin="0" aria-valuemax=${total} aria-valuenow=${done}>
+      <span class="progress__fill ${refused.length ? "has-refused" : ""}" style=${{ width: `${percent}%` }} />
+    </div>
+    <p class="upload-panel__text" role="status">${isEnd ? outcome(progress) : `${countText(done)} of ${countOf(total, "frame")}`}</p>
+    ${trouble && html`<p class="upload__fault" role="alert">${trouble}</p>`}
+    <${FileList} title="Refused" items=${refused.map(({ key, why, more }) => ({ name: key, why, more }))} isOpen=${isEnd} />
+    <footer class="upload-panel__foot">
+      ${!isEnd && html`<button class="button" onClick=${sender.cancel}>Cancel</button>`}
+      ${phase === "sending" && html`<button class="button" onClick=${sender.pause}>Pause</button>`}
+      ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${sender.resume}>Go on</button>`}
+      ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${sender.retry}>Try the refused again</button>`}
+      ${isEnd && done > refused.length && html`<a class="button button--primary" href=${linkTo("frames", { dataset })} onClick=${app.uploads.dismiss}>Open the frames</a>`}
+    </footer>
+  </section>`;
+}
+
+/** @param {Progress} progress */
+function outcome({ stored, same, refused }) {
+  const parts = [`${countOf(stored, "frame")} stored`];
+  if (same) parts.push(`${countText(same)} there already`);
+  if (refused.length) parts.push(`${countText(refused.length)} refused`);
+  return parts.join(" · ");
+}
