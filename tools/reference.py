@@ -137,7 +137,9 @@ def key_table() -> Iterator[str]:
     """Every key of the review page, from the table that the page itself reads."""
     yield "| keys | what they do |"
     yield "|---|---|"
-    for keys, text in _BINDING.findall((static_dir() / "js" / "keymap.js").read_text()):
+    for keys, text in _BINDING.findall(
+        (static_dir() / "js" / "core" / "keymap.js").read_text()
+    ):
         names = " ".join(f"`{key}`" for key in re.findall(r'"([^"]+)"', keys))
         yield f"| {names} | {text} |"
 

@@ -73,7 +73,7 @@ def test_what_the_service_composes_is_what_it_says_it_answers():
 
 
 def test_the_page_names_no_key_that_is_not_answered():
-    text = (static_dir() / "js" / "types.js").read_text()
+    text = (static_dir() / "js" / "core" / "types.js").read_text()
     block = re.search(r"@typedef {object} Decision\n(.*?)\*/", text, re.DOTALL)
     assert block is not None
 

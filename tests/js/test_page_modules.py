@@ -45,8 +45,8 @@ LEVELS = [
     ["boxes"],
     ["core"],
 ]
-"""The folders of the page's modules, from what is put together to what all of it is made
-of: a module imports from its own folder and from those below."""
+"""The folders of the page's modules, from what is put together to what it is made of: a
+module imports from its own folder and from those below."""
 _IMPORTED = re.compile(r"""(?:from\s+|import\(\s*)"(\.[^"]+)\"""")
 
 
