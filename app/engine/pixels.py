@@ -238,7 +238,7 @@ class PixelPool:
         """Free its place; for a reason the child is ended, and another follows."""
         if reason:
             child.kill()
-            PIXEL_PROCESSES_ENDED.add(1, reason)
+            PIXEL_PROCESSES_ENDED.labels(reason).inc()
         elif self._is_closed:
             child.end()
         self._free.put(None if reason or self._is_closed else child)

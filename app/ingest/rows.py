@@ -304,16 +304,16 @@ def _carried(
 
 
 def _count(frames: Sequence[NewFrame]) -> None:
-    metrics.FRAMES.add(len(frames))
+    metrics.FRAMES.inc(len(frames))
     for frame in frames:
         for file in frame.ready.checked.files:
-            metrics.FRAME_BYTES.add(file.size_bytes, file.kind)
+            metrics.FRAME_BYTES.labels(file.kind).inc(file.size_bytes)
     reasons = np.concatenate([frame.decisions.reason for frame in frames])
-    metrics.BOXES.add(len(reasons))
+    metrics.BOXES.inc(len(reasons))
     for number, boxes in enumerate(np.bincount(reasons).tolist()):
         if boxes:
             reason = Reason(number)
-            metrics.DECISIONS.add(boxes, reason.verdict.value, reason.label)
+            metrics.DECISIONS.labels(reason.verdict.value, reason.label).inc(boxes)
 
 
 def _details(frame: NewFrame) -> FrameDetails:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 from sqlalchemy import (
@@ -491,7 +490,7 @@ class ProblemRepository:
         """Insert."""
         self._session.add(problem)
         self._session.flush()
-        once_committed(self._session, partial(REFUSED.add, 1))
+        once_committed(self._session, REFUSED.inc)
 
     def page(self, dataset_id: int, page: NewestPage) -> list[Problem]:
         """Problems, newest first."""

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from prometheus_client.core import GaugeMetricFamily as Gauge
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.context import ServiceContext
@@ -17,7 +18,6 @@ from app.ingest.batch import OpenBatches
 from app.jobs.events import Poller
 from app.jobs.kind import kinds
 from app.logs import error_log
-from app.metrics import Gauge
 from app.ops.queries import BlobTotals, Totals
 from filter_core.types import Reason
 
@@ -61,75 +61,71 @@ def gauges(context: ServiceContext) -> Iterator[Gauge]:
     except SQLAlchemyError as exc:
         error_log.warning("the database cannot be asked for figures", exc_info=exc)
         found = []
-    up = Gauge.of("unghost_database_up", "1 if the database answers.", bool(found))
+    up = Gauge("unghost_database_up", "1 if the database answers.", bool(found))
     yield from (up, *found)
     counted = context.one(BlobCount).newest(context.database, context.engine)
     if counted is not None:
-        yield Gauge.of("unghost_blobs", "Files stored, counted lately.", counted.files)
+        yield Gauge("unghost_blobs", "Files stored, counted lately.", counted.files)
         text = "Bytes of all stored files, counted lately."
-        yield Gauge.of("unghost_blob_bytes", text, counted.size_bytes)
+        yield Gauge("unghost_blob_bytes", text, counted.size_bytes)
 
 
 def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     engine = context.engine
-    yield Gauge.of("unghost_workers", "Threads that measure pixels.", engine.workers)
-    yield Gauge.of("unghost_workers_busy", "Those that measure now.", engine.busy)
+    yield Gauge("unghost_workers", "Threads that measure pixels.", engine.workers)
+    yield Gauge("unghost_workers_busy", "Those that measure now.", engine.busy)
     open_now = context.one(OpenBatches).open
-    yield Gauge.of("unghost_batches_open", "Batches being received.", open_now)
+    yield Gauge("unghost_batches_open", "Batches being received.", open_now)
     text = "Bytes of requests that are in memory."
-    yield Gauge.of("unghost_open_body_bytes", text, context.bodies.open_bytes)
+    yield Gauge("unghost_open_body_bytes", text, context.bodies.open_bytes)
     watching = context.one(Poller).watchers
-    yield Gauge.of("unghost_event_streams_open", "Watchers of runs.", watching)
+    yield Gauge("unghost_event_streams_open", "Watchers of runs.", watching)
     text = "1 once the service was asked to stop."
-    yield Gauge.of("unghost_stopping", text, engine.stopping.is_set())
+    yield Gauge("unghost_stopping", text, engine.stopping.is_set())
 
 
 def _of_disk(context: ServiceContext) -> Iterator[Gauge]:
     disk = shutil.disk_usage(context.settings.data)
-    yield Gauge.of("unghost_disk_bytes", "Size of the data folder's disk.", disk.total)
-    yield Gauge.of("unghost_disk_free_bytes", "Room left on it.", disk.free)
+    yield Gauge("unghost_disk_bytes", "Size of the data folder's disk.", disk.total)
+    yield Gauge("unghost_disk_free_bytes", "Room left on it.", disk.free)
     least = int(context.settings.min_free_bytes)
-    yield Gauge.of("unghost_disk_min_free_bytes", "Room that it needs.", least)
+    yield Gauge("unghost_disk_min_free_bytes", "Room that it needs.", least)
     file = context.database.file
     if file is not None:
-        yield Gauge.of("unghost_database_bytes", "Size of the database.", _size(file))
+        yield Gauge("unghost_database_bytes", "Size of the database.", _size(file))
         wal = file.with_name(f"{file.name}-wal")
-        yield Gauge.of("unghost_wal_bytes", "Size of the write-ahead log.", _size(wal))
+        yield Gauge("unghost_wal_bytes", "Size of the write-ahead log.", _size(wal))
 
 
 def _of_database(context: ServiceContext) -> Iterator[Gauge]:
     with context.database.read() as session:
         totals = Totals(session)
         datasets = totals.datasets()
-        yield Gauge.of("unghost_datasets", "Datasets that there are.", datasets)
+        yield Gauge("unghost_datasets", "Datasets that there are.", datasets)
         jobs = totals.jobs(kind.table for kind in kinds()).items()
-        yield Gauge(
-            "unghost_jobs",
-            "Runs and exports by state; queued and running ones are the queue.",
-            [({"kind": kind, "state": state}, count) for (kind, state), count in jobs],
-        )
+        text = "Runs and exports by state; queued and running ones are the queue."
+        found = Gauge("unghost_jobs", text, labels=("kind", "state"))
+        for kind_and_state, count in jobs:
+            found.add_metric(kind_and_state, count)
+        yield found
         yield _of_verdicts(totals.boxes_by_reason())
-        answers = totals.boxes_by_review().items()
-        yield Gauge(
-            "unghost_boxes_reviewed",
-            "Boxes by the answer that stands.",
-            [({"verdict": verdict}, boxes) for verdict, boxes in answers],
-        )
+        text = "Boxes by the answer that stands."
+        found = Gauge("unghost_boxes_reviewed", text, labels=("verdict",))
+        for verdict, boxes in totals.boxes_by_review().items():
+            found.add_metric((verdict,), boxes)
+        yield found
         if context.database.file is None:
             size = totals.database_bytes()
-            yield Gauge.of("unghost_database_bytes", "Size of the database.", size)
+            yield Gauge("unghost_database_bytes", "Size of the database.", size)
 
 
 def _of_verdicts(boxes_by_reason: dict[int, int]) -> Gauge:
-    reasons = {Reason(number): boxes for number, boxes in boxes_by_reason.items()}
-    return Gauge(
-        "unghost_boxes",
-        "Boxes by the decision that stands.",
-        [
-            ({"verdict": reason.verdict.value, "reason": reason.label}, boxes)
-            for reason, boxes in reasons.items()
-        ],
-    )
+    text = "Boxes by the decision that stands."
+    found = Gauge("unghost_boxes", text, labels=("verdict", "reason"))
+    for number, boxes in boxes_by_reason.items():
+        reason = Reason(number)
+        found.add_metric((reason.verdict.value, reason.label), boxes)
+    return found
 
 
 def _size(file: Path) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from itertools import chain
 from typing import Final
 
 from fastapi import APIRouter, Request
@@ -10,7 +11,7 @@ from fastapi.responses import PlainTextResponse
 
 from app.http.deps import AppServices
 from app.http.routing import ApiRouter, OpenRouter
-from app.metrics import WORK, RequestMetrics, process_facts
+from app.metrics import WORK, RequestMetrics, Scrape, process_facts
 from app.ops.gauges import gauges
 from app.ops.readiness import Readiness
 from app.package import VERSION
@@ -47,15 +48,16 @@ def metrics(request: Request, services: AppServices) -> PlainTextResponse:
     """Requests, work, queues, verdicts and room, for Prometheus."""
     counts: RequestMetrics = request.app.state.metrics
     connections: Connections = request.app.state.connections
-    found = (
-        *counts.instruments(),
-        *connections.instruments(),
-        *WORK,
-        *gauges(services),
-        *process_facts(),
+    scrape = Scrape(
+        chain(
+            counts.registry.collect(),
+            connections.metrics(),
+            WORK.collect(),
+            gauges(services),
+            process_facts(),
+        )
     )
-    lines = [line for one in found for line in one.lines()]
-    return PlainTextResponse("\n".join((*lines, "")), media_type=PROMETHEUS_TYPE)
+    return PlainTextResponse(scrape.text(), media_type=PROMETHEUS_TYPE)
 
 
 router = APIRouter(redirect_slashes=False)

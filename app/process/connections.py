@@ -16,8 +16,9 @@ from collections.abc import Iterable, Iterator
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Final, Protocol
 
+from prometheus_client.core import CollectorRegistry, Counter, GaugeMetricFamily, Metric
+
 from app.logs import server_log
-from app.metrics import Counter, Gauge, Instrument
 from app.settings import ANY_HOST, Settings
 
 RESERVED_DESCRIPTORS: Final = 320
@@ -70,13 +71,16 @@ class Connections:
         self.turned_away: set[Connection] = set()
         """Those that are being told that there is no place."""
         self._told_at = float("-inf")
+        self._counted = CollectorRegistry()
         self._made_room = Counter(
             "unghost_connections_closed_for_others_total",
             "Connections closed because others needed their places.",
+            registry=self._counted,
         )
         self._refused = Counter(
             "unghost_connections_refused_total",
             "Connections refused because no place was left.",
+            registry=self._counted,
         )
 
     @classmethod
@@ -111,9 +115,9 @@ class Connections:
         self._tell(full, place)
         giving_way = next(_who_can_wait(waiting, everybody), None)
         if giving_way is None:
-            self._refused.add(1)
+            self._refused.inc()
             return f"{full} are in use; try again"
-        self._made_room.add(1)
+        self._made_room.inc()
         self.leave(giving_way)
         giving_way.give_way()
         self._enter(connection, place)
@@ -153,13 +157,13 @@ class Connections:
             self._waiting.pop(connection, None)
             self._waiting_at[place].pop(connection, None)
 
-    def instruments(self) -> Iterator[Instrument]:
+    def metrics(self) -> Iterator[Metric]:
         """What Prometheus is told."""
         text = "Connections that are open."
-        yield Gauge.of("unghost_connections_open", text, len(self._open))
+        yield GaugeMetricFamily("unghost_connections_open", text, len(self._open))
         text = "Connections that may be open at the same time."
-        yield Gauge.of("unghost_connections_max", text, self.most)
-        yield from (self._made_room, self._refused)
+        yield GaugeMetricFamily("unghost_connections_max", text, self.most)
+        yield from self._counted.collect()
 
     def _tell(self, full: str, place: str) -> None:
         now = time.monotonic()

@@ -76,7 +76,7 @@ class LoopWatch:
         if answered.wait(LONGEST_S):
             return
         self._stands = True
-        LOOP_STALLS.add(1)
+        LOOP_STALLS.inc()
         server_log.error(
             "the event loop stands still for more than %g s",
             LONGEST_S,
@@ -88,7 +88,7 @@ class LoopWatch:
         self._ended_at = time.monotonic()
         self._lasted_s = self._ended_at - asked
         self._stands = False
-        LOOP_STALL_SECONDS.add(self._lasted_s)
+        LOOP_STALL_SECONDS.inc(self._lasted_s)
         server_log.warning("the event loop goes on after %.1f s", self._lasted_s)
 
 

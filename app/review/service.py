@@ -57,7 +57,7 @@ def review_box(
         newest = LatestAnswers(session).of([box_id]).get(box_id)
         found = 0 if newest is None else newest.revision
         raise StaleReview(box_id=box_id, seen=seen_revision, found=found)
-    once_committed(session, partial(REVIEWS.add, 1, answer.verdict))
+    once_committed(session, partial(_count, answer.verdict, 1))
     return Review(
         box_id=box_id,
         revision=seen_revision + 1,
@@ -118,7 +118,7 @@ def review_many(
     )
     by = Signature(dataset.id, answer.reviewer, utc_now(), batch.id)
     answered = reviews.answer(chosen.boxes, answer.verdict, answer.comment, by)
-    once_committed(session, partial(REVIEWS.add, answered, answer.verdict))
+    once_committed(session, partial(_count, answer.verdict, answered))
     if answered == chosen.expected:
         return StoredBatch(batch, answered, chosen.skipped, chosen.stale)
     taken = {box_id for seen in chosen.boxes for box_id in seen.box_ids}
@@ -242,7 +242,7 @@ def undo_batch(
     )
     signed = Signature(batch.dataset_id, by.name, utc_now(), undo.id)
     undone = ReviewRepository(session).answer_as_before(standing, signed)
-    once_committed(session, partial(REVIEWS.add, undone, "undo"))
+    once_committed(session, partial(_count, "undo", undone))
     if undone == size:
         return undo, undone, []
     skipped = set(batches.boxes(batch_id)).difference(batches.boxes(undo.id))
@@ -308,6 +308,10 @@ def carry_reviews(
     if carried:
         reviews.carry_over(carried)
     return carried, reviews.meant_by(left)
+
+
+def _count(verdict: str, answers: int) -> None:
+    REVIEWS.labels(verdict).inc(answers)
 
 
 def _geometry(raw: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def families(client):
 
 
 def scraped(client):
-    """Samples by their name and the values of their labels, in the labels' order."""
+    """Samples by name and values of labels, which are told in alphabetical order."""
     return {
         (sample.name, *sample.labels.values()): sample.value
         for family in families(client).values()
@@ -48,7 +48,7 @@ def test_answers_are_counted_by_route_and_status(serve):
     route = ("GET", "/probe/items/{item_id}")
     assert found[key("unghost_requests_total", *route, "200")] == 3
     assert found[key("unghost_requests_total", *route, "422")] == 1
-    assert found[key("unghost_request_seconds_bucket", *route, "200", "+Inf")] == 3
+    assert found[key("unghost_request_seconds_bucket", "+Inf", *route, "200")] == 3
     assert found[key("unghost_request_seconds_count", *route, "422")] == 1
 
 
@@ -122,8 +122,8 @@ def test_what_was_done_is_counted(worked):
     )
     assert found["unghost_decode_seconds_count",] == 2
     assert found["unghost_measure_seconds_count",] == 2
-    assert found["unghost_decisions_total", "kept", "visible"] == 2
-    assert found["unghost_decisions_total", "rejected", "no_visible_pixels"] == 2
+    assert found["unghost_decisions_total", "visible", "kept"] == 2
+    assert found["unghost_decisions_total", "no_visible_pixels", "rejected"] == 2
     assert found["unghost_reviews_total", "keep"] == 1
     assert found["unghost_reviews_total", "unsure"] == 2
     assert found["unghost_reviews_total", "undo"] == 2
@@ -134,7 +134,7 @@ def test_what_stands_is_told(worked):
     server, api = worked
     found = scraped(api.http)
 
-    assert found["unghost_boxes", "kept", "visible"] == 2
+    assert found["unghost_boxes", "visible", "kept"] == 2
     assert found["unghost_boxes_reviewed", "keep"] == 1
     assert found["unghost_jobs", "run", "done"] == 2
     assert found["unghost_jobs", "export", "queued"] == 0

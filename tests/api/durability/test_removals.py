@@ -112,7 +112,7 @@ def test_it_is_gone_for_everybody_before_its_rows_are(data):
     assert left > 0
     assert found == dict.fromkeys(ids.paths(), 404)
     assert (answer, undone, again) == (404, 404, 201)
-    assert "unghost_datasets 1\n" in metrics
+    assert "unghost_datasets 1.0\n" in metrics
     assert 'unghost_jobs{kind="export",state="done"} 0' in metrics
 
 

@@ -151,7 +151,7 @@ def all_threads_are_free(on_s3):
     until = time.monotonic() + 5
     while time.monotonic() < until:
         metrics = on_s3.api.http.get("/metrics").text
-        if "\nunghost_workers_busy 0\n" in metrics:
+        if "\nunghost_workers_busy 0.0\n" in metrics:
             return True
     return False
 

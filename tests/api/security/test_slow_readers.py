@@ -57,7 +57,7 @@ def head(path, **more):
 def until_alone(service):
     """Until nobody is connected but who asks."""
     with service.admin() as admin:
-        while "unghost_connections_open 1\n" not in admin.get("/metrics").text:
+        while "unghost_connections_open 1.0\n" not in admin.get("/metrics").text:
             pass
 
 
@@ -96,7 +96,7 @@ def test_a_batch_whose_answer_is_not_read_is_given_up(service):
         with service.admin() as admin:
             seen = admin.get("/metrics").text
 
-    assert "unghost_batches_open 0\n" in seen
+    assert "unghost_batches_open 0.0\n" in seen
 
 
 def test_a_stream_ends_with_its_client_also_if_another_request_waits(service):
