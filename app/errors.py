@@ -2,6 +2,7 @@
 
 AppError                     anything that the service says no to
 |-- BadRequest               the request itself is malformed
+|   |-- BadCursor            a cursor that no page of the list can have given
 |   |-- UnknownParameter     a query parameter that the route does not have
 |   `-- MisdirectedHost      asked under a host name that is not served here
 |-- Unauthorised             no credentials, or none that are valid
@@ -65,6 +66,15 @@ class BadRequest(AppError):
     """The request itself is malformed."""
 
     code = "bad_request"
+
+
+class BadCursor(BadRequest):
+    """A cursor that no page of the list can have given."""
+
+    code = "bad_cursor"
+
+    def __init__(self, cursor: str) -> None:
+        super().__init__(f"cursor {cursor[:80]!r} is not one of ours")
 
 
 class UnknownParameter(BadRequest):

@@ -13,7 +13,8 @@ from app.access.audit import AuditTrail
 from app.access.gate import Audited, LastUses, RecentCallers, counting_wrong
 from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
-from app.errors import BadRequest, Forbidden
+from app.db.bulk import id_in
+from app.errors import Forbidden
 from app.http.deps import (
     AppServices,
     CurrentPrincipal,
@@ -159,9 +160,8 @@ def list_tokens(
 
     When one was last used is known to the minute.
     """
-    if cursor is not None and not (cursor.isdecimal() and len(cursor) < 19):
-        raise BadRequest("the cursor is damaged", code="bad_cursor")
-    found = Tokens(session).page(after_id=int(cursor or 0), limit=limit + 1)
+    after_id = 0 if cursor is None else id_in(cursor)
+    found = Tokens(session).page(after_id=after_id, limit=limit + 1)
     following = str(found[limit - 1].id) if len(found) > limit else None
     items = [Token.model_validate(one, from_attributes=True) for one in found[:limit]]
     return page_response(request, items, following)

@@ -38,8 +38,9 @@ from app.boxes.filter import (
     Side,
     is_near,
 )
+from app.db.base import MAX_ID
 from app.db.tables import Decision
-from app.errors import BadRequest
+from app.errors import BadCursor
 from filter_core.types import Reason
 
 NEAR_PERCENT: Final = 5.0
@@ -48,7 +49,6 @@ CROWDED_PERCENT: Final = 50.0
 """From this share on, another box may have lent a hidden one its pixels."""
 
 _EPSILON: Final = 1e-9
-_MAX_ID: Final = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -315,7 +315,7 @@ class Stream:
         if number == at.stream:
             return at.box_id
         has_all_to_come = number > at.stream
-        return -1 if has_all_to_come == (self.sign > 0) else _MAX_ID
+        return -1 if has_all_to_come == (self.sign > 0) else MAX_ID
 
     def rows(self, number: int, at: Position, limit: int) -> Select[Any]:
         """The next rows of this stream alone."""
@@ -481,13 +481,13 @@ def encode(position: Position) -> str:
 
 
 def decode(cursor: str) -> Position:
-    """The position of a cursor; BadRequest if it is none of ours."""
+    """The position of a cursor; BadCursor if it is none of ours."""
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
         tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))
         position = Position(int(tier), float(score), int(stream), int(box_id))
-        if not all(-_MAX_ID <= number <= _MAX_ID for number in position):
+        if not all(-MAX_ID <= number <= MAX_ID for number in position):
             raise ValueError(position)
         return position
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise BadRequest(f"cursor {cursor!r} is not one of ours") from error
+        raise BadCursor(cursor) from error

@@ -11,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from app.access.audit import Act
 from app.access.gate import Audited
 from app.datasets import service as datasets
+from app.db.bulk import name_in
 from app.db.tables import Problem
 from app.http.deps import (
     ADMIN,
@@ -43,7 +44,9 @@ def list_datasets(
     request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
 ) -> Response:
     """Datasets by name, with their counts."""
-    found = DatasetRepository(session).page(after=cursor or "", limit=limit + 1)
+    found = DatasetRepository(session).page(
+        after=name_in(cursor or ""), limit=limit + 1
+    )
     items = [datasets.describe_dataset(session, one) for one in found[:limit]]
     return page_response(request, items, items[-1].name if len(found) > limit else None)
 

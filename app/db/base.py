@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from datetime import datetime, timezone
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import BigInteger, DateTime, Integer, MetaData, Text, TypeDecorator
 from sqlalchemy.engine import Dialect
@@ -12,6 +12,10 @@ from sqlalchemy.orm import DeclarativeBase
 
 Key = BigInteger().with_variant(Integer, "sqlite")
 """64-bit keys; SQLite only auto-numbers a column that is called INTEGER."""
+
+
+MAX_ID: Final = 2**63 - 1
+"""The largest that a key can be."""
 
 
 class UtcDateTime(TypeDecorator[datetime]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -33,8 +34,9 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import UpdateBase
 
-from app.db.base import Base
+from app.db.base import MAX_ID, Base
 from app.db.tables import ConfigVersion, Export, Problem, Run
+from app.errors import BadCursor
 
 if TYPE_CHECKING:
     from sqlalchemy.sql import ClauseElement
@@ -339,6 +341,20 @@ def translated(dialect: Dialect, statement: str) -> Iterator[None]:
 
 
 Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
+
+
+def id_in(cursor: str) -> int:
+    """The id that a cursor of a list by id is; BadCursor if it is none."""
+    if not cursor.isascii() or not cursor.isdecimal() or not 0 < int(cursor) <= MAX_ID:
+        raise BadCursor(cursor)
+    return int(cursor)
+
+
+def name_in(cursor: str) -> str:
+    """The name that a cursor of a list by name is; BadCursor if nothing has such."""
+    if any(unicodedata.category(character).startswith("C") for character in cursor):
+        raise BadCursor(cursor)
+    return cursor
 
 
 class NewestPage(NamedTuple):

@@ -11,6 +11,7 @@ from fastapi.security import HTTPBearer
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
+from app.db.base import MAX_ID
 from app.db.engine import Database, once_committed
 from app.errors import DatabaseBusy, Forbidden
 from app.http.idempotency import claim_on_begin
@@ -23,7 +24,6 @@ from app.storage.room import DELETING_BYTES
 
 Result = TypeVar("Result")
 
-MAX_ID: Final = 2**63 - 1
 MAX_WRITERS: Final = 12
 MAX_UPLOADS: Final = 8
 MAX_BATCHES: Final = 4

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Final
 from fastapi import Depends, Query, Request, Response
 from pydantic import TypeAdapter
 
-from app.db.bulk import NewestPage, Row
-from app.http.deps import MAX_ID
+from app.db.bulk import NewestPage, Row, id_in
 from unghost.wire.model import ResponseModel
 from unghost.wire.runs import Run
 
@@ -36,10 +35,11 @@ class NewestFirst:
 async def newest_first(
     request: Request,
     limit: Limit = 100,
-    cursor: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
+    cursor: Cursor = None,
 ) -> NewestFirst:
     """The page that a request asks for."""
-    return NewestFirst(request, NewestPage(cursor, limit))
+    before_id = None if cursor is None else id_in(cursor)
+    return NewestFirst(request, NewestPage(before_id, limit))
 
 
 _JSON: Final = TypeAdapter(Any)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
+from app.db.base import MAX_ID
 from app.db.tables import Dataset, Run
-from app.errors import BadRequest, Conflict
+from app.errors import BadCursor, BadRequest, Conflict
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import (
     ColumnCache,
@@ -225,7 +226,6 @@ _SIDES: Final = {
 }
 _ALL: Final = "total"
 FARTHEST: Final = float("inf")
-_MAX_ID: Final = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -409,8 +409,8 @@ def _place(cursor: str) -> tuple[float, int]:
         place = float(distance), int(box_id)
     except ValueError:
         place = float("nan"), 0
-    if not place[0] >= 0 or not 0 < place[1] <= _MAX_ID:
-        raise BadRequest(f"cursor {cursor!r} is not one of ours")
+    if not place[0] >= 0 or not 0 < place[1] <= MAX_ID:
+        raise BadCursor(cursor)
     return place
 
 

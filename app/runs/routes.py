@@ -9,10 +9,10 @@ from fastapi import Depends, Path, Query, Request, Response
 from app.access.audit import Act
 from app.access.gate import Audited
 from app.db import tables
+from app.db.base import MAX_ID
 from app.errors import UnsupportedMedia
 from app.http.bodies import beside_the_loop
 from app.http.deps import (
-    MAX_ID,
     AppServices,
     CurrentPrincipal,
     DatasetName,

@@ -198,4 +198,4 @@ def test_boxes_are_listed_by_what_people_said(api, filters, ids):
 def test_a_cursor_that_is_not_ours_is_400(api, dataset, cursor, sort):
     answer = api.get("/boxes", dataset=dataset, cursor=cursor, sort=sort)
 
-    assert (answer.status_code, answer.json()["code"]) == (400, "bad_request")
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad_cursor")

@@ -152,4 +152,4 @@ def test_what_cannot_be_compared_is_said(api, dataset):
     assert code("/runs/1000000000/diff") == (404, "not_found")
     for cursor in ("x", "1~", "~1", "1~1.5", f"1~{2**63}", "nan~1", "-1~1", "1~-1"):
         found = code(f"/runs/{run['id']}/diff", cursor=cursor)
-        assert found == (400, "bad_request"), cursor
+        assert found == (400, "bad_cursor"), cursor

@@ -1,0 +1,44 @@
+"""What is no cursor of ours is refused by all lists with the same code and sentence."""
+
+from __future__ import annotations
+
+BY_NAME = {"/api/v1/datasets", "/api/v1/datasets/{dataset}/frames"}
+"""Any text that can be a name is a place in these lists."""
+NOT_OURS = ("x", "-1", "0", "1.5", "1~", "\u0661", "9" * 30, "W1tbW1tb" * 200)
+NOT_A_NAME = ("\x00", "a\x07", "\u202e")
+
+
+def lists(api):
+    """The paths that take a cursor, as the OpenAPI document has them."""
+    paths = api.http.get("/openapi.json").json()["paths"]
+    return [
+        path
+        for path, methods in paths.items()
+        for one in methods.get("get", {}).get("parameters", ())
+        if one["name"] == "cursor"
+    ]
+
+
+def test_what_is_none_of_our_cursors_is_told_in_one_way(api):
+    dataset = api.dataset()
+    api.stored(dataset, "a")
+    run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)
+    asked = [
+        *((path, "", NOT_A_NAME) for path in BY_NAME),
+        *((path, "", NOT_OURS) for path in lists(api) if path not in BY_NAME),
+        ("/api/v1/datasets/{dataset}/frames", "id", NOT_OURS),
+    ]
+
+    assert len(asked) > 10
+    for path, sort, cursors in asked:
+        url = path.format(dataset=dataset, run_id=run["id"])
+        needed = {"dataset": dataset} if path == "/api/v1/boxes" else {}
+        needed |= {"sort": sort} if sort else {}
+        for cursor in cursors:
+            answer = api.http.get(url, params={**needed, "cursor": cursor})
+            problem = answer.json()
+            assert (answer.status_code, problem.get("code")) == (400, "bad_cursor"), (
+                path,
+                cursor,
+            )
+            assert problem["detail"] == f"cursor {cursor[:80]!r} is not one of ours"
