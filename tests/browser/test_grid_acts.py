@@ -272,6 +272,22 @@ def test_an_act_survives_a_reload_and_is_sent_once(many, ada, page):
     assert [many.revision(name) for name in ("b0", "b1", "b2")] == [1, 1, 1]
 
 
+def test_the_last_word_on_a_box_stays_the_last_when_the_server_was_away(
+    many, ada, page
+):
+    page.context.set_offline(True)
+    select(page, 0, 2)
+    ada.press("x")
+    expect(strip(page)).to_contain_text("Not sent yet")
+    cell(page, 1).click()
+    ada.press("a")
+
+    page.context.set_offline(False)
+
+    ada.saved()
+    assert answers(many) == {"b0": "reject", "b1": "keep", "b2": "reject"}
+
+
 def test_an_act_may_be_sent_again_or_discarded_by_hand(many, ada, page):
     page.route("**/reviews/bulk", lambda route: route.abort())
     select(page, 0, 2)

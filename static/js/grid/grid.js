@@ -52,7 +52,7 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
   latest.current = { place, query };
   const actions = useMemo(() => createGridActions(app, dataset, () => latest.current), [dataset]);
   useActions(app, actions.byName);
-  useEffect(() => app.bulk.sweeps.observe(update), [update]);
+  useEffect(() => app.acts.sweeps.observe(update), [update]);
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
@@ -89,7 +89,7 @@ function usePager(app, { pager }) {
       setVersion((n) => n + 1);
     };
     const stop = pager.observe(change);
-    const stopActs = app.bulk.open.observe(change);
+    const stopActs = app.outbox.open.observe(change);
     pager.want(0, 1);
     change();
     return () => {
@@ -140,8 +140,8 @@ export function createGridActions(app, dataset, page) {
   function answer(verdict) {
     const { selection, pager, query } = now();
     const total = pager.total();
-    if (selection.all && total !== null) app.bulk.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
-    else if (selection.ids.size) app.bulk.answer(dataset, verdict, [...selection.ids], pager.revisions());
+    if (selection.all && total !== null) app.acts.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
+    else if (selection.ids.size) app.acts.answer(dataset, verdict, [...selection.ids], pager.revisions());
     else return app.toasts.show("Select boxes first: click, drag, or Space on one.");
     select(nothing(selection));
   }
@@ -149,7 +149,7 @@ export function createGridActions(app, dataset, page) {
   function undo() {
     const last = app.undo.peek();
     if (!last) return app.toasts.show("Nothing to take back.");
-    if (last.batchId) return void app.bulk.undo(last.batchId);
+    if (last.batchId) return void app.acts.undo(last.batchId);
     app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
   }
 
@@ -311,7 +311,7 @@ function NumberField({ label, hint, most, value, onChange }) {
 /** @param {{app: App, pager: Pager, query: Query, inAll: number | null, version: number, selected: number, onUpdate: () => void, onAll: () => void}} props */
 export function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
-  const report = useValue(app.bulk.report);
+  const report = useValue(app.acts.report);
   const left = pager.changed().filter((box) => !isShown(box, query)).length;
   const hidden = total !== null && inAll !== null && isFiltered(query) ? Math.max(0, inAll - total) : 0;
   return html`<div class="grid-status">
@@ -333,7 +333,7 @@ function ReportLine({ app, report }) {
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
     <${Icon} name="warn" /><p>${report.text} ${shown.map((id) => html`<${BoxLink} app=${app} id=${id} />`)}${report.boxes.length > shown.length && html` and ${countText(report.boxes.length - shown.length)} more`}</p>
-    <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.bulk.report.set(null)}><${Icon} name="cross" /></button>
+    <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.acts.report.set(null)}><${Icon} name="cross" /></button>
   </div>`;
 }
 
@@ -352,15 +352,15 @@ const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused
 
 /** Acts that are not stored: nothing is lost, and nothing is hidden. @param {{app: App, dataset: string}} props */
 export function OpenActs({ app, dataset }) {
-  const open = useValue(app.bulk.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
+  const open = useValue(app.outbox.open).filter(({ act, state }) => act.dataset === dataset && state !== "sending");
   return open.map(({ act, state, text }) => {
     const what = `${WILL[act.verdict]} ${countOf(act.count, "box", "boxes")}`;
     return html`<div key=${act.key} class="strip strip--error" role="alert">
       <${Icon} name="cloud" />
       <p><b>${STATES[state]}: ${what}.</b> ${sentence(text)}</p>
       ${state === "changed" && html`<button class="button button--small" onClick=${() => void acceptNow(app, act)}>Count again</button>`}
-      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.bulk.retry(act.key)}>Send now</button>`}
-      <button class="button button--small button--quiet" onClick=${() => app.bulk.giveUp(act.key)}>Discard</button>
+      ${state === "waiting" && html`<button class="button button--small" onClick=${() => app.outbox.retry(act.key)}>Send now</button>`}
+      <button class="button button--small button--quiet" onClick=${() => app.outbox.giveUp(act.key)}>Discard</button>
     </div>`;
   });
 }
@@ -373,10 +373,10 @@ async function acceptNow(app, act) {
   try {
     const list = await countBoxes(act.dataset, act.filter ?? {});
     if (list === null) return;
-    app.bulk.giveUp(act.key);
-    app.bulk.sweeps.set(app.bulk.sweeps.get() + 1);
+    app.outbox.giveUp(act.key);
+    app.acts.sweeps.set(app.acts.sweeps.get() + 1);
     app.toasts.show(`${countOf(list.total, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
-      action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.bulk.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
+      action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.acts.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
     });
   } catch (error) {
     app.notice(error);

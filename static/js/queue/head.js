@@ -75,7 +75,7 @@ const SIZE_PX = 56;
 
 /** @param {{app: import("../review/answers.js").ReviewApp, sitting: import("./session.js").Sitting, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
 export function QueueStrip({ app, sitting, line, isHidden, onShow }) {
-  const { waiting } = useValue(app.saver.state);
+  const { waiting } = useValue(app.outbox.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
   const { verdicts } = useValue(sitting.tally);
   const here = currentOf(line);

@@ -69,7 +69,7 @@ function Sitter({ app, sitting, query, isEmpty, onQuery }) {
 
   useBoxes(sitting.store);
   const line = useValue(sitting.line);
-  const { waiting } = useValue(app.saver.state);
+  const { waiting } = useValue(app.outbox.state);
   const prefs = useValue(app.prefs);
   const verdicts = useValue(sitting.tally).verdicts;
   const box = sitting.store.get(currentOf(line) ?? 0) ?? null;
@@ -160,7 +160,7 @@ export function createQueueActions(app, sitting, page) {
   async function undo() {
     const last = app.undo.peek();
     if (!last) return app.toasts.show("Nothing to take back.");
-    if (last.batchId) return void app.bulk.undo(last.batchId);
+    if (last.batchId) return void app.acts.undo(last.batchId);
     page.view.set("crop");
     const box = await sitting.takeBack(last).catch((error) => (app.notice(error), app.toasts.show(error.message, { kind: "error" }), null));
     if (box) app.announcement.set(`${box.class} ${box.id}: taken back`);
@@ -242,7 +242,7 @@ export const Fetching = () => html`<div class="queue__message" aria-busy="true">
 export function AllDone({ app, sitting, query, actions, onAll }) {
   const { verdicts } = useValue(sitting.tally);
   const { elsewhere } = useValue(sitting.counts);
-  const { waiting } = useValue(app.saver.state);
+  const { waiting } = useValue(app.outbox.state);
   const open = passed(useValue(sitting.line)).length;
   const { dataset, order } = sitting;
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";

@@ -54,7 +54,7 @@ export function createSitting(app, dataset, query) {
   const order = orderOf(query);
   const listed = listedOf(query);
   let isAsking = false;
-  store.observe((change) => (app.undo.notice(change), app.saver.notice(change)));
+  store.observe((change) => (app.undo.notice(change), app.outbox.notice(change)));
 
   async function refill() {
     if (isAsking || supply.get().isEnd || ahead(line.get(), REFILL_BELOW).length >= REFILL_BELOW) return;
@@ -65,7 +65,7 @@ export function createSitting(app, dataset, query) {
   async function ask(limit) {
     isAsking = true;
     supply.set({ ...supply.get(), state: "loading", error: null });
-    const waiting = app.saver.state.get().waiting;
+    const waiting = app.outbox.state.get().waiting;
     const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
     try {
       const out = await (listed.length > 0
@@ -85,7 +85,7 @@ export function createSitting(app, dataset, query) {
 
   /** Answers that the server did not have yet when it counted. */
   function unsent() {
-    const { waiting } = app.saver.state.get();
+    const { waiting } = app.outbox.state.get();
     return order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => waiting.has(id)).length;
   }
 
@@ -158,7 +158,7 @@ export function createSitting(app, dataset, query) {
     showWaiting() {
       for (const id of line.get().ids) {
         const box = store.get(id);
-        const item = box && app.saver.waitingFor(box.frame_id).find(({ boxId }) => boxId === id);
+        const item = box && app.outbox.waitingFor(box.frame_id).find(({ boxId }) => boxId === id);
         if (box && item) store.apply(withAnswer(box, item.verdict, item.comment), REMOTE);
       }
     },

@@ -6,7 +6,7 @@ import { LOCAL, createFrames, createOpenStores } from "../boxes/store.js";
 import { ApiError, api } from "../core/api.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
-import { createBulk, createOutbox, createSaver, nameThisTab, own, sendBulk, undoBulk, unowned } from "./outbox.js";
+import { createOutbox, createSender, nameThisTab, own, sendBulk, undoBulk, unowned } from "./outbox.js";
 
 /** @typedef {import("../core/types.js").Answer} Answer */
 /** @typedef {import("../boxes/store.js").Change} Change */
@@ -24,11 +24,103 @@ const MOST_LOOKS = 20;
 const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
 
 /**
- * @param {{storage: Storage, tab: string, openTabs: ReadonlySet<string>, who: () => string, stores: import("../boxes/store.js").OpenStores,
- *   frames: import("../boxes/store.js").Frames, toasts: import("../core/messages.js").Toasts, undo: Undo,
- *   notice: (error: unknown) => void}} page
+ * What people's answers need for the whole page: unsent ones, acts on many boxes, undo, conflicts, and the boxes that are on show.
+ * @param {import("../core/app.js").App} app @param {Storage} storage
  */
-export function createBulkActs({ storage, tab, openTabs, who, stores, frames, toasts, undo, notice }) {
+export async function createAnswers(app, storage) {
+  const { toasts, notice } = app;
+  const { tab, openTabs } = await nameThisTab();
+  const items = createOutbox(storage, tab, app.owner);
+  const frames = createFrames(app.api);
+  const stores = createOpenStores(() => frames.current()?.store);
+  const undo = createUndo();
+  /** Answers that met somebody else's. */
+  const conflicts = createValue(/** @type {ReadonlyMap<number, QueuedAnswer>} */ (new Map()));
+  const acts = createActs({ stores, frames, toasts, undo, notice, start: (act, key) => sender.start(act, key) });
+  const sender = createSender(items, { answer: app.api.review, act: sendBulk }, {
+    onStored(stored, isLatest) {
+      frames.forget(frames.current()?.frame.id);
+      if (isLatest) stores.tell(stored.box_id, (box) => withStored(box, stored));
+    },
+    onConflict(item, current) {
+      undo.forget(item.boxId);
+      conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
+      if (current) stores.tell(item.boxId, () => current);
+      // The box on show says it itself, and so does the queue.
+      const { name, query } = app.router.route.get();
+      if (name === "queue" || query.box === String(item.boxId)) return;
+      toasts.show(`Somebody else has answered a box. Yours (${item.verdict}) is not stored.`, {
+        kind: "error",
+        action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
+      });
+    },
+    onRefused(item, error) {
+      undo.forget(item.boxId);
+      toasts.show(`Not stored: ${error.message}`, { kind: "error" });
+      void frames.refresh(item.boxId);
+    },
+    onDone: acts.done,
+    onGivenUp: acts.givenUp,
+    onActFailed: notice,
+    onSignedOut: app.endSession,
+  });
+  sender.adopt(openTabs);
+
+  /** Send what waits. */
+  function resume() {
+    sender.adopt(openTabs);
+    void sender.resume();
+  }
+  app.isSignedIn.observe((isIn) => isIn && (offerUnowned(), resume()));
+  addEventListener("online", resume);
+
+  /** Answers that are kept since before they had a name on them. */
+  function offerUnowned() {
+    const count = unowned(storage).length;
+    const name = app.owner();
+    if (count === 0 || !name) return;
+    toasts.show(`${countOf(count, "answer")} kept in this browser ${count === 1 ? "has" : "have"} no name.`, {
+      action: { text: `Send as ${name}`, run: () => (own(storage, name), app.startAnew()) },
+    });
+  }
+
+  /** @param {number} boxId */
+  function settle(boxId) {
+    const rest = new Map(conflicts.get());
+    rest.delete(boxId);
+    conflicts.set(rest);
+  }
+
+  return {
+    frames,
+    stores,
+    outbox: sender,
+    acts,
+    undo,
+    conflicts,
+    offerUnowned,
+    resume,
+    /** How many answers of each person wait in this browser. */
+    kept: items.kept,
+    /** A conflict that the person has seen. */
+    settle,
+
+    /** An answer that lost against another one, given again on top of it. @param {Decision} box @param {QueuedAnswer} item */
+    insist(box, item) {
+      settle(box.box_id);
+      stores.answering(box.box_id)?.apply(withAnswer(box, item.verdict, item.comment), LOCAL);
+    },
+  };
+}
+
+/** @typedef {import("../core/app.js").App & Awaited<ReturnType<typeof createAnswers>>} ReviewApp  what views are given in which people answer */
+
+/**
+ * Acts on many boxes as the person sees them: shown at once, told when they are stored, taken back as one.
+ * @param {{stores: import("../boxes/store.js").OpenStores, frames: import("../boxes/store.js").Frames, toasts: import("../core/messages.js").Toasts,
+ *   undo: Undo, notice: (error: unknown) => void, start: (act: import("./outbox.js").WantedAct, key?: string) => void}} page
+ */
+function createActs({ stores, frames, toasts, undo, notice, start }) {
   /** Boxes as they were before an act that this page has begun. @type {Map<string, readonly Decision[]>} */
   const before = new Map();
   /** Of a batch that was stored: its act, and the message that offers to undo it. @type {Map<number, {key: string, toast: number}>} */
@@ -61,13 +153,38 @@ export function createBulkActs({ storage, tab, openTabs, who, stores, frames, to
     }
   }
 
-  /** @param {number} batchId */
+  /** @param {number} batchId @returns {Promise<boolean>} was it taken back? */
   async function takeBack(batchId) {
-    if (await bulk.undo(batchId)) undo.forgetBatch(batchId);
+    try {
+      undone(batchId, await undoBulk(batchId));
+      undo.forgetBatch(batchId);
+      return true;
+    } catch (error) {
+      notice(error);
+      if (!(error instanceof ApiError) || !NEVER_UNDONE.has(error.problem.code ?? "")) return false;
+      undo.forgetBatch(batchId);
+      toasts.show(error.message, { kind: "error" });
+      return false;
+    }
   }
 
-  const bulk = createBulk(storage, tab, who, { send: sendBulk, undo: undoBulk }, {
-    onDone({ batchId, act, skipped, stale }) {
+  /** @param {number} batchId @param {import("./outbox.js").UndoOut} out */
+  function undone(batchId, { undone: count, skipped }) {
+    const { key = "", toast = 0 } = stored.get(batchId) ?? {};
+    toasts.dismiss(toast);
+    putBack(key, { but: new Set(skipped), isUndo: true });
+    frames.forgetAll();
+    if (!before.get(key)?.length) sweeps.set(sweeps.get() + 1);
+    toasts.show(`${countOf(count, "answer")} taken back`);
+    report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
+  }
+
+  return {
+    report,
+    sweeps,
+
+    /** It is stored. @param {import("./outbox.js").DoneAct} done */
+    done({ batchId, act, skipped, stale }) {
       undo.noticeBatch(batchId);
       frames.forgetAll();
       if (act.filter) sweeps.set(sweeps.get() + 1);
@@ -79,36 +196,9 @@ export function createBulkActs({ storage, tab, openTabs, who, stores, frames, to
       stored.set(batchId, { key: act.key, toast });
       report.set(leftOut(skipped, stale));
     },
-    onGivenUp: (act) => putBack(act.key),
-    onUndone(batchId, { undone, skipped }) {
-      const { key = "", toast = 0 } = stored.get(batchId) ?? {};
-      toasts.dismiss(toast);
-      putBack(key, { but: new Set(skipped), isUndo: true });
-      frames.forgetAll();
-      if (!before.get(key)?.length) sweeps.set(sweeps.get() + 1);
-      toasts.show(`${countOf(undone, "answer")} taken back`);
-      report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
-    },
-    onError(error, batchId) {
-      notice(error);
-      if (!batchId || !(error instanceof ApiError) || !NEVER_UNDONE.has(error.problem.code ?? "")) return;
-      undo.forgetBatch(batchId);
-      toasts.show(error.message, { kind: "error" });
-    },
-  });
-  bulk.adopt(openTabs);
 
-  return {
-    ...bulk,
-
-    /** Send what waits: the network is back, or somebody has signed in. */
-    resume() {
-      bulk.adopt(openTabs);
-      bulk.resume();
-    },
-
-    report,
-    sweeps,
+    /** It will not be stored. @param {import("./outbox.js").Act} act */
+    givenUp: (act) => putBack(act.key),
 
     /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds @param {ReadonlyMap<number, number>} revisions  as the person saw them */
     answer(dataset, verdict, boxIds, revisions) {
@@ -116,107 +206,19 @@ export function createBulkActs({ storage, tab, openTabs, who, stores, frames, to
       const key = crypto.randomUUID();
       before.set(key, boxes);
       for (const box of boxes) stores.tell(box.box_id, () => ({ ...withAnswer(box, verdict), revision: seenRevision(box) + 1 }));
-      bulk.start({ dataset, verdict, boxIds: [...boxIds], seen: boxIds.map((id) => revisions.get(id) ?? 0), count: boxIds.length }, key);
+      start({ dataset, verdict, boxIds: [...boxIds], seen: boxIds.map((id) => revisions.get(id) ?? 0), count: boxIds.length }, key);
     },
 
     /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter @param {{total: number, snapshot: string}} list */
-    answerAll: (dataset, verdict, filter, { total, snapshot }) => bulk.start({ dataset, verdict, filter, snapshot, count: total }),
+    answerAll: (dataset, verdict, filter, { total, snapshot }) => start({ dataset, verdict, filter, snapshot, count: total }),
 
-    /** Take back the last act, a bulk one. @param {number} batchId */
+    /** Take back the last act, one on many boxes. @param {number} batchId */
     async undo(batchId) {
-      await takeBack(batchId).catch(() => {});
+      await takeBack(batchId);
       if (undo.peek()?.batchId === batchId) toasts.show("Not taken back: the server could not be asked.", { kind: "error" });
     },
   };
 }
-
-/** @typedef {ReturnType<typeof createBulkActs>} BulkActs */
-
-/**
- * What one's answers need for the whole page: unsent ones, acts on many boxes, undo, conflicts, and the boxes that are on show.
- * @param {import("../core/app.js").App} app @param {Storage} storage
- */
-export async function createAnswers(app, storage) {
-  const { router, toasts } = app;
-  const { tab, openTabs } = await nameThisTab();
-  const outbox = createOutbox(storage, tab, app.owner);
-  outbox.adopt(openTabs);
-  const frames = createFrames(app.api);
-  const stores = createOpenStores(() => frames.current()?.store);
-  const undo = createUndo();
-  /** Answers that met somebody else's. */
-  const conflicts = createValue(/** @type {ReadonlyMap<number, QueuedAnswer>} */ (new Map()));
-
-  const saver = createSaver(outbox, app.api.review, {
-    onStored(stored, isLatest) {
-      frames.forget(frames.current()?.frame.id);
-      if (isLatest) stores.tell(stored.box_id, (box) => withStored(box, stored));
-    },
-    onConflict(item, current) {
-      undo.forget(item.boxId);
-      conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
-      if (current) stores.tell(item.boxId, () => current);
-      // The box on show says it itself, and so does the queue.
-      const { name, query } = router.route.get();
-      if (name === "queue" || query.box === String(item.boxId)) return;
-      toasts.show(`Somebody else has answered a box. Yours (${item.verdict}) is not stored.`, {
-        kind: "error",
-        action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },
-      });
-    },
-    onRefused(item, error) {
-      undo.forget(item.boxId);
-      toasts.show(`Not stored: ${error.message}`, { kind: "error" });
-      void frames.refresh(item.boxId);
-    },
-  });
-  const bulk = createBulkActs({ storage, tab, openTabs, who: app.owner, stores, frames, toasts, undo, notice: app.notice });
-  const resume = () => (void saver.resume(), bulk.resume());
-  saver.state.observe(({ phase }) => phase === "signed-out" && app.endSession());
-  app.isSignedIn.observe((isIn) => isIn && (offerUnowned(), resume()));
-  addEventListener("online", resume);
-
-  /** Answers that are kept since before they had a name on them. */
-  function offerUnowned() {
-    const count = unowned(storage).length;
-    const name = app.owner();
-    if (count === 0 || !name) return;
-    toasts.show(`${countOf(count, "answer")} kept in this browser ${count === 1 ? "has" : "have"} no name.`, {
-      action: { text: `Send as ${name}`, run: () => (own(storage, name), app.startAnew()) },
-    });
-  }
-
-  /** @param {number} boxId */
-  function settle(boxId) {
-    const rest = new Map(conflicts.get());
-    rest.delete(boxId);
-    conflicts.set(rest);
-  }
-
-  return {
-    frames,
-    stores,
-    saver,
-    bulk,
-    undo,
-    conflicts,
-    offerUnowned,
-    /** Send what waits. */
-    resume,
-    /** How many answers of each person wait in this browser. */
-    kept: outbox.kept,
-    /** A conflict that the person has seen. */
-    settle,
-
-    /** An answer that lost against another one, given again on top of it. @param {Decision} box @param {QueuedAnswer} item */
-    insist(box, item) {
-      settle(box.box_id);
-      stores.answering(box.box_id)?.apply(withAnswer(box, item.verdict, item.comment), LOCAL);
-    },
-  };
-}
-
-/** @typedef {import("../core/app.js").App & Awaited<ReturnType<typeof createAnswers>>} ReviewApp  what views are given in which people answer */
 
 /**
  * @typedef {object} UndoStep

@@ -67,13 +67,13 @@ function FrameReview({ app, frame, query }) {
     return createFrameActions(app, frame, store, { stage: () => stage.current, openComment });
   }, [app, frame, store]);
   useActions(app, actions.byName);
-  useEffect(() => store.observe((change) => (app.undo.notice(change), app.saver.notice(change))), [app, store]);
+  useEffect(() => store.observe((change) => (app.undo.notice(change), app.outbox.notice(change))), [app, store]);
   useEffect(() => app.frames.fetchAhead(frame.next_id), [app, frame]);
   useArrival(app, actions, query);
 
   const answered = useBoxes(store);
   const boxes = useSeen(app, answered);
-  const { waiting } = useValue(app.saver.state);
+  const { waiting } = useValue(app.outbox.state);
   const shown = useMemo(() => boxes.filter((_, i) => isShown(/** @type {Decision} */ (answered[i]), query)), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
   const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
 
@@ -95,7 +95,7 @@ function FrameReview({ app, frame, query }) {
 /** Open the frame with what this browser has answered and the server does not know yet. @param {App} app @param {Frame} frame */
 function openWithWaiting(app, frame) {
   const open = app.frames.open(frame);
-  for (const item of app.saver.waitingFor(frame.id)) {
+  for (const item of app.outbox.waitingFor(frame.id)) {
     const box = open.store.get(item.boxId);
     if (box) open.store.apply(withAnswer(box, item.verdict, item.comment), REMOTE);
   }
@@ -175,7 +175,7 @@ export function createFrameActions(app, frame, store, page) {
   function undo() {
     const last = app.undo.peek();
     if (!last) return app.toasts.show("Nothing to take back.");
-    if (last.batchId) return void app.bulk.undo(last.batchId);
+    if (last.batchId) return void app.acts.undo(last.batchId);
     const box = store.get(last.boxId);
     if (!box) return app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
     app.undo.take();

@@ -1,5 +1,6 @@
 // @ts-check
-// Answers and acts that are not confirmed, kept in localStorage, sent one after the other in order.
+// What people said and the server has not confirmed: answers on one box and acts on many, in one
+// line, kept in localStorage, sent one after the other in the order in which they were given.
 
 import { seenRevision } from "../boxes/box.js";
 import { REMOTE } from "../boxes/store.js";
@@ -9,9 +10,10 @@ import { createValue } from "../core/observable.js";
 /** @typedef {import("../core/types.js").Answer} Answer */
 /** @typedef {import("../core/types.js").Decision} Decision */
 /** @typedef {import("../core/types.js").StoredReview} StoredReview */
+/** @typedef {import("../boxes/store.js").Change} Change */
 
 /**
- * @typedef {object} QueuedAnswer
+ * @typedef {object} QueuedAnswer  on one box
  * @property {string} key  also the Idempotency-Key
  * @property {string} person  who gave it: it is sent under no other name
  * @property {string} tab  that sends it
@@ -24,54 +26,112 @@ import { createValue } from "../core/observable.js";
  * @property {boolean} attempted  may have reached the server: to be repeated word for word
  */
 
-const PREFIX = "unghost.outbox.v1.";
+/** @typedef {Record<string, string | number | boolean>} Filter */
+
+/**
+ * @typedef {object} Act  one answer on many boxes
+ * @property {string} key  also the Idempotency-Key
+ * @property {string} person  who did it: it is sent under no other name
+ * @property {string} tab  that sends it
+ * @property {number} order
+ * @property {string} dataset
+ * @property {Answer} verdict
+ * @property {number[]} [boxIds]
+ * @property {number[]} [seen]  the revision of each of these boxes that the person saw
+ * @property {Filter} [filter]  all that it selects, as long as they are as in the snapshot
+ * @property {string} [snapshot]  of the list that the person saw
+ * @property {number} count
+ */
+
+/** @typedef {QueuedAnswer | Act} Item */
+/** @typedef {Omit<Act, "key" | "tab" | "person" | "order">} WantedAct */
+
+const ANSWER_PREFIX = "unghost.outbox.v1.";
+const ACT_PREFIX = "unghost.bulk.v1.";
+
+/** @param {string} name */
+const isOurs = (name) => name.startsWith(ANSWER_PREFIX) || name.startsWith(ACT_PREFIX);
+
+/** @param {Item} item @returns {item is Act} */
+const isAct = (item) => "count" in item;
+
+/** @param {Item} item */
+const nameOf = (item) => (isAct(item) ? ACT_PREFIX : ANSWER_PREFIX) + item.key;
+
+/** May this act answer the box? Of a filter nobody knows here which boxes it selects. @param {Act} act @param {number} boxId */
+const mayAnswer = (act, boxId) => act.boxIds === undefined || act.boxIds.includes(boxId);
 
 /** @param {Storage} storage @param {string} tab @param {() => string} who  answers now @param {() => string} [newKey] */
 export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID()) {
-  /** @param {QueuedAnswer} item */
-  const write = (item) => storage.setItem(PREFIX + item.key, JSON.stringify(item));
+  /** @param {Item} item */
+  const write = (item) => storage.setItem(nameOf(item), JSON.stringify(item));
 
   const everyone = () => storedItems(storage);
 
   const mine = () => everyone().filter((item) => item.tab === tab && item.person === who());
 
+  /** @param {Item[]} waiting */
+  const nextOrder = (waiting) => Math.max(0, ...waiting.map((item) => item.order)) + 1;
+
   return {
-    /** This person's answers in this tab, in the order in which they were given. */
+    /** What this person said in this tab, in the order in which it was said. */
     items: mine,
 
+    /** The answers on single boxes among them. @returns {QueuedAnswer[]} */
+    answers: () => mine().flatMap((item) => (isAct(item) ? [] : [item])),
+
+    /** The acts on many boxes among them. @returns {Act[]} */
+    acts: () => mine().filter(isAct),
+
     /**
-     * An answer that has not been sent is replaced; one that may have arrived is followed.
+     * An answer that has not been sent is replaced, unless the box was part of an act since; one that may have arrived is followed.
      * @param {{boxId: number, frameId: number, verdict: Answer, comment: string, seenRevision: number}} answer  of whoever answers now
      */
     add(answer) {
       const waiting = mine();
-      const same = waiting.find((item) => item.boxId === answer.boxId && !item.attempted);
-      if (same) {
-        storage.removeItem(PREFIX + same.key);
-        write({ ...same, key: newKey(), verdict: answer.verdict, comment: answer.comment });
+      const last = waiting.findLast((item) => (isAct(item) ? mayAnswer(item, answer.boxId) : item.boxId === answer.boxId));
+      if (last && !isAct(last) && !last.attempted) {
+        storage.removeItem(nameOf(last));
+        write({ ...last, key: newKey(), verdict: answer.verdict, comment: answer.comment });
         return;
       }
-      const order = Math.max(0, ...waiting.map((item) => item.order)) + 1;
-      write({ ...answer, key: newKey(), person: who(), tab, order, attempted: false });
+      write({ ...answer, key: newKey(), person: who(), tab, order: nextOrder(waiting), attempted: false });
     },
+
+    /** @param {WantedAct} act @param {string} [key] */
+    addAct: (act, key = newKey()) => write({ ...act, key, person: who(), tab, order: nextOrder(mine()) }),
 
     /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */
     kept() {
       /** @type {Map<string, number>} */
       const counts = new Map();
-      for (const { person } of everyone()) if (person) counts.set(person, (counts.get(person) ?? 0) + 1);
+      for (const item of everyone()) if (item.person) counts.set(item.person, (counts.get(item.person) ?? 0) + (isAct(item) ? item.count : 1));
       return counts;
     },
 
     /** @param {QueuedAnswer} item */
     markAttempted: (item) => write({ ...item, attempted: true }),
 
-    /** @param {QueuedAnswer} item */
-    remove: (item) => storage.removeItem(PREFIX + item.key),
+    /** It was not stored: once more, having seen this revision. @param {QueuedAnswer} item @param {number} revision */
+    again(item, revision) {
+      storage.removeItem(nameOf(item));
+      write({ ...item, key: newKey(), seenRevision: revision, attempted: false });
+    },
 
-    /** What waits for this box has now seen that revision. @param {number} boxId @param {number} revision */
-    rebase(boxId, revision) {
-      for (const item of mine()) if (item.boxId === boxId) write({ ...item, seenRevision: revision });
+    /** @param {Item} item */
+    remove: (item) => storage.removeItem(nameOf(item)),
+
+    /** What was said of this box later has now seen that revision. @param {Item} than @param {number} boxId @param {number} revision */
+    rebase(than, boxId, revision) {
+      for (const item of mine()) {
+        if (item.order <= than.order) continue;
+        if (!isAct(item)) {
+          if (item.boxId === boxId) write({ ...item, seenRevision: revision });
+          continue;
+        }
+        const at = item.boxIds?.indexOf(boxId) ?? -1;
+        if (at >= 0 && item.seen) write({ ...item, seen: item.seen.with(at, revision) });
+      }
     },
 
     /** Take over what closed tabs have left behind. @param {ReadonlySet<string>} openTabs */
@@ -83,21 +143,20 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
 
 /** @typedef {ReturnType<typeof createOutbox>} Outbox */
 
-/** @param {Storage} storage @returns {QueuedAnswer[]} */
+/** @param {Storage} storage @returns {Item[]} in their order */
 function storedItems(storage) {
-  const items = [];
-  for (let i = 0; i < storage.length; i++) {
-    const name = storage.key(i);
-    if (name?.startsWith(PREFIX)) items.push(parsed(storage.getItem(name)));
-  }
+  const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "").filter(isOurs);
+  const items = names.map((name) => parsed(name, storage.getItem(name)));
   return items.filter((item) => item !== null).sort((a, b) => a.order - b.order);
 }
 
-/** @param {string | null} text @returns {QueuedAnswer | null} */
-function parsed(text) {
+/** @param {string} name @param {string | null} text @returns {Item | null} */
+function parsed(name, text) {
   try {
     const item = JSON.parse(text ?? "");
-    return typeof item?.boxId === "number" ? item : null;
+    if (name.startsWith(ANSWER_PREFIX)) return typeof item?.boxId === "number" ? item : null;
+    // Acts that an earlier version of the page has kept have no order: they go first.
+    return typeof item?.key === "string" && typeof item.count === "number" ? { order: 0, ...item } : null;
   } catch {
     return null;
   }
@@ -133,162 +192,249 @@ function holdLock(name) {
 
 /** @typedef {{id: number, count: number, skipped: number[], stale: number[]}} BulkOut  `stale`: answered by somebody since they were seen */
 /** @typedef {{id: number, undone: number, skipped: number[]}} UndoOut */
-/** @typedef {Record<string, string | number | boolean>} Filter */
-
-/**
- * @typedef {object} Act
- * @property {string} key  also the Idempotency-Key
- * @property {string} person  who did it: it is sent under no other name
- * @property {string} tab  that sends it
- * @property {string} dataset
- * @property {Answer} verdict
- * @property {number[]} [boxIds]
- * @property {number[]} [seen]  the revision of each of these boxes that the person saw
- * @property {Filter} [filter]  all that it selects, as long as they are as in the snapshot
- * @property {string} [snapshot]  of the list that the person saw
- * @property {number} count
- */
-
-/** @typedef {"sending" | "waiting" | "changed" | "refused"} ActState */
+/** @typedef {"sending" | "waiting" | "changed" | "refused"} ActState  `changed` and `refused` wait for the person to decide */
 /** @typedef {{act: Act, state: ActState, text: string}} OpenAct */
 /** @typedef {{batchId: number, act: Act, skipped: number[], stale: number[]}} DoneAct */
+/** @typedef {"saved" | "saving" | "offline" | "signed-out" | "busy"} Phase */
+/** @typedef {{phase: Phase, waiting: ReadonlySet<number>, count: number}} SenderState  `waiting`: boxes with an answer of their own; `count`: answers in all */
 
 /**
- * @typedef {object} BulkCalls
- * @property {(act: Act) => Promise<BulkOut>} send
- * @property {(batchId: number) => Promise<UndoOut>} undo
+ * @typedef {object} SenderCalls
+ * @property {(boxId: number, answer: {verdict: string, comment: string, seen_revision: number}, key: string) => Promise<StoredReview>} answer
+ * @property {(act: Act) => Promise<BulkOut>} act
  */
 
 /**
- * @typedef {object} BulkEvents
+ * @typedef {object} SenderEvents
+ * @property {(stored: StoredReview, isLatest: boolean) => void} onStored
+ * @property {(item: QueuedAnswer, current: Decision | undefined) => void} onConflict  somebody else was first
+ * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
  * @property {(done: DoneAct) => void} onDone
+ * @property {(error: unknown) => void} onActFailed
  * @property {(act: Act) => void} onGivenUp
- * @property {(batchId: number, out: UndoOut) => void} onUndone
- * @property {(error: unknown, batchId?: number) => void} onError  `batchId`: it could not be undone
+ * @property {() => void} onSignedOut  the server takes nothing before somebody signs in
  */
 
-const BULK_PREFIX = "unghost.bulk.v1.";
+const FIRST_RETRY_S = 1;
+const LONGEST_RETRY_S = 30;
 
 /**
- * @param {Storage} storage @param {string} tab @param {() => string} who  acts now @param {BulkCalls} calls @param {BulkEvents} events
- * @param {() => string} [newKey]
+ * Sends what is in the outbox, oldest first, one at a time. An act that the person has to decide about
+ * steps aside; everything else waits until what is before it is stored.
+ * @param {Outbox} outbox @param {SenderCalls} calls @param {SenderEvents} events
+ * @param {(run: () => void, delayMs: number) => void} [later]
  */
-export function createBulk(storage, tab, who, calls, events, newKey = () => crypto.randomUUID()) {
+export function createSender(outbox, calls, events, later = (run, delayMs) => void setTimeout(run, delayMs)) {
+  /** What became of acts that are not stored, by their keys. @type {Map<string, {state: ActState, text: string}>} */
+  const told = new Map();
   const open = createValue(/** @type {readonly OpenAct[]} */ ([]));
+  /** @type {import("../core/observable.js").Value<SenderState>} */
+  const state = createValue(stateNow("saved"));
+  let isSending = false;
+  /** Somebody said that it may work now, while an attempt from before was still failing. */
+  let isWorthTrying = false;
+  let retryS = FIRST_RETRY_S;
+  let retries = 0;
+  /** The place in the line of the last act on all of a filter that was stored. */
+  let filterActs = 0;
 
-  /** @param {string} key */
-  const find = (key) => open.get().find(({ act }) => act.key === key);
-
-  /** @param {Act} act @param {ActState} state @param {string} [text] */
-  function show(act, state, text = "") {
-    const entry = { act, state, text };
-    const isNew = !find(act.key);
-    open.set(isNew ? [...open.get(), entry] : open.get().map((other) => (other.act.key === act.key ? entry : other)));
+  /** Is it the person's turn? @param {Item} item */
+  function isAside(item) {
+    return ["changed", "refused"].includes(told.get(item.key)?.state ?? "");
   }
 
-  /** @param {Act} act */
-  function drop(act) {
-    storage.removeItem(BULK_PREFIX + act.key);
-    open.set(open.get().filter((other) => other.act.key !== act.key));
+  /** @param {Phase} phase @returns {SenderState} */
+  function stateNow(phase) {
+    const items = outbox.items().filter((item) => !isAside(item));
+    const waiting = new Set(items.flatMap((item) => (isAct(item) ? [] : [item.boxId])));
+    const count = waiting.size + items.reduce((sum, item) => sum + (isAct(item) ? item.count : 0), 0);
+    return { phase: items.length ? phase : "saved", waiting, count };
   }
 
-  /** @param {Act} act */
-  async function deliver(act) {
-    show(act, "sending");
+  /** @param {Phase} phase */
+  function show(phase) {
+    state.set(stateNow(phase));
+    open.set(outbox.acts().map((act) => ({ act, ...(told.get(act.key) ?? { state: "sending", text: "" }) })));
+  }
+
+  /** Acts wait as well, and say why. @param {string} text */
+  function sayWaiting(text) {
+    for (const act of outbox.acts()) if (!isAside(act)) told.set(act.key, { state: "waiting", text });
+  }
+
+  async function drain() {
+    if (isSending) return;
+    isSending = true;
     try {
-      const out = await calls.send(act);
-      drop(act);
-      events.onDone({ batchId: out.id, act, skipped: out.skipped, stale: out.stale });
-    } catch (error) {
-      fail(act, error);
+      for (let item = next(); item; item = next()) {
+        told.delete(item.key);
+        show("saving");
+        if (!(await deliver(item))) return;
+        retryS = FIRST_RETRY_S;
+      }
+      show("saved");
+    } finally {
+      isSending = false;
     }
   }
 
-  /** @param {Act} act @param {unknown} error */
-  function fail(act, error) {
-    events.onError(error);
-    const { message } = /** @type {Error} */ (error);
-    if (!(error instanceof ApiError)) return show(act, "waiting", error instanceof NoAnswer ? "the server does not answer" : message);
-    if (error.status === 401) return show(act, "waiting", "you are signed out");
-    if (error.isTemporary) return show(act, "waiting", message);
-    return show(act, error.problem.code === "stale_snapshot" ? "changed" : "refused", message);
+  const next = () => outbox.items().find((item) => !isAside(item));
+
+  /** @param {Item} item @returns {Promise<boolean>} go on with the next? */
+  async function deliver(item) {
+    try {
+      if (isAct(item)) await sendAct(item);
+      else await sendAnswer(item);
+      return true;
+    } catch (error) {
+      return settle(item, error);
+    }
   }
 
-  /** @param {Omit<Act, "key" | "tab" | "person">} wanted @param {string} [key] */
-  function start(wanted, key = newKey()) {
-    const act = { ...wanted, key, tab, person: who() };
-    storage.setItem(BULK_PREFIX + act.key, JSON.stringify(act));
-    void deliver(act);
+  /** @param {QueuedAnswer} item */
+  async function sendAnswer(item) {
+    const { boxId, verdict, comment, seenRevision: seen_revision } = item;
+    outbox.markAttempted(item);
+    const stored = await calls.answer(boxId, { verdict, comment, seen_revision }, item.key);
+    outbox.remove(item);
+    outbox.rebase(item, boxId, stored.revision);
+    events.onStored(stored, !stateNow("saving").waiting.has(boxId));
   }
+
+  /** @param {Act} act */
+  async function sendAct(act) {
+    const out = await calls.act(act);
+    outbox.remove(act);
+    if (act.filter) filterActs = act.order;
+    act.boxIds?.forEach((boxId, i) => out.stale.includes(boxId) || outbox.rebase(act, boxId, (act.seen?.[i] ?? 0) + 1));
+    events.onDone({ batchId: out.id, act, skipped: out.skipped, stale: out.stale });
+  }
+
+  /** @param {Item} item @param {unknown} error @returns {boolean} go on with the next? */
+  function settle(item, error) {
+    if (isAct(item)) events.onActFailed(error);
+    if (error instanceof NoAnswer) return waitAndRetry("offline", retryS, "the server does not answer");
+    if (!(error instanceof ApiError)) throw error;
+    if (error.status === 401) {
+      sayWaiting("you are signed out");
+      show("signed-out");
+      events.onSignedOut();
+      return false;
+    }
+    if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS ?? retryS, error.message);
+    if (isAct(item)) {
+      told.set(item.key, { state: error.problem.code === "stale_snapshot" ? "changed" : "refused", text: error.message });
+      leftOut(item);
+      return true;
+    }
+    const current = error.status === 412 ? error.problem.current : undefined;
+    if (current && isOwn(item, current)) {
+      outbox.again(item, seenRevision(current));
+      return true;
+    }
+    outbox.remove(item);
+    leftOut(item);
+    if (error.status === 412) events.onConflict(item, current);
+    else events.onRefused(item, error);
+    return true;
+  }
+
+  /** Was it this person's own act, on all of a filter, that was faster? Which boxes it answers, the page did not know. @param {QueuedAnswer} item @param {Decision} current */
+  function isOwn(item, current) {
+    return filterActs > 0 && item.order > filterActs && current.review?.reviewer === item.person;
+  }
+
+  /** It is not stored, so what was said later of its boxes has seen no more than it had. @param {Item} item */
+  function leftOut(item) {
+    if (!isAct(item)) return outbox.rebase(item, item.boxId, item.seenRevision);
+    return item.boxIds?.forEach((boxId, i) => outbox.rebase(item, boxId, item.seen?.[i] ?? 0));
+  }
+
+  /** @param {Phase} phase @param {number} seconds @param {string} text */
+  function waitAndRetry(phase, seconds, text) {
+    sayWaiting(text);
+    show(phase);
+    const mine = ++retries;
+    const wait = isWorthTrying ? 0 : seconds;
+    isWorthTrying = false;
+    retryS = Math.min(retryS * 2, LONGEST_RETRY_S);
+    later(() => mine === retries && void drain(), wait * 1000);
+    return false;
+  }
+
+  /** Something more waits: try, unless nobody is signed in. */
+  function more() {
+    const { phase } = state.get();
+    if (phase === "signed-out") sayWaiting("you are signed out");
+    show(phase === "saved" ? "saving" : phase);
+    if (phase !== "signed-out") void drain();
+  }
+
+  /** Try now: the network is back, or somebody has signed in. */
+  function resume() {
+    isWorthTrying = isSending;
+    retryS = FIRST_RETRY_S;
+    return drain();
+  }
+
+  show("saved");
 
   return {
+    state,
+    /** The acts that are not stored. */
     open,
+    resume,
 
-    /** Boxes whose answer is not stored yet. */
+    /** An answer that a person has given. @param {Change} change */
+    notice({ origin, before, after }) {
+      if (origin === REMOTE) return;
+      const verdict = after.review?.verdict ?? "clear";
+      const comment = after.review?.comment ?? "";
+      outbox.add({ boxId: after.box_id, frameId: after.frame_id, verdict, comment, seenRevision: seenRevision(before) });
+      more();
+    },
+
+    /** @param {WantedAct} act @param {string} [key] */
+    start(act, key) {
+      outbox.addAct(act, key);
+      more();
+    },
+
+    /** An act that stood aside, once more. @param {string} key */
+    retry(key) {
+      told.delete(key);
+      return resume();
+    },
+
+    /** Forget an act. @param {string} key */
+    giveUp(key) {
+      const act = outbox.acts().find((one) => one.key === key);
+      if (!act) return;
+      outbox.remove(act);
+      leftOut(act);
+      told.delete(key);
+      show(state.get().phase);
+      events.onGivenUp(act);
+    },
+
+    /** Boxes of acts that are not stored. */
     waitingIds: () => new Set(open.get().flatMap(({ act }) => act.boxIds ?? [])),
 
-    start,
+    /** What waits for a frame's boxes, so that a reloaded page still shows it. @param {number} frameId */
+    waitingFor: (frameId) => outbox.answers().filter((item) => item.frameId === frameId),
 
-    /** @param {string} key */
-    retry(key) {
-      const entry = find(key);
-      if (entry && entry.state !== "sending") void deliver(entry.act);
-    },
-
-    /** @param {string} key */
-    giveUp(key) {
-      const entry = find(key);
-      if (!entry) return;
-      drop(entry.act);
-      events.onGivenUp(entry.act);
-    },
-
-    /** Try again what waits: the network is back, or somebody has signed in. */
-    resume() {
-      for (const { act, state } of open.get()) if (state === "waiting") void deliver(act);
-    },
-
-    /** @param {number} batchId @returns {Promise<boolean>} was it taken back? */
-    async undo(batchId) {
-      try {
-        events.onUndone(batchId, await calls.undo(batchId));
-        return true;
-      } catch (error) {
-        events.onError(error, batchId);
-        return false;
-      }
-    },
-
-    /** Take up what this person has left behind, in this tab or in closed ones. @param {ReadonlySet<string>} openTabs */
+    /** Take up what this person has left behind, in this tab or in closed ones; `resume` sends it. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
-      for (const found of storedActs(storage)) {
-        if (found.person !== who() || find(found.key)) continue;
-        if (found.tab !== tab && openTabs.has(found.tab)) continue;
-        const act = { ...found, tab };
-        storage.setItem(BULK_PREFIX + act.key, JSON.stringify(act));
-        open.set([...open.get(), waiting(act)]);
+      outbox.adopt(openTabs);
+      for (const act of outbox.acts()) {
+        if (!told.has(act.key)) told.set(act.key, { state: "waiting", text: "it was not sent before the page was closed" });
       }
+      show(state.get().phase);
     },
   };
 }
 
-/** @typedef {ReturnType<typeof createBulk>} Bulk */
-
-/** @param {Act} act @returns {OpenAct} */
-const waiting = (act) => ({ act, state: "waiting", text: "it was not sent before the page was closed" });
-
-/** @param {Storage} storage @returns {Act[]} */
-function storedActs(storage) {
-  const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "").filter((name) => name.startsWith(BULK_PREFIX));
-  return names.flatMap((name) => {
-    try {
-      const act = JSON.parse(storage.getItem(name) ?? "");
-      return typeof act?.key === "string" && typeof act.count === "number" ? [act] : [];
-    } catch {
-      return [];
-    }
-  });
-}
+/** @typedef {ReturnType<typeof createSender>} Sender */
 
 /** One answer on many boxes, as they were seen. @param {Act} act @returns {Promise<BulkOut>} */
 export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot }) {
@@ -299,15 +445,13 @@ export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot
 /** The same key for the same batch: a repeated request undoes once. @param {number} batchId @returns {Promise<UndoOut>} */
 export const undoBulk = (batchId) => post(`/review-batches/${batchId}/undo`, {}, `undo-batch-${batchId}`);
 
-const PREFIXES = ["unghost.outbox.v1.", "unghost.bulk.v1."];
-
 /** @typedef {{name: string, item: {person?: string}}} Kept */
 
 /** @param {Storage} storage @returns {Kept[]} */
 export function unowned(storage) {
   const names = Array.from({ length: storage.length }, (_, i) => storage.key(i) ?? "");
   return names
-    .filter((name) => PREFIXES.some((prefix) => name.startsWith(prefix)))
+    .filter((name) => isOurs(name))
     .flatMap((name) => {
       try {
         const item = JSON.parse(storage.getItem(name) ?? "null");
@@ -322,123 +466,3 @@ export function unowned(storage) {
 export function own(storage, person) {
   for (const { name, item } of unowned(storage)) storage.setItem(name, JSON.stringify({ ...item, person }));
 }
-
-/** @typedef {"saved" | "saving" | "offline" | "signed-out" | "busy"} Phase */
-/** @typedef {{phase: Phase, waiting: ReadonlySet<number>}} SaverState  `waiting`: the boxes */
-
-/**
- * @typedef {object} SaverEvents
- * @property {(stored: StoredReview, isLatest: boolean) => void} onStored
- * @property {(item: QueuedAnswer, current: Decision | undefined) => void} onConflict  somebody else was first
- * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
- */
-
-const FIRST_RETRY_S = 1;
-const LONGEST_RETRY_S = 30;
-
-/**
- * @param {Outbox} outbox
- * @param {(boxId: number, answer: {verdict: string, comment: string, seen_revision: number}, key: string) => Promise<StoredReview>} send
- * @param {SaverEvents} events
- * @param {(run: () => void, delayMs: number) => void} [later]
- */
-export function createSaver(outbox, send, events, later = (run, delayMs) => void setTimeout(run, delayMs)) {
-  /** @type {import("../core/observable.js").Value<SaverState>} */
-  const state = createValue(stateNow("saved"));
-  let isSending = false;
-  /** Somebody said that it may work now, while an attempt from before was still failing. */
-  let isWorthTrying = false;
-  let retryS = FIRST_RETRY_S;
-  let retries = 0;
-
-  /** @param {Phase} phase @returns {SaverState} */
-  function stateNow(phase) {
-    const waiting = new Set(outbox.items().map(({ boxId }) => boxId));
-    return { phase: waiting.size ? phase : "saved", waiting };
-  }
-
-  /** @param {Phase} phase */
-  const show = (phase) => state.set(stateNow(phase));
-
-  async function drain() {
-    if (isSending) return;
-    isSending = true;
-    try {
-      for (let item = outbox.items()[0]; item; item = outbox.items()[0]) {
-        show("saving");
-        if (!(await deliver(item))) return;
-        retryS = FIRST_RETRY_S;
-      }
-      show("saved");
-    } finally {
-      isSending = false;
-    }
-  }
-
-  /** @param {QueuedAnswer} item @returns {Promise<boolean>} go on with the next? */
-  async function deliver(item) {
-    const { boxId, verdict, comment, seenRevision: seen_revision } = item;
-    outbox.markAttempted(item);
-    try {
-      const stored = await send(boxId, { verdict, comment, seen_revision }, item.key);
-      outbox.remove(item);
-      outbox.rebase(boxId, stored.revision);
-      events.onStored(stored, !stateNow("saving").waiting.has(boxId));
-      return true;
-    } catch (error) {
-      return settle(item, error);
-    }
-  }
-
-  /** @param {QueuedAnswer} item @param {unknown} error */
-  function settle(item, error) {
-    if (error instanceof NoAnswer) return waitAndRetry("offline", retryS);
-    if (!(error instanceof ApiError)) throw error;
-    if (error.status === 401) {
-      show("signed-out");
-      return false;
-    }
-    if (error.isTemporary) return waitAndRetry("busy", error.retryAfterS ?? retryS);
-    outbox.remove(item);
-    if (error.status === 412) events.onConflict(item, error.problem.current);
-    else events.onRefused(item, error);
-    return true;
-  }
-
-  /** @param {Phase} phase @param {number} seconds */
-  function waitAndRetry(phase, seconds) {
-    show(phase);
-    const mine = ++retries;
-    const wait = isWorthTrying ? 0 : seconds;
-    isWorthTrying = false;
-    retryS = Math.min(retryS * 2, LONGEST_RETRY_S);
-    later(() => mine === retries && void drain(), wait * 1000);
-    return false;
-  }
-
-  return {
-    state,
-
-    /** @param {import("../boxes/store.js").Change} change */
-    notice({ origin, before, after }) {
-      if (origin === REMOTE) return;
-      const verdict = after.review?.verdict ?? "clear";
-      const comment = after.review?.comment ?? "";
-      outbox.add({ boxId: after.box_id, frameId: after.frame_id, verdict, comment, seenRevision: seenRevision(before) });
-      show(state.get().phase === "saved" ? "saving" : state.get().phase);
-      if (state.get().phase !== "signed-out") void drain();
-    },
-
-    /** Try now: the network is back, or somebody has signed in. */
-    resume() {
-      isWorthTrying = isSending;
-      retryS = FIRST_RETRY_S;
-      return drain();
-    },
-
-    /** What waits for a frame's boxes, so that a reloaded page still shows it. @param {number} frameId */
-    waitingFor: (frameId) => outbox.items().filter((item) => item.frameId === frameId),
-  };
-}
-
-/** @typedef {ReturnType<typeof createSaver>} Saver */

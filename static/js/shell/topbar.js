@@ -48,21 +48,12 @@ const PHASES = {
   "signed-out": { icon: "cloud", text: "signed out, kept here" },
 };
 
-/** One state for single answers and for acts on many. @param {import("../review/outbox.js").SaverState} single @param {readonly import("../review/outbox.js").OpenAct[]} open */
-function withActs({ phase, waiting }, open) {
-  const acts = open.filter(({ state }) => state === "sending" || state === "waiting");
-  const count = acts.reduce((sum, { act }) => sum + act.count, waiting.size);
-  const isIdle = phase === "saved" || phase === "saving";
-  if (isIdle && acts.some(({ state }) => state === "waiting")) return { phase: /** @type {const} */ ("offline"), waiting: count };
-  return { phase: phase === "saved" && acts.length > 0 ? /** @type {const} */ ("saving") : phase, waiting: count };
-}
-
 /** @param {{app: App}} props */
 function SaveState({ app }) {
-  const { phase, waiting } = withActs(useValue(app.saver.state), useValue(app.bulk.open));
+  const { phase, count } = useValue(app.outbox.state);
   const { icon, text } = PHASES[phase];
   const isWaiting = phase !== "saved" && phase !== "saving";
-  const words = isWaiting ? `${countOf(waiting, "answer")} ${text}` : text;
+  const words = isWaiting ? `${countOf(count, "answer")} ${text}` : text;
   return html`<div class="savestate savestate--${phase}" role="status" title=${words}>
     <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
     ${isWaiting && html`<button class="button button--small" onClick=${app.resume}>Retry</button>`}

@@ -2,10 +2,9 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
-import { createOutbox } from "../../../static/js/review/outbox.js";
 import { withAnswer } from "../../../static/js/boxes/box.js";
-import { createSaver } from "../../../static/js/review/outbox.js";
 import { LOCAL, REMOTE } from "../../../static/js/boxes/store.js";
+import { createOutbox, createSender } from "../../../static/js/review/outbox.js";
 import { decision, memoryStorage } from "./builders.js";
 
 /** @typedef {{boxId: number, verdict: string, comment: string, seen_revision: number, key: string}} Sent */
@@ -18,6 +17,8 @@ let person = "ada";
 let sent;
 /** What the server says next; nothing: it stores. @type {Error[]} */
 let refusals;
+/** @type {any[]} */
+let acts;
 /** @type {Map<number, number>} */
 let revisions;
 /** @type {{run: () => void, ms: number}[]} */
@@ -29,6 +30,7 @@ beforeEach(() => {
   storage = memoryStorage();
   person = "ada";
   sent = [];
+  acts = [];
   refusals = [];
   revisions = new Map();
   timers = [];
@@ -43,7 +45,9 @@ function saverOf(tab = "t1") {
     sent.push({ boxId, ...answer, key });
     const refusal = refusals.shift();
     if (refusal) throw refusal;
-    const revision = (revisions.get(boxId) ?? 0) + 1;
+    const found = revisions.get(boxId) ?? 0;
+    if (found !== answer.seen_revision) throw new ApiError(412, { current: decision({ box_id: boxId, revision: found, review: { verdict: "keep", reviewer: found === 9 ? "bo" : "ada", revision: found, comment: "" } }) }, null);
+    const revision = found + 1;
     revisions.set(boxId, revision);
     return { box_id: boxId, revision, verdict: answer.verdict, reviewer: "ada", effective_verdict: "kept" };
   };
@@ -52,12 +56,30 @@ function saverOf(tab = "t1") {
     onConflict: (/** @type {any} */ item, /** @type {any} */ current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
     onRefused: (/** @type {any} */ item, /** @type {Error} */ error) => told.push(["refused", item.verdict, error.message]),
   };
-  return { outbox, saver: createSaver(outbox, send, events, (run, ms) => void timers.push({ run, ms })) };
+  const act = async (/** @type {any} */ act) => {
+    acts.push(act);
+    const refusal = refusals.shift();
+    if (refusal) throw refusal;
+    if (act.filter) {
+      for (const id of [1, 2]) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+      return { id: 7, count: 2, skipped: [], stale: [] };
+    }
+    const stale = act.boxIds.filter((/** @type {number} */ id, /** @type {number} */ i) => (revisions.get(id) ?? 0) !== act.seen[i]);
+    for (const id of act.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+    return { id: 7, count: act.boxIds.length, skipped: [], stale };
+  };
+  const ofActs = {
+    onDone: (/** @type {any} */ done) => told.push(["done", done.stale]),
+    onActFailed: () => {},
+    onSignedOut: () => {},
+    onGivenUp: () => told.push(["given up"]),
+  };
+  return { outbox, saver: createSender(outbox, { answer: send, act }, { ...events, ...ofActs }, (run, ms) => void timers.push({ run, ms })) };
 }
 
-/** @param {any} saver @param {number} boxId @param {any} verdict @param {any} [origin] */
-function answer(saver, boxId, verdict, origin = LOCAL) {
-  const before = decision({ box_id: boxId });
+/** @param {any} saver @param {number} boxId @param {any} verdict @param {any} [origin] @param {number} [revision]  as this page counts it */
+function answer(saver, boxId, verdict, origin = LOCAL, revision = 0) {
+  const before = decision({ box_id: boxId, revision });
   saver.notice({ origin, before, after: withAnswer(before, verdict) });
 }
 
@@ -226,4 +248,93 @@ test("a network that comes back while an attempt is still failing is not waited 
   timers.at(-1)?.run();
   await settled();
   assert.equal(timers.at(-1)?.ms, 2000);
+});
+
+/** @param {any} saver @param {any} verdict @param {number[]} boxIds @param {number[]} seen */
+const answerMany = (saver, verdict, boxIds, seen) => saver.start({ dataset: "d", verdict, boxIds, seen, count: boxIds.length });
+
+test("away from the server, an answer after an act on many boxes is sent after it", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1, 2], [0, 0]);
+  await settled();
+  answer(saver, 1, "keep", LOCAL, 1); // the page has counted the act already
+  await settled();
+
+  await saver.resume();
+
+  assert.deepEqual(told, [["done", []], ["stored", 1, 2, true]]);
+  assert.deepEqual([saver.state.get().phase, saver.open.get()], ["saved", []]);
+});
+
+test("away from the server, an act on many boxes is sent after the answers before it", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answerMany(saver, "reject", [1, 2], [1, 0]);
+  await settled();
+  assert.deepEqual([saver.state.get().count, saver.open.get().map(({ state }) => state)], [3, ["waiting"]]);
+
+  await saver.resume();
+
+  assert.deepEqual(told, [["stored", 1, 1, true], ["done", []]]);
+});
+
+test("an answer is not replaced by one that was given after an act on the box", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 7, "keep");
+  await settled();
+  answer(saver, 1, "keep");
+  answerMany(saver, "reject", [1], [1]);
+  answer(saver, 1, "unsure", LOCAL, 2);
+
+  assert.deepEqual(outbox.items().map(({ verdict }) => verdict), ["keep", "keep", "reject", "unsure"]);
+  await saver.resume();
+  assert.deepEqual([...revisions], [[7, 1], [1, 3]]);
+});
+
+test("what rests on an answer that somebody was faster than overwrites nothing", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answerMany(saver, "unsure", [1, 2], [1, 0]);
+  answer(saver, 1, "reject", LOCAL, 2);
+  await settled();
+  revisions.set(1, 1); // another person's
+
+  await saver.resume();
+
+  assert.deepEqual(told.map((event) => event.slice(0, 2)), [["conflict", "keep"], ["done", [1]], ["conflict", "reject"]]);
+  assert.equal(revisions.get(1), 1);
+});
+
+test("an act that is given up takes nothing with it that was answered later", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null)];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1, 2], [0, 0]);
+  answer(saver, 1, "keep", LOCAL, 1);
+  await settled();
+
+  assert.deepEqual(told, [["stored", 1, 1, true]]);
+  assert.deepEqual(saver.open.get().map(({ state }) => state), ["refused"]);
+  saver.giveUp(saver.open.get()[0]?.act.key ?? "");
+  assert.deepEqual(saver.open.get(), []);
+});
+
+test("an answer after one's own act on all of a filter meets nobody else", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  saver.start({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
+  await settled();
+  answer(saver, 1, "keep");
+  answer(saver, 3, "keep");
+  await settled();
+  revisions.set(3, 9); // another person's
+
+  await saver.resume();
+
+  assert.deepEqual(told.map((event) => event.slice(0, 3)), [["done", []], ["stored", 1, 2], ["conflict", "keep", "keep"]]);
 });
