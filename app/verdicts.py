@@ -24,7 +24,13 @@ _SAID: Final[Mapping[str, Verdict]] = {"keep": Verdict.KEPT, "reject": Verdict.R
 
 def effective_verdict(reason: int, answer: str | None) -> words.Verdict:
     """A person's keep or reject counts; without one, the filter's verdict."""
-    return _SAID.get(answer or "", Reason(reason).verdict).value
+    return with_answer(Reason(reason).verdict.value, answer)
+
+
+def with_answer(verdict: words.Verdict, answer: str | None) -> words.Verdict:
+    """What counts for a box that the filter gave this verdict."""
+    said = _SAID.get(answer or "")
+    return verdict if said is None else said.value
 
 
 def is_effective(verdict: Verdict) -> ColumnElement[bool]:

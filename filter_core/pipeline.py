@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.evidence.channels import Sensors, measure_evidence
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.images.header import MAX_SIDE
+from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import family_of_version
 from filter_core.segmentation.reading import (
@@ -79,8 +80,8 @@ class SegmentationReport(TypedDict):
     """What was recognised in a segmentation, ready for JSON."""
 
     palette: str
-    encoding: str
-    channel_order: str
+    encoding: Literal["palette", "raw"]
+    channel_order: ChannelOrder
     lossy: bool
     unknown_percent: float
     notes: list[str]

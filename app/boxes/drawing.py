@@ -11,7 +11,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from app.engine.pixels import PixelPool
 from filter_core.errors import FilterError, ImageError
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
+from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 
@@ -72,14 +73,14 @@ class Layer:
     name : ``image``, ``segmentation`` in its palette's colours, or ``blend`` of both
     image, segmentation : bytes or None
         The files as they were sent. Without an image, grey stands for it.
-    report : mapping or None
+    report : SegmentationReport or None
         How the segmentation was read when it was measured.
     """
 
     name: LayerName
     image: bytes | None
     segmentation: bytes | None
-    report: Mapping[str, Any] | None
+    report: SegmentationReport | None
 
     def picture(self) -> Picture:
         """Decoded and painted.

@@ -5,15 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy.orm import Session
 
 from app.access.audit import Act, AuditTrail
 from app.boxes.counts import count, summary
-from app.boxes.current import DecisionRepository, TallyKey, require_own, retire
+from app.boxes.current import (
+    DecisionRepository,
+    TallyKey,
+    TallyRow,
+    require_own,
+    retire,
+)
 from app.boxes.drawing import (
     JPEG,
     PNG,
@@ -32,7 +37,7 @@ from app.boxes.queries import (
     FrameRepository,
     LatestAnswers,
 )
-from app.boxes.reader import DecisionReader, StoredDecision
+from app.boxes.reader import DecisionReader, StoredDecision, read_box
 from app.db.bulk import id_in, name_in
 from app.db.tables import Dataset, Frame
 from app.engine.pixels import PixelPool
@@ -40,7 +45,9 @@ from app.errors import NoSuchFile, NotFound
 from app.measuring.queries import DatasetRepository, EvidenceRepository
 from app.security import Principal
 from app.storage import BlobStore
-from unghost.wire.frames import FrameDetails, StoredFile
+from filter_core.pipeline import SegmentationReport
+from filter_core.types import VERDICTS
+from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
 
 
 def stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, StoredFile]:
@@ -85,54 +92,45 @@ def frame_summaries(
     session: Session, dataset: Dataset, frames: Sequence[Frame]
 ) -> list[dict[str, object]]:
     """Rows of a list of frames, each a `wire.FrameSummary` as a dict."""
-    facts = _Facts(session, dataset, [frame.id for frame in frames])
-    return [facts.summary(frame) for frame in frames]
-
-
-class _Facts:
-    """What answers on frames are made of beside their rows: read once for them all."""
-
-    def __init__(self, session: Session, dataset: Dataset, ids: Sequence[int]) -> None:
-        self.dataset = dataset
-        self.files = FrameRepository(session).files(ids)
-        self._tallies = DecisionRepository(session).per_frame(ids)
-        measurement = dataset.active_measurement_id or 0
-        self.reports = EvidenceRepository(session).reports(ids, measurement)
-
-    def summary(self, frame: Frame) -> dict[str, object]:
-        """What a list says of one frame."""
-        files, report = self.files[frame.id], self.reports.get(frame.id)
-        return {
-            "id": frame.id,
-            "key": frame.key,
-            "revision": frame.revision,
-            "width": frame.width,
-            "height": frame.height,
-            "map": frame.map,
-            "has_image": "image" in files,
-            "has_segmentation": "segmentation" in files,
-            "lossy": bool((report or {}).get("lossy")),
-            "created_at": frame.created_at,
-            "counts": summary(count(_keyed(self._tallies[frame.id]))),
-        }
-
-    def details(self, frame: Frame) -> FrameDetails:
-        """What there is to say of one frame beside its boxes."""
-        annotation = frame.annotation
-        return FrameDetails(
-            **self.summary(frame),
-            dataset=self.dataset.name,
-            camera=annotation.get("camera"),
-            carla_version=frame.carla_version,
-            captured_text=frame.captured_at,
-            weather=annotation.get("weather"),
-            superseded=frame.superseded_at is not None,
-            segmentation=self.reports.get(frame.id),
-            files=stored_files(frame.id, self.files[frame.id]),
+    ids = [frame.id for frame in frames]
+    files = FrameRepository(session).files(ids)
+    tallies = DecisionRepository(session).per_frame(ids)
+    measurement = dataset.active_measurement_id or 0
+    reports = EvidenceRepository(session).reports(ids, measurement)
+    return [
+        _summary(
+            frame, files[frame.id], reports.get(frame.id), _keyed(tallies[frame.id])
         )
+        for frame in frames
+    ]
 
 
-def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
+def _summary(
+    frame: Frame,
+    files: Mapping[str, FileRow],
+    report: SegmentationReport | None,
+    tallies: Mapping[TallyKey, int],
+) -> dict[str, object]:
+    return {
+        "id": frame.id,
+        "key": frame.key,
+        "revision": frame.revision,
+        "width": frame.width,
+        "height": frame.height,
+        "map": frame.map,
+        "has_image": "image" in files,
+        "has_segmentation": "segmentation" in files,
+        "lossy": report is not None and report["lossy"],
+        "created_at": frame.created_at,
+        "counts": summary(count(tallies)),
+    }
+
+
+def _keyed(rows: Sequence[TallyRow]) -> dict[TallyKey, int]:
+    return {TallyKey(*row[:-1]): row.boxes for row in rows}
+
+
+def describe_frame(session: Session, frame_id: int) -> dict[str, object]:
     """A `wire.Frame`; its decisions are dicts, since there may be thousands of them."""
     frame, details, decisions = _described(session, frame_id)
     previous_id, next_id = FrameRepository(session).neighbours(frame)
@@ -143,7 +141,7 @@ def describe_frame(session: Session, frame_id: int) -> dict[str, Any]:
     }
 
 
-def describe_stored(session: Session, frame_id: int) -> dict[str, Any]:
+def describe_stored(session: Session, frame_id: int) -> dict[str, object]:
     """A `wire.StoredFrame`, the answer to an upload; its decisions are dicts."""
     _, details, decisions = _described(session, frame_id)
     return {
@@ -153,20 +151,30 @@ def describe_stored(session: Session, frame_id: int) -> dict[str, Any]:
     }
 
 
-def decisions_of(session: Session, frame_id: int) -> list[StoredDecision]:
-    """Decisions on the boxes of a frame."""
-    frame = FrameRepository(session).with_id(frame_id, annotation=True)
-    dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    return DecisionReader(session, dataset).of_frame(frame)
-
-
 def _described(
     session: Session, frame_id: int
 ) -> tuple[Frame, FrameDetails, list[StoredDecision]]:
+    """A frame with what there is to say of it, and of its boxes."""
     frame = FrameRepository(session).with_id(frame_id, annotation=True)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    details = _Facts(session, dataset, [frame.id]).details(frame)
-    return frame, details, DecisionReader(session, dataset).of_frame(frame)
+    reader = DecisionReader(session, dataset)
+    boxes = reader.read_frames([frame_id])
+    files = FrameRepository(session).files([frame_id])[frame_id]
+    evidence = boxes.frames.get(frame_id)
+    report = None if evidence is None else evidence.segmentation
+    annotation = frame.annotation
+    details = FrameDetails(
+        **_summary(frame, files, report, boxes.tallies()),
+        dataset=dataset.name,
+        camera=annotation.get("camera"),
+        carla_version=frame.carla_version,
+        captured_text=frame.captured_at,
+        weather=annotation.get("weather"),
+        superseded=frame.superseded_at is not None,
+        segmentation=report,
+        files=stored_files(frame_id, files),
+    )
+    return frame, details, reader.records(boxes)
 
 
 def frame_id_of(session: Session, dataset: str, key: str) -> int:
@@ -215,20 +223,13 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     )
 
 
-def _keyed(rows: Sequence[Any]) -> dict[TallyKey, int]:
-    return {
-        TallyKey(row.class_id, row.reason, row.toss_up, row.review): row.boxes
-        for row in rows
-    }
-
-
 @dataclass(frozen=True)
 class FramePictures:
     """A frame's files, and how its segmentation was read."""
 
     storage: BlobStore
     files: Mapping[str, FileRow]
-    report: Mapping[str, Any] | None
+    report: SegmentationReport | None
 
     def thumbnail(self) -> Drawing:
         """A small picture of the image; NotFound."""
@@ -306,9 +307,34 @@ def frame_pictures(
     return FramePictures(storage, files, reports.get(frame_id))
 
 
-def visible_rectangle(decision: Mapping[str, Any]) -> list[float]:
-    """The rectangle to cut out; NotFound for a box outside of the image."""
-    xyxy: list[float] | None = decision["xyxy"]
+def crop_of(
+    storage: BlobStore, session: Session, box_id: int, wanted: CropQuery
+) -> Drawing:
+    """The part of its frame around a box; NotFound if it is outside of the image."""
+    _, boxes = read_box(session, box_id)
+    pictures = frame_pictures(storage, session, boxes.rows.frame_ids[0])
+    (xyxy,) = boxes.rectangles()
     if xyxy is None:
-        raise NotFound("picture of box outside of the image", decision["box_id"])
-    return xyxy
+        raise NotFound("picture of box outside of the image", box_id)
+    return pictures.crop(wanted.layer, xyxy, wanted.pad, wanted.height)
+
+
+def overlay_of(
+    storage: BlobStore, session: Session, frame_id: int, wanted: OverlayQuery
+) -> Drawing:
+    """A frame with those of its boxes that are wanted; NotFound."""
+    pictures = frame_pictures(storage, session, frame_id)
+    verdicts = wanted.verdicts()
+    drawn = _drawn(session, frame_id) if verdicts else ()
+    boxes = [box for box in drawn if box.verdict in verdicts]
+    return pictures.overlay(wanted.layer, boxes, edges=wanted.edges == "3d")
+
+
+def _drawn(session: Session, frame_id: int) -> Iterator[DrawnBox]:
+    frame = FrameRepository(session).with_id(frame_id)
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    boxes = DecisionReader(session, dataset).read_frames([frame_id])
+    verdicts = [VERDICTS[code].value for code in boxes.labels.effective.tolist()]
+    edges = boxes.projected(edges=True).edges
+    lines = [None if one is None else one.tolist() for one in edges]
+    return map(DrawnBox, verdicts, boxes.rectangles(), lines)

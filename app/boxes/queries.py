@@ -73,6 +73,42 @@ class FramePage:
     limit: int
 
 
+class CurrentBoxes(NamedTuple):
+    """Boxes of the newest revisions of frames, and the last answers on them: columns.
+
+    `source_ids` are the sender's own ids. An answer is None if there is none, or none
+    any more; `revisions` count those that were taken back as well.
+    """
+
+    box_ids: Sequence[int] = ()
+    frame_ids: Sequence[int] = ()
+    source_ids: Sequence[str] = ()
+    answers: Sequence[str | None] = ()
+    revisions: Sequence[int] = ()
+
+
+_CURRENT_BOXES: Final = select(
+    Decision.box_id,
+    Decision.frame_id,
+    Box.source_id,
+    Decision.review,
+    Decision.revision,
+).join(Box, Box.id == Decision.box_id)
+
+
+def _columns(rows: Iterable[Sequence[Any]]) -> CurrentBoxes:
+    columns: tuple[list[Any], ...] = ([], [], [], [], [])
+    # One row at a time: thousands at once keep the garbage collector busy.
+    box_id, frame_id, source_id, answer, revision = (one.append for one in columns)
+    for row in rows:
+        box_id(row[0])
+        frame_id(row[1])
+        source_id(row[2])
+        answer(row[3])
+        revision(row[4])
+    return CurrentBoxes(*columns)
+
+
 class FrameRepository:
     """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
 
@@ -110,6 +146,20 @@ class FrameRepository:
         """Frames without their annotations, by id."""
         rows = select(Frame).where(Frame.id.in_(set(frame_ids)))
         return {frame.id: frame for frame in self._session.scalars(rows)}
+
+    def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:
+        """Boxes in the order of their ids here; those that are gone are left out."""
+        found: dict[int, Sequence[Any]] = {}
+        for chunk in chunks(box_ids):
+            rows = _CURRENT_BOXES.where(Decision.box_id.in_(chunk))
+            found |= {row[0]: row for row in self._session.execute(rows)}
+        return _columns([found[one] for one in box_ids if one in found])
+
+    def current_boxes_of(self, frame_ids: Iterable[int]) -> CurrentBoxes:
+        """All boxes of frames, in order of id; none of a frame that was replaced."""
+        rows = _CURRENT_BOXES.where(Decision.frame_id.in_(list(frame_ids)))
+        found = self._session.execute(rows.order_by(Decision.box_id))
+        return _columns(found)
 
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
         """The senders' own ids of boxes."""

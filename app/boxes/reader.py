@@ -1,33 +1,50 @@
-"""Decided boxes: read as columns, and as the records that are answered."""
+"""Stored boxes: read as columns, and composed as the objects that are answered.
+
+`DecisionReader` reads boxes, by their ids or by their frames, as `StoredBoxes`:
+columns, each unpacked when it is first asked for. Neighbours, pictures, counts and
+labels need no more. An object for each box is made where it is written to the wire, and
+nowhere before: by `DecisionReader.records`. `stored_decision` says what is in it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, Final, TypedDict
+from functools import cached_property, lru_cache
+from typing import Final, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from app.boxes.current import CurrentRow, DecisionRepository, TallyRepository
+from app.boxes.counts import tallies_of
+from app.boxes.current import TallyKey, TallyRepository
 from app.boxes.filter import BoxFilter
 from app.boxes.orders import BoxPages
-from app.boxes.queries import FrameRepository, LatestAnswers, LatestReview
-from app.db.tables import Dataset, Frame
+from app.boxes.queries import (
+    CurrentBoxes,
+    FrameRepository,
+    LatestAnswers,
+    LatestReview,
+)
+from app.db.tables import Dataset
 from app.errors import NotFound
 from app.measuring.active import active_version, config_of
 from app.measuring.evidence import (
     Geometry,
     to_evidence,
     unpack_channels,
+    unpack_chosen_tag_counts,
     unpack_geometry,
     unpack_numbers,
-    unpack_tag_counts,
 )
-from app.measuring.queries import DatasetRepository, EvidenceRepository, EvidenceRow
-from app.verdicts import effective_verdict
+from app.measuring.queries import (
+    DatasetRepository,
+    EvidenceRepository,
+    EvidenceRow,
+)
+from app.verdicts import with_answer
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.record import (
@@ -42,11 +59,13 @@ from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import (
     NOT_MEASURED,
     Answer,
-    ChannelNumbers,
     DecidedBoxes,
+    Decisions,
     Evidence,
     FloatArray,
+    IntArray,
 )
+from unghost.wire import words
 
 _ANSWERS: Final = {
     None: Answer.NONE,
@@ -54,6 +73,7 @@ _ANSWERS: Final = {
     "reject": Answer.REJECT,
     "unsure": Answer.UNSURE,
 }
+_ABSENT: Final = (np.nan,) * 4
 
 
 class AcceptedTag(TypedDict):
@@ -82,13 +102,73 @@ class ServerFields(TypedDict):
     config: str
     revision: int
     review: CurrentReview | None
-    effective_verdict: str
+    effective_verdict: words.Verdict
+    accepted_tags: list[AcceptedTag]
 
 
 class StoredDecision(Decision, ServerFields):
-    """A decision of a stored box."""
+    """A decision of a stored box, as it is answered."""
 
-    accepted_tags: list[AcceptedTag]
+
+class DecidedFrame(NamedTuple):
+    """What the decisions of one frame have in common, beside `FrameFacts`.
+
+    `config` is the digest of the version that `run` applied; `family` that of the
+    segmentation's tags.
+    """
+
+    frame_id: int
+    run: int
+    config: str
+    family: str | None
+
+
+def stored_decision(
+    decision: Decision,
+    box_id: int,
+    frame: DecidedFrame,
+    accept_mask: int,
+    review: LatestReview | None,
+) -> StoredDecision:
+    """The wire form of a stored box: a decision, and what the service knows of it.
+
+    `review` is the latest answer, which may be that there is none any more.
+    """
+    answer = None if review is None else review.verdict
+    return {
+        **decision,
+        "box_id": box_id,
+        "frame_id": frame.frame_id,
+        "run": frame.run,
+        "config": frame.config,
+        "revision": 0 if review is None else review.revision,
+        "review": _in_force(review),
+        "effective_verdict": with_answer(decision["verdict"], answer),
+        "accepted_tags": _accepted_tags(frame.family, accept_mask),
+    }
+
+
+def _in_force(review: LatestReview | None) -> CurrentReview | None:
+    if review is None or review.verdict == "clear":
+        return None
+    return {
+        "verdict": review.verdict,
+        "reviewer": review.reviewer,
+        "revision": review.revision,
+        "comment": review.comment,
+    }
+
+
+@lru_cache(maxsize=1024)
+def _accepted_tags(family: str | None, mask: int) -> list[AcceptedTag]:
+    if family is None:
+        return []
+    tags = FAMILIES[family].tags
+    accepted = accepts(mask, np.array([tag.tag for tag in tags]))
+    return [
+        {"tag": tags[place].tag, "name": tags[place].name, "rgb": list(tags[place].rgb)}
+        for place in np.flatnonzero(accepted)
+    ]
 
 
 @dataclass(frozen=True)
@@ -112,330 +192,293 @@ def list_boxes(
 
 def describe_box(session: Session, box_id: int) -> StoredDecision:
     """One decision; NotFound for a box that is not current."""
-    row = DecisionRepository(session).rows([box_id]).get(box_id)
-    if row is None:
-        raise NotFound("box", box_id)
-    frame = FrameRepository(session).with_id(row.frame_id)
-    dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    (decision,) = DecisionReader(session, dataset).of_boxes([box_id])
+    reader, boxes = read_box(session, box_id)
+    (decision,) = reader.records(boxes)
     return decision
 
 
-def neighbours(session: Session, decision: StoredDecision) -> list[int]:
-    """The boxes of its frame that overlap a box."""
-    frame = FrameRepository(session).with_id(decision["frame_id"], annotation=True)
+def read_box(session: Session, box_id: int) -> tuple[DecisionReader, StoredBoxes]:
+    """One box, and what reads its dataset; NotFound for a box that is not current."""
+    rows = FrameRepository(session).current_boxes([box_id])
+    if not rows.box_ids:
+        raise NotFound("box", box_id)
+    frame = FrameRepository(session).with_id(rows.frame_ids[0])
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    return _overlapping(decision, DecisionReader(session, dataset).of_frame(frame))
-
-
-def _overlapping(
-    decision: StoredDecision, others: Sequence[StoredDecision]
-) -> list[int]:
-    mine = decision["xyxy"]
-    if mine is None:
-        return []
-    return [
-        other["box_id"]
-        for other in others
-        if other["box_id"] != decision["box_id"]
-        and other["xyxy"] is not None
-        and _overlap(mine, other["xyxy"])
-    ]
-
-
-def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+    reader = DecisionReader(session, dataset)
+    return reader, reader.read(rows)
 
 
 class DecisionReader:
-    """Reads current decisions of one dataset; made for one request."""
+    """Reads current boxes of one dataset; made for one request."""
 
     def __init__(self, session: Session, dataset: Dataset) -> None:
         self._session = session
         self._dataset = dataset
         self._version = active_version(session, dataset)
-        self.config: FilterConfig = config_of(self._version)
-        self.classes = DatasetRepository(session).classes(dataset.id)
+        self._config = config_of(self._version)
+        self._classes = DatasetRepository(session).classes(dataset.id)
 
     def of_boxes(self, box_ids: Sequence[int]) -> list[StoredDecision]:
-        """Decisions in the order of the ids; boxes that are gone are left out."""
-        rows = DecisionRepository(self._session).rows(box_ids)
-        frames = FrameRepository(self._session).heads(
-            row.frame_id for row in rows.values()
+        """Records in the order of the ids; boxes that are gone are left out."""
+        rows = FrameRepository(self._session).current_boxes(box_ids)
+        return self.records(self.read(rows))
+
+    def read_frames(self, frame_ids: Sequence[int]) -> StoredBoxes:
+        """All boxes of frames, in order of id; none of a frame that was replaced."""
+        rows = FrameRepository(self._session).current_boxes_of(frame_ids)
+        return self.read(rows, frame_ids)
+
+    def read(self, rows: CurrentBoxes, frame_ids: Sequence[int] = ()) -> StoredBoxes:
+        """Different boxes of this dataset; `frame_ids`: other frames to read of."""
+        frames = EvidenceRepository(self._session).of_frames(
+            [*frame_ids, *rows.frame_ids], self._dataset.active_measurement_id or 0
         )
-        wanted: dict[int, list[int]] = {}
-        for box_id, row in rows.items():
-            frame = frames[row.frame_id]
-            wanted.setdefault(frame.id, []).append(box_id - frame.first_box_id)
-        found = {
-            decision["box_id"]: decision
-            for decision in self._describe(frames, wanted, rows)
-        }
-        return [found[box_id] for box_id in box_ids if box_id in found]
+        return StoredBoxes(rows, frames, self._config, self._classes)
 
-    def of_frame(self, frame: Frame) -> list[StoredDecision]:
-        """Decisions of all boxes of a current frame, in the order they came in."""
-        return self.of_frames([frame])[frame.id]
-
-    def of_frames(
-        self, frames: Sequence[Frame], *, explained: bool = True
-    ) -> dict[int, list[StoredDecision]]:
-        """Decisions of all boxes of frames; none for a frame that was replaced.
-
-        `explained`: see `FrameFacts`.
-        """
-        by_id = {frame.id: frame for frame in frames}
-        rows = DecisionRepository(self._session).of_frames(by_id)
-        current = {row.frame_id for row in rows.values()}
-        wanted = {key: range(by_id[key].box_count) for key in by_id if key in current}
-        found: dict[int, list[StoredDecision]] = {key: [] for key in by_id}
-        for decision in self._describe(by_id, wanted, rows, explained=explained):
-            found[decision["frame_id"]].append(decision)
-        return found
-
-    def columns_of_frames(self, frames: Sequence[Frame]) -> dict[int, DecidedBoxes]:
-        """What labels say of all boxes of current frames; none of a frame without."""
-        by_id = {frame.id: frame for frame in frames if frame.box_count}
-        chosen = self._chosen(
-            by_id, {key: range(by_id[key].box_count) for key in by_id}
-        )
-        if not chosen:
-            return {}
-        sources = DecisionRepository(self._session).answered_sources(by_id)
-        numbers, geometry = self._columns(chosen, tag_counts=False, edges=False)
-        counts = [len(each.positions) for each in chosen]
-        boxes = decided_boxes(
-            [source_id for key in by_id for source_id, _ in sources[key]],
-            numbers,
-            decide(numbers, self.config),
-            geometry,
-            lossy=np.repeat([each.lossy for each in chosen], counts),
-        )
-        said = [_ANSWERS[each] for key in by_id for _, each in sources[key]]
-        boxes = replace(boxes, answer=np.array(said, np.uint8))
-        ends = np.cumsum(counts).tolist()
-        return {
-            each.frame.id: boxes[end - count : end]
-            for each, count, end in zip(chosen, counts, ends, strict=True)
-        }
-
-    def palettes(self, frame_ids: Iterable[int]) -> dict[int, str]:
-        """Tag families of frames whose segmentations were measured."""
-        reports = EvidenceRepository(self._session).reports(
-            frame_ids, self._dataset.active_measurement_id or 0
-        )
-        return {key: report["palette"] for key, report in reports.items() if report}
-
-    def _describe(
-        self,
-        frames: Mapping[int, Frame],
-        wanted: Mapping[int, Sequence[int]],
-        rows: Mapping[int, CurrentRow],
-        *,
-        explained: bool = True,
+    def records(
+        self, boxes: StoredBoxes, *, explained: bool = True
     ) -> list[StoredDecision]:
-        """All boxes together: one decision over a page costs as much as one per box."""
-        if not rows:
+        """One object per box, as it is answered.
+
+        What boxes of a frame have in common is asked once per frame, and the database
+        once for all frames. `explained`: see `FrameFacts`.
+        """
+        if not len(boxes):
             return []
-        chosen = self._chosen(frames, wanted)
-        ids = [box_id for each in chosen for box_id in each.box_ids]
-        numbers, geometry = self._columns(chosen, tag_counts=True, edges=explained)
-        facts: list[FrameFacts] = []
-        for each in chosen:
-            one = replace(self._facts(each), explained=explained)
-            facts += [one] * len(each.positions)
-        sources = FrameRepository(self._session).source_ids(ids)
+        rows, names = boxes.rows, self._names(boxes)
+        facts = {
+            key: FrameFacts(
+                key=frame.key,
+                config=self._config,
+                family=frame.palette,
+                lossy=frame.lossy,
+                names=names.get(key, {}),
+                explained=explained,
+            )
+            for key, frame in boxes.frames.items()
+        }
         decisions = decision_dicts(
-            facts,
-            [sources[box_id] for box_id in ids],
-            numbers,
-            decide(numbers, self.config),
-            geometry,
+            [facts[frame_id] for frame_id in rows.frame_ids],
+            rows.source_ids,
+            replace(boxes.evidence, tag_counts=boxes.tag_counts()),
+            boxes.decisions,
+            boxes.projected(edges=explained),
         )
         reviews = LatestAnswers(self._session).of(
-            box_id for box_id in ids if rows[box_id].revision
+            box_id
+            for box_id, revision in zip(rows.box_ids, rows.revisions, strict=True)
+            if revision
         )
-        masks = numbers.accept_mask.tolist()
+        run = self._dataset.active_run_id or 0
+        decided = {
+            key: DecidedFrame(key, run, self._version.digest, one.family)
+            for key, one in facts.items()
+        }
+        masks = boxes.evidence.accept_mask.tolist()
         return [
-            {
-                **decision,
-                **self._server_fields(rows[box_id], reviews.get(box_id)),
-                "accepted_tags": accepted_tags(of.family, mask),
-            }
-            for decision, box_id, mask, of in zip(
-                decisions, ids, masks, facts, strict=True
+            stored_decision(
+                decision, box_id, decided[frame_id], mask, reviews.get(box_id)
+            )
+            for decision, box_id, frame_id, mask in zip(
+                decisions, rows.box_ids, rows.frame_ids, masks, strict=True
             )
         ]
 
-    def _chosen(
-        self, frames: Mapping[int, Frame], wanted: Mapping[int, Sequence[int]]
-    ) -> list[ChosenBoxes]:
-        """Boxes by their frames and their positions in these, with their evidence."""
-        measurement = self._dataset.active_measurement_id or 0
-        evidence = EvidenceRepository(self._session).of_frames(wanted, measurement)
-        return [
-            ChosenBoxes(frames[key], evidence[key], sorted(wanted[key]))
-            for key in wanted
-        ]
+    def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, tuple[str, str]]]:
+        """Id and class of the boxes that explain these, by frame and position in it."""
+        explaining = boxes.explaining()
+        known = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
+        asked = {one.box_id for one in explaining} - known.keys()
+        if asked:
+            known |= FrameRepository(self._session).source_ids(asked)
+        names: dict[int, dict[int, tuple[str, str]]] = {}
+        for one in explaining:
+            of_frame = names.setdefault(one.frame_id, {})
+            of_frame[one.position] = known[one.box_id], one.class_name
+        return names
 
-    def _columns(
-        self, chosen: Sequence[ChosenBoxes], *, tag_counts: bool, edges: bool
-    ) -> tuple[Evidence, BoxGeometry]:
-        """Numbers and rectangles of all of them, frame after frame."""
-        record = np.concatenate([each.numbers() for each in chosen])
-        counts = None
-        if tag_counts:
-            counts = np.concatenate([each.tag_counts() for each in chosen])
+
+class ExplainingBox(NamedTuple):
+    """A box that explains another one of its frame, and its position there."""
+
+    frame_id: int
+    position: int
+    box_id: int
+    class_name: str
+
+
+@dataclass(frozen=True, eq=False)
+class StoredBoxes:
+    """N different boxes of one dataset as columns, each made when first asked for.
+
+    Attributes
+    ----------
+    rows : CurrentBoxes
+    frames : mapping of frame ids to EvidenceRow
+        The packed numbers of their frames; there may be frames without any of them.
+    config : FilterConfig
+        What they are decided by.
+    classes : mapping of the dataset's classes to the database's ids
+    """
+
+    rows: CurrentBoxes
+    frames: Mapping[int, EvidenceRow]
+    config: FilterConfig
+    classes: Mapping[str, int]
+
+    def __len__(self) -> int:
+        return len(self.rows.box_ids)
+
+    @cached_property
+    def labels(self) -> DecidedBoxes:
+        """What pictures and labels need: rectangles, verdicts, answers."""
+        lossy = [frame.lossy for frame in self.frames.values()]
+        boxes = decided_boxes(
+            self.rows.source_ids,
+            self.evidence,
+            self.decisions,
+            self.projected(edges=False),
+            lossy=np.array(lossy, np.bool_)[self._frame],
+        )
+        answers = [_ANSWERS[answer] for answer in self.rows.answers]
+        return replace(boxes, answer=np.array(answers, np.uint8))
+
+    def labels_by_frame(self) -> dict[int, DecidedBoxes]:
+        """`labels` of each frame that has boxes; of boxes in the order of their ids."""
+        frame_ids, first = self.rows.frame_ids, 0
+        found = {}
+        for frame_id, count in Counter(frame_ids).items():
+            found[frame_id] = self.labels[first : first + count]
+            first += count
+        return found
+
+    @cached_property
+    def decisions(self) -> Decisions:
+        """By the active configuration."""
+        return decide(self.evidence, self.config)
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What was measured, without `tag_counts`."""
         names, ids = list(self.classes), list(self.classes.values())
-        geometry = [box for each in chosen for box in each.geometry()]
-        numbers = to_evidence(record, names, ids, counts)
-        return replace(numbers, channels=_channels(chosen)), _box_geometry(
-            geometry, edges=edges
+        found = to_evidence(self._records[self._place], names, ids)
+        packed = [frame.channels for frame in self.frames.values()]
+        channels = unpack_channels(packed, self._counts)
+        return (
+            found
+            if channels is None
+            else replace(found, channels=channels[self._place])
         )
-
-    def _facts(self, chosen: ChosenBoxes) -> FrameFacts:
-        report = chosen.row.segmentation or {}
-        return FrameFacts(
-            key=chosen.frame.key,
-            config=self.config,
-            family=report.get("palette"),
-            lossy=chosen.lossy,
-            names=self._names(chosen),
-        )
-
-    def _names(self, chosen: ChosenBoxes) -> dict[int, tuple[str, str]]:
-        """Id and class of the boxes that explain these, by their positions."""
-        positions = chosen.explained_by()
-        if not positions:
-            return {}
-        first = chosen.frame.first_box_id
-        sources = FrameRepository(self._session).source_ids(
-            [first + position for position in positions]
-        )
-        class_of = {number: name for name, number in self.classes.items()}
-        class_ids = chosen.records()["class_id"].tolist()
-        return {
-            position: (sources[first + position], class_of[class_ids[position]])
-            for position in positions
-        }
-
-    def _server_fields(
-        self, row: CurrentRow, review: LatestReview | None
-    ) -> ServerFields:
-        return {
-            "box_id": row.box_id,
-            "frame_id": row.frame_id,
-            "run": self._dataset.active_run_id or 0,
-            "config": self._version.digest,
-            "revision": row.revision,
-            "review": _review(review),
-            "effective_verdict": effective_verdict(row.reason, row.review),
-        }
-
-
-@dataclass(frozen=True)
-class ChosenBoxes:
-    """Some boxes of one frame, by their positions, and where their numbers are."""
-
-    frame: Frame
-    row: EvidenceRow
-    positions: list[int]
-
-    @property
-    def box_ids(self) -> list[int]:
-        """The server's ids of these boxes."""
-        return [self.frame.first_box_id + position for position in self.positions]
-
-    def records(self) -> NDArray[np.void]:
-        """The stored records of all boxes of the frame."""
-        return unpack_numbers([self.row.numbers], [self.row.box_count])
-
-    @property
-    def lossy(self) -> bool:
-        """Whether their segmentation had lost colours."""
-        return bool((self.row.segmentation or {}).get("lossy"))
-
-    def numbers(self) -> NDArray[np.void]:
-        """Their records."""
-        return np.asarray(self.records()[self.positions])
 
     def tag_counts(self) -> NDArray[np.int32]:
-        """Their tag histograms."""
-        counts = unpack_tag_counts(self.row.tag_counts, self.row.box_count)
-        return np.asarray(counts[self.positions], np.int32)
+        """(N, N_TAGS): the pixels of each tag."""
+        packed = [frame.tag_counts for frame in self.frames.values()]
+        return unpack_chosen_tag_counts(packed, self._counts, self._place)
 
-    def explained_by(self) -> list[int]:
-        """Positions of the boxes that explain some of these."""
-        numbers = unpack_channels([self.row.channels], [self.row.box_count])
-        if numbers is None:
+    def projected(self, *, edges: bool) -> BoxGeometry:
+        """The rectangles of 3D boxes; their edges are None if they are not wanted."""
+        rows, boxes = list(self._geometry), list(self._geometry.values())
+        amodal, visible = np.full((2, len(self), 4), np.nan)
+        lines: list[FloatArray | None] = [None] * len(self)
+        if boxes:
+            amodal[rows] = [box.amodal_xyxy or _ABSENT for box in boxes]
+            visible[rows] = [box.visible_xyxy or _ABSENT for box in boxes]
+        if boxes and edges:
+            rounded = rounded_edges(np.concatenate([box.edges for box in boxes]))
+            ends = np.cumsum([len(box.edges) for box in boxes])
+            for row, part in zip(rows, np.split(rounded, ends[:-1]), strict=True):
+                lines[row] = part
+        return BoxGeometry.loaded(amodal, visible, lines)
+
+    def rectangles(self) -> list[list[float] | None]:
+        """Corrected; None for a box without a rectangle in the image."""
+        corners: list[list[float]] = self.labels.xyxy.tolist()
+        return [None if one[0] != one[0] else one for one in corners]
+
+    def tallies(self) -> dict[TallyKey, int]:
+        """How many boxes are alike, by the database's ids of their classes."""
+        return tallies_of(
+            zip(
+                self._records["class_id"][self._place].tolist(),
+                self.decisions.reason.tolist(),
+                self.decisions.toss_up.tolist(),
+                self.rows.answers,
+                strict=True,
+            )
+        )
+
+    def neighbours(self, row: int) -> list[int]:
+        """Ids of the boxes of its frame that overlap a box."""
+        frame = self.frames[self.rows.frame_ids[row]]
+        place = self.rows.box_ids[row] - frame.first_box_id
+        xyxy = unpack_numbers([frame.numbers], [frame.box_count])["xyxy"]
+        low, high = xyxy[:, :2], xyxy[:, 2:]
+        overlapping = ((low[place] < high) & (low < high[place])).all(axis=1)
+        overlapping[place] = False
+        found: list[int] = (np.flatnonzero(overlapping) + frame.first_box_id).tolist()
+        return found
+
+    def explaining(self) -> list[ExplainingBox]:
+        """The boxes of their frames that explain some of these."""
+        channels = self.evidence.channels
+        if channels is None:
             return []
-        found = np.unique(numbers.explained_by[self.positions]).tolist()
-        return [position for position in found if position != NOT_MEASURED]
+        rows = np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist()
+        class_of = {number: name for name, number in self.classes.items()}
+        found = {}
+        for row in rows:
+            frame_id, position = (
+                self.rows.frame_ids[row],
+                int(channels.explained_by[row]),
+            )
+            box_id = self.frames[frame_id].first_box_id + position
+            place = self._place[row] - self.rows.box_ids[row] + box_id
+            class_name = class_of[int(self._records["class_id"][place])]
+            found[box_id] = ExplainingBox(frame_id, position, box_id, class_name)
+        return list(found.values())
 
-    def geometry(self) -> list[Geometry | None]:
-        """What they look like in three dimensions."""
-        boxes = unpack_geometry(self.row.geometry, self.row.box_count)
-        return [boxes[position] for position in self.positions]
+    @cached_property
+    def _counts(self) -> list[int]:
+        return [frame.box_count for frame in self.frames.values()]
+
+    @cached_property
+    def _records(self) -> NDArray[np.void]:
+        """The numbers of all boxes of the frames, one frame after the other."""
+        packed = [frame.numbers for frame in self.frames.values()]
+        return unpack_numbers(packed, self._counts)
+
+    @cached_property
+    def _frame(self) -> IntArray:
+        """(N,): the place of each box's frame among the frames."""
+        places = {frame_id: place for place, frame_id in enumerate(self.frames)}
+        return np.array([places[key] for key in self.rows.frame_ids], np.int64)
+
+    @cached_property
+    def _place(self) -> IntArray:
+        """(N,): the place of each box among all boxes of the frames."""
+        firsts = [frame.first_box_id for frame in self.frames.values()]
+        starts = np.cumsum([0, *self._counts])[:-1] - np.array(firsts, np.int64)
+        places: IntArray = np.array(self.rows.box_ids, np.int64) + starts[self._frame]
+        return places
+
+    @cached_property
+    def _geometry(self) -> dict[int, Geometry]:
+        """What is stored of those that were sent in three dimensions, by row."""
+        rows_of: dict[int, list[int]] = {}
+        for row, frame_id in enumerate(self.rows.frame_ids):
+            if self.frames[frame_id].geometry:
+                rows_of.setdefault(frame_id, []).append(row)
+        found: dict[int, Geometry] = {}
+        for frame_id, rows in rows_of.items():
+            frame = self.frames[frame_id]
+            places = [self.rows.box_ids[row] - frame.first_box_id for row in rows]
+            boxes = unpack_geometry(frame.geometry, frame.box_count, places)
+            for row, box in zip(rows, boxes, strict=True):
+                if box is not None:
+                    found[row] = box
+        return found
 
 
-def _channels(chosen: Sequence[ChosenBoxes]) -> ChannelNumbers | None:
-    counts = [each.row.box_count for each in chosen]
-    numbers = unpack_channels([each.row.channels for each in chosen], counts)
-    if numbers is None:
-        return None
-    starts = np.cumsum([0, *counts])
-    rows = [
-        start + np.array(each.positions, np.int64)
-        for start, each in zip(starts[:-1], chosen, strict=True)
-    ]
-    return numbers[np.concatenate(rows)]
-
-
-def _box_geometry(boxes: Sequence[Geometry | None], *, edges: bool) -> BoxGeometry:
-    absent = (np.nan,) * 4
-    return BoxGeometry.loaded(
-        amodal_xyxy=np.array(
-            [(box and box.amodal_xyxy) or absent for box in boxes], np.float64
-        ).reshape(-1, 4),
-        visible_xyxy=np.array(
-            [(box and box.visible_xyxy) or absent for box in boxes], np.float64
-        ).reshape(-1, 4),
-        edges=[
-            rounded_edges(box.edges) if box is not None and edges else None
-            for box in boxes
-        ],
-    )
-
-
-def rounded_edges(edges: NDArray[np.floating[Any]]) -> FloatArray:
+def rounded_edges(edges: FloatArray | NDArray[np.float32]) -> FloatArray:
     """Edges as they are answered of a frame that is stored: as single floats."""
     return np.asarray(edges.astype(np.float32).round(2), np.float64)
-
-
-def _review(review: LatestReview | None) -> CurrentReview | None:
-    if review is None or review.verdict == "clear":
-        return None
-    return current_review(review._asdict())
-
-
-def current_review(row: Mapping[str, Any]) -> CurrentReview:
-    """An answer in force, out of its row."""
-    return {
-        "verdict": row["verdict"],
-        "reviewer": row["reviewer"],
-        "revision": row["revision"],
-        "comment": row["comment"],
-    }
-
-
-@lru_cache(maxsize=1024)
-def accepted_tags(family: str | None, mask: int) -> list[AcceptedTag]:
-    """The tags of an accept mask as they are answered."""
-    if family is None:
-        return []
-    tags = FAMILIES[family].tags
-    accepted = accepts(mask, np.array([tag.tag for tag in tags]))
-    return [
-        {"tag": tags[place].tag, "name": tags[place].name, "rgb": list(tags[place].rgb)}
-        for place in np.flatnonzero(accepted)
-    ]

@@ -14,9 +14,8 @@ from app.access.gate import Audited
 from app.boxes import frames
 from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
-from app.boxes.drawing import Drawing, DrawnBox, DrawnPictures
+from app.boxes.drawing import Drawing, DrawnPictures
 from app.boxes.filter import selection_of, to_filter
-from app.boxes.frames import decisions_of, frame_file, frame_pictures, visible_rectangle
 from app.boxes.queries import FrameFilter
 from app.boxes.snapshot import take_snapshot
 from app.context import ServiceContext
@@ -155,19 +154,16 @@ def list_boxes(
 @router.get("/boxes/{box_id}", response_model=Box)
 def get_box(box_id: RowId, session: ReadSession) -> Box:
     """A box, its decision, and the boxes that overlap it."""
-    decision = boxes.describe_box(session, box_id)
-    overlapping = boxes.neighbours(session, decision)
-    return Box.model_validate({**decision, "neighbours": overlapping})
+    reader, found = boxes.read_box(session, box_id)
+    (decision,) = reader.records(found)
+    return Box.model_validate({**decision, "neighbours": found.neighbours(0)})
 
 
 def _crop(
     box_id: RowId, services: AppServices, query: Annotated[CropQuery, Query()]
 ) -> Drawing:
     with services.database.read() as session:
-        decision = boxes.describe_box(session, box_id)
-        found = frame_pictures(services.storage, session, decision["frame_id"])
-    xyxy = visible_rectangle(decision)
-    return found.crop(query.layer, xyxy, query.pad, query.height)
+        return frames.crop_of(services.storage, session, box_id, query)
 
 
 @crops_router.get(
@@ -201,7 +197,7 @@ class FileKind(str, Enum):
 
 def _thumbnail(frame_id: RowId, services: AppServices) -> Drawing:
     with services.database.read() as session:
-        return frame_pictures(services.storage, session, frame_id).thumbnail()
+        return frames.frame_pictures(services.storage, session, frame_id).thumbnail()
 
 
 @pictures_router.get(
@@ -222,16 +218,8 @@ async def get_thumbnail(
 def _overlay(
     frame_id: RowId, services: AppServices, query: Annotated[OverlayQuery, Query()]
 ) -> Drawing:
-    wanted = query.verdicts()
     with services.database.read() as session:
-        found = frame_pictures(services.storage, session, frame_id)
-        shown = decisions_of(session, frame_id) if wanted else []
-    boxes = [
-        DrawnBox(one["effective_verdict"], one["xyxy"], one["edges"])
-        for one in shown
-        if one["effective_verdict"] in wanted
-    ]
-    return found.overlay(query.layer, boxes, edges=query.edges == "3d")
+        return frames.overlay_of(services.storage, session, frame_id, query)
 
 
 @pictures_router.get(
@@ -263,7 +251,7 @@ def get_file(
     services: AppServices,
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
-    file = frame_file(session, frame_id, kind.value)
+    file = frames.frame_file(session, frame_id, kind.value)
     known = known_response(request, file.sha256)
     if known is not None:
         return known

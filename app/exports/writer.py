@@ -11,13 +11,14 @@ import json
 import secrets
 import shutil
 import zipfile
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.orm import Session
 
@@ -28,7 +29,7 @@ from app.context import ServiceContext
 from app.db.tables import Dataset, Export, Frame
 from app.jobs.kind import Task
 from app.measuring.active import active_version
-from app.measuring.queries import DatasetRepository
+from app.measuring.queries import DatasetRepository, EvidenceRow
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -37,6 +38,7 @@ from filter_core.formats.export import (
 )
 from filter_core.formats.format import Need
 from filter_core.formats.registry import format_of, write_export
+from filter_core.formats.tally import Counts
 from filter_core.types import DecidedBoxes
 
 _AT_A_TIME: Final = 200
@@ -92,9 +94,7 @@ def _clear(context: ServiceContext, export_id: int) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _stream(
-    task: Task[Export], session: Session, export: Export, file: Path
-) -> dict[str, Any]:
+def _stream(task: Task[Export], session: Session, export: Export, file: Path) -> Counts:
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     options = ExportOptions.from_mapping(export.options)
     needs = format_of(export.format, options).needs
@@ -168,45 +168,48 @@ class ExportFrames:
 
     def _content(self, chunk: list[Frame]) -> _Content:
         frames = FrameRepository(self._session)
-        content = _Content(self._reader.columns_of_frames(chunk))
         ids = [frame.id for frame in chunk]
+        boxes = self._reader.read_frames(ids)
+        content = _Content(boxes.frames, boxes.labels_by_frame())
         if "annotation" in self._needs:
             content.annotations = frames.annotation_texts(ids)
         if "image" in self._needs:
             content.files = frames.files(ids)
         if "decisions" in self._needs:
-            content.decisions = self._reader.of_frames(
-                chunk, explained="explanations" in self._needs
-            )
-            content.palettes = self._reader.palettes(ids)
+            explained = "explanations" in self._needs
+            for one in self._reader.records(boxes, explained=explained):
+                content.decisions[one["frame_id"]].append(one)
         return content
 
     def _frame(self, frame: Frame, content: _Content) -> ExportFrame:
         wh = (frame.width or 0, frame.height or 0)
         text = content.annotations.get(frame.id, "{}")
         image = content.files.get(frame.id, {}).get("image")
+        evidence = content.evidence.get(frame.id)
         return ExportFrame(
             key=frame.key,
             wh=wh,
-            boxes=content.boxes.get(frame.id) or DecidedBoxes.empty(),
+            boxes=content.labels.get(frame.id) or DecidedBoxes.empty(),
             given=GivenAnnotation(partial(json.loads, text), wh, crowds=_CROWD in text),
             map=frame.map,
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
-            palette=content.palettes.get(frame.id),
+            palette=None if evidence is None else evidence.palette,
             decisions=content.decisions.get(frame.id, ()),
         )
 
 
 @dataclass
 class _Content:
-    """What is read of some frames at once, each by the ids of the frames."""
+    """What is read of some frames at once; mappings by the ids of the frames."""
 
-    boxes: Mapping[int, DecidedBoxes]
+    evidence: Mapping[int, EvidenceRow]
+    labels: Mapping[int, DecidedBoxes]
     annotations: Mapping[int, str] = field(default_factory=dict)
     files: Mapping[int, Mapping[str, FileRow]] = field(default_factory=dict)
-    decisions: Mapping[int, list[StoredDecision]] = field(default_factory=dict)
-    palettes: Mapping[int, str] = field(default_factory=dict)
+    decisions: defaultdict[int, list[StoredDecision]] = field(
+        default_factory=partial(defaultdict, list)
+    )
 
 
 class ReproducibleZip:

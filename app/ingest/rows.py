@@ -18,12 +18,12 @@ from app.access.audit import Act, AuditTrail
 from app.boxes import current
 from app.boxes.counts import count, summary, tallies_of
 from app.boxes.frames import stored_files
-from app.boxes.queries import FrameRepository
+from app.boxes.queries import FrameRepository, LatestReview
 from app.boxes.reader import (
+    DecidedFrame,
     StoredDecision,
-    accepted_tags,
-    current_review,
     rounded_edges,
+    stored_decision,
 )
 from app.db.base import utc_now
 from app.db.engine import once_committed
@@ -40,7 +40,6 @@ from app.measuring.queries import (
 from app.review.queries import AnswerRow
 from app.review.service import NewBox, carry_reviews
 from app.security import Principal
-from app.verdicts import effective_verdict
 from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.types import (
@@ -359,33 +358,25 @@ def _decisions(frame: NewFrame) -> list[StoredDecision]:
     if frame.revision > 1:  # answered as if it was read, as it always has been
         edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
         geometry = replace(geometry, edges=edges)
-    facts = measured.facts(frame.active.config)
+    facts = replace(measured.facts(frame.active.config), key=frame.key)
     composed = decision_dicts(
         facts, measured.ids, measured.evidence, frame.decisions, geometry
     )
+    row = frame.active.row
+    decided = DecidedFrame(frame.frame_id, row.run_id, row.config_digest, facts.family)
+    carried = {
+        answer["box_id"]: LatestReview(
+            box_id=answer["box_id"],
+            revision=answer["revision"],
+            verdict=answer["verdict"],
+            comment=answer["comment"],
+            reviewer=answer["reviewer"],
+            batch_id=answer["batch_id"],
+        )
+        for answer in frame.carried
+    }
     masks = measured.evidence.accept_mask.tolist()
-    tags = {mask: accepted_tags(facts.family, mask) for mask in set(masks)}
-    described: list[StoredDecision] = [
-        {
-            **decision,
-            "frame": frame.key,
-            "box_id": box_id,
-            "frame_id": frame.frame_id,
-            "run": frame.active.row.run_id,
-            "config": frame.active.row.config_digest,
-            "revision": 0,
-            "review": None,
-            "effective_verdict": decision["verdict"],
-            "accepted_tags": tags[mask],
-        }
+    return [
+        stored_decision(decision, box_id, decided, mask, carried.get(box_id))
         for decision, box_id, mask in zip(composed, frame.box_ids, masks, strict=True)
     ]
-    for row in frame.carried:
-        position = row["box_id"] - frame.first_box_id
-        reason = int(frame.decisions.reason[position])
-        described[position] |= {
-            "revision": row["revision"],
-            "review": current_review(row),
-            "effective_verdict": effective_verdict(reason, row["verdict"]),
-        }
-    return described

@@ -24,12 +24,16 @@ from filter_core.types import (
     N_TAGS,
     ChannelNumbers,
     Evidence,
+    IntArray,
     NumberColumn,
     number_columns,
 )
 
 _COUNT: Final = np.dtype([("box", "<u2"), ("tag", "u1"), ("pixels", "<u4")])
 _ABSENT: Final = (float("nan"),) * 4
+_EDGES: Final = struct.Struct("<h")
+_RECTANGLES: Final = struct.Struct("<8d")
+_EDGE_BYTES: Final = 16
 
 
 @dataclass(frozen=True)
@@ -248,30 +252,58 @@ def _columns(
 
 def unpack_tag_counts(packed: bytes, boxes: int) -> NDArray[np.int32]:
     """(boxes, N_TAGS) int32."""
-    counts = np.zeros((boxes, N_TAGS), np.int32)
-    record = np.frombuffer(packed, _COUNT)
-    counts[record["box"], record["tag"]] = record["pixels"]
-    return counts
+    return unpack_chosen_tag_counts([packed], [boxes], np.arange(boxes))
 
 
-def unpack_geometry(packed: bytes, boxes: int) -> list[Geometry | None]:
-    """Inverse of `pack_geometry`."""
-    if not packed:
-        return [None] * boxes
-    found: list[Geometry | None] = []
-    at = 0
-    for _ in range(boxes):
-        (edges,) = struct.unpack_from("<h", packed, at)
-        at += 2
-        if edges < 0:
-            found.append(None)
-            continue
-        numbers = struct.unpack_from("<8d", packed, at)
-        at += 64
-        lines = np.frombuffer(packed, "<f4", edges * 4, at).reshape(edges, 4)
-        at += edges * 16
-        found.append(Geometry(_given(numbers[:4]), _given(numbers[4:]), lines))
+def unpack_chosen_tag_counts(
+    packed: Sequence[bytes], counts: Sequence[int], chosen: IntArray
+) -> NDArray[np.int32]:
+    """(N, N_TAGS) int32 of N boxes among those of many frames.
+
+    Parameters
+    ----------
+    packed : bytes of each frame
+    counts : boxes of each frame
+    chosen : (N,) int64
+        Places among the boxes of all frames, one after the other; none twice.
+    """
+    record = np.frombuffer(b"".join(packed), _COUNT)
+    starts = np.cumsum([0, *counts])
+    sizes = [len(one) // _COUNT.itemsize for one in packed]
+    row_of = np.full(starts[-1], -1)
+    row_of[chosen] = np.arange(len(chosen))
+    rows = row_of[record["box"] + np.repeat(starts[:-1], sizes)]
+    wanted = rows >= 0
+    found = np.zeros((len(chosen), N_TAGS), np.int32)
+    found[rows[wanted], record["tag"][wanted]] = record["pixels"][wanted]
     return found
+
+
+def unpack_geometry(
+    packed: bytes, boxes: int, chosen: Sequence[int] | None = None
+) -> list[Geometry | None]:
+    """Inverse of `pack_geometry`; of all boxes of a frame, or of chosen ones alone."""
+    places = range(boxes) if chosen is None else chosen
+    if not packed:
+        return [None] * len(places)
+    starts, at = [], 0
+    for _ in range(boxes):
+        starts.append(at)
+        (edges,) = _EDGES.unpack_from(packed, at)
+        at += _EDGES.size
+        if edges >= 0:
+            at += _RECTANGLES.size + edges * _EDGE_BYTES
+    return [_geometry_at(packed, starts[place]) for place in places]
+
+
+def _geometry_at(packed: bytes, at: int) -> Geometry | None:
+    (edges,) = _EDGES.unpack_from(packed, at)
+    if edges < 0:
+        return None
+    at += _EDGES.size
+    numbers = _RECTANGLES.unpack_from(packed, at)
+    lines = np.frombuffer(packed, "<f4", edges * 4, at + _RECTANGLES.size)
+    return Geometry(_given(numbers[:4]), _given(numbers[4:]), lines.reshape(edges, 4))
 
 
 def _given(rectangle: tuple[float, ...]) -> tuple[float, ...] | None:
@@ -288,8 +320,7 @@ def recount(
         list(classes.values()),
         unpack_tag_counts(row.tag_counts, row.box_count),
     )
-    family = (row.segmentation or {}).get("palette")
-    return with_accept_sets(evidence, config, family)
+    return with_accept_sets(evidence, config, row.palette)
 
 
 def recounted_row(
@@ -307,5 +338,5 @@ def recounted_row(
         "geometry": row.geometry,
         "channels": row.channels,
         "segmentation": row.segmentation,
-        "lossy": bool((row.segmentation or {}).get("lossy")),
+        "lossy": row.lossy,
     }

@@ -38,6 +38,7 @@ from app.errors import Conflict, NotFound, Unprocessable
 from app.measuring.pixels import described
 from app.metrics import REFUSED
 from filter_core.errors import FilterError
+from filter_core.pipeline import SegmentationReport
 
 # Built once: putting a statement together costs more than running it.
 _ACTIVE: Final = (
@@ -280,8 +281,19 @@ class EvidenceRow(NamedTuple):
     numbers: bytes
     tag_counts: bytes
     geometry: bytes
-    segmentation: Mapping[str, Any] | None
+    segmentation: SegmentationReport | None
     channels: bytes | None
+    key: str
+
+    @property
+    def palette(self) -> str | None:
+        """The tag family of the segmentation; None if none was measured."""
+        return None if self.segmentation is None else self.segmentation["palette"]
+
+    @property
+    def lossy(self) -> bool:
+        """Whether the segmentation had lost colours."""
+        return self.segmentation is not None and self.segmentation["lossy"]
 
 
 class NumbersRow(NamedTuple):
@@ -354,6 +366,7 @@ class EvidenceRepository:
                 FrameEvidence.geometry,
                 FrameEvidence.segmentation,
                 FrameEvidence.channels,
+                Frame.key,
             )
             .join(Frame, Frame.id == FrameEvidence.frame_id)
             .where(
@@ -365,7 +378,7 @@ class EvidenceRepository:
 
     def reports(
         self, frame_ids: Iterable[int], measurement_id: int
-    ) -> dict[int, Mapping[str, Any] | None]:
+    ) -> dict[int, SegmentationReport | None]:
         """What was recognised in the segmentations of frames."""
         rows = select(FrameEvidence.frame_id, FrameEvidence.segmentation).where(
             FrameEvidence.frame_id.in_(list(frame_ids)),

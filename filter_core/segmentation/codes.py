@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,7 +223,7 @@ class Segmentation:
 
     codes: PixelCodes
     family: str
-    encoding: str
+    encoding: Literal["palette", "raw"]
     channel_order: ChannelOrder
     lossy: bool = False
     unknown_pixels: int = 0

@@ -121,7 +121,7 @@ def test_labels_say_what_whole_decisions_say(street):
         boxes, whole = frame.boxes, frame.decisions
         rows = range(len(boxes))
         told = {
-            "id": boxes.ids,
+            "id": list(boxes.ids),
             "class": [boxes.class_name(row) for row in rows],
             "verdict": [VERDICTS[code].value for code in boxes.verdict],
             "effective_verdict": [boxes.effective_verdict(row) for row in rows],
