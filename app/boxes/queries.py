@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from sqlalchemy import (
     ColumnElement,
+    Executable,
     Text,
     bindparam,
     case,
@@ -289,7 +290,7 @@ class FrameRepository:
 
     def add(
         self,
-        frames: Sequence[Mapping[str, Any]],
+        frames: Sequence[Mapping[str, object]],
         files: Mapping[int, Sequence[FileRow]],
     ) -> None:
         """Insert frames and their files, which are given by the ids of the frames."""
@@ -311,7 +312,7 @@ class FrameRepository:
             ],
         )
 
-    def add_boxes(self, columns: Mapping[str, Sequence[Any]]) -> None:
+    def add_boxes(self, columns: Mapping[str, Sequence[object]]) -> None:
         """Insert boxes; `app.boxes.current.add` gives them their decisions."""
         insert_columns(self._session, Box, columns)
 
@@ -341,11 +342,12 @@ class FrameRepository:
 
 
 @lru_cache
-def _new_blobs(dialect: str) -> Any:  # noqa: ANN401  # of either dialect
-    return upsert_in(dialect, Blob).on_conflict_do_nothing()
+def _new_blobs(dialect: str) -> Executable:
+    statement: Executable = upsert_in(dialect, Blob).on_conflict_do_nothing()
+    return statement
 
 
-def _blob(file: FileRow) -> dict[str, Any]:
+def _blob(file: FileRow) -> dict[str, object]:
     return {
         "sha256": file.sha256,
         "size_bytes": file.size_bytes,

@@ -364,11 +364,9 @@ class StoredBoxes:
         found = to_evidence(self._records[self._place], names, ids)
         packed = [frame.channels for frame in self.frames.values()]
         channels = unpack_channels(packed, self._counts)
-        return (
-            found
-            if channels is None
-            else replace(found, channels=channels[self._place])
-        )
+        if channels is None:
+            return found
+        return replace(found, channels=channels[self._place])
 
     def tag_counts(self) -> NDArray[np.int32]:
         """(N, N_TAGS): the pixels of each tag."""
@@ -423,17 +421,15 @@ class StoredBoxes:
         channels = self.evidence.channels
         if channels is None:
             return []
-        rows = np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist()
         class_of = {number: name for name, number in self.classes.items()}
+        class_ids = self._records["class_id"]
         found = {}
-        for row in rows:
-            frame_id, position = (
-                self.rows.frame_ids[row],
-                int(channels.explained_by[row]),
-            )
+        for row in np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist():
+            position = int(channels.explained_by[row])
+            frame_id = self.rows.frame_ids[row]
             box_id = self.frames[frame_id].first_box_id + position
             place = self._place[row] - self.rows.box_ids[row] + box_id
-            class_name = class_of[int(self._records["class_id"][place])]
+            class_name = class_of[int(class_ids[place])]
             found[box_id] = ExplainingBox(frame_id, position, box_id, class_name)
         return list(found.values())
 

@@ -24,6 +24,7 @@ from filter_core.types import (
     N_TAGS,
     ChannelNumbers,
     Evidence,
+    FloatArray,
     IntArray,
     NumberColumn,
     number_columns,
@@ -140,7 +141,7 @@ def _geometry(found: BoxGeometry) -> list[Geometry | None]:
     ]
 
 
-def _row(values: Any) -> tuple[float, ...] | None:  # noqa: ANN401  # a row of an array
+def _row(values: FloatArray) -> tuple[float, ...] | None:
     return None if np.isnan(values[0]) else tuple(values.tolist())
 
 
@@ -188,7 +189,7 @@ def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:
     return record.tobytes()
 
 
-def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, Any]:
+def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, object]:
     """The columns of an evidence row."""
     return {
         "numbers": pack_numbers(measured.evidence, class_ids),

@@ -171,7 +171,7 @@ class DatasetRepository:
         self._append_classes(dataset.id, missing, start=len(known))
         return self.classes(dataset.id)
 
-    def change(self, dataset: Dataset, values: Mapping[str, Any]) -> None:
+    def change(self, dataset: Dataset, values: Mapping[str, object]) -> None:
         """Set columns."""
         for name, value in values.items():
             setattr(dataset, name, value)
@@ -340,7 +340,7 @@ class EvidenceRepository:
             return found
         return measurement
 
-    def add(self, rows: list[dict[str, Any]]) -> None:
+    def add(self, rows: Sequence[Mapping[str, object]]) -> None:
         """Insert evidence of frames."""
         insert_rows(self._session, FrameEvidence, rows)
 

@@ -21,6 +21,7 @@ from app.measuring.evidence import (
     pack_tag_counts,
     to_evidence,
     unpack_channels,
+    unpack_chosen_tag_counts,
     unpack_geometry,
     unpack_numbers,
     unpack_tag_counts,
@@ -147,6 +148,25 @@ def test_histograms_come_back(counts):
     np.testing.assert_array_equal(back, counts)
 
 
+@given(st.lists(st.integers(0, 4), max_size=4), st.randoms(use_true_random=False))
+def test_histograms_of_chosen_boxes_come_back_in_their_order(sizes, random):
+    frames = [
+        np.array(
+            [[random.choice((0, 0, 7)) for _ in range(N_TAGS)] for _ in range(size)],
+            np.int32,
+        ).reshape(size, N_TAGS)
+        for size in sizes
+    ]
+    chosen = random.sample(range(sum(sizes)), random.randint(0, sum(sizes)))
+
+    back = unpack_chosen_tag_counts(
+        [pack_tag_counts(frame) for frame in frames], sizes, np.array(chosen, np.int64)
+    )
+
+    together = np.concatenate([np.empty((0, N_TAGS), np.int32), *frames])
+    np.testing.assert_array_equal(back, together[np.array(chosen, np.int64)])
+
+
 @given(
     st.lists(
         st.one_of(
@@ -159,11 +179,19 @@ def test_histograms_come_back(counts):
             ),
         ),
         max_size=5,
-    )
+    ),
+    st.booleans(),
 )
-def test_geometry_comes_back(boxes):
-    back = unpack_geometry(pack_geometry(boxes), len(boxes))
+def test_geometry_comes_back(boxes, backwards):
+    packed, places = pack_geometry(boxes), range(len(boxes))[:: -1 if backwards else 2]
+    back = unpack_geometry(packed, len(boxes))
+    chosen = unpack_geometry(packed, len(boxes), places)
 
+    assert_alike(boxes, back)
+    assert_alike([boxes[place] for place in places], chosen)
+
+
+def assert_alike(boxes, back):
     for before, after in zip(boxes, back, strict=True):
         assert (before is None) == (after is None)
         if before is None or after is None:

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.filter import Selection, to_filter
 from app.boxes.frames import crop_of, describe_frame, overlay_of
-from app.boxes.reader import PageRequest, list_boxes
+from app.boxes.reader import DecisionReader, PageRequest, describe_box, list_boxes
 from app.boxes.routes import get_box
 from tests.api.test_channels import sensors
 from tests.services import Street
@@ -68,6 +68,23 @@ def test_a_page_of_many_frames_asks_no_more_than_one_of_a_single_frame(street):
     one_frame, many = page(street, 3), page(street, 3 * FRAMES)
 
     assert len(asked(street, many)) == len(asked(street, one_frame))
+
+
+def test_a_box_is_told_alike_alone_in_a_list_and_with_its_frame(street):
+    with street.context.database.read() as session:
+        wanted = to_filter(session, street.row(session), Selection())
+        request = PageRequest("crowding", "", 100)
+        listed, _ = list_boxes(session, street.row(session), wanted, request)
+        alone = [describe_box(session, box["box_id"]) for box in listed]
+        dataset = DecisionReader(session, street.row(session))
+        frames = sorted({box["frame_id"] for box in listed}, reverse=True)
+        framed = dataset.records(dataset.read_frames(frames))
+
+    assert len(listed) == 4 * FRAMES
+    assert any(box["explained_by"] for box in listed)
+    assert any(box["review"] for box in listed)
+    assert alone == listed
+    assert framed == sorted(listed, key=lambda box: box["box_id"])
 
 
 def test_the_numbers_of_a_box_and_its_neighbours_are_read_once(street):
