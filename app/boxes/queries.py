@@ -55,6 +55,16 @@ class FileRow(NamedTuple):
     media_type: str
 
 
+class FrameHead(NamedTuple):
+    """What labels say of a frame beside its boxes."""
+
+    id: int
+    key: str
+    width: int | None
+    height: int | None
+    map: str | None
+
+
 @dataclass(frozen=True)
 class FrameFilter:
     """Which frames of a dataset to list."""
@@ -159,7 +169,8 @@ class FrameRepository:
     def current_boxes_of(self, frame_ids: Iterable[int]) -> CurrentBoxes:
         """All boxes of frames, in order of id; none of a frame that was replaced."""
         rows = _CURRENT_BOXES.where(Decision.frame_id.in_(list(frame_ids)))
-        found = self._session.execute(rows.order_by(Decision.box_id))
+        # By the connection: thousands of rows cost a third less than by the session.
+        found = self._session.connection().execute(rows.order_by(Decision.box_id))
         return _columns(found)
 
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
@@ -191,10 +202,10 @@ class FrameRepository:
             rows = rows.where(_has_box(wanted.boxes))
         return list(self._session.scalars(rows))
 
-    def chunk(self, dataset_id: int, *, after: str, limit: int) -> list[Frame]:
+    def chunk(self, dataset_id: int, *, after: str, limit: int) -> list[FrameHead]:
         """The next current frames by key, for work on all of them."""
         rows = (
-            select(Frame)
+            select(Frame.id, Frame.key, Frame.width, Frame.height, Frame.map)
             .where(
                 Frame.dataset_id == dataset_id,
                 Frame.superseded_at.is_(None),
@@ -203,7 +214,7 @@ class FrameRepository:
             .order_by(Frame.key)
             .limit(limit)
         )
-        return list(self._session.scalars(rows))
+        return [FrameHead(*row) for row in self._session.execute(rows)]
 
     def annotation_texts(self, frame_ids: Iterable[int]) -> dict[int, str]:
         """The JSON of annotations as it is stored, by frame; nothing is decoded."""

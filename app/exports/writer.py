@@ -12,7 +12,7 @@ import secrets
 import shutil
 import zipfile
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,10 +23,10 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.boxes.current import TallyRepository
-from app.boxes.queries import FileRow, FrameRepository, LatestAnswers
+from app.boxes.queries import FileRow, FrameHead, FrameRepository, LatestAnswers
 from app.boxes.reader import DecisionReader, StoredDecision
 from app.context import ServiceContext
-from app.db.tables import Dataset, Export, Frame
+from app.db.tables import Dataset, Export
 from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
@@ -162,11 +162,8 @@ class ExportFrames:
             for frame in chunk:
                 yield self._frame(frame, content)
             after = chunk[-1].key
-            # Otherwise the session would keep every frame it has ever seen.
-            for frame in chunk:
-                self._session.expunge(frame)
 
-    def _content(self, chunk: list[Frame]) -> _Content:
+    def _content(self, chunk: Sequence[FrameHead]) -> _Content:
         frames = FrameRepository(self._session)
         ids = [frame.id for frame in chunk]
         boxes = self._reader.read_frames(ids)
@@ -181,7 +178,7 @@ class ExportFrames:
                 content.decisions[one["frame_id"]].append(one)
         return content
 
-    def _frame(self, frame: Frame, content: _Content) -> ExportFrame:
+    def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
         wh = (frame.width or 0, frame.height or 0)
         text = content.annotations.get(frame.id, "{}")
         image = content.files.get(frame.id, {}).get("image")
