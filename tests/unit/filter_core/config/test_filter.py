@@ -33,48 +33,24 @@ NUMBERS = [
 ]
 
 
-def test_every_key_has_its_documented_default():
-    assert FilterConfig().as_dict() == {
-        "profile": "paper",
-        "threshold_small_box": 10,
-        "size_big_box": 70,
-        "threshold_big_box": 50,
-        "min_visible_pixels": 1,
-        "min_distance": None,
-        "max_distance": None,
-        "evidence": "semantic",
-        "projection": "clipped",
-        "depth_tolerance": 0.15,
-        "ordered_min_pixels": 3,
-        "lidar_min_points": 5,
-        "palette": "auto",
-        "encoding": "auto",
-        "channel_order": "auto",
-        "lossy_segmentation": "refuse",
-        "classes": {},
+def test_a_configuration_of_which_nothing_is_said_has_every_default():
+    """Which ones they are, and their order, is pinned with the digests."""
+    defaults = {name: key.default for name, key in keys_of(FilterConfig).items()}
+
+    assert FilterConfig().as_dict() == {**defaults, "classes": {}}
+
+
+def test_a_key_stands_right_before_the_one_that_it_names():
+    names = list(FilterConfig.keys())
+    named = {
+        name: key.shown_before
+        for name, key in keys_of(FilterConfig).items()
+        if key.shown_before
     }
 
-
-def test_keys_are_shown_in_the_order_that_readers_know():
-    assert list(FilterConfig().as_dict()) == [
-        "profile",
-        "threshold_small_box",
-        "size_big_box",
-        "threshold_big_box",
-        "min_visible_pixels",
-        "min_distance",
-        "max_distance",
-        "evidence",
-        "projection",
-        "depth_tolerance",
-        "ordered_min_pixels",
-        "lidar_min_points",
-        "palette",
-        "encoding",
-        "channel_order",
-        "lossy_segmentation",
-        "classes",
-    ]
+    assert named
+    assert {name: names[names.index(name) + 1] for name in named} == named
+    assert names[-1] == "classes"
 
 
 def test_the_digest_never_changes_for_the_same_configuration():
