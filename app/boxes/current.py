@@ -17,6 +17,7 @@ from sqlalchemy import (
     ColumnElement,
     Executable,
     Selectable,
+    and_,
     bindparam,
     case,
     delete,
@@ -71,16 +72,33 @@ def add(
     run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
 
 
-def answered(session: Session, since: int) -> None:
-    """Show the answers with ids above `since` as the latest ones of their boxes.
+def answered(
+    session: Session, box_ids: Iterable[int] = (), *, batch_id: int | None = None
+) -> None:
+    """Show the answers that follow on what is shown, and count them in the tallies.
 
-    They are rows of `reviews` by now, one for each box, in the same transaction. As one
-    transaction writes at a time, the ids tell the answers of one act from all others.
+    They are rows of `reviews` by now: those on some boxes, or those of an act on many.
     """
+    if batch_id is None:
+        for chunk in chunks(box_ids):
+            _show(session, _ON_BOXES, {"boxes": chunk})
+    else:
+        _show(session, _OF_BATCH, {"batch": batch_id})
+
+
+def _show(
+    session: Session, which: ColumnElement[bool], values: Mapping[str, object]
+) -> None:
+    connection = session.connection()
     # In this order: the tallies are told by what the decisions still say.
-    dialect = session.connection().dialect.name
-    run(session, _answers_as_tallies(dialect), since=since)
-    run(session, _ANSWERS_AS_LATEST, since=since)
+    connection.execute(_answers_as_tallies(connection.dialect.name, which), values)
+    connection.execute(_answers_as_latest(which), values)
+
+
+def _is_next() -> ColumnElement[bool]:
+    """Of a decision and an answer: it is the one that follows on what is shown."""
+    follows = Review.revision == Decision.revision + 1
+    return and_(Decision.box_id == Review.box_id, follows)
 
 
 def decided_again(
@@ -171,14 +189,17 @@ def _tally_rows(
 # Statements are built once: every upload and every answer runs them, and building costs
 # several times as much.
 _TALLY: Final = ("dataset_id", *TallyKey._fields)
-_ANSWERS_AS_LATEST: Final = (
-    update(Decision)
-    .where(Review.id > bindparam("since"), Decision.box_id == Review.box_id)
-    .values(
-        review=case((Review.verdict == "clear", null()), else_=Review.verdict),
-        revision=Review.revision,
-    )
-)
+# Named by box or act, not as the newest answers: PostgreSQL would read all others
+# where it does not know yet how many there are.
+_ON_BOXES: Final = Review.box_id.in_(bindparam("boxes", expanding=True))
+_OF_BATCH: Final = Review.batch_id == bindparam("batch")
+
+
+@lru_cache
+def _answers_as_latest(which: ColumnElement[bool]) -> Executable:
+    said = case((Review.verdict == "clear", null()), else_=Review.verdict)
+    rows = update(Decision).where(which, _is_next())
+    return rows.values(review=said, revision=Review.revision)
 
 
 @lru_cache
@@ -194,15 +215,15 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
 
 
 @lru_cache
-def _answers_as_tallies(dialect: str) -> Executable:
+def _answers_as_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
     """Count answered boxes out as they were, and in as they are now."""
     alike = (Decision.dataset_id, Decision.class_id, Decision.reason, Decision.toss_up)
     before = func.coalesce(Decision.review, "").label("before")
     now = case((Review.verdict == "clear", ""), else_=Review.verdict).label("now")
     said = (
         select(*alike, before, now, func.count().label("boxes"))
-        .join(Review, Review.box_id == Decision.box_id)
-        .where(Review.id > bindparam("since"))
+        .join(Review, _is_next())
+        .where(which)
         .group_by(*alike, before, now)
         .cte("said")
     )

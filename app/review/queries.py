@@ -27,9 +27,8 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session, aliased
 
 from app.boxes.current import answered
-from app.boxes.queries import LatestAnswers
 from app.db.base import Key, UtcDateTime
-from app.db.bulk import chunks, insert_rows, run, upsert
+from app.db.bulk import chunks, insert_rows, upsert
 from app.db.tables import Box, Claim, Dataset, Decision, Review, ReviewBatch
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, is_there
@@ -116,53 +115,65 @@ class ReviewRepository:
                 yield BoxState(*row)
 
     def answer(
-        self, boxes: Iterable[SeenBoxes], verdict: str, comment: str, by: Signature
+        self, boxes: Sequence[SeenBoxes], verdict: str, comment: str, by: Signature
     ) -> int:
         """Answer boxes of the dataset that are as they were seen; how many."""
         said = literal(verdict), literal(comment)
-        return self._answer(
-            _answers(said, by, chunk, seen.revision)
+        stored = sum(
+            self._insert(_answers(said, by, chunk, seen.revision))
             for seen in boxes
             for chunk in chunks(seen.box_ids)
         )
+        self._show((box_id for seen in boxes for box_id in seen.box_ids), by)
+        return stored
 
-    def answer_as_before(self, boxes: Iterable[Standing], by: Signature) -> int:
+    def answer_as_before(self, boxes: Sequence[Standing], by: Signature) -> int:
         """Say again what was said before, where nobody spoke since; on how many."""
         earlier = aliased(Review)
         said = (
             func.coalesce(earlier.verdict, "clear"),
             func.coalesce(earlier.comment, ""),
         )
-        return self._answer(
-            _answers(said, by, chunk, seen.revision).outerjoin(
-                earlier,
-                (earlier.box_id == Decision.box_id) & (earlier.revision == seen.before),
+        stored = sum(
+            self._insert(
+                _answers(said, by, chunk, seen.revision).outerjoin(
+                    earlier,
+                    (earlier.box_id == Decision.box_id)
+                    & (earlier.revision == seen.before),
+                )
             )
             for seen in boxes
             for chunk in chunks(seen.box_ids)
         )
-
-    def carry_over(self, rows: Sequence[AnswerRow]) -> None:
-        """Insert the first answers on new boxes."""
-        since = LatestAnswers(self._session).newest_id()
-        insert_rows(self._session, Review, rows)
-        self._show(since)
-
-    def _answer(self, selected: Iterable[Select[Any]]) -> int:
-        since, stored = LatestAnswers(self._session).newest_id(), 0
-        for answers in selected:
-            statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
-            # Whatever `decisions` say, an answer is never followed by two.
-            unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
-            told = unique.execution_options(preserve_rowcount=True)
-            stored += self._session.connection().execute(told).rowcount
-        self._show(since)
+        self._show((box_id for seen in boxes for box_id in seen.box_ids), by)
         return stored
 
-    def _show(self, since: int) -> None:
-        """Let the answers above this id be the latest, and end the claims on them."""
-        answered(self._session, since)
-        run(self._session, _END_CLAIMS, since=since)
+    def carry_over(self, rows: Sequence[AnswerRow]) -> None:
+        """Insert the first answers on new boxes, which nobody has claimed."""
+        insert_rows(self._session, Review, rows)
+        answered(self._session, [row["box_id"] for row in rows])
+
+    def _insert(self, answers: Select[Any]) -> int:
+        statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
+        # Whatever `decisions` say, an answer is never followed by two.
+        unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
+        told = unique.execution_options(preserve_rowcount=True)
+        stored: int = self._session.connection().execute(told).rowcount
+        return stored
+
+    def _show(self, box_ids: Iterable[int], by: Signature) -> None:
+        """Let what was inserted be the latest answers, and end the claims on the boxes.
+
+        Those of an act on many boxes are named by it: there may be a hundred thousand.
+        """
+        connection = self._session.connection()
+        if by.batch_id is None:
+            ids = list(box_ids)
+            connection.execute(_END_CLAIMS, {"boxes": ids})
+            answered(self._session, ids)
+        else:
+            connection.execute(_END_CLAIMS_OF_ACT, {"batch": by.batch_id})
+            answered(self._session, batch_id=by.batch_id)
 
     def of_box(self, box_id: int) -> list[Review]:
         """All answers on a box, oldest first."""
@@ -220,7 +231,10 @@ _STATE: Final = (
     *(Decision.reason, Decision.review, Decision.revision),
 )
 _END_CLAIMS: Final = delete(Claim).where(
-    Claim.box_id.in_(select(Review.box_id).where(Review.id > bindparam("since")))
+    Claim.box_id.in_(bindparam("boxes", expanding=True))
+)
+_END_CLAIMS_OF_ACT: Final = delete(Claim).where(
+    Claim.box_id.in_(select(Review.box_id).where(Review.batch_id == bindparam("batch")))
 )
 
 

@@ -22,6 +22,7 @@ from app.db.tables import Dataset
 from app.ingest.queries import known_frames
 from app.measuring.queries import DatasetRepository, frames_state, key_rows
 from app.review.queue import QueueRequest, next_boxes, outlook
+from app.review.service import Answer, boxes_as_they_are, review_box, review_many
 from benchmarks.million import BOXES_PER_FRAME, Wanted, make
 from tests.databases import migrated_postgres
 from tests.services import running_services
@@ -157,6 +158,20 @@ def test_the_queue_looks_at_few_boxes(context, session, dataset, order):
         check(writing, lambda: next_boxes(writing, dataset, wanted, queue))
 
     assert (len(found["items"]), found["remaining"]) == (PAGE, BOXES)
+
+
+def test_an_answer_looks_at_no_other_answers(context, session, dataset):
+    """Just after very many were given, when PostgreSQL does not know of them yet."""
+    frames = FrameRepository(session)
+    (frame,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, None, 0))
+    ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 2))
+    answer = Answer("keep", "", "ada")
+
+    with context.database.write() as writing:
+        chosen = boxes_as_they_are(writing, dataset, ids)
+        assert review_many(writing, dataset, chosen, answer).answered == len(ids)
+        check(writing, lambda: review_box(writing, ids[-1] + 1, answer, 0), most=50)
+        writing.rollback()
 
 
 def test_counts_come_from_tallies(session, dataset):
