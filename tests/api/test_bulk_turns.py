@@ -231,4 +231,4 @@ def test_a_frame_is_described_by_asking_for_everything_once(service, api, street
     asked = [
         text for text, _ in found if re.search("FROM (evidence|frame_files)", text)
     ]
-    assert len(asked) == len(set(asked)) == 3
+    assert len(asked) == len(set(asked)) == 2
