@@ -41,7 +41,7 @@ from app.db.bulk import (
     update_rows,
     upsert_in,
 )
-from app.db.tables import Box, Decision, Frame, Review, Tally
+from app.db.tables import Decision, Frame, Review, Tally
 from app.errors import Forbidden
 from app.security import Principal, Role
 from filter_core.types import Decisions, Evidence, FloatArray, IntArray
@@ -252,19 +252,6 @@ def _frame_out_of_tallies(dialect: str) -> Executable:
     return _counted_in(dialect, rows.where(Decision.frame_id == bindparam("frame_id")))
 
 
-class CurrentRow(NamedTuple):
-    """A current decision as it is stored."""
-
-    box_id: int
-    frame_id: int
-    class_id: int
-    reason: int
-    toss_up: bool
-    large: bool
-    review: str | None
-    revision: int
-
-
 class TallyRow(NamedTuple):
     """How many boxes are alike in this."""
 
@@ -280,33 +267,6 @@ class DecisionRepository:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-
-    def rows(self, box_ids: Iterable[int]) -> dict[int, CurrentRow]:
-        """Current decisions of these boxes, by id."""
-        found: dict[int, CurrentRow] = {}
-        for chunk in chunks(box_ids):
-            found |= self._fetch(Decision.box_id.in_(chunk))
-        return found
-
-    def of_frames(self, frame_ids: Iterable[int]) -> dict[int, CurrentRow]:
-        """Current decisions of the boxes of frames."""
-        return self._fetch(Decision.frame_id.in_(list(frame_ids)))
-
-    def answered_sources(
-        self, frame_ids: Iterable[int]
-    ) -> dict[int, list[tuple[str, str | None]]]:
-        """The sender's own ids of boxes and their answers, in order, by frame."""
-        frames = list(frame_ids)
-        found: dict[int, list[tuple[str, str | None]]] = {key: [] for key in frames}
-        rows = (
-            select(Decision.frame_id, Box.source_id, Decision.review)
-            .join(Box, Box.id == Decision.box_id)
-            .where(Decision.frame_id.in_(frames))
-            .order_by(Decision.box_id)
-        )
-        for frame_id, source_id, review in self._session.execute(rows):
-            found[frame_id].append((source_id, review))
-        return found
 
     def per_frame(self, frame_ids: Sequence[int]) -> dict[int, list[TallyRow]]:
         """Tallies of single frames."""
@@ -342,23 +302,6 @@ class DecisionRepository:
             .order_by(Decision.box_id)
         )
         return [(row[0], str(row[1])) for row in self._session.execute(rows)]
-
-    def _fetch(self, condition: ColumnElement[bool]) -> dict[int, CurrentRow]:
-        rows = (
-            select(
-                Decision.box_id,
-                Decision.frame_id,
-                Decision.class_id,
-                Decision.reason,
-                Decision.toss_up,
-                Decision.large,
-                Decision.review,
-                Decision.revision,
-            )
-            .where(condition)
-            .order_by(Decision.box_id)
-        )
-        return {row[0]: CurrentRow(*row) for row in self._session.execute(rows)}
 
 
 class TallyRepository:
