@@ -2,11 +2,10 @@
 // The JSONL manifest: one frame per line, its annotation and the paths of its files. No DOM.
 
 import { LabelError } from "./labels.js";
+import { FILE_KINDS } from "./sender.js";
 
 /** @typedef {import("./matching.js").Entry} Entry */
 /** @typedef {{key: string, annotation: Record<string, unknown>, files: Record<string, Entry>}} ReadFrame */
-
-export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar", "radar", "ignore_mask"];
 
 /**
  * @param {string} line @param {string} at  "manifest.jsonl, line 3"

@@ -3,12 +3,14 @@
 
 import { ApiError, NoAnswer, post, segment, send, urlOf } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { FILE_KINDS } from "./manifest.js";
 
 /** @typedef {import("./matching.js").Entry} Entry */
 /** @typedef {import("./manifest.js").ReadFrame} ReadFrame */
 /** @typedef {"sending" | "paused" | "offline" | "busy" | "signed-out" | "done" | "stopped"} Phase */
 /** @typedef {{key: string, why: string, more: readonly string[]}} Refusal */
+
+/** The files that a frame may have. */
+export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar", "radar", "ignore_mask"];
 
 /**
  * @typedef {object} Progress

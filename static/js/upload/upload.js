@@ -7,7 +7,6 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { FileList } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { UploadDialog } from "./dialog.js";
 import { doneOf, isOver } from "./sender.js";
 
 /** @typedef {import("./sender.js").UploadApp} App */
@@ -21,7 +20,7 @@ export function Uploads({ app }) {
   const isOver = useDrop(app);
   return html`
     ${isOver && html`<div class="dropzone" aria-hidden="true"><div class="dropzone__card"><${Icon} name="upload" />Drop images, segmentations and labels to upload them</div></div>`}
-    ${dropped && html`<${UploadDialog} key=${dropped} app=${app} dropped=${dropped} />`}
+    ${dropped && html`<${LateDialog} key=${dropped} app=${app} dropped=${dropped} />`}
     ${job && html`<${UploadPanel} key=${job} app=${app} job=${job} />`}`;
 }
 
@@ -51,6 +50,18 @@ function useDrop(app) {
     return () => stop.abort();
   }, [app]);
   return isOver;
+}
+
+/** What reads folders and asks comes when something was dropped: most people only look. @param {{app: App, dropped: Promise<Entry[]>}} props */
+function LateDialog({ app, dropped }) {
+  const [late, setLate] = useState(/** @type {typeof import("./dialog.js") | null} */ (null));
+  useEffect(() => {
+    import("./dialog.js").then(setLate, () => {
+      app.uploads.dropped.set(null);
+      app.toasts.show("The server does not answer; try again when it is back.", { kind: "error" });
+    });
+  }, []);
+  return late && html`<${late.UploadDialog} app=${app} dropped=${dropped} />`;
 }
 
 /** One at a time: what runs is not thrown away by a second drop. @param {App} app @param {Promise<import("./matching.js").Entry[]>} files */
