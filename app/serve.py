@@ -25,10 +25,10 @@ from app.engine import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
 from app.maintenance.datafolder import CannotMaintain
+from app.measuring.active import UnusableConfig
 from app.memory import keep_freed_memory, settle
 from app.package import VERSION
 from app.process.connections import raise_descriptor_limit
-from app.process.lifespan import UnusableConfig
 from app.process.server import GracefulServer, ProblemProtocol, exit_on_sigterm
 from app.settings import Settings, bracketed
 from unghost.wire.note import note_path

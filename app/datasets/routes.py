@@ -23,6 +23,7 @@ from app.http.deps import (
 )
 from app.http.pages import Cursor, Limit, Newest, accepted, page_response
 from app.http.routing import ApiRouter
+from app.measuring.active import DefaultConfig
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository, ProblemRepository
 from app.runs.flips import current_histogram
@@ -68,8 +69,9 @@ def create_dataset(
         lossy_segmentation=body.lossy_segmentation,
         ignore_mask=_stored(body.ignore_mask),
     )
+    first = services.one(DefaultConfig).config
     wanted = datasets.NewDataset(
-        reading, body.description, body.classes, services.default_config, audit.name
+        reading, body.description, body.classes, first, audit.name
     )
     dataset = datasets.create_dataset(session, wanted)
     audit.note(Act.DATASET_CREATED, dataset.name)

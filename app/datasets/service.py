@@ -27,6 +27,7 @@ from app.measuring.queries import (
 )
 from app.runs.queries import RunRepository
 from app.runs.service import RunRequest, coming_settings, request_run
+from app.storage.room import DeletionSignal
 from filter_core.config.filter import FilterConfig
 from unghost.wire import datasets as wire
 
@@ -142,7 +143,7 @@ def remove_dataset(
     forget_dataset(session, dataset.id)
     DatasetRepository(session).hide(dataset)
     replace_tallies(session, dataset.id, {})
-    once_committed(session, context.something_to_remove.set)
+    once_committed(session, context.one(DeletionSignal).set)
 
 
 def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:

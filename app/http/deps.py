@@ -20,7 +20,7 @@ from app.security import (
     Role,
 )
 from app.settings import Settings
-from app.storage.room import DELETING_BYTES
+from app.storage.room import DELETING_BYTES, DeletionSignal, Reserve
 
 Result = TypeVar("Result")
 
@@ -166,8 +166,8 @@ def make_room(services: ServiceContext, session: Session) -> None:
     To be called once there was something to delete that may be deleted, and before the
     commit, which writes it down. The reserve is taken again as soon as there is room.
     """
-    if services.reserve.give_up(DELETING_BYTES):
-        once_committed(session, services.something_to_remove.set)
+    if Reserve(services.settings.data).give_up(DELETING_BYTES):
+        once_committed(session, services.one(DeletionSignal).set)
 
 
 async def _in_own_thread(call: Callable[..., object], *args: object) -> None:

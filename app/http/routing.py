@@ -35,7 +35,7 @@ from app.http.idempotency import (
     store_answer,
 )
 from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
-from app.incoming import HeldBytes
+from app.incoming import HeldBytes, OpenBodies
 from app.security import SAFE_METHODS, Role
 
 _NO_BODY: Final = "unghost.no_body"
@@ -204,7 +204,8 @@ class ApiRoute(OpenRoute):
         await authorise(request, self.reading_needs if reads else self.writing_needs)
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(self.max_body_bytes(request))
-        held = HeldBytes(services_of(request).bodies, request.state.principal.token_id)
+        bodies = services_of(request).one(OpenBodies)
+        held = HeldBytes(bodies, request.state.principal.token_id)
         allowance.count_in(held, is_streamed=self.is_streamed)
 
     async def answer(self, endpoint: Handler, request: Request) -> Response:
@@ -340,6 +341,7 @@ def committed(request: Request, response: Response) -> Response:
     that time nobody else can write. For routes that are called very often.
     """
     _keep(request, response)
+    # Ended by another than opened it: to wait for that would keep others from writing.
     request.state.write_session.commit()
     return response
 

@@ -175,8 +175,8 @@ class BatchIntake:
             self._started.put_nowait(None)
 
     async def _start(self, frame: UploadedFrame, size: int) -> Future[PreparedFrame]:
-        bodies, token_id = self._context.bodies, self._request.sender.token_id
-        counted = _CountedFrame(bodies, token_id, size)
+        bodies = self._context.one(OpenBodies)
+        counted = _CountedFrame(bodies, self._request.sender.token_id, size)
         try:
             await self._places.acquire()
             await self._room.take(size)

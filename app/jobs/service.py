@@ -157,6 +157,7 @@ def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
     """
     context.engine.interrupt(job)
     if not context.database.has_one_writer:
+        # Opened though there is a session, whose first statement waits for this row.
         with context.database.write_beside() as beside:
             ChunkRepository(beside).withdraw_final(job)
     clear = partial(context.engine.clear_cancel, job)

@@ -22,7 +22,7 @@ from sqlalchemy.orm import Session
 from app.context import ServiceContext
 from app.db.engine import Database
 from app.db.tables import Dataset, DatasetClass, Flips, Frame, Problem, Run
-from app.storage.room import Reserve
+from app.storage.room import DeletionSignal, Reserve
 
 FRAMES_AT_A_TIME: Final = 200
 ROWS_AT_A_TIME: Final = 1_000
@@ -143,7 +143,7 @@ def removing(context: ServiceContext) -> Iterator[None]:
         yield
     finally:
         over.set()
-        context.something_to_remove.set()
+        context.one(DeletionSignal).set()
         watch.join()
 
 
@@ -151,11 +151,12 @@ def _watch(context: ServiceContext, over: threading.Event) -> None:
     def stop() -> bool:
         return over.is_set() or context.engine.stopping.is_set()
 
+    signal, reserve = context.one(DeletionSignal), Reserve(context.settings.data)
     while not stop():
-        context.something_to_remove.clear()
+        signal.clear()
         try:
-            remove_deleted(context.database, context.reserve, stop)
-            context.reserve.keep(int(context.settings.min_free_bytes))
+            remove_deleted(context.database, reserve, stop)
+            reserve.keep(int(context.settings.min_free_bytes))
         except (
             SQLAlchemyError,
             OSError,
@@ -163,4 +164,4 @@ def _watch(context: ServiceContext, over: threading.Event) -> None:
             text = str(exc).partition("\n")[0]
             log.warning("deleted datasets are not removed yet: %s", text)
         if not over.is_set():
-            context.something_to_remove.wait(LOOK_EVERY_S)
+            signal.wait(LOOK_EVERY_S)

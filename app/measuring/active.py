@@ -23,8 +23,11 @@ from app.measuring.queries import (
     glance,
     key_rows,
 )
+from app.settings import Settings
+from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
+from filter_core.errors import FilterError
 from unghost.wire.runs import ConfigVersion
 
 MAX_PLANS: Final = 256
@@ -40,6 +43,30 @@ class ActiveDataset:
     row: ActiveRow
     plan: MeasureConfig
     config: FilterConfig
+
+
+class UnusableConfig(Exception):
+    """The configuration named in the settings cannot be read or is wrong."""
+
+
+@dataclass(frozen=True)
+class DefaultConfig:
+    """What the datasets of this service begin with; read once, when it starts."""
+
+    config: FilterConfig
+
+    @classmethod
+    def of(cls, settings: Settings) -> DefaultConfig:
+        """The settings' own, or that of the library; UnusableConfig."""
+        if settings.config is None:
+            return cls(FilterConfig())
+        try:
+            return cls(load_config(settings.config.read_bytes()).config)
+        except OSError as error:
+            reason = error.strerror or "it cannot be read"
+            raise UnusableConfig(f"{settings.config}: {reason}") from error
+        except FilterError as error:
+            raise UnusableConfig(f"{settings.config}: {error}") from error
 
 
 class PlanCache:

@@ -14,6 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from app.context import ServiceContext
 from app.db.engine import Database
 from app.engine import LocalEngine
+from app.incoming import OpenBodies
 from app.ingest.batch import OpenBatches
 from app.jobs.events import Poller
 from app.jobs.kind import kinds
@@ -77,7 +78,7 @@ def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     open_now = context.one(OpenBatches).open
     yield Gauge("unghost_batches_open", "Batches being received.", open_now)
     text = "Bytes of requests that are in memory."
-    yield Gauge("unghost_open_body_bytes", text, context.bodies.open_bytes)
+    yield Gauge("unghost_open_body_bytes", text, context.one(OpenBodies).open_bytes)
     watching = context.one(Poller).watchers
     yield Gauge("unghost_event_streams_open", "Watchers of runs.", watching)
     text = "1 once the service was asked to stop."

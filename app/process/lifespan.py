@@ -18,6 +18,7 @@ from app.engine.dask import Certificates
 from app.engine.pixels import PixelPool
 from app.exports.service import EXPORTS
 from app.http.idempotency import forget_old_answers
+from app.incoming import OpenBodies
 from app.jobs.kind import register
 from app.jobs.queries import LeaseRepository
 from app.jobs.service import watching
@@ -31,14 +32,12 @@ from app.maintenance.datafolder import (
 )
 from app.maintenance.page_check import checking_pages
 from app.maintenance.removals import removing
+from app.measuring.active import DefaultConfig
 from app.package import migrations_dir
 from app.runs.service import RUNS
 from app.settings import Settings
 from app.storage import make_folder, open_store
 from app.storage.room import Reserve
-from filter_core.config.file import load_config
-from filter_core.config.filter import FilterConfig
-from filter_core.errors import FilterError
 
 
 @contextmanager
@@ -47,7 +46,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
     register_kinds()
     make_folder(settings.data)
     Reserve(settings.data).give_up()
-    default_config = _default_config(settings)
+    default_config = DefaultConfig.of(settings)
     with usable_store(settings):
         store = open_store(settings)
     database = Database(settings.sqlalchemy_url)
@@ -70,7 +69,13 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             engine=_engine(settings, database),
             pixels=pixel_pool(settings, settings.workers),
             drawers=pixel_pool(settings, settings.workers + 1),
-            default_config=default_config,
+        )
+        services.keep(default_config)
+        services.keep(
+            OpenBodies(
+                int(settings.max_open_body_bytes),
+                int(settings.max_open_body_bytes_per_token),
+            )
         )
         try:
             with (
@@ -144,19 +149,3 @@ def pixel_pool(settings: Settings, children: int) -> PixelPool:
         memory_bytes=int(settings.max_pixel_memory_bytes),
         preload=("app.measuring.pixels", "app.boxes.drawing"),
     )
-
-
-class UnusableConfig(Exception):
-    """The configuration named in the settings cannot be read or is wrong."""
-
-
-def _default_config(settings: Settings) -> FilterConfig:
-    if settings.config is None:
-        return FilterConfig()
-    try:
-        return load_config(settings.config.read_bytes()).config
-    except OSError as error:
-        reason = error.strerror or "it cannot be read"
-        raise UnusableConfig(f"{settings.config}: {reason}") from error
-    except FilterError as error:
-        raise UnusableConfig(f"{settings.config}: {error}") from error

@@ -118,7 +118,6 @@ def create_bulk_review(
     stored = reviews.review_many(audit.session, dataset, chosen, answer)
     left = len(stored.skipped) + len(stored.stale)
     if body.filter is not None and (left or dataset.active_run_id != run_id):
-        audit.session.rollback()
         _look(body, services)  # says what has changed: StaleSnapshot
         raise StaleSnapshot(
             expected=chosen.number,

@@ -10,6 +10,7 @@ import io
 import logging
 import os
 import shutil
+import threading
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -51,6 +52,10 @@ def require_room(settings: Settings, store: BlobStore) -> None:
             "until there is room",
             retry_after_s=RETRY_S,
         )
+
+
+class DeletionSignal(threading.Event):
+    """Set when something was deleted: rows are to go, the reserve is to be taken."""
 
 
 class Reserve:

@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing
 
 import pytest
 
+from app.incoming import OpenBodies
 from app.security import Role
 from tests.api import frames as scene
 from tests.api.archives import END, header_of, lines_of, pieces
@@ -54,7 +55,7 @@ def until_free(service):
 
 
 def open_bytes(service):
-    return service.app.state.services.bodies.open_bytes
+    return service.app.state.services.one(OpenBodies).open_bytes
 
 
 class Sender:

@@ -1,0 +1,47 @@
+"""Whoever opens a session ends it; what is given one does neither."""
+
+from __future__ import annotations
+
+import ast
+
+from tests.architecture.sources import python_sources
+
+ENDS = {"commit", "rollback"}
+OPENS = {"read", "write", "write_beside"}
+ALLOWED = {"app/http/routing.py:committed", "app/jobs/service.py:_interrupt"}
+"""Each says why."""
+
+
+def is_given_a_session(function):
+    arguments = (*function.args.args, *function.args.kwonlyargs)
+    return any(
+        isinstance(one.annotation, ast.Name) and one.annotation.id == "Session"
+        for one in arguments
+    )
+
+
+def oversteps(function):
+    """Whether it ends a session, or opens one beside that which it is given."""
+    given = is_given_a_session(function)
+    calls = [
+        (ast.unparse(node.func.value), node.func.attr)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    ]
+    return any(
+        (name in ENDS and owner.endswith("session"))
+        or (given and name in OPENS and owner.endswith("database"))
+        for owner, name in calls
+    )
+
+
+def test_who_is_given_a_session_leaves_transactions_alone():
+    found = {
+        f"{source.name}:{function.name}"
+        for source in python_sources("app")
+        for function in ast.walk(source.tree)
+        if isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef))
+        and oversteps(function)
+    }
+
+    assert found == ALLOWED
