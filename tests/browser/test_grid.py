@@ -34,7 +34,7 @@ def test_every_box_is_shown_with_its_crop_verdict_and_match(many, ada):
     expect(first.locator(".cell__box--kept")).to_have_css("border-style", "solid")
     expect(second.locator(".cell__box--rejected")).to_have_css("border-style", "dashed")
     expect(first.locator(".cell__percent")).to_have_text("100 %")
-    expect(second.locator(".cell__reason")).to_have_text("no visible pixel")
+    expect(second.locator(".cell__reason")).to_have_text("too few visible pixels")
     expect(first).to_have_accessible_name("car b0, kept: 100 % Car ≥ 10 %")
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 

@@ -158,7 +158,7 @@ def test_audit_hides_what_was_said_until_one_has_answered(scene, ada):
     page = opened(ada, scene, order="audit", **{"class": "truck"})
     body = page.locator(".queue__body")
     expect(page.get_by_label("Blind")).to_be_checked()
-    for told in ("kept", "rejected", "admin", "no visible pixel", "Pedestrian"):
+    for told in ("kept", "rejected", "admin", "too few visible pixels", "Pedestrian"):
         assert told not in body.inner_text()
     assert page.locator(".sign, .badge, .match").count() == 0
     assert page.locator(".stage").get_attribute("aria-label") == "Box: truck ghost"

@@ -200,8 +200,9 @@ def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
     page.reload()
 
     expect(line).to_have_text(
-        "The channel ordered decides, by ordered_min_pixels (3); "
-        "match thresholds only decide boxes that it has no number for."
+        "The channel ordered decides, by ordered_min_pixels (3) and "
+        "min_visible_pixels (1); match thresholds only decide boxes "
+        "that it has no number for."
     )
     expect(figure(page, "kept")).to_be_visible()
 

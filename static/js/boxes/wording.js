@@ -11,7 +11,7 @@ export const REASONS = {
   visible: "visible",
   below_threshold: "below threshold",
   large_below_threshold: "large, below threshold",
-  no_visible_pixels: "no visible pixel",
+  no_visible_pixels: "too few visible pixels",
   outside_image: "outside the image",
   covers_image: "covers the image",
   degenerate: "no area",
@@ -83,7 +83,7 @@ function measureText(box) {
     case "large_below_threshold":
       return `${percentText(box.match_percent)} ${tags}${thresholdText(box, "<")}`;
     case "no_visible_pixels":
-      return `no ${tags.replaceAll(" + ", " or ")} pixel`;
+      return box.matched_pixels ? `too few ${tags.replaceAll(" + ", " or ")} pixels` : `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
       return `${metresText(box.distance)}: out of range`;
     case "veiled":

@@ -107,7 +107,7 @@ const Skeleton = () => html`<div aria-hidden="true">
 
 /** @type {Record<string, readonly string[]>} the keys that its rule reads */
 const OWN_KEYS = {
-  ordered: ["ordered_min_pixels"],
+  ordered: ["ordered_min_pixels", "min_visible_pixels"],
   depth: ["min_visible_pixels", "depth_tolerance"],
   depth_center: ["depth_tolerance"],
   instance: ["min_visible_pixels"],

@@ -69,7 +69,7 @@ const KEYS = {
   threshold_small_box: { text: "share of pixels that must match", unit: "%", most: 100 },
   size_big_box: { text: "share of the image above which a box is large", unit: "%", most: 100 },
   threshold_big_box: { text: "share that must match in a large box", unit: "%", most: 100 },
-  min_visible_pixels: { text: "matching pixels below which nothing is visible", unit: "px", step: 1, isWhole: true },
+  min_visible_pixels: { text: "fewest matching pixels that must be seen of a box", unit: "px", step: 1, isWhole: true },
   min_distance: { text: "nearest distance that is kept", unit: "m", step: 1, isEmptyAllowed: true },
   max_distance: { text: "farthest distance that is kept", unit: "m", step: 1, isEmptyAllowed: true },
   profile: { text: "how pixels of a box are counted" },

@@ -17,7 +17,8 @@ test("a kept box does not say what hides it", () => {
 test("each reason has words of its own", () => {
   const bike = [{ tag: 18, name: "Motorcycle", rgb: [0, 0, 230] }, { tag: 13, name: "Rider", rgb: [255, 0, 0] }];
   const cases = [
-    [{ reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "no Motorcycle or Rider pixel"],
+    [{ reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "too few Motorcycle or Rider pixels"],
+    [{ matched_pixels: 0, reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "no Motorcycle or Rider pixel"],
     [{ reason: "out_of_range", distance: 214.3, hidden_by: [] }, "214 m: out of range"],
     [{ reason: "outside_image", hidden_by: [] }, "outside the image"],
     [{ reason: "explained_by_nearer", explained_by: "12", hidden_by: [] }, "explained by nearer box 12"],
