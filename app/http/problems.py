@@ -21,7 +21,7 @@ from starlette.routing import Match
 from app import errors
 from app.errors import AppError
 from app.logs import current_request_id, error_log
-from filter_core.errors import AnnotationErrors, FilterError
+from filter_core.errors import FilterError, problem_of
 from filter_core.values import pointer_token
 from unghost.wire.model import MAX_FAULTS, Fault, Problem
 
@@ -241,13 +241,10 @@ def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
 
 
 def _refusal_by_filter(exc: FilterError) -> Refusal:
-    several = exc if isinstance(exc, AnnotationErrors) else None
-    faults = tuple(
-        Fault(pointer=one.pointer, code=one.kind, detail=one.detail)
-        for one in (several.errors if several else (exc,))
-    )
-    told = _not_listed(several.more_errors if several else 0)
-    return Refusal(422, exc.kind, exc.detail, faults, told=told)
+    problem = problem_of(exc)
+    faults = tuple(Fault(**one) for one in problem["errors"])
+    told = _not_listed(problem.get("more_errors", 0))
+    return Refusal(422, problem["code"], problem["detail"], faults, told=told)
 
 
 def _not_listed(more: int) -> dict[str, int]:
