@@ -163,10 +163,9 @@ def numbers(count: int, names: tuple[str, ...], rng: Generator) -> Evidence:
     hidden = rng.random(count) < 0.45
     share = np.where(hidden, rng.beta(0.5, 8, count), rng.beta(6, 2.5, count))
     matched = np.where(rng.random(count) < 0.3, 0, (share * box_pixels)).astype(int)
-    return Evidence(
-        class_names=names,
-        class_index=rng.integers(0, len(names), count).astype(np.int32),
-        state=np.zeros(count, np.uint8),
+    class_index = rng.integers(0, len(names), count).astype(np.int32)
+    return replace(
+        Evidence.absent(names, class_index),
         accept_mask=np.full(count, 1 << 14, np.int64),
         measured=np.ones(count, bool),
         box_pixels=box_pixels,

@@ -6,7 +6,7 @@ gives `Decisions`. Thresholds can therefore be changed without reading a pixel a
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from filter_core.annotation.frame import (
     AnnotationLimits,
@@ -15,7 +15,13 @@ from filter_core.annotation.frame import (
 )
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.file import LoadedConfig, load_config
-from filter_core.config.filter import ClassConfig, FilterConfig, diff_configs
+from filter_core.config.filter import (
+    ClassConfig,
+    DecideConfig,
+    FilterConfig,
+    diff_configs,
+)
+from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.explain import explain, hidden_by
 from filter_core.decisions.rules import decide
 from filter_core.errors import (
@@ -65,6 +71,7 @@ __all__ = [
     "Camera",
     "ClassConfig",
     "ConfigError",
+    "DecideConfig",
     "Decisions",
     "Evidence",
     "FilterConfig",
@@ -79,6 +86,7 @@ __all__ = [
     "ImageTooLarge",
     "LayoutError",
     "LoadedConfig",
+    "MeasureConfig",
     "MeasureOptions",
     "MeasuredFrame",
     "NotAvailable",
@@ -126,7 +134,8 @@ of the time in which all of the library is loaded.
 """
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401  # of whatever kind it is
+def __getattr__(name: str) -> object:
     if name not in _OF_FOLDERS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_OF_FOLDERS[name]), name)
+    found: object = getattr(import_module(_OF_FOLDERS[name]), name)
+    return found

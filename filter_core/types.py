@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import Final, Literal, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,6 +208,16 @@ def number_columns(table: type[Evidence | ChannelNumbers]) -> dict[str, NumberCo
     return {name: column for name, column in declared.items() if column is not None}
 
 
+def _absent_columns(
+    table: type[Evidence | ChannelNumbers], count: int
+) -> dict[str, Any]:
+    """Arrays for the columns of numbers of either table, for so many boxes."""
+    return {
+        name: np.full((count, *column.shape), column.missing, column.dtype)
+        for name, column in number_columns(table).items()
+    }
+
+
 def _count_column(meaning: str, *, unit: str = "px") -> dict[str, NumberColumn]:
     return {"column": NumberColumn(meaning, unit, "i8", 0)}
 
@@ -308,6 +318,14 @@ class Evidence:
     tag_counts: NDArray[np.int32] | None = None
     channels: ChannelNumbers | None = None
 
+    @classmethod
+    def absent(
+        cls, class_names: tuple[str, ...], class_index: NDArray[np.int32]
+    ) -> Evidence:
+        """New columns for boxes of these classes, filled with "nothing measured"."""
+        columns = _absent_columns(cls, len(class_index))
+        return cls(class_names=class_names, class_index=class_index, **columns)
+
     def __len__(self) -> int:
         return len(self.class_index)
 
@@ -395,12 +413,7 @@ class ChannelNumbers:
     @classmethod
     def absent(cls, count: int) -> ChannelNumbers:
         """New columns for `count` boxes, filled with "not measured"."""
-        return cls(
-            **{
-                name: np.full((count, *column.shape), column.missing, column.dtype)
-                for name, column in number_columns(cls).items()
-            }
-        )
+        return cls(**_absent_columns(cls, count))
 
     def __len__(self) -> int:
         return len(self.owned_pixels)

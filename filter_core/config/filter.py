@@ -225,8 +225,8 @@ class Thresholds(ClassKeys[FloatArray, IntArray, FloatArray]):
     """The numbers that apply to each of K classes: every attribute is a (K,) array.
 
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
-    or ``inf``. Whether a box passes that is exactly at a threshold depends on the
-    profile: see `filter_core.decisions.rules`. All other limits are inclusive.
+    or ``inf``. A box whose match is exactly the threshold passes under profile
+    ``paper`` and fails under ``carlasimu``; all other limits are inclusive.
 
     Attributes
     ----------

@@ -63,7 +63,8 @@ class NumberRange(NamedTuple):
     whole : bool
         Whether fractions are refused.
     null : float or None
-        The number that stands for null in arrays; None: null is not allowed.
+        Null (no limit) is allowed if this is a number: the one that stands for it in
+        arrays, such as ``inf``. None: null is refused.
     """
 
     low: Number
@@ -217,7 +218,7 @@ def limit(
 ) -> _Field:
     """A distance in metres that boxes are compared with; by default there is no limit.
 
-    No limit is null in files, and the number `null` in arrays of limits.
+    In files, null means no limit; in arrays, the number `null` does (-inf or inf).
     """
     allowed = NumberRange(0, _MAX_METRES, "metres", null=null)
     return declared(Key(allowed, None, sentence, carlasimu=carlasimu, later=later))

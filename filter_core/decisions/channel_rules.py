@@ -38,8 +38,8 @@ _BEFORE_CHANNELS: Final = (
 )
 """Rules that read no pixel: no channel overwrites their decisions."""
 
-DECIDED_BY_CHANNELS: Final = frozenset(Reason) - {*_BEFORE_CHANNELS}
-"""The reasons of boxes that a channel may have judged."""
+OPEN_TO_CHANNELS: Final = frozenset(Reason) - {*_BEFORE_CHANNELS}
+"""The reasons of boxes that a channel judged if it had a number for them."""
 
 
 def apply_channels(
@@ -87,8 +87,8 @@ class JudgedBy(NamedTuple):
 def judged_by(evidence: Evidence, config: DecideConfig) -> JudgedBy:
     """The channel that each of N boxes is judged by, its number and what is needed.
 
-    Rules that read no pixel are not considered: a channel is given for a box outside
-    the image as well. `evidence` is that of the N boxes.
+    `evidence` is that of the N boxes. Also a box that is rejected before any channel is
+    asked, such as one that is out of range, gets the channel that has a number for it.
     """
     count = len(evidence)
     channel = np.full(count, SEMANTIC, dtype=object)

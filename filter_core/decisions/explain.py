@@ -49,7 +49,8 @@ class Judgement(NamedTuple):
     match_percent, threshold, area_percent : float or None, percent
         Those of `Evidence` and `Decisions`; None: there is none.
     large : bool
-    matched_pixels : int
+    matched_pixels, pixels_needed : int
+        The pixels with an accepted tag, and the fewest that keep the box.
     distance : float or None, metres
     accepted : tuple of str
         Names of the tags that count.
@@ -70,6 +71,7 @@ class Judgement(NamedTuple):
     area_percent: float | None = None
     large: bool = False
     matched_pixels: int = 0
+    pixels_needed: int = 1
     distance: float | None = None
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
@@ -207,7 +209,7 @@ def _unmeasured(_: Judgement) -> str:
 
 def _no_visible_pixels(box: Judgement) -> str:
     names = any_of(box.accepted)
-    found, needed = box.matched_pixels, box.limits.min_visible_pixels
+    found, needed = box.matched_pixels, box.pixels_needed
     if found == 0:
         return f"none of its pixels are {names}{_hiding(box)}"
     are = "is" if found == 1 else "are"
@@ -251,8 +253,8 @@ _SENTENCES: Final[Mapping[Reason, Callable[[Judgement], str]]] = {
     Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
     Reason.LARGE_BELOW_THRESHOLD: _too_little,
     Reason.BELOW_THRESHOLD: _too_little,
-    # Channels decided the next four: `explain_channel` has the words. These are for a
-    # `Judgement` that was made without its `channel`, as for a decision on its own.
+    # The reasons of channels: only for a `Judgement` without its `channel`, of which
+    # nothing but the reason is known. With it, `explain_channel` says more.
     Reason.EXPLAINED_BY_NEARER: lambda _: "nearer boxes explain all of its pixels",
     Reason.HIDDEN_BY_DEPTH: lambda _: "what is seen there is at another depth",
     Reason.HIDDEN_BY_INSTANCE: lambda _: "no instance in the image belongs to it",

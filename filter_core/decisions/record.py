@@ -19,11 +19,12 @@ from filter_core.classes import accepted_names
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import SEMANTIC, EvidenceName
 from filter_core.decisions.channel_rules import (
-    DECIDED_BY_CHANNELS,
+    OPEN_TO_CHANNELS,
     ChannelJudgement,
     judged_by,
 )
 from filter_core.decisions.explain import HiddenBy, Judgement, explain, hidden_by
+from filter_core.decisions.rules import pixels_needed
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.types import (
     NOT_MEASURED,
@@ -193,7 +194,8 @@ class _BoxFacts(NamedTuple):
     """What a `Decision` is composed from; None: unknown.
 
     Percent, pixels and metres. `tag_counts` are the pixels of each tag in the box;
-    `channel`, `number` and `needed` are those of `channel_rules.JudgedBy`.
+    `pixels_needed` is what `rules.pixels_needed` gives; `channel`, `number` and
+    `needed` are those of `channel_rules.JudgedBy`.
     """
 
     id: str
@@ -206,6 +208,7 @@ class _BoxFacts(NamedTuple):
     toss_up: bool
     large: bool
     matched_pixels: int
+    pixels_needed: int
     box_pixels: int
     area_percent: float | None
     crowding: float | None
@@ -241,6 +244,7 @@ def _box_facts(
         "id": ids,
         **_decided(evidence, decisions),
         **_measured(evidence),
+        "pixels_needed": pixels_needed(evidence, frames[0].config).tolist(),
         **_projected(geometry, edges=frames[0].explained),
         **_of_channels(evidence, frames[0].config),
     }
@@ -394,7 +398,7 @@ def _judgement(
     """`nearer` is the id and the class of the box that explains this one."""
     accepted = accepted_names(box.accept_mask, frame.family) if frame.family else ()
     channel = None
-    if box.channel != SEMANTIC and box.reason in DECIDED_BY_CHANNELS:
+    if box.channel != SEMANTIC and box.reason in OPEN_TO_CHANNELS:
         channel = ChannelJudgement(
             channel=box.channel,
             kept=box.reason is Reason.VISIBLE,
@@ -413,6 +417,7 @@ def _judgement(
         area_percent=box.area_percent,
         large=box.large,
         matched_pixels=box.matched_pixels,
+        pixels_needed=box.pixels_needed,
         distance=box.distance,
         accepted=accepted,
         hidden_by=hiding,

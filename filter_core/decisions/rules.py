@@ -80,23 +80,29 @@ _REASON_OF_BITS: Final = np.array(
 Looking a box up here is faster than applying one mask per rule.
 """
 
-_LARGE: Final = 16
+_IF_LARGE: Final = 16
 """Added to a reason if the box is large; above every number of a `Reason`."""
 
-# Columns of the table that `_Block._threshold` makes: which threshold applied to a box.
-_SMALL, _BIG, _KEPT_LARGE, _NONE = range(4)
+_SMALL_BOX, _BIG_BOX, _KEPT_LARGE_BOX, _NO_THRESHOLD = range(4)
+"""Which threshold applied to a box: the columns of the table in `_Block._threshold`.
+
+The first three are `Thresholds.threshold_small_box`, `threshold_big_box` and
+`threshold_kept_large_box`.
+"""
 
 
 def _columns_of_reasons() -> NDArray[np.uint8]:
-    columns = np.full(2 * _LARGE, _NONE, dtype=np.uint8)
-    columns[[Reason.BELOW_THRESHOLD, _LARGE + Reason.BELOW_THRESHOLD]] = _SMALL
-    columns[_LARGE + Reason.LARGE_BELOW_THRESHOLD] = _BIG
-    columns[[Reason.VISIBLE, _LARGE + Reason.VISIBLE]] = _SMALL, _KEPT_LARGE
+    columns = np.full(2 * _IF_LARGE, _NO_THRESHOLD, dtype=np.uint8)
+    columns[Reason.BELOW_THRESHOLD] = _SMALL_BOX
+    columns[_IF_LARGE + Reason.BELOW_THRESHOLD] = _SMALL_BOX
+    columns[_IF_LARGE + Reason.LARGE_BELOW_THRESHOLD] = _BIG_BOX
+    columns[Reason.VISIBLE] = _SMALL_BOX
+    columns[_IF_LARGE + Reason.VISIBLE] = _KEPT_LARGE_BOX
     return columns
 
 
 _COLUMN_OF_REASON: Final = _columns_of_reasons()
-"""The threshold that applied, by reason, plus `_LARGE` if the box is large."""
+"""The threshold that applied, by reason, plus `_IF_LARGE` if the box is large."""
 
 
 def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
@@ -145,6 +151,18 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     return decisions
 
 
+def pixels_needed(evidence: Evidence, config: DecideConfig) -> IntArray:
+    """(N,) int64: the fewest pixels with an accepted tag that keep each of N boxes."""
+    limits = config.thresholds_for(evidence.class_names)
+    needed = np.empty(len(evidence), np.int64)
+    needed[:] = _pixels_needed(limits, evidence.class_index)
+    return needed
+
+
+def _pixels_needed(limits: Thresholds, class_index: NDArray[np.int32]) -> _Limit:
+    return _per_box(limits.min_visible_pixels, class_index)
+
+
 class _Block:
     """A block of boxes, the range `rows` of the evidence, to be decided.
 
@@ -166,7 +184,7 @@ class _Block:
         rows = self.rows
         large = self._is_large()
         reason = _REASON_OF_BITS.take(self._bits(large))
-        column = _COLUMN_OF_REASON.take(reason + large * np.uint8(_LARGE))
+        column = _COLUMN_OF_REASON.take(reason + large * np.uint8(_IF_LARGE))
         threshold = self._threshold(column)
         # Under carlasimu the match can exceed 100.
         margin = np.minimum(self.match, 100.0) - threshold
@@ -174,7 +192,7 @@ class _Block:
         decisions.threshold[rows] = threshold
         decisions.margin[rows] = margin
         decisions.toss_up[rows] = self._is_toss_up(threshold, margin)
-        decisions.large[rows] = large & (column != _NONE)
+        decisions.large[rows] = large & (column != _NO_THRESHOLD)
 
     def _bits(self, large: BoolArray) -> NDArray[np.uint8]:
         evidence, limits, rows = self.evidence, self.limits, self.rows
@@ -204,7 +222,7 @@ class _Block:
         return threshold
 
     def _has_too_few_pixels(self) -> BoolArray:
-        needed = self._limit(self.limits.min_visible_pixels)
+        needed = _pixels_needed(self.limits, self.class_index)
         too_few: BoolArray = self.evidence.matched_pixels[self.rows] < needed
         return too_few
 
@@ -240,7 +258,13 @@ class _Block:
         return toss_up
 
     def _limit(self, per_class: FloatArray | IntArray) -> _Limit:
-        """What a (K,) array of numbers by class means for each box of the block."""
-        alike = bool((per_class == per_class[0]).all())
-        chosen: _Limit = per_class[0] if alike else per_class.take(self.class_index)
-        return chosen
+        return _per_box(per_class, self.class_index)
+
+
+def _per_box(
+    per_class: FloatArray | IntArray, class_index: NDArray[np.int32]
+) -> _Limit:
+    """What a (K,) array of numbers by class means for each box."""
+    alike = bool((per_class == per_class[0]).all())
+    chosen: _Limit = per_class[0] if alike else per_class.take(class_index)
+    return chosen

@@ -23,7 +23,10 @@ from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
 Likeness: TypeAlias = Literal["certain", "possible", "none"]
-"""``certain`` settles the format of a folder; ``possible`` only if no other is."""
+"""How sure a format is that a folder is its own.
+
+The first that is ``certain`` is taken; one that is ``possible``, if no other is either.
+"""
 
 FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 """The `ExportOptions` that say which boxes and images are written."""

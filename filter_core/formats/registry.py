@@ -1,7 +1,8 @@
 """The formats that there are, and the one way to read and to write them.
 
-A new format is a module that declares its `Format`, and a line of `FORMATS` here; its
-row in docs/formats.md is written by ``tools/reference.py``.
+A new format is a module that declares its `Format`, and a line of `FORMATS` here. If it
+is written, its name is also a word of `ExportFormat` in ``unghost/wire/words.py``.
+``make docs`` writes its row in docs/formats.md.
 """
 
 from __future__ import annotations

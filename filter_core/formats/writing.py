@@ -115,7 +115,8 @@ class Traits:
     unplaced : bool
         It can hold a box without a rectangle in the image.
     keys : bool
-        Its files do not tell the keys of frames: ``frames.jsonl`` does.
+        Its own files do not tell the keys of frames, so ``frames.jsonl`` is written as
+        well.
     flat : bool
         Its readers do not look into sub-folders.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,9 +41,8 @@ def found() -> dict[str, Any]:
 def _evidence(counts: np.ndarray) -> Evidence:
     whole = np.arange(_BOXES, dtype=np.int64)
     part = np.array([0.0, 33.25, np.nan])
-    return Evidence(
-        class_names=("car", "walker"),
-        class_index=np.array([1, 0, 1], np.int32),
+    return replace(
+        Evidence.absent(("car", "walker"), np.array([1, 0, 1], np.int32)),
         state=np.array([0, 1, 2], np.uint8),
         measured=np.array([True, False, True]),
         accept_mask=whole + 2**40,

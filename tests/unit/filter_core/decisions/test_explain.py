@@ -77,7 +77,7 @@ VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
                 Reason.NO_VISIBLE_PIXELS,
                 "car",
                 matched_pixels=1,
-                limits=ClassLimits(min_visible_pixels=5),
+                pixels_needed=5,
                 accepted=("Car",),
             ),
             "rejected: only 1 of its pixels is Car, 5 are needed",

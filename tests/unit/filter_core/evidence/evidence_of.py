@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from filter_core.types import Evidence
@@ -19,9 +21,8 @@ def evidence_of(boxes, class_names=("car",)):
     percent = column("match_percent", 50.0, np.float64)
     matched = np.nan_to_num(percent * pixels / 100).astype(np.int64)
     given = [box.get("matched_pixels") for box in boxes]
-    return Evidence(
-        class_names=tuple(class_names),
-        class_index=column("class_index", 0, np.int32),
+    return replace(
+        Evidence.absent(tuple(class_names), column("class_index", 0, np.int32)),
         state=column("state", 0, np.uint8),
         accept_mask=column("accept_mask", ACCEPTS_CAR, np.int64),
         measured=column("measured", True, np.bool_),
@@ -35,4 +36,5 @@ def evidence_of(boxes, class_names=("car",)):
         area_percent=column("area_percent", 1.0, np.float64),
         crowding=np.zeros(len(boxes)),
         distance=column("distance", np.nan, np.float64),
+        xyxy=None,
     )
