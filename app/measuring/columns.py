@@ -42,14 +42,6 @@ REASONS: Final = len(VERDICT_OF_REASON)
 _MAX_PERCENT: Final = 100.0
 
 
-def reason_counts(evidence: Evidence, decisions: Decisions) -> IntArray:
-    """(classes, reasons): how many boxes of each class got each reason."""
-    packed = evidence.class_index * np.int32(REASONS) + decisions.reason
-    cells = len(evidence.class_names) * REASONS
-    table: IntArray = np.bincount(packed, minlength=cells).reshape(-1, REASONS)
-    return table
-
-
 def outcome(names: Sequence[str], table: IntArray) -> dict[str, Any]:
     """How many boxes got each verdict and reason, altogether and per class."""
     per_reason = table.sum(axis=0)

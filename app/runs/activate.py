@@ -29,11 +29,12 @@ from app.jobs.kind import Task
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.queries import DatasetRepository, EvidenceRepository, frames_state
+from app.runs.flips import FlipTable
 from app.runs.measure import RunScope, is_measured
 from app.runs.queries import RunRepository
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.types import BoolArray, Decisions, IntArray, Verdict
+from filter_core.types import BoolArray, Decisions, IntArray
 
 _REASONS: Final = 32
 """More than there are reasons; they are packed into one number with flags."""
@@ -97,8 +98,8 @@ def _decide_and_store(
     if run.activate:
         replace_tallies(session, dataset.id, activation.tallies)
         _activate(session, dataset, run)
-    run.changed, run.done = activation.changed, run.total
-    run.counts = {verdict.value: activation.counts[verdict] for verdict in Verdict}
+    run.changed, run.done = activation.flips.changed, run.total
+    run.counts = activation.flips.verdicts()
     run.last_review_id = LatestAnswers(session).newest_id()
 
 
@@ -107,8 +108,8 @@ class Activation:
 
     def __init__(self, session: Session, run: Run, progress: _Progress) -> None:
         self._session, self._run, self._progress = session, run, progress
-        self.changed = 0
-        self.counts: Counter[Verdict] = Counter()
+        classes = DatasetRepository(session).classes(run.dataset_id)
+        self.flips = FlipTable(tuple(classes))
         self.tallies: Counter[TallyKey] = Counter()
         reviewed = DecisionRepository(session).reviewed(run.dataset_id)
         self._reviewed = np.array([box_id for box_id, _ in reviewed], np.int64)
@@ -124,8 +125,7 @@ class Activation:
         RunRepository(self._session).record_flips(
             self._run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
         )
-        self.changed += int(flipped.sum())
-        self.counts.update({verdict: after.count(verdict) for verdict in Verdict})
+        self.flips.add(numbers.after.evidence, before.reason, after.reason)
         if self._run.activate:
             self._refresh(numbers, before, after)
             self._tally(numbers.after, after)

@@ -6,9 +6,9 @@ deciding again: numbers and configurations never change, and deciding is pure.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +27,6 @@ from app.measuring.columns import (
     histogram,
     match_counts,
     outcome,
-    reason_counts,
 )
 from app.measuring.evidence import recount
 from app.measuring.plan import (
@@ -46,18 +45,179 @@ from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import (
+    KEPT,
+    REJECTED,
     VERDICT_OF_REASON,
+    VERDICTS,
+    BoolArray,
     Decisions,
     Evidence,
     FloatArray,
     IntArray,
-    Reason,
-    Verdict,
 )
 from unghost.wire.datasets import Histogram
 from unghost.wire.runs import Diff, Flip, FlipCounts, Flips, Preview
 
-_PREVIEW_SIDES: Final = ("kept_to_rejected", "rejected_to_kept")
+_REASONS: Final = len(VERDICT_OF_REASON)
+_FLIPS: Final = VERDICT_OF_REASON[:, None] != VERDICT_OF_REASON
+"""(reasons, reasons): whether the verdict changes from one reason to another."""
+
+
+def _from_to(before: np.uint8, after: np.uint8) -> BoolArray:
+    wanted: BoolArray = np.outer(
+        before == VERDICT_OF_REASON, after == VERDICT_OF_REASON
+    )
+    return wanted
+
+
+_SIDES: Final = {
+    "kept_to_rejected": _from_to(KEPT, REJECTED),
+    "rejected_to_kept": _from_to(REJECTED, KEPT),
+}
+FARTHEST: Final = float("inf")
+
+
+class FlipTable:
+    """How many boxes of each class went from which reason to which.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The classes that are counted.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        self._boxes: IntArray = np.zeros((len(names), _REASONS, _REASONS), np.int64)
+
+    def add(
+        self,
+        evidence: Evidence,
+        before: NDArray[np.uint8],
+        after: NDArray[np.uint8],
+        rows: IntArray | None = None,
+    ) -> None:
+        """Count boxes in.
+
+        Parameters
+        ----------
+        evidence : Evidence of N boxes
+        before, after : (M,) uint8
+            Reasons of the boxes in `rows`.
+        rows : (M,) int, or None
+            None: all of them, in their order.
+        """
+        index = evidence.class_index if rows is None else evidence.class_index[rows]
+        cells = index * np.int32(_REASONS * _REASONS)
+        cells += before * np.int32(_REASONS)
+        cells += after
+        shape = len(evidence.class_names), _REASONS, _REASONS
+        counts = np.bincount(cells, minlength=int(np.prod(shape))).reshape(shape)
+        # A part of a dataset may meet its classes in another order.
+        here = [self.names.index(name) for name in evidence.class_names]
+        self._boxes[here] += counts
+
+    @property
+    def after(self) -> IntArray:
+        """(classes, reasons): boxes by the reason that they have now."""
+        table: IntArray = self._boxes.sum(axis=1)
+        return table
+
+    @property
+    def compared(self) -> int:
+        """How many boxes were counted."""
+        return int(self._boxes.sum())
+
+    @property
+    def changed(self) -> int:
+        """How many have another reason."""
+        return self.compared - int(self._boxes.trace(axis1=1, axis2=2).sum())
+
+    def verdicts(self) -> dict[str, int]:
+        """How many boxes have each verdict now."""
+        reasons = self.after.sum(axis=0)
+        return {
+            verdict.value: int(reasons[code == VERDICT_OF_REASON].sum())
+            for code, verdict in enumerate(VERDICTS)
+        }
+
+    def flips(self) -> dict[str, int]:
+        """How many boxes of a class have another verdict; classes without are out."""
+        return self._by_class(_FLIPS)
+
+    def sides(self) -> dict[str, FlipCounts]:
+        """How many flipped which way, by class; classes without any are out."""
+        sides = {side: self._by_class(which) for side, which in _SIDES.items()}
+        return {
+            name: FlipCounts(**{side: of.get(name, 0) for side, of in sides.items()})
+            for name in self.names
+            if any(name in of for of in sides.values())
+        }
+
+    def totals(self) -> dict[str, int]:
+        """How many flipped which way."""
+        return {side: int(self._boxes[:, at].sum()) for side, at in _SIDES.items()}
+
+    def _by_class(self, which: BoolArray) -> dict[str, int]:
+        counts = self._boxes[:, which].sum(axis=1).tolist()
+        pairs = zip(self.names, counts, strict=True)
+        return {name: count for name, count in pairs if count}
+
+
+class _Nearest:
+    """The flips that are nearest to a threshold, which are the ones to look at.
+
+    Equally near ones are in the order of their boxes. `after` is the place that they
+    come after: a distance, and a box.
+    """
+
+    def __init__(self, limit: int, after: tuple[float, int] | None = None) -> None:
+        self._limit, self._after = limit, after
+        self.found: list[tuple[float, int, Flip]] = []
+
+    def add(self, before: _Decided, after: _Decided) -> None:
+        """Look for some in a part of a dataset."""
+        if not self._limit:
+            return
+        old, new = (VERDICT_OF_REASON[each.reasons] for each in (before, after))
+        flips = np.flatnonzero(old != new)
+        margins = np.abs(after.decisions.margin[after.rows[flips]])
+        distances: FloatArray = np.nan_to_num(margins, nan=FARTHEST)
+        ids = after.numbers.box_ids[after.rows[flips]]
+        # Boxes come in the order of their ids.
+        order = np.argsort(distances, kind="stable")
+        if self._after is not None:
+            distance, box_id = self._after
+            later = (distances > distance) | ((distances == distance) & (ids > box_id))
+            order = order[later[order]]
+        listed = [
+            (float(distances[at]), int(ids[at]), _flip(before, after, int(flips[at])))
+            for at in order[: self._limit].tolist()
+        ]
+        merged = sorted([*self.found, *listed], key=lambda flip: flip[:2])
+        self.found = merged[: self._limit]
+
+
+@dataclass(frozen=True)
+class _Decided:
+    """Boxes, some of a part of a dataset, and what was decided of the whole part."""
+
+    numbers: DatasetColumns
+    evidence: Evidence
+    decisions: Decisions
+    rows: IntArray
+
+    @cached_property
+    def reasons(self) -> NDArray[np.uint8]:
+        """Of the boxes in `rows`."""
+        return self.decisions.reason[self.rows]
+
+
+def _flip(before: _Decided, after: _Decided, at: int) -> Flip:
+    row = int(after.rows[at])
+    ids = int(after.numbers.box_ids[row]), int(after.numbers.frame_ids[row])
+    reasons = int(before.reasons[at]), int(after.reasons[at])
+    return flip_of(ids, after.evidence, row, reasons)
 
 
 @dataclass(frozen=True)
@@ -82,107 +242,34 @@ def preview(
         return Preview(config=config.digest, needs_pixels=True)
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
-    found = _Preview(names, config_of(active_version(session, dataset)), config, limits)
+    table, nearest = FlipTable(names), _Nearest(limits.flips)
+    matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
+    active = config_of(active_version(session, dataset))
     cache = context.one(ColumnCache)
     for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         evidence = numbers.evidence
         if is_recounted:
             evidence = _recounted(session, dataset, numbers, plan)
-        found.add(numbers, evidence)
-    return found.answer()
-
-
-class _Preview:
-    """What would be decided of the parts of a dataset that were added so far."""
-
-    def __init__(
-        self,
-        names: tuple[str, ...],
-        active: FilterConfig,
-        config: FilterConfig,
-        limits: PreviewLimits,
-    ) -> None:
-        self._names, self._active, self._config = names, active, config
-        self._limits = limits
-        self._reasons: IntArray = np.zeros(
-            (len(names), len(VERDICT_OF_REASON)), np.int64
-        )
-        self._matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
-        self._sides = {side: np.zeros(len(names), np.int64) for side in _PREVIEW_SIDES}
-        self._flipped = 0
-        self._closest: list[tuple[float, Flip]] = []
-
-    def add(self, numbers: DatasetColumns, evidence: Evidence) -> None:
-        """Count a part; `evidence` is that of its numbers, or counted again."""
-        before = numbers.decided(self._active)
-        after = decide(evidence, self._config)
-        self._reasons += reason_counts(evidence, after)
-        self._matches += (
-            numbers.match_counts(self._limits.bins)
-            if evidence is numbers.evidence
-            else match_counts(evidence, self._limits.bins)
-        )
-        rows = np.flatnonzero(
-            VERDICT_OF_REASON[before.reason] != VERDICT_OF_REASON[after.reason]
-        )
-        self._flipped += len(rows)
-        for side, decisions in zip(_PREVIEW_SIDES, (before, after), strict=True):
-            those = rows[decisions.reason[rows] == Reason.VISIBLE]
-            self._sides[side] += np.bincount(
-                evidence.class_index[those], minlength=len(self._names)
-            )
-        # Of equally close ones the first come first, in however many parts.
-        listed = [
-            (distance, _preview_flip(numbers, (before, after), evidence, row))
-            for distance, row in _closest(rows, after, self._limits.flips)
-        ]
-        merged = sorted([*self._closest, *listed], key=lambda flip: flip[0])
-        self._closest = merged[: self._limits.flips]
-
-    def answer(self) -> Preview:
-        """As it is answered."""
-        return Preview(
-            config=self._config.digest,
-            needs_pixels=False,
-            **outcome(self._names, self._reasons),
-            histograms=histogram(self._names, self._matches, self._config),
-            flips=self._flips(),
-        )
-
-    def _flips(self) -> Flips:
-        by_class = {
-            name: FlipCounts(
-                **{side: int(counts[index]) for side, counts in self._sides.items()}
-            )
-            for index, name in enumerate(self._names)
-        }
-        nobody = FlipCounts()
-        return Flips(
-            total=self._flipped,
-            **{side: int(counts.sum()) for side, counts in self._sides.items()},
-            by_class={name: of for name, of in by_class.items() if of != nobody},
-            items=tuple(flip for _, flip in self._closest),
-        )
-
-
-def _closest(rows: IntArray, after: Decisions, limit: int) -> list[tuple[float, int]]:
-    """The flips that are nearest to the new threshold: the ones to look at."""
-    if not limit:
-        return []
-    distance = np.nan_to_num(np.abs(after.margin[rows]), nan=np.inf)
-    order = np.argsort(distance, kind="stable")[:limit]
-    return list(zip(distance[order].tolist(), rows[order].tolist(), strict=True))
-
-
-def _preview_flip(
-    numbers: DatasetColumns,
-    decisions: tuple[Decisions, Decisions],
-    evidence: Evidence,
-    row: int,
-) -> Flip:
-    before, after = (int(each.reason[row]) for each in decisions)
-    ids = int(numbers.box_ids[row]), int(numbers.frame_ids[row])
-    return flip_of(ids, evidence, row, (before, after))
+            matches += match_counts(evidence, limits.bins)
+        else:
+            matches += numbers.match_counts(limits.bins)
+        rows = np.arange(len(numbers))
+        before = _Decided(numbers, numbers.evidence, numbers.decided(active), rows)
+        after = _Decided(numbers, evidence, decide(evidence, config), rows)
+        table.add(evidence, before.decisions.reason, after.decisions.reason)
+        nearest.add(before, after)
+    return Preview(
+        config=config.digest,
+        needs_pixels=False,
+        **outcome(names, table.after),
+        histograms=histogram(names, matches, config),
+        flips=Flips(
+            total=sum(table.flips().values()),
+            **table.totals(),
+            by_class=table.sides(),
+            items=tuple(flip for _, _, flip in nearest.found),
+        ),
+    )
 
 
 def current_histogram(
@@ -219,34 +306,12 @@ def _with_counts_of(frames: Sequence[Evidence], evidence: Evidence) -> Evidence:
     return replace(evidence, **columns)
 
 
-_KEPT, _REJECTED = (list(Verdict).index(v) for v in (Verdict.KEPT, Verdict.REJECTED))
-_SIDES: Final = {
-    "kept_to_rejected": (_KEPT, _REJECTED),
-    "rejected_to_kept": (_REJECTED, _KEPT),
-}
-_ALL: Final = "total"
-FARTHEST: Final = float("inf")
-
-
 @dataclass(frozen=True)
 class DiffPage:
     """Which flips are listed: those after a place, nearest to a threshold first."""
 
     limit: int
     cursor: str | None
-
-
-@dataclass(frozen=True)
-class _Decided:
-    """What a run decides about boxes that the other one knows as well."""
-
-    numbers: DatasetColumns
-    decisions: Decisions
-    rows: IntArray
-
-    @property
-    def reasons(self) -> NDArray[np.uint8]:
-        return self.decisions.reason[self.rows]
 
 
 def run_diff(
@@ -260,32 +325,33 @@ def run_diff(
         config_of(ConfigRepository(session).with_id(run.config_id)) for run in runs
     ]
     measurements = [run.measurement_id or 0 for run in runs]
-    diff = _Diff(page)
+    names = tuple(DatasetRepository(session).classes(runs[1].dataset_id))
+    table = FlipTable(names)
+    # One more than the page has tells that there is another page.
+    nearest = _Nearest(page.limit + 1, _place(page.cursor) if page.cursor else None)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
         decisions = [
             decide(part.evidence, config)
             for part, config in zip(numbers, configs, strict=True)
         ]
-        diff.add(*_compared(numbers, decisions))
-    items, following = diff.page()
-    sides = {side: diff.counts[side] for side in _SIDES}
-    classes = sorted({name for counts in sides.values() for name in counts})
-    # Parts meet the classes in other orders than the whole.
-    names = DatasetRepository(session).classes(runs[1].dataset_id)
-    of_all = diff.counts[_ALL]
+        before, after = _compared(numbers, decisions)
+        table.add(after.evidence, before.reasons, after.reasons, after.rows)
+        nearest.add(before, after)
+    listed, following = nearest.found[: page.limit], None
+    if len(nearest.found) > page.limit:
+        distance, box_id, _ = listed[-1]
+        following = f"{distance!r}~{box_id}"
+    by_class, sides = table.flips(), table.sides()
     return Diff(
         run=runs[1].id,
         against=runs[0].id,
-        compared=diff.compared,
-        total=of_all.total(),
-        **{side: counts.total() for side, counts in sides.items()},
-        by_class={name: of_all[name] for name in names if of_all[name]},
-        sides_by_class={
-            name: FlipCounts(**{side: counts[name] for side, counts in sides.items()})
-            for name in classes
-        },
-        items=items,
+        compared=table.compared,
+        total=sum(by_class.values()),
+        **table.totals(),
+        by_class=by_class,
+        sides_by_class={name: sides[name] for name in sorted(sides)},
+        items=tuple(flip for _, _, flip in listed),
         next_cursor=following,
     )
 
@@ -337,70 +403,9 @@ def _compared(
             before.box_ids, after.box_ids, assume_unique=True, return_indices=True
         )
     return (
-        _Decided(before, decisions[0], rows[0]),
-        _Decided(after, decisions[1], rows[1]),
+        _Decided(before, before.evidence, decisions[0], rows[0]),
+        _Decided(after, after.evidence, decisions[1], rows[1]),
     )
-
-
-class _Diff:
-    """What differs in the parts of a dataset that were added so far."""
-
-    def __init__(self, page: DiffPage) -> None:
-        self._limit = page.limit
-        self._after = None if page.cursor is None else _place(page.cursor)
-        self._nearest: list[tuple[float, int, Flip]] = []
-        self.compared = 0
-        self.counts: dict[str, Counter[str]] = {_ALL: Counter()}
-        self.counts |= {side: Counter() for side in _SIDES}
-
-    def add(self, before: _Decided, after: _Decided) -> None:
-        """Count a part, and keep what the page lists of it."""
-        old, new = (VERDICT_OF_REASON[each.reasons] for each in (before, after))
-        flips = np.flatnonzero(old != new)
-        self.compared += len(after.rows)
-        self.counts[_ALL] += _by_class(after, flips)
-        for side, (was, is_now) in _SIDES.items():
-            those = np.flatnonzero((old == was) & (new == is_now))
-            self.counts[side] += _by_class(after, those)
-        listed = [
-            (distance, box_id, _flip(before, after, at))
-            for distance, box_id, at in self._places(after, flips)
-        ]
-        merged = sorted([*self._nearest, *listed], key=lambda flip: flip[:2])
-        self._nearest = merged[: self._limit + 1]
-
-    def page(self) -> tuple[tuple[Flip, ...], str | None]:
-        """The flips of the page, and where the next one begins."""
-        listed = self._nearest[: self._limit]
-        items = tuple(flip for _, _, flip in listed)
-        if len(self._nearest) <= self._limit:
-            return items, None
-        distance, box_id, _ = listed[-1]
-        return items, f"{distance!r}~{box_id}"
-
-    def _places(self, after: _Decided, flips: IntArray) -> list[tuple[float, int, int]]:
-        """The first by their distance from the run's threshold, then by their ids."""
-        margins = np.abs(after.decisions.margin[after.rows[flips]])
-        distances: FloatArray = np.nan_to_num(margins, nan=FARTHEST)
-        ids = after.numbers.box_ids[after.rows[flips]]
-        order = np.lexsort((ids, distances))
-        if self._after is not None:
-            distance, box_id = self._after
-            later = (distances > distance) | ((distances == distance) & (ids > box_id))
-            order = order[later[order]]
-        # One more than the page has tells that there is another page.
-        first = order[: self._limit + 1]
-        columns = distances[first], ids[first], flips[first]
-        return list(zip(*(column.tolist() for column in columns), strict=True))
-
-
-def _by_class(after: _Decided, flips: IntArray) -> Counter[str]:
-    evidence = after.numbers.evidence
-    counts = np.bincount(
-        evidence.class_index[after.rows[flips]], minlength=len(evidence.class_names)
-    )
-    pairs = zip(evidence.class_names, counts.tolist(), strict=True)
-    return Counter({name: count for name, count in pairs if count})
 
 
 def _place(cursor: str) -> tuple[float, int]:
@@ -412,10 +417,3 @@ def _place(cursor: str) -> tuple[float, int]:
     if not place[0] >= 0 or not 0 < place[1] <= MAX_ID:
         raise BadCursor(cursor)
     return place
-
-
-def _flip(before: _Decided, after: _Decided, at: int) -> Flip:
-    row, numbers = after.rows[at], after.numbers
-    ids = int(numbers.box_ids[row]), int(numbers.frame_ids[row])
-    reasons = int(before.reasons[at]), int(after.reasons[at])
-    return flip_of(ids, numbers.evidence, row, reasons)
