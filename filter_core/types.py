@@ -462,7 +462,13 @@ class Reason(IntEnum):
 
     @classmethod
     def from_label(cls, label: str) -> Reason:
-        """Inverse of `label`; ``ValueError`` for an unknown name."""
+        """Inverse of `label`.
+
+        Raises
+        ------
+        ValueError
+            There is no reason of this name.
+        """
         try:
             return cls[label.upper()]
         except KeyError:

@@ -598,9 +598,17 @@ class ConfigChange(NamedTuple):
 
 
 def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
-    """Every key whose value differs between `before` and `after`, in their order.
+    """What differs between two configurations.
 
-    An override that only one of them has is shown as None on the other side.
+    Parameters
+    ----------
+    before, after : FilterConfig
+
+    Returns
+    -------
+    list of ConfigChange
+        Every key whose value differs, in the order of the keys. An override that only
+        one of them has is shown as None on the other side.
     """
     old, new = _flat(before), _flat(after)
     keys = list(dict.fromkeys([*old, *new]))

@@ -126,8 +126,15 @@ def _hiding_tags(accept_mask: int, family: str) -> Mapping[int, tuple[int, str]]
 def explain(judgement: Judgement) -> str:
     """Why a box was kept, rejected or not measured, in one sentence.
 
-    Numbers are rounded only as far as the sentence stays true: 9.96 % is never shown
-    as the 10 % that are needed.
+    Parameters
+    ----------
+    judgement : Judgement
+
+    Returns
+    -------
+    str
+        The verdict, a colon and the reason. Numbers are rounded only as far as the
+        sentence stays true: 9.96 % is never shown as the 10 % that are needed.
     """
     if judgement.channel is not None:
         sentence = explain_channel(judgement.channel)

@@ -385,7 +385,13 @@ def _no_constant(word: str) -> None:
 
 
 def decode_value(content: bytes, name: str) -> object:
-    """One value from its own bytes, as UTF-8; `LayoutError` if they are no JSON."""
+    """One value from its own bytes, as UTF-8; `name` is what errors call them.
+
+    Raises
+    ------
+    LayoutError
+        They are no JSON.
+    """
     try:
         return read_json(content)
     except JsonError as exc:

@@ -223,7 +223,13 @@ def _drained(text: io.StringIO) -> bytes:
 
 @DECISIONS_PARQUET.requirement
 def require_parquet() -> ModuleType:
-    """The library that writes Parquet; `NotAvailable` says how to get it."""
+    """The library that writes Parquet.
+
+    Raises
+    ------
+    NotAvailable
+        It is not installed; the message says how to get it.
+    """
     try:
         import pyarrow
         import pyarrow.parquet

@@ -341,7 +341,13 @@ def read_label_text(path: Path, name: str) -> str:
 
 
 def read_label_bytes(path: Path, name: str) -> bytes:
-    """A label file's bytes; `LayoutError` as `read_label_text`."""
+    """A label file's bytes; `name` is what errors call it.
+
+    Raises
+    ------
+    LayoutError
+        It cannot be read, or is longer than `MAX_LABEL_BYTES`.
+    """
     try:
         size = path.stat().st_size
         if size > MAX_LABEL_BYTES:
@@ -354,7 +360,13 @@ def read_label_bytes(path: Path, name: str) -> bytes:
 
 
 def read_columns(words: Sequence[str], at: str) -> list[float]:
-    """Finite numbers; LayoutError names the place and the word."""
+    """The numbers that `words` say; `at` is their place, for errors.
+
+    Raises
+    ------
+    LayoutError
+        A word is no finite number.
+    """
     numbers = []
     for word in words:
         try:

@@ -81,6 +81,10 @@ def read_source(
         One of `LAYOUTS`.
     options : ReadOptions, optional
 
+    Returns
+    -------
+    FrameSet
+
     Raises
     ------
     LayoutError
@@ -99,6 +103,15 @@ def read_source(
 
 def detect_layout(source: Path) -> str:
     """The name of the one layout that a folder or a file has.
+
+    Parameters
+    ----------
+    source : Path
+
+    Returns
+    -------
+    str
+        One of `LAYOUTS`.
 
     Raises
     ------

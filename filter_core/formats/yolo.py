@@ -162,8 +162,12 @@ def _yolo_classes(root: Path) -> tuple[str, ...]:
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
     """Names in the order of their numbers, which must be 0, 1, 2 and so on.
 
-    `names` is a list, or a mapping from number to name; `at` says where it stands. A
-    `LayoutError` says what is wrong with it.
+    `names` is a list, or a mapping from number to name; `at` says where it stands.
+
+    Raises
+    ------
+    LayoutError
+        It is neither, it is empty, numbers are left out, or a name is no text.
     """
     if isinstance(names, Mapping):
         numbered = list(names.items())

@@ -320,6 +320,11 @@ def family_of_version(version: str) -> str:
     version : str
         ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``.
 
+    Returns
+    -------
+    str
+        A key of `FAMILIES`.
+
     Raises
     ------
     UnknownVersion

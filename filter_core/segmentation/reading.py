@@ -203,6 +203,10 @@ def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
         255 is Unknown, and so is a tag that the family does not have. Not copied.
     family : key of `filter_core.segmentation.palettes.FAMILIES`
 
+    Returns
+    -------
+    Segmentation
+
     Raises
     ------
     SegmentationError

@@ -13,6 +13,7 @@ import filter_core
 import unghost
 from app.main import create_app
 from app.settings import Settings
+from tests.api.security.routes import every_route, operations
 from tests.docs.documents import DOCUMENTS, blocks
 
 OWN: Final = ("app", "filter_core", "unghost")
@@ -43,11 +44,11 @@ def openapi() -> dict[str, Any]:
 
 
 def routes() -> list[str]:
-    """Method and path of each, in the order in which the service knows them."""
+    """Method and path of each in the order in which they are tried, hidden ones too."""
     return [
-        f"{method.upper()} {path}"
-        for path, operations in openapi()["paths"].items()
-        for method in operations
+        f"{method} {path}"
+        for route in every_route()
+        for method, path in sorted(operations(route))
     ]
 
 

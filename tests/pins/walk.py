@@ -335,9 +335,10 @@ _RUNS: Final[Mapping[str, dict[str, Any]]] = {
 def _exports(walk: Walk) -> None:
     path = f"/datasets/{DATASET}/exports"
     made = walk.post("export", path, {"format": "kitti", "options": {"images": "none"}})
-    walk.http.get(f"{BASE}/exports/{made['id']}/events").raise_for_status()
+    walk.get("export: events", f"/exports/{made['id']}/events")
     over = walk.wait("export: over", f"/exports/{made['id']}")
     assert over["state"] == "done", over
+    walk.get("list exports", path)
     walk.post("an address of it", f"/exports/{made['id']}/download-links")
     walk.post("cancel it", f"/exports/{made['id']}/cancel")
     walk.post("export to what is none", path, {"format": "ylo"})
@@ -367,6 +368,14 @@ def _people(walk: Walk) -> None:
     walk.post("a viewer makes a dataset", "/datasets", body, headers=viewer)
     none = {"Authorization": "Bearer none"}
     walk.ask("nobody lists", "GET", f"{BASE}/datasets", headers=none)
+    code = walk.post("make a login code", "/login-codes", headers=viewer)
+    used = f"{BASE}/login-codes/{code['id']}"
+    walk.ask("whether it was used", "GET", used, headers=viewer)
+    opened = walk.post("log in", "/session", {"code": code["code"]})
+    walk.post("log in by the same code", "/session", {"code": code["code"]})
+    page = {"Authorization": f"Bearer {opened['session']}"}
+    walk.ask("log out", "DELETE", f"{BASE}/session", headers=page)
+    walk.ask("log out again", "DELETE", f"{BASE}/session", headers=page)
     walk.ask("revoke it", "DELETE", f"{BASE}/tokens/{made['id']}")
     walk.get("the audit log", "/audit")
 
@@ -382,6 +391,11 @@ def _ends(walk: Walk) -> None:
     walk.ask("metrics", "GET", "/metrics")
     path = f"{BASE}/datasets/short"
     walk.post("create a short one", "/datasets", {"name": "short"})
+    first = street.frames()[0]
+    frame = f"{path}/frames/{first.key}"
+    walk.ask("upload into it", "PUT", frame, files=multipart(first))
+    walk.ask("delete the frame", "DELETE", frame)
+    walk.ask("delete the frame again", "DELETE", frame)
     walk.ask("delete it unasked", "DELETE", path)
     walk.ask("delete it", "DELETE", path, params={"confirm": "short"})
     walk.ask("delete it again", "DELETE", path, params={"confirm": "short"})
