@@ -27,7 +27,7 @@ about = ApiRouter(tag="health")
 @probes.get("/healthz")
 async def healthz() -> Alive:
     """The process is alive. Looks at nothing else."""
-    return Alive()
+    return Alive(status="ok")
 
 
 @probes.get("/readyz")

@@ -239,7 +239,16 @@ def preview(
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
     if needs_pixels(session, dataset, plan):
-        return Preview(config=config.digest, needs_pixels=True)
+        return Preview(
+            config=config.digest,
+            needs_pixels=True,
+            counts=None,
+            by_reason=None,
+            by_class=None,
+            reasons_by_class=None,
+            histograms=None,
+            flips=None,
+        )
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     table, nearest = FlipTable(names), _Nearest(limits.flips)

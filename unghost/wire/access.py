@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from unghost.wire.model import Json, RequestModel, ResponseModel
+from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel
 from unghost.wire.words import Role
 
 DEFAULT_DAYS: Final = 90
@@ -66,9 +66,9 @@ class Token(ResponseModel):
     name: str
     role: Role
     created_at: AwareDatetime
-    expires_at: AwareDatetime | None = None
-    revoked_at: AwareDatetime | None = None
-    last_used_at: AwareDatetime | None = None
+    expires_at: AwareDatetime | None
+    revoked_at: AwareDatetime | None
+    last_used_at: AwareDatetime | None
 
 
 class NewToken(Token):
@@ -97,7 +97,7 @@ class Session(ResponseModel):
 
     name: str
     role: Role
-    expires_at: AwareDatetime | None = None
+    expires_at: AwareDatetime | None
 
 
 class NewSession(Session):
@@ -111,7 +111,7 @@ class LoginCode(ResponseModel):
 
     id: int
     expires_at: AwareDatetime
-    used_at: AwareDatetime | None = None
+    used_at: AwareDatetime | None
 
 
 class NewLoginCode(LoginCode):
@@ -126,28 +126,28 @@ class AuditEntry(ResponseModel):
     id: int
     created_at: AwareDatetime
     actor: str = Field(description="The token's name; `unghost` is the service itself.")
-    token_id: int | None = None
+    token_id: int | None
     action: str = Field(description="What was done, such as `dataset.deleted`.")
     subject: str = Field(description="The name or number of what it was done to.")
-    details: Json = Field(default_factory=dict)
+    details: Annotated[Json, IfAbsent({})]
 
 
 class Alive(ResponseModel):
     """The process answers."""
 
-    status: str = "ok"
+    status: Annotated[str, IfAbsent("ok")]
 
 
 class Ready(ResponseModel):
     """The service can work, and what each check found."""
 
     ready: bool
-    checks: Mapping[str, str] = Field(default_factory=dict)
+    checks: Annotated[Mapping[str, str], IfAbsent({})]
 
 
 class Version(ResponseModel):
     """Which program answers."""
 
     version: str
-    api: str = ""
-    python: str = ""
+    api: Annotated[str, IfAbsent("")]
+    python: Annotated[str, IfAbsent("")]

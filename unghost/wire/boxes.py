@@ -7,7 +7,14 @@ from typing import Annotated, TypeAlias, get_args
 
 from pydantic import AwareDatetime, Field
 
-from unghost.wire.model import Json, Page, RequestModel, ResponseModel, SparseModel
+from unghost.wire.model import (
+    IfAbsent,
+    Json,
+    Page,
+    RequestModel,
+    ResponseModel,
+    SparseModel,
+)
 from unghost.wire.words import (
     Answer,
     BoxSort,
@@ -52,7 +59,7 @@ class ReviewMark(ResponseModel):
     verdict: Answer
     reviewer: str
     revision: int
-    comment: str = ""
+    comment: Annotated[str, IfAbsent("")]
 
 
 class Decision(ResponseModel):
@@ -68,40 +75,38 @@ class Decision(ResponseModel):
     class_name: str = Field(alias="class")
     verdict: Verdict
     reason: str
-    explanation: str = ""
-    evidence: EvidenceKind | None = None
-    match_percent: float | None = None
-    threshold: float | None = None
-    margin: float | None = None
-    toss_up: bool = False
-    large: bool = False
-    matched_pixels: int | None = None
-    box_pixels: int | None = None
-    area_percent: float | None = None
-    crowding: float | None = None
-    explained_by: str | None = None
-    hidden_by: tuple[HiddenBy, ...] = ()
-    accepted_tags: tuple[AcceptedTag, ...] = ()
-    lossy: bool = False
-    distance: float | None = None
-    xyxy: XYXY | None = None
-    amodal_xyxy: XYXY | None = None
-    visible_xyxy: XYXY | None = None
-    tight_xyxy: XYXY | None = None
-    visible_pixels: int | None = None
-    occluded: OcclusionLevel = 3
-    truncated: float | None = None
-    edges: tuple[XYXY, ...] | None = None
+    explanation: Annotated[str, IfAbsent("")]
+    evidence: EvidenceKind | None
+    match_percent: float | None
+    threshold: float | None
+    margin: float | None
+    toss_up: Annotated[bool, IfAbsent(False)]
+    large: Annotated[bool, IfAbsent(False)]
+    matched_pixels: int | None
+    box_pixels: int | None
+    area_percent: float | None
+    crowding: float | None
+    explained_by: str | None
+    hidden_by: Annotated[tuple[HiddenBy, ...], IfAbsent(())]
+    accepted_tags: Annotated[tuple[AcceptedTag, ...], IfAbsent(())]
+    lossy: Annotated[bool, IfAbsent(False)]
+    distance: float | None
+    xyxy: XYXY | None
+    amodal_xyxy: XYXY | None
+    visible_xyxy: XYXY | None
+    tight_xyxy: XYXY | None
+    visible_pixels: int | None
+    occluded: Annotated[OcclusionLevel, IfAbsent(3)]
+    truncated: float | None
+    edges: tuple[XYXY, ...] | None
     config: str
     run: int
-    revision: int = Field(
-        default=0,
+    revision: Annotated[int, IfAbsent(0)] = Field(
         description="How many answers the box has got, those that were taken back "
-        "included: the `seen_revision` of the next one.",
+        "included: the `seen_revision` of the next one."
     )
     review: ReviewMark | None = Field(
-        default=None,
-        description="The answer in force; null if there is none, or none any more.",
+        description="The answer in force; null if there is none, or none any more."
     )
     effective_verdict: Verdict
 
@@ -109,8 +114,8 @@ class Decision(ResponseModel):
 class Box(Decision):
     """A box with the boxes around it."""
 
-    neighbours: tuple[int, ...] = Field(
-        default=(), description="Boxes of the frame that overlap it."
+    neighbours: Annotated[tuple[int, ...], IfAbsent(())] = Field(
+        description="Boxes of the frame that overlap it."
     )
 
 
@@ -177,12 +182,11 @@ class BoxPage(Page[Decision]):
     """One page of boxes."""
 
     total: int | None = Field(
-        default=None, description="All boxes of the filter, exactly; with `count=true`."
+        description="All boxes of the filter, exactly; with `count=true`."
     )
     snapshot: str | None = Field(
-        default=None,
         description="Stands for these boxes as they are now; with `count=true`. One "
-        "answer on all of them names it.",
+        "answer on all of them names it."
     )
 
 
@@ -225,11 +229,10 @@ class Queue(ResponseModel):
         description="Boxes of the filter that nobody has answered, claimed or not; of "
         "a filter on answers, all its boxes."
     )
-    unsure: int = Field(
-        default=0,
-        description="Boxes that a person was unsure about; they come last.",
+    unsure: Annotated[int, IfAbsent(0)] = Field(
+        description="Boxes that a person was unsure about; they come last."
     )
-    claimed_by_others: int = 0
+    claimed_by_others: Annotated[int, IfAbsent(0)]
 
 
 class ReviewIn(RequestModel):
@@ -249,7 +252,7 @@ class Review(ResponseModel):
     revision: int
     verdict: Answer
     reviewer: str
-    comment: str = ""
+    comment: Annotated[str, IfAbsent("")]
     created_at: AwareDatetime
     effective_verdict: Verdict
 
@@ -285,12 +288,11 @@ class ReviewBatch(ResponseModel):
     dataset: str
     verdict: Answer
     count: int = Field(description="Boxes that were answered.")
-    skipped: tuple[int, ...] = Field(
-        default=(), description="Boxes that are gone, or of another dataset."
+    skipped: Annotated[tuple[int, ...], IfAbsent(())] = Field(
+        description="Boxes that are gone, or of another dataset."
     )
-    stale: tuple[int, ...] = Field(
-        default=(),
-        description="Boxes that were left alone because somebody answered them since.",
+    stale: Annotated[tuple[int, ...], IfAbsent(())] = Field(
+        description="Boxes that were left alone because somebody answered them since."
     )
 
 
@@ -299,7 +301,7 @@ class UndoneBatch(ResponseModel):
 
     id: int
     undone: int
-    skipped: tuple[int, ...] = ()
+    skipped: Annotated[tuple[int, ...], IfAbsent(())]
 
 
 class HistoryEntry(SparseModel):

@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from unghost.wire.model import Json, RequestModel, ResponseModel, never_null
+from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel, never_null
 from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
 
 ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -135,18 +135,18 @@ class Dataset(ResponseModel):
     """A named set of frames with one list of classes and one active run."""
 
     name: str
-    description: str = ""
+    description: Annotated[str, IfAbsent("")]
     classes: tuple[str, ...]
-    classes_frozen: bool = False
+    classes_frozen: Annotated[bool, IfAbsent(False)]
     palette: Palette
     encoding: Encoding
     channel_order: ChannelOrder
     lossy_segmentation: LossyPolicy
-    has_ignore_mask: bool = False
+    has_ignore_mask: Annotated[bool, IfAbsent(False)]
     created_at: AwareDatetime
     config: str = Field(description="Digest of the active configuration.")
     active_run: int
-    thumbnail_frame_id: int | None = None
+    thumbnail_frame_id: int | None
     counts: DatasetCounts
 
 

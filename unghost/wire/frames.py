@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, PrivateAttr
 
 from unghost.wire.boxes import Decision
 from unghost.wire.datasets import FrameCounts, VerdictCounts
 from unghost.wire.model import (
+    IfAbsent,
     Json,
     Message,
     Problem,
@@ -28,13 +29,13 @@ class FrameSummary(ResponseModel):
 
     id: int
     key: str
-    revision: int = 1
-    width: int | None = None
-    height: int | None = None
-    map: str | None = None
-    has_image: bool = False
-    has_segmentation: bool = False
-    lossy: bool = False
+    revision: Annotated[int, IfAbsent(1)]
+    width: int | None
+    height: int | None
+    map: str | None
+    has_image: Annotated[bool, IfAbsent(False)]
+    has_segmentation: Annotated[bool, IfAbsent(False)]
+    lossy: Annotated[bool, IfAbsent(False)]
     created_at: AwareDatetime
     counts: FrameCounts
 
@@ -45,9 +46,9 @@ class SegmentationReport(ResponseModel):
     palette: str
     encoding: str
     channel_order: str
-    lossy: bool = False
-    unknown_percent: float = 0.0
-    notes: tuple[str, ...] = ()
+    lossy: Annotated[bool, IfAbsent(False)]
+    unknown_percent: Annotated[float, IfAbsent(0.0)]
+    notes: Annotated[tuple[str, ...], IfAbsent(())]
 
 
 class StoredFile(ResponseModel):
@@ -63,17 +64,17 @@ class FrameDetails(FrameSummary):
     """A frame without its boxes."""
 
     dataset: str
-    camera: Json | None = None
-    carla_version: str | None = None
+    camera: Json | None
+    carla_version: str | None
     captured_text: str | None = Field(
-        default=None, alias="captured_at", description="RFC 3339, as it was sent."
+        alias="captured_at", description="RFC 3339, as it was sent."
     )
-    weather: Json | None = None
-    superseded: bool = Field(
-        default=False, description="Whether there is a newer revision."
+    weather: Json | None
+    superseded: Annotated[bool, IfAbsent(False)] = Field(
+        description="Whether there is a newer revision."
     )
-    segmentation: SegmentationReport | None = None
-    files: Mapping[str, StoredFile] = Field(default_factory=dict)
+    segmentation: SegmentationReport | None
+    files: Annotated[Mapping[str, StoredFile], IfAbsent({})]
 
     @property
     def captured_at(self) -> datetime | None:
@@ -87,17 +88,17 @@ class FrameDetails(FrameSummary):
 class Frame(FrameDetails):
     """A frame between its neighbours, with its boxes and their decisions."""
 
-    previous_id: int | None = None
-    next_id: int | None = None
-    boxes: tuple[Decision, ...] = ()
+    previous_id: int | None
+    next_id: int | None
+    boxes: Annotated[tuple[Decision, ...], IfAbsent(())]
 
 
 class StoredFrame(ResponseModel):
     """A frame that is stored, what was recognised, and what was decided."""
 
     frame: FrameDetails
-    segmentation: SegmentationReport | None = None
-    decisions: tuple[Decision, ...] = ()
+    segmentation: SegmentationReport | None
+    decisions: Annotated[tuple[Decision, ...], IfAbsent(())]
     _created: bool = PrivateAttr(default=True)
 
     @property

@@ -9,7 +9,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from functools import cache, partial
+from functools import cache
 from typing import (
     Annotated,
     Any,
@@ -35,6 +35,8 @@ from pydantic import (
     ValidationError,
     model_serializer,
 )
+from pydantic.config import JsonDict
+from pydantic.fields import FieldInfo
 
 Json: TypeAlias = Mapping[str, Any]
 """An object of JSON, as `json` reads it."""
@@ -52,26 +54,30 @@ class RequestModel(BaseModel):
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
 
-def _without_defaults(schema: dict[str, Any]) -> None:
-    # A default is what the client takes for a key that an older server does not
-    # send; this server sends every key.
-    for value in schema.get("properties", {}).values():
-        value.pop("default", None)
+class IfAbsent(NamedTuple):
+    """What the client takes for a key that an older service does not send."""
+
+    value: object
+
+
+def _open(schema: JsonDict) -> None:
+    # A newer service may send more, which the client lets pass.
+    schema.pop("additionalProperties", None)
 
 
 class ResponseModel(BaseModel):
     """What the service answers: frozen, and equal to what has equal fields.
 
-    A field has a default where an answer without its key still makes sense to the
-    client; the service sets every field.
+    No field has a default: the service sets every one, and nothing else. What is read
+    where a key is absent is `IfAbsent` of the field.
     """
 
     model_config = ConfigDict(
+        extra="forbid",
         frozen=True,
         populate_by_name=True,
         serialize_by_alias=True,
-        json_schema_serialization_defaults_required=True,
-        json_schema_extra=_without_defaults,
+        json_schema_extra=_open,
     )
 
     @property
@@ -84,8 +90,8 @@ class ResponseModel(BaseModel):
     def read(cls: type[ResponseT], raw: Json) -> ResponseT:
         """Take a JSON object as the service sent it, without checking its values.
 
-        Null is the same as absent where the field has a default. Words and keys that
-        are not known here are kept as they are.
+        Null is the same as absent: None where the field may be null, else `IfAbsent`.
+        Words and keys that are not known here are kept as they are.
 
         Parameters
         ----------
@@ -100,20 +106,18 @@ class ResponseModel(BaseModel):
         Raises
         ------
         MissingKey
-            A key that has no default is not there.
+            A key is not there that is needed.
         ValueError
             A time is none.
         """
         plan = _plan_of(cls)
         values: dict[str, object] = {}
-        for name, key, needed, nullable, convert in plan.fields:
+        for name, key, needed, convert in plan.fields:
             value = raw.get(key)
             if value is not None:
                 values[name] = value if convert is None else convert(value)
-            elif needed and not (nullable and key in raw):
-                raise MissingKey(f"{cls.__name__} lacks {key!r}")
             elif needed:
-                values[name] = None
+                raise MissingKey(f"{cls.__name__} lacks {key!r}")
         # What `model_construct` does, at a third of its price: lists have thousands.
         made = cls.__new__(cls)
         missing = {name: make() for name, make in plan.made if name not in values}
@@ -132,10 +136,17 @@ class ResponseModel(BaseModel):
         return type(self) is type(other) and self.__dict__ == other.__dict__
 
 
+def _answered(schema: dict[str, Any]) -> None:
+    _open(schema)
+    # A default is what the client takes; it is never sent.
+    for value in schema["properties"].values():
+        value.pop("default", None)
+
+
 class SparseModel(ResponseModel):
     """An answer that has only those keys whose fields were set."""
 
-    model_config = ConfigDict(json_schema_serialization_defaults_required=False)
+    model_config = ConfigDict(json_schema_extra=_answered)
 
     @model_serializer(mode="wrap")
     def _only_set(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -156,7 +167,7 @@ class Page(ResponseModel, Generic[ItemT]):
     """One page of a list."""
 
     items: tuple[ItemT, ...]
-    next_cursor: str | None = None
+    next_cursor: str | None
 
 
 def _writable(text: object) -> object:
@@ -175,12 +186,11 @@ MAX_FAULTS: Final = 100
 class Fault(ResponseModel):
     """One fault of a request: where, which, and what to do."""
 
-    pointer: Message = Field(
-        default="",
-        description="JSON pointer into the body, or /query/name, /path/name.",
+    pointer: Annotated[Message, IfAbsent("")] = Field(
+        description="JSON pointer into the body, or /query/name, /path/name."
     )
-    code: Message = "invalid"
-    detail: Message = ""
+    code: Annotated[Message, IfAbsent("invalid")]
+    detail: Annotated[Message, IfAbsent("")]
 
     def __str__(self) -> str:
         return f"{self.pointer}: {self.detail}" if self.pointer else self.detail
@@ -192,7 +202,7 @@ def never_null(schema: dict[str, Any]) -> None:
 
 
 def _of_an_answer(schema: dict[str, Any]) -> None:
-    _without_defaults(schema)
+    _answered(schema)
     schema["required"] = list(_IN_EVERY_ANSWER)
 
 
@@ -246,7 +256,6 @@ class _Field(NamedTuple):
     name: str
     key: str
     needed: bool
-    nullable: bool
     convert: _Convert | None
 
 
@@ -264,34 +273,35 @@ class _Plan(NamedTuple):
 
 
 _set: Final = object.__setattr__
+_NEEDED: Final = object()
 
 
 @cache
 def _plan_of(cls: type[ResponseModel]) -> _Plan:
-    own = {
-        name: partial(each.get_default, call_default_factory=True, validated_data={})
-        for name, each in cls.model_fields.items()
-        if each.default_factory is not None
-    }
-    defaults = {
-        name: None if name in own or each.is_required() else each.default
-        for name, each in cls.model_fields.items()
-    }
-    private = {name: one.default for name, one in cls.__private_attributes__.items()}
-    return _Plan(_fields_of(cls), defaults, tuple(own.items()), private)
-
-
-def _fields_of(cls: type[ResponseModel]) -> tuple[_Field, ...]:
-    return tuple(
+    absent = {name: _if_absent(each) for name, each in cls.model_fields.items()}
+    fields = tuple(
         _Field(
             name,
             each.alias or name,
-            each.is_required(),
-            type(None) in get_args(each.annotation),
+            absent[name] is _NEEDED,
             _converter(each.annotation),
         )
         for name, each in cls.model_fields.items()
     )
+    made = tuple(
+        (name, value.copy) for name, value in absent.items() if isinstance(value, dict)
+    )
+    private = {name: one.default for name, one in cls.__private_attributes__.items()}
+    return _Plan(fields, absent, made, private)
+
+
+def _if_absent(field: FieldInfo) -> object:
+    for each in field.metadata:
+        if isinstance(each, IfAbsent):
+            return each.value
+    if not field.is_required():
+        return field.default
+    return None if type(None) in get_args(field.annotation) else _NEEDED
 
 
 def _converter(hint: object) -> _Convert | None:

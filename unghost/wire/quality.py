@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from unghost.wire.model import RequestModel, ResponseModel
+from unghost.wire.model import IfAbsent, RequestModel, ResponseModel
 from unghost.wire.words import EvidenceKind, ThresholdTarget, Truth, WrongVerdict
 
 
@@ -58,9 +58,9 @@ class Confusion(ResponseModel):
     kept_reject: int
     rejected_keep: int
     rejected_reject: int
-    precision: Measure | None = None
-    recall: Measure | None = None
-    f1: Measure | None = None
+    precision: Measure | None
+    recall: Measure | None
+    f1: Measure | None
 
 
 class Band(Confusion, _OfOneBand):
@@ -84,7 +84,7 @@ class Pair(ResponseModel):
     b: str
     boxes: int
     agreed: int
-    kappa: float | None = None
+    kappa: float | None
 
 
 class Agreement(ResponseModel):
@@ -92,21 +92,19 @@ class Agreement(ResponseModel):
 
     boxes: int
     agreed: int
-    percent: float | None = None
-    kappa: float | None = Field(
-        default=None, description="Cohen's, of all pairs in one table."
-    )
-    interval: tuple[float, float] | None = None
-    pairs: tuple[Pair, ...] = ()
+    percent: float | None
+    kappa: float | None = Field(description="Cohen's, of all pairs in one table.")
+    interval: tuple[float, float] | None
+    pairs: Annotated[tuple[Pair, ...], IfAbsent(())]
 
 
 class ThresholdPoint(ResponseModel):
     """The scores that a threshold would have."""
 
     threshold: float
-    precision: float | None = None
-    recall: float | None = None
-    f1: float | None = None
+    precision: float | None
+    recall: float | None
+    f1: float | None
 
 
 class Suggestion(ResponseModel):
@@ -115,28 +113,28 @@ class Suggestion(ResponseModel):
     class_name: str = Field(alias="class")
     current: float
     suggested: float
-    interval: tuple[float, float] | None = None
+    interval: tuple[float, float] | None
     answers: int = Field(description="Boxes of the class whose truth is known.")
-    f1_current: float | None = None
-    f1_suggested: float | None = None
-    curve: tuple[ThresholdPoint, ...] = ()
+    f1_current: float | None
+    f1_suggested: float | None
+    curve: Annotated[tuple[ThresholdPoint, ...], IfAbsent(())]
 
 
 class Quality(ResponseModel):
     """How good the filter is by the truth, and how far people agree themselves."""
 
-    truth: Truth = "people"
+    truth: Annotated[Truth, IfAbsent("people")]
     reviewed: int
     unsure: int
-    unmeasured: int = Field(
-        default=0, description="Boxes of known truth without a verdict of the filter."
+    unmeasured: Annotated[int, IfAbsent(0)] = Field(
+        description="Boxes of known truth without a verdict of the filter."
     )
     confusion: Confusion
-    by_class: Mapping[str, Confusion] = Field(default_factory=dict)
-    by_distance: tuple[Band, ...] = ()
-    reviewers: tuple[Reviewer, ...] = ()
+    by_class: Annotated[Mapping[str, Confusion], IfAbsent({})]
+    by_distance: Annotated[tuple[Band, ...], IfAbsent(())]
+    reviewers: Annotated[tuple[Reviewer, ...], IfAbsent(())]
     agreement: Agreement
-    suggested: tuple[Suggestion, ...] = ()
+    suggested: Annotated[tuple[Suggestion, ...], IfAbsent(())]
 
 
 class Score(ResponseModel):
@@ -149,9 +147,9 @@ class Score(ResponseModel):
     kept_hidden: int
     rejected_visible: int
     rejected_hidden: int
-    precision: Measure | None = None
-    recall: Measure | None = None
-    f1: Measure | None = None
+    precision: Measure | None
+    recall: Measure | None
+    f1: Measure | None
 
 
 class BandScore(Score, _OfOneBand):
@@ -175,19 +173,18 @@ class ChannelScore(Score):
     judged: int = Field(
         description="Boxes it had a number for; the segmentation judged the others."
     )
-    by_class: Mapping[str, Score] = Field(default_factory=dict)
-    by_distance: tuple[BandScore, ...] = ()
-    worst: tuple[WrongBox, ...] = Field(
-        default=(),
-        description="Up to 20 boxes that it got wrong, most pixels first.",
+    by_class: Annotated[Mapping[str, Score], IfAbsent({})]
+    by_distance: Annotated[tuple[BandScore, ...], IfAbsent(())]
+    worst: Annotated[tuple[WrongBox, ...], IfAbsent(())] = Field(
+        description="Up to 20 boxes that it got wrong, most pixels first."
     )
 
 
 class Evaluation(ResponseModel):
     """Every measured channel against the truth, on the same boxes."""
 
-    truth: Truth = "instances"
-    not_measured: tuple[EvidenceKind, ...] = ()
+    truth: Annotated[Truth, IfAbsent("instances")]
+    not_measured: Annotated[tuple[EvidenceKind, ...], IfAbsent(())]
     frames: int
     boxes: int
-    channels: Mapping[str, ChannelScore] = Field(default_factory=dict)
+    channels: Annotated[Mapping[str, ChannelScore], IfAbsent({})]

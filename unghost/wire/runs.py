@@ -15,7 +15,7 @@ from pydantic import (
 )
 
 from unghost.wire.datasets import Histogram, VerdictCounts
-from unghost.wire.model import Json, RequestModel, ResponseModel, SparseModel
+from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel, SparseModel
 from unghost.wire.words import (
     FINISHED,
     ExportFormat,
@@ -44,7 +44,7 @@ class ConfigVersion(ResponseModel):
 
     digest: str
     config: Json
-    unused_keys: tuple[str, ...] = ()
+    unused_keys: Annotated[tuple[str, ...], IfAbsent(())]
     created_by: str
     created_at: AwareDatetime
     active: bool
@@ -79,7 +79,7 @@ class Flip(ResponseModel):
     box_id: int
     frame_id: int
     class_name: str = Field(alias="class")
-    match_percent: float | None = None
+    match_percent: float | None
     before: FlipSide
     after: FlipSide
 
@@ -87,8 +87,8 @@ class Flip(ResponseModel):
 class FlipCounts(ResponseModel):
     """How many boxes change sides, by the side they leave."""
 
-    kept_to_rejected: int = 0
-    rejected_to_kept: int = 0
+    kept_to_rejected: Annotated[int, IfAbsent(0)]
+    rejected_to_kept: Annotated[int, IfAbsent(0)]
 
 
 class _OfAll(ResponseModel):
@@ -112,12 +112,12 @@ class Preview(ResponseModel):
 
     config: str
     needs_pixels: bool
-    counts: VerdictCounts | None = None
-    by_reason: Mapping[str, int] | None = None
-    by_class: Mapping[str, VerdictCounts] | None = None
-    reasons_by_class: Mapping[str, Mapping[str, int]] | None = None
-    histograms: Histogram | None = None
-    flips: Flips | None = None
+    counts: VerdictCounts | None
+    by_reason: Mapping[str, int] | None
+    by_class: Mapping[str, VerdictCounts] | None
+    reasons_by_class: Mapping[str, Mapping[str, int]] | None
+    histograms: Histogram | None
+    flips: Flips | None
 
 
 def _in_either_form(value: object, check: ValidatorFunctionWrapHandler) -> object:
@@ -161,12 +161,12 @@ class Run(ResponseModel):
     total: int
     done: int
     changed: int
-    counts: RunCounts = Field(default_factory=RunCounts)
-    error: Json | None = None
+    counts: Annotated[RunCounts, IfAbsent(RunCounts())]
+    error: Json | None
     created_by: str
     created_at: AwareDatetime
-    started_at: AwareDatetime | None = None
-    finished_at: AwareDatetime | None = None
+    started_at: AwareDatetime | None
+    finished_at: AwareDatetime | None
 
     @property
     def finished(self) -> bool:
@@ -177,23 +177,22 @@ class Run(ResponseModel):
 class _Compared(ResponseModel):
     run: int
     against: int
-    compared: int = Field(
-        default=0, description="Boxes that both runs have numbers of."
+    compared: Annotated[int, IfAbsent(0)] = Field(
+        description="Boxes that both runs have numbers of."
     )
 
 
 class Diff(FlipCounts, _OfAll, _Compared):
     """What `run` decides otherwise than `against`, and one page of the boxes."""
 
-    by_class: Mapping[str, int] = Field(
-        default_factory=dict, description="Boxes whose verdicts differ."
+    by_class: Annotated[Mapping[str, int], IfAbsent({})] = Field(
+        description="Boxes whose verdicts differ."
     )
-    sides_by_class: Mapping[str, FlipCounts] = Field(
-        default_factory=dict,
-        description="Of those, the ones that went from one side to the other.",
+    sides_by_class: Annotated[Mapping[str, FlipCounts], IfAbsent({})] = Field(
+        description="Of those, the ones that went from one side to the other."
     )
-    items: tuple[Flip, ...] = ()
-    next_cursor: str | None = None
+    items: Annotated[tuple[Flip, ...], IfAbsent(())]
+    next_cursor: str | None
 
 
 class ExportOptions(RequestModel):
@@ -247,12 +246,12 @@ class Export(ResponseModel):
     state: JobState
     total: int = Field(description="Frames.")
     done: int
-    size_bytes: int | None = None
-    sha256: str | None = None
-    counts: Json | None = None
-    error: Json | None = None
+    size_bytes: int | None
+    sha256: str | None
+    counts: Json | None
+    error: Json | None
     created_at: AwareDatetime
-    download: str | None = None
+    download: str | None
 
     @property
     def finished(self) -> bool:

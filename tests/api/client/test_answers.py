@@ -30,7 +30,7 @@ def said(answer: httpx.Response) -> Any:
 def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
     """No key is missing and none is new, at any depth, and the client reads the same.
 
-    A model writes every field, so one that was not answered would be written as well.
+    The service cannot forget one: fields of answers have no defaults.
     """
     checked = kind.model_validate(raw)
 

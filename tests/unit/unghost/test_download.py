@@ -24,7 +24,10 @@ EXPORT = Export(
     done=9,
     sha256=hashlib.sha256(CONTENT).hexdigest(),
     size_bytes=len(CONTENT),
+    counts=None,
+    error=None,
     created_at=datetime(2026, 1, 1, tzinfo=timezone.utc),
+    download=None,
 )
 
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime, timedelta, timezone
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
 from pydantic import AwareDatetime, Field, ValidationError
 
 from filter_core import values
+from unghost import wire
 from unghost.wire.model import (
     MAX_FAULTS,
     Fault,
+    IfAbsent,
     MissingKey,
     Page,
     Problem,
     RequestModel,
     ResponseModel,
+    SparseModel,
 )
 
 
@@ -32,10 +35,9 @@ class Car(ResponseModel):
 
     id: int
     class_name: str = Field(alias="class")
-    owner: str | None
-    built_at: AwareDatetime | None = None
-    wheels: tuple[Wheel, ...] = ()
-    by_name: Mapping[str, Wheel] = Field(default_factory=dict)
+    built_at: AwareDatetime | None
+    wheels: Annotated[tuple[Wheel, ...], IfAbsent(())]
+    by_name: Annotated[Mapping[str, Wheel], IfAbsent({})]
 
 
 class Order(RequestModel):
@@ -44,7 +46,8 @@ class Order(RequestModel):
     cars: int = 1
 
 
-CAR = {"id": 7, "class": "bus", "owner": None}
+CAR = {"id": 7, "class": "bus"}
+EMPTY: dict[str, object] = {"built_at": None, "wheels": (), "by_name": {}}
 
 
 def test_what_lies_in_an_answer_becomes_models():
@@ -61,11 +64,13 @@ def test_a_page_reads_its_items():
     assert page.next_cursor == "x"
 
 
-def test_null_is_absent_where_there_is_a_default():
+def test_null_is_the_same_as_absent():
+    assert Car.read({**CAR, **EMPTY}) == Car.read(CAR)
     assert Car.read({**CAR, "wheels": None, "by_name": None}) == Car.read(CAR)
+    assert Car.read(CAR).by_name is not Car.read(CAR).by_name
 
 
-@pytest.mark.parametrize("key", ["id", "class", "owner"])
+@pytest.mark.parametrize("key", ["id", "class"])
 def test_a_key_that_is_needed_is_named(key):
     raw = {name: value for name, value in CAR.items() if name != key}
 
@@ -118,22 +123,54 @@ def test_answers_are_frozen():
 
 
 def test_the_service_builds_by_names_and_is_checked():
-    assert Car(id=7, class_name="bus", owner=None) == Car.read(CAR)
+    built = Car(id=7, class_name="bus", built_at=None, wheels=(), by_name={})
+    assert built == Car.read(CAR)
     with pytest.raises(ValidationError):
         Wheel(side="spare")
 
 
-def test_answers_are_written_under_the_keys_of_the_wire():
-    written = Car.read(CAR).model_dump(exclude_defaults=True)
+@pytest.mark.parametrize("missing", ["class_name", *EMPTY])
+def test_the_service_sets_every_field(missing):
+    values = {"id": 7, "class_name": "bus", **EMPTY}
+    del values[missing]
 
-    assert written == {"id": 7, "class": "bus", "owner": None}
+    with pytest.raises(ValidationError, match="Field required"):
+        Car(**values)
+
+
+def test_the_service_sends_no_key_that_is_not_described():
+    with pytest.raises(ValidationError, match="Extra inputs are not permitted"):
+        Car.model_validate({**CAR, **EMPTY, "colour": "red"})
+
+
+def test_no_field_of_an_answer_has_a_default():
+    told = [getattr(wire, name) for name in dir(wire)]
+    answers = [
+        kind
+        for kind in told
+        if isinstance(kind, type) and issubclass(kind, ResponseModel)
+    ]
+
+    assert len(answers) > 50
+    assert [
+        f"{kind.__name__}.{name}"
+        for kind in answers
+        if not issubclass(kind, SparseModel)
+        for name, field in kind.model_fields.items()
+        if not field.is_required()
+    ] == []
+
+
+def test_answers_are_written_under_the_keys_of_the_wire():
+    assert Car.read(CAR).model_dump() == {**CAR, **EMPTY}
 
 
 def test_the_schema_says_that_every_key_is_there_and_no_defaults():
     schema = Car.model_json_schema(mode="serialization")
 
-    assert schema["required"] == [*CAR, "built_at", "wheels", "by_name"]
+    assert schema["required"] == [*CAR, *EMPTY]
     assert "default" not in str(schema)
+    assert "additionalProperties" not in schema
 
 
 def test_unknown_keys_of_a_request_are_refused():
