@@ -85,7 +85,9 @@ def describe_export(export: tables.Export, dataset: str) -> Export:
             "sha256": export.sha256,
             "counts": export.counts,
             "error": export.error,
+            "created_by": export.created_by,
             "created_at": export.created_at,
+            "finished_at": export.finished_at,
             "download": f"/api/v1/exports/{export.id}/download" if done else None,
         }
     )

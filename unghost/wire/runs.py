@@ -250,7 +250,9 @@ class Export(ResponseModel):
     sha256: str | None
     counts: Json | None
     error: Json | None
+    created_by: Annotated[str, IfAbsent("")]
     created_at: AwareDatetime
+    finished_at: AwareDatetime | None
     download: str | None
 
     @property

@@ -246,7 +246,9 @@
  * @property {string | null} sha256
  * @property {Record<string, unknown> | null} counts
  * @property {{title?: string, detail?: string} | null} error
+ * @property {string} created_by
  * @property {string} created_at
+ * @property {string | null} finished_at
  * @property {string | null} download
  */
 
