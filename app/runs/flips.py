@@ -96,8 +96,8 @@ class FlipTable:
         before: NDArray[np.uint8],
         after: NDArray[np.uint8],
         rows: IntArray | None = None,
-    ) -> None:
-        """Count boxes in.
+    ) -> IntArray:
+        """Count boxes in, and find those whose verdicts differ.
 
         Parameters
         ----------
@@ -106,16 +106,23 @@ class FlipTable:
             Reasons of the boxes in `rows`.
         rows : (M,) int, or None
             None: all of them, in their order.
+
+        Returns
+        -------
+        int array
+            Places in `before` and `after`, ascending.
         """
+        # Two bytes for each box, one pass each: a preview is asked for while one drags.
+        changes = before * np.uint16(_REASONS) + after
         index = evidence.class_index if rows is None else evidence.class_index[rows]
-        cells = index * np.int32(_REASONS * _REASONS)
-        cells += before * np.int32(_REASONS)
-        cells += after
         shape = len(evidence.class_names), _REASONS, _REASONS
+        cells = index * np.int64(_REASONS * _REASONS)
+        cells += changes
         counts = np.bincount(cells, minlength=int(np.prod(shape))).reshape(shape)
         # A part of a dataset may meet its classes in another order.
         here = [self.names.index(name) for name in evidence.class_names]
         self._boxes[here] += counts
+        return np.flatnonzero(_FLIPS.ravel()[changes])
 
     @property
     def after(self) -> IntArray:
@@ -175,15 +182,14 @@ class _Nearest:
         self._limit, self._after = limit, after
         self.found: list[tuple[float, int, Flip]] = []
 
-    def add(self, before: _Decided, after: _Decided) -> None:
-        """Look for some in a part of a dataset."""
+    def add(self, before: _Decided, after: _Decided, flips: IntArray) -> None:
+        """Look for some among the flips of a part of a dataset."""
         if not self._limit:
             return
-        old, new = (VERDICT_OF_REASON[each.reasons] for each in (before, after))
-        flips = np.flatnonzero(old != new)
-        margins = np.abs(after.decisions.margin[after.rows[flips]])
+        rows = after.rows_of(flips)
+        margins = np.abs(after.decisions.margin[rows])
         distances: FloatArray = np.nan_to_num(margins, nan=FARTHEST)
-        ids = after.numbers.box_ids[after.rows[flips]]
+        ids = after.numbers.box_ids[rows]
         # Boxes come in the order of their ids.
         order = np.argsort(distances, kind="stable")
         if self._after is not None:
@@ -200,21 +206,29 @@ class _Nearest:
 
 @dataclass(frozen=True)
 class _Decided:
-    """Boxes, some of a part of a dataset, and what was decided of the whole part."""
+    """Boxes of a part of a dataset, and what was decided of the whole part.
+
+    `rows` are some of them, or None for all.
+    """
 
     numbers: DatasetColumns
     evidence: Evidence
     decisions: Decisions
-    rows: IntArray
+    rows: IntArray | None = None
 
     @cached_property
     def reasons(self) -> NDArray[np.uint8]:
-        """Of the boxes in `rows`."""
-        return self.decisions.reason[self.rows]
+        """Of these boxes."""
+        reasons = self.decisions.reason
+        return reasons if self.rows is None else reasons[self.rows]
+
+    def rows_of(self, places: IntArray) -> IntArray:
+        """Where boxes at places among these stand in the part."""
+        return places if self.rows is None else self.rows[places]
 
 
 def _flip(before: _Decided, after: _Decided, at: int) -> Flip:
-    row = int(after.rows[at])
+    row = at if after.rows is None else int(after.rows[at])
     ids = int(after.numbers.box_ids[row]), int(after.numbers.frame_ids[row])
     reasons = int(before.reasons[at]), int(after.reasons[at])
     return flip_of(ids, after.evidence, row, reasons)
@@ -262,11 +276,10 @@ def preview(
             matches += match_counts(evidence, limits.bins)
         else:
             matches += numbers.match_counts(limits.bins)
-        rows = np.arange(len(numbers))
-        before = _Decided(numbers, numbers.evidence, numbers.decided(active), rows)
-        after = _Decided(numbers, evidence, decide(evidence, config), rows)
-        table.add(evidence, before.decisions.reason, after.decisions.reason)
-        nearest.add(before, after)
+        before = _Decided(numbers, numbers.evidence, numbers.decided(active))
+        after = _Decided(numbers, evidence, decide(evidence, config))
+        flips = table.add(evidence, before.reasons, after.reasons)
+        nearest.add(before, after, flips)
     return Preview(
         config=config.digest,
         needs_pixels=False,
@@ -345,8 +358,9 @@ def run_diff(
             for part, config in zip(numbers, configs, strict=True)
         ]
         before, after = _compared(numbers, decisions)
-        table.add(after.evidence, before.reasons, after.reasons, after.rows)
-        nearest.add(before, after)
+        reasons = before.reasons, after.reasons
+        flips = table.add(after.evidence, *reasons, after.rows)
+        nearest.add(before, after, flips)
     listed, following = nearest.found[: page.limit], None
     if len(nearest.found) > page.limit:
         distance, box_id, _ = listed[-1]

@@ -26,7 +26,9 @@ EXPORT = Export(
     size_bytes=len(CONTENT),
     counts=None,
     error=None,
+    created_by="ada",
     created_at=datetime(2026, 1, 1, tzinfo=timezone.utc),
+    finished_at=None,
     download=None,
 )
 
