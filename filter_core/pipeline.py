@@ -242,7 +242,7 @@ def measure_frame(
     config: MeasureConfig | FilterConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
-    """The evidence of one frame: pixels are read here, and nothing is decided.
+    """The evidence of one frame: its pixels are counted, and nothing is decided.
 
     Parameters
     ----------
