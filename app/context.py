@@ -8,7 +8,7 @@ from typing import Final, TypeVar, cast
 
 from app.db.engine import Database
 from app.engine import LocalEngine
-from app.engine.pixels import PixelPool
+from app.engine.children import PixelPool
 from app.settings import Settings
 from app.storage import BlobStore
 
@@ -29,6 +29,8 @@ class ServiceContext:
     """Measures frames."""
     drawers: PixelPool
     """Draws pictures: however many are asked for, frames are measured meanwhile."""
+    folders: PixelPool
+    """Reads dropped folders, which may take long."""
     owned: dict[type, object] = field(default_factory=dict)
     """What `one` has made, and what was kept for it."""
 
@@ -53,4 +55,5 @@ class ServiceContext:
         self.engine.close()
         self.pixels.close()
         self.drawers.close()
+        self.folders.close()
         self.storage.close()

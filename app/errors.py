@@ -38,7 +38,7 @@ server, SQL or a secret.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:  # children that read pixels raise these, and need no pydantic
     from unghost.wire.model import Fault
@@ -144,7 +144,7 @@ class StaleRevision(AppError):
 
     code = "stale_revision"
 
-    def __init__(self, detail: str, *, current: Mapping[str, Any] | None) -> None:
+    def __init__(self, detail: str, *, current: Mapping[str, object] | None) -> None:
         super().__init__(detail)
         self.current = current
 
@@ -160,7 +160,7 @@ class StaleReview(StaleRevision):
         box_id: int,
         seen: int,
         found: int,
-        current: Mapping[str, Any] | None = None,
+        current: Mapping[str, object] | None = None,
     ) -> None:
         super().__init__(
             f"box {box_id} is at revision {found}, you reviewed revision {seen}",
@@ -177,7 +177,7 @@ class StaleSnapshot(StaleRevision):
     code = "stale_snapshot"
 
     def __init__(
-        self, *, expected: int, found: int, changed: int, current: Mapping[str, Any]
+        self, *, expected: int, found: int, changed: int, current: Mapping[str, object]
     ) -> None:
         super().__init__(
             f"the filter selects {found} boxes, {expected} when you looked; {changed} "

@@ -1,7 +1,4 @@
-"""What comes in: bytes in pieces, how many are held, and large JSON in turn.
-
-over.
-"""
+"""Bytes of requests: held in pieces, counted, and large JSON parsed one at a time."""
 
 from __future__ import annotations
 

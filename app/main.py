@@ -21,7 +21,7 @@ from app.datasets.routes import router as datasets_router
 from app.exports.routes import router as exports_router
 from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
-from app.http.deps import MAX_BATCHES, MAX_UPLOADS, MAX_WRITERS
+from app.http.deps import MAX_BATCHES, MAX_FOLDERS, MAX_UPLOADS, MAX_WRITERS
 from app.http.idempotency import AlreadyAnswered
 from app.http.middleware import (
     AccessLog,
@@ -35,6 +35,7 @@ from app.http.middleware import (
 from app.http.routing import MAX_READS_PER_TOKEN, TokenPlaces, repeat_answer
 from app.http.static import content_security_policy
 from app.http.static import router as page_router
+from app.ingest.folder_routes import router as folders_router
 from app.ingest.routes import known_frames_router, upload_router
 from app.ingest.routes import router as batches_router
 from app.metrics import RequestMetrics
@@ -62,6 +63,7 @@ ROUTERS: Final = (
     datasets_router,
     evaluations_router,
     exports_router,
+    folders_router,
     frame_pictures_router,
     upload_router,
     frames_router,
@@ -112,6 +114,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.writers = CapacityLimiter(MAX_WRITERS)
     app.state.uploads = CapacityLimiter(MAX_UPLOADS + workers)
     app.state.batches = CapacityLimiter(MAX_BATCHES)
+    app.state.folders = CapacityLimiter(MAX_FOLDERS)
     app.state.readers = CapacityLimiter(MAX_READERS)
     app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
     app.state.drawings = CapacityLimiter(workers + 1)

@@ -2,6 +2,8 @@
 
 Names follow Prometheus: base units, ``_total`` for what only grows. No label takes a
 value that somebody outside can make up, so there are never more than so many series.
+Counters and histograms are those of `prometheus_client`; the figures about the process
+are our own, because that library's are for Linux alone.
 """
 
 from __future__ import annotations

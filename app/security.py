@@ -8,8 +8,9 @@ import re
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
-from typing import Final
+from typing import Final, get_args
+
+from unghost.wire.words import Role
 
 # Prefixes let secret scanners, and our own log, recognise what has leaked.
 TOKEN_PREFIX: Final = "ug_"
@@ -23,17 +24,10 @@ _SECRET_BYTES: Final = 32
 _PORT: Final = re.compile(r":\d{1,5}$")
 
 
-class Role(str, Enum):
-    """What a token may do; each role may do what the one before may."""
-
-    VIEWER = "viewer"
-    REVIEWER = "reviewer"
-    ADMIN = "admin"
-
-    def includes(self, other: Role) -> bool:
-        """True if this role may do what the other may."""
-        order = list(Role)
-        return order.index(self) >= order.index(other)
+def includes(role: Role, other: Role) -> bool:
+    """True if the role may do what the other may."""
+    roles = get_args(Role)
+    return roles.index(role) >= roles.index(other)
 
 
 @dataclass(frozen=True)

@@ -235,12 +235,31 @@ class Settings(BaseSettings):
     max_open_batches: int = Field(
         default=8,
         ge=1,
-        description="Most batches of frames that may be received at the same time.",
+        description="Most batches of frames and dropped folders that may be received "
+        "at the same time.",
     )
     max_open_batches_per_token: int = Field(
         default=4,
         ge=1,
-        description="Most batches of frames that one token may send at the same time.",
+        description="Most batches of frames and dropped folders that one token may "
+        "send at the same time.",
+    )
+    max_folder_bytes: ByteSize = Field(
+        default=ByteSize(256 * 1024**2),
+        ge=1024,
+        description="Largest archive of a dropped folder that is to be read: its names "
+        "and text files, without its pictures.",
+    )
+    max_folder_files: int = Field(
+        default=100_000,
+        ge=1,
+        description="Most files and folders of a dropped folder.",
+    )
+    max_folder_seconds: float = Field(
+        default=120,
+        gt=0,
+        le=3600,
+        description="Seconds that reading a dropped folder may take.",
     )
     max_image_side_px: int = Field(
         default=16384, ge=1, description="Longest side of an image."
@@ -258,8 +277,8 @@ class Settings(BaseSettings):
     max_pixel_memory_bytes: ByteSize = Field(
         default=ByteSize(2 * 1024**3),
         ge=64 * 1024**2,
-        description="Memory that reading the pictures of one frame, or drawing one, "
-        "may take.",
+        description="Memory that reading the pictures of one frame, drawing one, or "
+        "reading a dropped folder may take.",
     )
     max_boxes_per_frame: int = Field(
         default=10_000, ge=1, description="Most boxes in one annotation."

@@ -127,10 +127,10 @@ _OF_FOLDERS = {
     "filter_source": "filter_core.local",
     "read_source": "filter_core.formats.registry",
 }
-"""Where names stand that are loaded when they are asked for.
+"""The modules of names that are loaded when they are first used.
 
-Whoever filters frames one by one needs no readers of folders and no formats: a fifth
-of the time in which all of the library is loaded.
+Filtering single frames needs no readers of folders and no formats; loading these takes
+a fifth of the time in which the whole library is loaded.
 """
 
 

@@ -100,7 +100,7 @@ class AnnotationErrors(FilterError):
 
     @property
     def more_errors(self) -> int:
-        """How many faults there are beside those in `errors`."""
+        """How many faults there are besides those in `errors`."""
         return self.count - len(self.errors)
 
 

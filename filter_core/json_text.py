@@ -1,4 +1,4 @@
-"""Reads JSON written by a stranger: bounded before it is parsed, in linear time.
+"""Reads untrusted JSON in linear time; its limits are checked before it is parsed.
 
 `read_json` takes bytes or text and gives one parsed value. Size, depth, the number of
 values and of keys, and the length of numbers are looked at in the bytes first
@@ -100,14 +100,14 @@ def read_json(
     -------
     dict, list, str, int, float, bool or None
         ``NaN``, ``Infinity`` and numbers beyond the range of a float are floats that
-        are not finite: whoever knows what a number is for refuses it.
+        are not finite; the code that uses the number refuses it.
 
     Raises
     ------
     JsonError
-        ``not_json``: it is not JSON, not in UTF-8, a text in it is none that UTF-8 has
-        a form for, or a number has more than 100 characters.
-        ``json_too_large``: beyond a limit; nothing was made of it.
+        ``not_json``: it is not JSON, not in UTF-8, a text in it cannot be encoded as
+        UTF-8, or a number has more than 100 characters.
+        ``json_too_large``: it is beyond a limit; no value was made.
 
     Notes
     -----
@@ -168,8 +168,8 @@ def _refuse_long_numbers(content: bytes) -> None:
 def find_long_number(content: bytes) -> int | None:
     """Where a number of more than 100 characters begins in JSON; None if there is none.
 
-    To read one takes time by the square of its length, and nobody else runs meanwhile.
-    What is looked through may end anywhere, but may not begin within a text.
+    Parsing one takes time by the square of its length, and no other thread runs
+    meanwhile. The searched bytes may end anywhere, but must not begin inside a text.
     """
     digits = content.translate(_AS_DIGITS)
     start = digits.find(_LONG_DIGITS)

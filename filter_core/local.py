@@ -33,7 +33,7 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import EvidenceName, files_for
-from filter_core.decisions.record import Decision, decided_boxes
+from filter_core.decisions.record import Decision, decided_boxes, decision_columns
 from filter_core.decisions.rules import decide
 from filter_core.errors import FilterError, LayoutError, ProblemObject, problem_of
 from filter_core.evaluation.comparison import (
@@ -340,7 +340,8 @@ def export_sources(
         Read the segmentations, so that the filter decides; else all boxes that are in
         the image are ``unmeasured``.
     needs : collection of `Need`
-        Of the format; decisions are only composed where it needs them.
+        Of the format: decisions, and columns of them, are only made where it needs
+        them.
     workers : int, optional
 
     Yields
@@ -371,10 +372,6 @@ def _export_frame(
     verdicts = decide(measured.evidence, config)
     if not measure:
         verdicts = _without_verdicts(measured.evidence, verdicts)
-    decisions: list[Decision] = []
-    if "decisions" in needs:
-        result = FrameResult(measured, verdicts, config)
-        decisions = result.described(explained="explanations" in needs)
     annotation = measured.annotation
     boxes = decided_boxes(
         measured.ids,
@@ -390,8 +387,14 @@ def _export_frame(
         given=GivenAnnotation(lambda: annotation.raw, measured.wh),
         map=annotation.map,
         palette=measured.palette,
-        decisions=decisions,
     )
+    if "decisions" in needs:
+        decisions = FrameResult(measured, verdicts, config).decisions
+        frame = replace(frame, decisions=decisions)
+    if "decision_columns" in needs:
+        facts = measured.facts(config)
+        columns = decision_columns(facts, measured.evidence, verdicts)
+        frame = replace(frame, columns=columns)
     if source.image is None:
         return frame
     media_type = read_image_header(_read(source.image, "image")).media_type
@@ -399,7 +402,7 @@ def _export_frame(
 
 
 def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
-    """Boxes in the image as what nothing was measured of, whatever their class."""
+    """The same decisions, but all boxes in the image are `Reason.NO_SEGMENTATION`."""
     if evidence.xyxy is None:
         return verdicts
     reason = verdicts.reason.copy()
@@ -494,7 +497,7 @@ def _segmentation(source: FrameSource) -> bytes | None:
 
 
 def _size(image: Path) -> tuple[int, int]:
-    """Width and height; of a file of a megabyte and more, two pages are read."""
+    """Width and height. The file is mapped, so only pages with its header are read."""
     with _opening(image, "image"), image.open("rb") as file:
         if not os.fstat(file.fileno()).st_size:
             return read_image_header(b"").wh
@@ -537,6 +540,6 @@ def in_order(
             while waiting:
                 yield waiting.popleft().result()
         finally:
-            # Whoever stops listening does not wait for frames nobody will see.
+            # If the caller stops iterating, frames that have not begun are dropped.
             for future in waiting:
                 future.cancel()

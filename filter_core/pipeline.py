@@ -52,8 +52,8 @@ class FrameOptions:
     image_wh : (width, height) or None, px
         Of the RGB image; else the segmentation's or the camera's size counts.
     dataset : SegmentationOptions
-        How the dataset says that its segmentations are to be read. A `MeasureConfig`
-        has agreed with its dataset already, and does not look at it.
+        How the dataset says that its segmentations are to be read. Not used with a
+        `MeasureConfig`, which contains it already.
     ignore : (H, W) bool or None
         Pixels that never count.
     limits : AnnotationLimits
@@ -165,13 +165,9 @@ class FrameResult:
         They are composed when they are first asked for: sentences cost more than
         `verdicts`, which say the same as arrays.
         """
-        return self.described()
-
-    def described(self, *, explained: bool = True) -> list[Decision]:
-        """`decisions`, composed anew; see `FrameFacts.explained`."""
         measured = self.measured
         return decision_dicts(
-            replace(measured.facts(self.config), explained=explained),
+            measured.facts(self.config),
             measured.ids,
             measured.evidence,
             self.verdicts,
@@ -409,7 +405,7 @@ def _measuring(
 
 
 def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> SegmentationOptions:
-    """How to read a frame's segmentation: its own version of CARLA counts last."""
+    """How to read a frame's segmentation; its ``carla_version`` has least priority."""
     version = config.reading.carla_version or annotation.carla_version
     return replace(config.reading, carla_version=version)
 

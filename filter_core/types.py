@@ -1,17 +1,18 @@
 """The values that flow through the library: arrays, boxes, evidence, decisions.
 
 `FrameBoxes` is what is known of a frame's boxes before any pixel is read. `Evidence` is
-what was measured of them; `ChannelNumbers` is the part of it that was measured beside
-the segmentation. `Decisions` are the verdicts, and `DecidedBoxes` is what labels are
-written from. All of them are columns: row i is box i. There are no rules here.
+what was measured of them; `ChannelNumbers` is the part of it that was measured besides
+the segmentation. `Decisions` are the verdicts, `DecidedBoxes` is what labels are
+written from, and `DecisionColumns` is what tables of decisions have besides it. All of
+them are columns: row i is box i. There are no rules here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import Any, Final, Literal, TypeAlias, get_args
+from typing import Final, Literal, TypeAlias, TypedDict, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,17 @@ UNKNOWN_COLUMN: Final = N_TAGS - 1
 
 NOT_MEASURED: Final = -1
 """In columns of counts, rows and ids: there is none."""
+
+
+def floats_or_none(column: FloatArray) -> list[float | None]:
+    """The numbers of a column, None where it has NaN."""
+    # NaN alone differs from itself.
+    return [None if value != value else value for value in column.tolist()]
+
+
+def counts_or_none(column: IntArray) -> list[int | None]:
+    """The numbers of a column, None where it has `NOT_MEASURED`."""
+    return [None if value == NOT_MEASURED else value for value in column.tolist()]
 
 
 @dataclass(frozen=True)
@@ -210,7 +222,7 @@ def number_columns(table: type[Evidence | ChannelNumbers]) -> dict[str, NumberCo
 
 def _absent_columns(
     table: type[Evidence | ChannelNumbers], count: int
-) -> dict[str, Any]:
+) -> dict[str, NDArray[np.generic]]:
     """Arrays for the columns of numbers of either table, for so many boxes."""
     return {
         name: np.full((count, *column.shape), column.missing, column.dtype)
@@ -250,7 +262,7 @@ class Evidence:
     tag_counts : (N, N_TAGS) int32, px, or None
         Pixels of each tag in the box; the last column is Unknown.
     channels : ChannelNumbers of N boxes, or None
-        What was measured beside the segmentation.
+        What was measured besides the segmentation.
 
     Notes
     -----
@@ -323,8 +335,9 @@ class Evidence:
         cls, class_names: tuple[str, ...], class_index: NDArray[np.int32]
     ) -> Evidence:
         """New columns for boxes of these classes, filled with "nothing measured"."""
+        make: Callable[..., Evidence] = cls
         columns = _absent_columns(cls, len(class_index))
-        return cls(class_names=class_names, class_index=class_index, **columns)
+        return make(class_names=class_names, class_index=class_index, **columns)
 
     def __len__(self) -> int:
         return len(self.class_index)
@@ -348,7 +361,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class ChannelNumbers:
-    """What the channels beside the segmentation measured of N boxes.
+    """What the channels besides the segmentation measured of N boxes.
 
     Columns are (N,) int64 with `NOT_MEASURED` where a channel has no number for a box,
     or (N,) and (N, 4) float64 with NaN there. Declaring a column here is enough for it
@@ -413,7 +426,8 @@ class ChannelNumbers:
     @classmethod
     def absent(cls, count: int) -> ChannelNumbers:
         """New columns for `count` boxes, filled with "not measured"."""
-        return cls(**_absent_columns(cls, count))
+        make: Callable[..., ChannelNumbers] = cls
+        return make(**_absent_columns(cls, count))
 
     def __len__(self) -> int:
         return len(self.owned_pixels)
@@ -653,3 +667,63 @@ class DecidedBoxes:
 _DECIDED_COLUMNS: Final = tuple(
     spec.name for spec in fields(DecidedBoxes) if spec.name != "class_names"
 )
+
+
+class HiddenBy(TypedDict):
+    """A tag that a box's class does not accept.
+
+    `percent` is the share of the box's counted pixels that have it, 0..100.
+    """
+
+    tag: int
+    name: str
+    percent: float
+
+
+@dataclass(frozen=True, eq=False)
+class DecisionColumns:
+    """What tables of decisions have of N boxes besides `DecidedBoxes`.
+
+    Attributes
+    ----------
+    threshold, margin : (N,) float64, percent; NaN where no threshold applied
+    toss_up, large : (N,) bool
+        See `Decisions`, like `threshold` and `margin`.
+    matched_pixels, box_pixels : (N,) int64, px
+        See `Evidence`; `NOT_MEASURED` for the matched ones where nothing was measured.
+    area_percent, crowding : (N,) float64, percent; NaN where unknown
+    explained_by : sequence of N str or None
+        The id of the nearer box that claims the box's pixels.
+    hidden_by : sequence of N sequences of HiddenBy
+        The commonest tags that the box's class does not accept.
+    reviewer, comment : sequence of N str or None
+        Of the answer in force.
+    config : str
+        The digest of the configuration that decided.
+    """
+
+    threshold: FloatArray
+    margin: FloatArray
+    toss_up: BoolArray
+    large: BoolArray
+    matched_pixels: IntArray
+    box_pixels: IntArray
+    area_percent: FloatArray
+    crowding: FloatArray
+    explained_by: Sequence[str | None]
+    hidden_by: Sequence[Sequence[HiddenBy]]
+    reviewer: Sequence[str | None]
+    comment: Sequence[str | None]
+    config: str
+
+    def __len__(self) -> int:
+        return len(self.threshold)
+
+    def __getitem__(self, rows: slice) -> DecisionColumns:
+        """A range of the boxes."""
+        columns = {
+            spec.name: getattr(self, spec.name)[rows]
+            for spec in fields(self)
+            if spec.name != "config"
+        }
+        return DecisionColumns(config=self.config, **columns)

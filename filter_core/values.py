@@ -1,14 +1,14 @@
-"""Values that strangers wrote: read, or noted as a fault in words.
+"""Reads values of untrusted JSON; one that cannot be used is noted as a fault.
 
-Whoever reads an annotation passes a `Place` and the `Faults` along. The functions
+Code that reads an annotation passes a `Place` and the `Faults` along. The functions
 `read_...` take one value of the parsed JSON and return it checked and converted; if
 it cannot be used, they add a fault and return None, or a value in its place, so that
 one pass finds all faults. A fault has a stable code, the JSON pointer of the value, and
 a sentence with what was expected and what was found. Nothing is raised before
 `Faults.raise_any`.
 
-Below them is how the library quotes what strangers wrote (`shown`, `pointer_token`,
-`escape_text`) and finds the word that they may have meant (`nearest`, `similar`); these
+Below them is how the library quotes untrusted text (`shown`, `pointer_token`,
+`escape_text`) and finds the word that was probably meant (`nearest`, `similar`); these
 serve configurations and requests as well.
 """
 
@@ -19,11 +19,14 @@ import math
 import unicodedata
 from collections.abc import Iterable, Mapping
 from datetime import datetime
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from filter_core.errors import AnnotationError, AnnotationErrors, FilterError
+
+JsonObject: TypeAlias = Mapping[str, Any]
+"""A JSON object from outside, checked before; the types of its values are not known."""
 
 
 class Place:
@@ -100,8 +103,8 @@ MAX_FAULTS: Final = 100
 class Faults:
     """The faults found so far; nothing is raised until `raise_any`.
 
-    The first `MAX_FAULTS` are kept, the others counted: whoever sends an annotation
-    decides how many there are.
+    The first `MAX_FAULTS` are kept, the others only counted, since the sender of an
+    annotation decides how many there are.
     """
 
     def __init__(self, frame: str = "") -> None:

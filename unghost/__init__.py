@@ -82,6 +82,7 @@ if TYPE_CHECKING:
     from unghost.wire.datasets import (
         Counts as Counts,
         Dataset as Dataset,
+        FrameProblem as FrameProblem,
         Histogram as Histogram,
         RefusedFrame as RefusedFrame,
         Stats as Stats,
@@ -99,6 +100,8 @@ if TYPE_CHECKING:
         ConfigVersion as ConfigVersion,
         Diff as Diff,
         Export as Export,
+        ExportOptions as ExportOptions,
+        Failure as Failure,
         Flip as Flip,
         FlipCounts as FlipCounts,
         Preview as Preview,
@@ -173,6 +176,7 @@ _NAMES: Final = {
     "unghost.wire.datasets": (
         "Counts",
         "Dataset",
+        "FrameProblem",
         "Histogram",
         "RefusedFrame",
         "Stats",
@@ -188,6 +192,8 @@ _NAMES: Final = {
         "ConfigVersion",
         "Diff",
         "Export",
+        "ExportOptions",
+        "Failure",
         "Flip",
         "FlipCounts",
         "Preview",

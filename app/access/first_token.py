@@ -22,7 +22,8 @@ from app.access.service import MOST_SESSIONS, by_token, make_code
 from app.db.base import rfc3339, utc_now
 from app.db.tables.access import LoginCode, LoginSession, Token
 from app.logs import server_log
-from app.security import Role, hash_secret, new_token
+from app.security import hash_secret, new_token
+from unghost.wire.words import Role
 
 FIRST_TOKEN_NAME: Final = "admin"
 LIFETIME: Final = timedelta(days=30)
@@ -104,7 +105,7 @@ def write_secret(file: Path, text: str) -> None:
 def _replace(session: Session, file: Path) -> str:
     token, ends = new_token(), utc_now() + LIFETIME
     write_secret(file, token)
-    role = Role.ADMIN.value
+    role: Role = "admin"
     first = Tokens(session).replace(FIRST_TOKEN_NAME, role, hash_secret(token), ends)
     AuditTrail(session).note(
         Act.TOKEN_CREATED,

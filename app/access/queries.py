@@ -16,6 +16,7 @@ from app.db.tables.access import (
     LoginSession,
     Token,
 )
+from unghost.wire.words import Role
 
 
 class AuditRepository:
@@ -65,7 +66,7 @@ class TokenRow(NamedTuple):
 
     id: int
     name: str
-    role: str
+    role: Role
     hash: str
 
 
@@ -85,7 +86,9 @@ class Tokens:
         row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
-    def replace(self, name: str, role: str, digest: str, expires_at: datetime) -> Token:
+    def replace(
+        self, name: str, role: Role, digest: str, expires_at: datetime
+    ) -> Token:
         """Give the token of this name a new hash; what the old one opened ends."""
         token = self.by_name(name)
         if token is None:
@@ -122,8 +125,8 @@ class Tokens:
         statement = select(Token).where(Token.hash == digest).order_by(Token.id)
         return self._session.scalars(statement).one_or_none()
 
-    def that_opened(self, digest: str) -> Token | None:
-        """The token that opened this session, be they valid or not."""
+    def by_session_hash(self, digest: str) -> Token | None:
+        """The token that opened the session with this hash; either may be invalid."""
         statement = (
             select(Token)
             .join(LoginSession, LoginSession.token_id == Token.id)
@@ -144,7 +147,7 @@ class Tokens:
         )
         return list(self._session.scalars(statement))
 
-    def valid_ids(self, role: str, now: datetime) -> list[int]:
+    def valid_ids(self, role: Role, now: datetime) -> list[int]:
         """Tokens of a role that may be used."""
         statement = (
             select(Token.id).where(Token.role == role, *_VALID).order_by(Token.id)

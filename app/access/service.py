@@ -1,7 +1,8 @@
-"""Who may come in: tokens given and taken back, logging in and out."""
+"""Who may do what: tokens given and taken back, logging in and out, others' answers."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime, timedelta
 from typing import Final
 
@@ -12,13 +13,13 @@ from app.access.audit import Act, AuditTrail
 from app.access.queries import Tokens
 from app.db.base import rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
-from app.errors import Conflict, NotFound, Unauthorised, Unprocessable
+from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
 from app.maintenance.datafolder import CannotMaintain, opened
 from app.security import (
     SESSION_PREFIX,
     Principal,
-    Role,
     hash_secret,
+    includes,
     new_download_key,
     new_login_code,
     new_session,
@@ -26,6 +27,7 @@ from app.security import (
     same_hash,
 )
 from app.settings import Settings
+from unghost.wire.words import Role
 
 CODE_LIFETIME: Final = timedelta(minutes=10)
 """How long a login link can be used; it ends earlier when it is."""
@@ -36,6 +38,8 @@ MOST_CODES: Final = 20
 MOST_LINKS: Final = 100
 """Of one token each: whoever needs more meanwhile has the oldest ended, and is not
 refused, so that signing in always works."""
+MOST_NAMED: Final = 3
+"""Of the people whose answers are in the way of an act: the others are counted."""
 _NO_ENTRY: Final = "show a valid token, or log in with one"
 
 
@@ -61,7 +65,7 @@ def by_token(session: Session, token: str) -> Principal:
     row = tokens.valid_by_hash(digest, now) or tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):
         raise _refused(tokens.by_hash(digest), now)
-    return Principal(row.id, row.name, Role(row.role))
+    return Principal(row.id, row.name, row.role)
 
 
 def by_session(session: Session, secret: str) -> Principal:
@@ -70,8 +74,8 @@ def by_session(session: Session, secret: str) -> Principal:
     tokens = Tokens(session)
     row = tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):
-        raise _refused(tokens.that_opened(digest), now, "session_expired")
-    return Principal(row.id, row.name, Role(row.role), session_hash=digest)
+        raise _refused(tokens.by_session_hash(digest), now, "session_expired")
+    return Principal(row.id, row.name, row.role, session_hash=digest)
 
 
 def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
@@ -116,14 +120,10 @@ def issue(
     if tokens.by_name(name) is not None:
         raise Conflict(f"there is a token named {name!r}, perhaps a revoked one")
     secret = new_token()
-    token = Token(
-        name=name, role=role.value, hash=hash_secret(secret), expires_at=expires_at
-    )
+    token = Token(name=name, role=role, hash=hash_secret(secret), expires_at=expires_at)
     tokens.add(token)
     until = None if expires_at is None else rfc3339(expires_at)
-    audit.note(
-        Act.TOKEN_CREATED, name, token_id=token.id, role=role.value, expires_at=until
-    )
+    audit.note(Act.TOKEN_CREATED, name, token_id=token.id, role=role, expires_at=until)
     return token, secret
 
 
@@ -140,7 +140,7 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
     if token is None:
         raise NotFound("token", token_id)
     now = utc_now()
-    if tokens.valid_ids(Role.ADMIN.value, now) == [token_id]:
+    if tokens.valid_ids("admin", now) == [token_id]:
         raise Conflict(f"token {token.name!r} is the last one of an admin")
     if token.revoked_at is None:
         tokens.revoke(token, now)
@@ -218,7 +218,7 @@ def by_code(session: Session, secret: str) -> tuple[Principal, int]:
     token = tokens.by_id(code.token_id)
     if token is None or not same_hash(code.hash, digest) or not _is_valid(token, now):
         raise _refused(token, now)
-    return Principal(token.id, token.name, Role(token.role)), code.id
+    return Principal(token.id, token.name, token.role), code.id
 
 
 def make_link(session: Session, token_id: int, export_id: int) -> tuple[str, datetime]:
@@ -274,3 +274,40 @@ def _code_is_over() -> Unauthorised:
         "`unghost login` prints a new one",
         code="code_over",
     )
+
+
+def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
+    """Let through whoever does away with nobody's answers but their own, and admins.
+
+    Parameters
+    ----------
+    answers : mapping of str to int
+        How many answers would be lost, taken back or set aside, by reviewer.
+    act : str
+        What is asked for, as the message begins: ``deleting frame 'a/1'``.
+
+    Returns
+    -------
+    int
+        How many of the answers are other people's.
+
+    Raises
+    ------
+    Forbidden
+        Some are, and this is no admin.
+    """
+    others = {name: number for name, number in answers.items() if name != by.name}
+    number = sum(others.values())
+    if number and not includes(by.role, "admin"):
+        raise Forbidden(
+            f"{act} concerns {number} {'answer' if number == 1 else 'answers'} of "
+            f"{_listed(sorted(others))}: this needs the role admin, "
+            f"token {by.name!r} has {by.role}",
+            code="others_answers",
+        )
+    return number
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - MOST_NAMED
+    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -121,7 +121,7 @@ def _add(counts: Counts, key: TallyKey, boxes: int) -> None:
         key.class_id, {verdict.value: 0 for verdict in Verdict}
     )
     of_class[verdict] += boxes
-    if key.review in ("keep", "reject"):
+    if key.review in REVIEW_STATES["decided"].answers:
         counts.reviewed += boxes
         counts.conflicts += boxes if in_conflict(key.reason, key.review) else 0
     counts.unsure += boxes if key.review == "unsure" else 0

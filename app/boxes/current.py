@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy import (
     ColumnElement,
@@ -42,9 +42,7 @@ from app.db.bulk import (
     upsert_in,
 )
 from app.db.tables import Decision, Frame, Review, Tally
-from app.errors import Forbidden
-from app.security import Principal, Role
-from filter_core.types import Decisions, Evidence, FloatArray, IntArray
+from filter_core.types import Decisions, Evidence, IntArray, floats_or_none
 
 
 class TallyKey(NamedTuple):
@@ -57,7 +55,7 @@ class TallyKey(NamedTuple):
 
 
 def add(
-    session: Session, dataset_id: int, columns: Mapping[str, Sequence[Any]]
+    session: Session, dataset_id: int, columns: Mapping[str, Sequence[object]]
 ) -> None:
     """Store the decisions on new boxes, which nobody has answered, and count them in.
 
@@ -67,7 +65,7 @@ def add(
     alike = Counter(
         zip(columns["class_id"], columns["reason"], columns["toss_up"], strict=True)
     )
-    counts = {TallyKey(*key, ""): boxes for key, boxes in alike.items()}
+    counts = {TallyKey._make([*key, ""]): boxes for key, boxes in alike.items()}
     dialect = session.connection().dialect.name
     run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
 
@@ -81,14 +79,15 @@ def answered(
     """
     if batch_id is None:
         for chunk in chunks(box_ids):
-            _show(session, _ON_BOXES, {"boxes": chunk})
+            _apply(session, _ON_BOXES, {"boxes": chunk})
     else:
-        _show(session, _OF_BATCH, {"batch": batch_id})
+        _apply(session, _OF_BATCH, {"batch": batch_id})
 
 
-def _show(
+def _apply(
     session: Session, which: ColumnElement[bool], values: Mapping[str, object]
 ) -> None:
+    """Count the chosen answers in the tallies, and copy them into the decisions."""
     connection = session.connection()
     # In this order: the tallies are told by what the decisions still say.
     connection.execute(_answers_as_tallies(connection.dialect.name, which), values)
@@ -143,18 +142,14 @@ def measured_again(
     session: Session, box_ids: IntArray, evidence: Evidence, written: Written
 ) -> None:
     """Copy the numbers that lists sort and filter by; no tally counts by them."""
-
-    def known(column: FloatArray) -> list[float | None]:
-        return [None if value != value else value for value in column.tolist()]
-
     update_rows(
         session,
         Decision,
         {
             "box_id": box_ids.tolist(),
-            "match_percent": known(evidence.match_percent),
-            "crowding": [value or 0.0 for value in known(evidence.crowding)],
-            "distance": known(evidence.distance),
+            "match_percent": floats_or_none(evidence.match_percent),
+            "crowding": [value or 0.0 for value in floats_or_none(evidence.crowding)],
+            "distance": floats_or_none(evidence.distance),
         },
         written,
     )
@@ -208,10 +203,9 @@ def _counted_in(dialect: str, changes: Selectable | None = None) -> Executable:
     statement = upsert_in(dialect, Tally)
     if changes is not None:
         statement = statement.from_select([*_TALLY, "boxes"], changes)
-    counted: Executable = statement.on_conflict_do_update(
+    return statement.on_conflict_do_update(
         index_elements=_TALLY, set_={"boxes": Tally.boxes + statement.excluded.boxes}
     )
-    return counted
 
 
 @lru_cache
@@ -332,43 +326,3 @@ class TallyRepository:
             toss_ups=any(key.toss_up for key in found),
             large=self._session.scalar(has_large.limit(1)) is not None,
         )
-
-
-_NAMED: Final = 3
-
-
-def require_own(by: Principal, answers: Mapping[str, int], act: str) -> int:
-    """Let through whoever does away with nobody's answers but their own, and admins.
-
-    Parameters
-    ----------
-    answers : mapping of str to int
-        How many answers would be lost, taken back or set aside, by reviewer.
-    act : str
-        What is asked for, as the message begins: ``deleting frame 'a/1'``.
-
-    Returns
-    -------
-    int
-        How many of the answers are other people's.
-
-    Raises
-    ------
-    Forbidden
-        Some are, and this is no admin.
-    """
-    others = {name: number for name, number in answers.items() if name != by.name}
-    number = sum(others.values())
-    if number and not by.role.includes(Role.ADMIN):
-        raise Forbidden(
-            f"{act} concerns {number} {'answer' if number == 1 else 'answers'} of "
-            f"{_named(sorted(others))}: this needs the role admin, "
-            f"token {by.name!r} has {by.role.value}",
-            code="others_answers",
-        )
-    return number
-
-
-def _named(names: list[str]) -> str:
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,7 +1,7 @@
 """Pictures drawn on request: what child processes do, and the latest ones kept.
 
 Strangers chose the files: nothing here is called by a thread of the service, see
-`app.engine.pixels`. How large a picture becomes is limited before it is made.
+`app.engine.children`. How large a picture becomes is limited before it is made.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.pixels import PixelPool
+from app.engine.children import PixelPool
 from filter_core.errors import FilterError, ImageError
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from unghost.wire.words import LayerName
 
 Picture: TypeAlias = NDArray[np.uint8]
 """(H, W, 3), B, G, R."""
-LayerName = Literal["image", "segmentation", "blend"]
 
 THUMBNAIL_WIDTH_PX: Final = 384
 MAX_THUMBNAIL_HEIGHT_PX: Final = 768

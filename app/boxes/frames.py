@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from sqlalchemy.orm import Session
 
 from app.access.audit import Act, AuditTrail
+from app.access.service import require_own
 from app.boxes.counts import count, summary
 from app.boxes.current import (
     DecisionRepository,
     TallyKey,
     TallyRow,
-    require_own,
     retire,
 )
 from app.boxes.drawing import (
@@ -25,7 +25,6 @@ from app.boxes.drawing import (
     Drawing,
     DrawnBox,
     Layer,
-    LayerName,
     crop,
     overlay,
     thumbnail,
@@ -36,11 +35,12 @@ from app.boxes.queries import (
     FramePage,
     FrameRepository,
     LatestAnswers,
+    PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
 from app.db.bulk import id_in, name_in
 from app.db.tables import Dataset, Frame
-from app.engine.pixels import PixelPool
+from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
 from app.measuring.queries import DatasetRepository, EvidenceRepository
 from app.security import Principal
@@ -48,9 +48,10 @@ from app.storage import BlobStore
 from filter_core.pipeline import SegmentationReport
 from filter_core.types import VERDICTS
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
+from unghost.wire.words import FileKind, LayerName
 
 
-def stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, StoredFile]:
+def _stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, StoredFile]:
     """Files of a frame by kind, and where to get them."""
     return {
         kind: StoredFile(
@@ -63,19 +64,10 @@ def stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, Store
     }
 
 
-@dataclass(frozen=True)
-class PageRequest:
-    """Which page of a list, and in which order: ``key`` or ``id``, ``-`` backwards."""
-
-    sort: str
-    cursor: str | None
-    limit: int
-
-
 def page_of_frames(
     session: Session, wanted: FrameFilter, page: PageRequest
 ) -> tuple[list[Frame], str | None]:
-    """Frames of one page, and the cursor of the next."""
+    """Frames of one page, and the cursor of the next; sorted by ``key`` or ``id``."""
     by_key = page.sort.endswith("key")
     after: str | int | None = None
     if page.cursor is not None:
@@ -162,19 +154,29 @@ def _described(
     files = FrameRepository(session).files([frame_id])[frame_id]
     evidence = boxes.frames.get(frame_id)
     report = None if evidence is None else evidence.segmentation
-    annotation = frame.annotation
-    details = FrameDetails(
-        **_summary(frame, files, report, boxes.tallies()),
-        dataset=dataset.name,
-        camera=annotation.get("camera"),
+    details = frame_details(frame, dataset.name, files, report, boxes.tallies())
+    return frame, details, reader.records(boxes)
+
+
+def frame_details(
+    frame: Frame,
+    dataset: str,
+    files: Mapping[str, FileRow],
+    report: SegmentationReport | None,
+    tallies: Mapping[TallyKey, int],
+) -> FrameDetails:
+    """A frame as it is answered, by what is known of it; the database is not asked."""
+    return FrameDetails(
+        **_summary(frame, files, report, tallies),
+        dataset=dataset,
+        camera=frame.annotation.get("camera"),
         carla_version=frame.carla_version,
         captured_text=frame.captured_at,
-        weather=annotation.get("weather"),
+        weather=frame.annotation.get("weather"),
         superseded=frame.superseded_at is not None,
         segmentation=report,
-        files=stored_files(frame_id, files),
+        files=_stored_files(frame.id, files),
     )
-    return frame, details, reader.records(boxes)
 
 
 def frame_id_of(session: Session, dataset: str, key: str) -> int:
@@ -186,7 +188,7 @@ def frame_id_of(session: Session, dataset: str, key: str) -> int:
     return current.id
 
 
-def frame_file(session: Session, frame_id: int, kind: str) -> FileRow:
+def frame_file(session: Session, frame_id: int, kind: FileKind) -> FileRow:
     """A file of a frame; NotFound if it has none of this kind."""
     FrameRepository(session).with_id(frame_id)
     found = FrameRepository(session).files([frame_id])[frame_id].get(kind)

@@ -13,7 +13,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy import (
     ColumnElement,
@@ -179,7 +179,9 @@ class BoxOrder:
             self._column(Decision.crowding) >= CROWDED_PERCENT,
         )
 
-    def _column(self, column: SQLColumnExpression[Any]) -> SQLColumnExpression[Any]:
+    def _column(
+        self, column: SQLColumnExpression[float | None]
+    ) -> SQLColumnExpression[float | None]:
         # Of few boxes, found by their answers, no other index is to be read.
         return column + 0 if self.wanted.only_answered else column
 
@@ -282,12 +284,12 @@ class Position(NamedTuple):
 class Stream:
     """Boxes in index order whose score rises by `sign` times a column."""
 
-    column: SQLColumnExpression[Any]
+    column: SQLColumnExpression[float | None]
     conditions: Sequence[ColumnElement[bool]]
     origin: float = 0.0
     sign: int = 1
 
-    def score(self) -> ColumnElement[Any]:
+    def score(self) -> ColumnElement[float | None]:
         """Distance from the origin, rising along the stream."""
         return (self.column - self.origin) * self.sign
 
@@ -317,7 +319,9 @@ class Stream:
         has_all_to_come = number > at.stream
         return -1 if has_all_to_come == (self.sign > 0) else MAX_ID
 
-    def rows(self, number: int, at: Position, limit: int) -> Select[Any]:
+    def rows(
+        self, number: int, at: Position, limit: int
+    ) -> Select[float | None, int, int]:
         """The next rows of this stream alone."""
         order = (
             (self.column, Decision.box_id)
@@ -382,7 +386,9 @@ class BoxPages:
         self._wanted = wanted
         self._order_of = BoxOrder(wanted, present)
 
-    def page(self, order: str, cursor: str, limit: int) -> tuple[list[int], str | None]:
+    def page(
+        self, order: str, cursor: str | None, limit: int
+    ) -> tuple[list[int], str | None]:
         """Ids of the next boxes, and the cursor of the page after them."""
         at = decode(cursor) if cursor else START
         found: list[Position] = []
@@ -433,8 +439,9 @@ class BoxPages:
         if plan.query is None:
             return []
         rows = [
-            (float(row[0]), int(row[1]), int(row[2]))
-            for row in self._session.execute(plan.query)
+            (float(score), number, box_id)
+            for score, number, box_id in self._session.execute(plan.query)
+            if score is not None
         ]
         rows.sort(key=lambda row: (row[0], row[1], row[2] * plan.signs[row[1]]))
         return [Position(asked.tier, *row) for row in rows[: asked.limit]]
@@ -452,7 +459,9 @@ class _Asked(NamedTuple):
 class _Plan(NamedTuple):
     """The statement that reads it, if there is anything, and each stream's sign."""
 
-    query: Select[Any] | CompoundSelect[Any] | None
+    query: (
+        Select[float | None, int, int] | CompoundSelect[float | None, int, int] | None
+    )
     signs: Sequence[int]
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from sqlalchemy import (
     ColumnElement,
     Executable,
+    Row,
     Text,
     bindparam,
     case,
@@ -66,6 +67,15 @@ class FrameHead(NamedTuple):
 
 
 @dataclass(frozen=True)
+class PageRequest:
+    """Which page of a list, and in which order; ``-`` before it is backwards."""
+
+    sort: str
+    cursor: str | None
+    limit: int
+
+
+@dataclass(frozen=True)
 class FrameFilter:
     """Which frames of a dataset to list."""
 
@@ -107,17 +117,20 @@ _CURRENT_BOXES: Final = select(
 ).join(Box, Box.id == Decision.box_id)
 
 
-def _columns(rows: Iterable[Sequence[Any]]) -> CurrentBoxes:
-    columns: tuple[list[Any], ...] = ([], [], [], [], [])
+def _columns(rows: Iterable[Row[int, int, str, str | None, int]]) -> CurrentBoxes:
+    box_ids: list[int] = []
+    frame_ids: list[int] = []
+    source_ids: list[str] = []
+    answers: list[str | None] = []
+    revisions: list[int] = []
     # One row at a time: thousands at once keep the garbage collector busy.
-    box_id, frame_id, source_id, answer, revision = (one.append for one in columns)
     for row in rows:
-        box_id(row[0])
-        frame_id(row[1])
-        source_id(row[2])
-        answer(row[3])
-        revision(row[4])
-    return CurrentBoxes(*columns)
+        box_ids.append(row[0])
+        frame_ids.append(row[1])
+        source_ids.append(row[2])
+        answers.append(row[3])
+        revisions.append(row[4])
+    return CurrentBoxes(box_ids, frame_ids, source_ids, answers, revisions)
 
 
 class FrameRepository:
@@ -160,7 +173,7 @@ class FrameRepository:
 
     def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:
         """Boxes in the order of their ids here; those that are gone are left out."""
-        found: dict[int, Sequence[Any]] = {}
+        found: dict[int, Row[int, int, str, str | None, int]] = {}
         for chunk in chunks(box_ids):
             rows = _CURRENT_BOXES.where(Decision.box_id.in_(chunk))
             found |= {row[0]: row for row in self._session.execute(rows)}
@@ -293,8 +306,8 @@ class FrameRepository:
 
     def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
         """Reserve so many ids of frames and of boxes; the first of each."""
-        taken: Any = run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
-        after: dict[str, int] = dict(taken.all())
+        rows = run(self._session, _TAKE_IDS, frames=frames, boxes=boxes)
+        after = dict(rows.all())
         if not after.keys() >= {"frames", "boxes"}:
             raise RuntimeError(f"the table id_blocks has only {sorted(after)}")
         return after["frames"] - frames, after["boxes"] - boxes
@@ -354,8 +367,7 @@ class FrameRepository:
 
 @lru_cache
 def _new_blobs(dialect: str) -> Executable:
-    statement: Executable = upsert_in(dialect, Blob).on_conflict_do_nothing()
-    return statement
+    return upsert_in(dialect, Blob).on_conflict_do_nothing()
 
 
 def _blob(file: FileRow) -> dict[str, object]:

@@ -27,6 +27,7 @@ from app.boxes.queries import (
     FrameRepository,
     LatestAnswers,
     LatestReview,
+    PageRequest,
 )
 from app.db.tables import Dataset
 from app.errors import NotFound
@@ -51,6 +52,7 @@ from filter_core.decisions.record import (
     Decision,
     FrameFacts,
     decided_boxes,
+    decision_columns,
     decision_dicts,
 )
 from filter_core.decisions.rules import decide
@@ -60,6 +62,7 @@ from filter_core.types import (
     NOT_MEASURED,
     Answer,
     DecidedBoxes,
+    DecisionColumns,
     Decisions,
     Evidence,
     FloatArray,
@@ -171,15 +174,6 @@ def _accepted_tags(family: str | None, mask: int) -> list[AcceptedTag]:
     ]
 
 
-@dataclass(frozen=True)
-class PageRequest:
-    """Which page of a list, and in which order."""
-
-    sort: str
-    cursor: str
-    limit: int
-
-
 def list_boxes(
     session: Session, dataset: Dataset, wanted: BoxFilter, page: PageRequest
 ) -> tuple[list[StoredDecision], str | None]:
@@ -187,7 +181,8 @@ def list_boxes(
     present = TallyRepository(session).present(dataset.id)
     pages = BoxPages(session, wanted, present)
     ids, cursor = pages.page(page.sort, page.cursor, page.limit)
-    return DecisionReader(session, dataset).of_boxes(ids), cursor
+    reader = DecisionReader(session, dataset)
+    return reader.records(reader.read_boxes(ids)), cursor
 
 
 def describe_box(session: Session, box_id: int) -> StoredDecision:
@@ -218,10 +213,9 @@ class DecisionReader:
         self._config = config_of(self._version)
         self._classes = DatasetRepository(session).classes(dataset.id)
 
-    def of_boxes(self, box_ids: Sequence[int]) -> list[StoredDecision]:
-        """Records in the order of the ids; boxes that are gone are left out."""
-        rows = FrameRepository(self._session).current_boxes(box_ids)
-        return self.records(self.read(rows))
+    def read_boxes(self, box_ids: Sequence[int]) -> StoredBoxes:
+        """Boxes in the order of their ids here; those that are gone are left out."""
+        return self.read(FrameRepository(self._session).current_boxes(box_ids))
 
     def read_frames(self, frame_ids: Sequence[int]) -> StoredBoxes:
         """All boxes of frames, in order of id; none of a frame that was replaced."""
@@ -235,40 +229,23 @@ class DecisionReader:
         )
         return StoredBoxes(rows, frames, self._config, self._classes)
 
-    def records(
-        self, boxes: StoredBoxes, *, explained: bool = True
-    ) -> list[StoredDecision]:
+    def records(self, boxes: StoredBoxes) -> list[StoredDecision]:
         """One object per box, as it is answered.
 
         What boxes of a frame have in common is asked once per frame, and the database
-        once for all frames. `explained`: see `FrameFacts`.
+        once for all frames.
         """
         if not len(boxes):
             return []
-        rows, names = boxes.rows, self._names(boxes)
-        facts = {
-            key: FrameFacts(
-                key=frame.key,
-                config=self._config,
-                family=frame.palette,
-                lossy=frame.lossy,
-                names=names.get(key, {}),
-                explained=explained,
-            )
-            for key, frame in boxes.frames.items()
-        }
+        rows, facts = boxes.rows, self._facts(boxes)
         decisions = decision_dicts(
             [facts[frame_id] for frame_id in rows.frame_ids],
             rows.source_ids,
-            replace(boxes.evidence, tag_counts=boxes.tag_counts()),
+            boxes.evidence_with_tags(),
             boxes.decisions,
-            boxes.projected(edges=explained),
+            boxes.projected(edges=True),
         )
-        reviews = LatestAnswers(self._session).of(
-            box_id
-            for box_id, revision in zip(rows.box_ids, rows.revisions, strict=True)
-            if revision
-        )
+        reviews = self._reviews(boxes)
         run = self._dataset.active_run_id or 0
         decided = {
             key: DecidedFrame(key, run, self._version.digest, one.family)
@@ -283,6 +260,46 @@ class DecisionReader:
                 decisions, rows.box_ids, rows.frame_ids, masks, strict=True
             )
         ]
+
+    def columns(self, boxes: StoredBoxes) -> DecisionColumns:
+        """What tables of decisions have beside `StoredBoxes.labels`."""
+        rows, facts = boxes.rows, self._facts(boxes)
+        found = decision_columns(
+            [facts[frame_id] for frame_id in rows.frame_ids],
+            boxes.evidence_with_tags(),
+            boxes.decisions,
+        )
+        reviews = self._reviews(boxes)
+        answers = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
+        return replace(
+            found,
+            reviewer=[one and one["reviewer"] for one in answers],
+            comment=[one and one["comment"] for one in answers],
+            config=self._version.digest,
+        )
+
+    def _facts(self, boxes: StoredBoxes) -> dict[int, FrameFacts]:
+        """What boxes of a frame have in common, by the frame's id."""
+        names = self._names(boxes)
+        return {
+            key: FrameFacts(
+                key=frame.key,
+                config=self._config,
+                family=frame.palette,
+                lossy=frame.lossy,
+                names=names.get(key, {}),
+            )
+            for key, frame in boxes.frames.items()
+        }
+
+    def _reviews(self, boxes: StoredBoxes) -> Mapping[int, LatestReview]:
+        """The latest answer on each of the boxes that somebody answered."""
+        rows = boxes.rows
+        return LatestAnswers(self._session).of(
+            box_id
+            for box_id, revision in zip(rows.box_ids, rows.revisions, strict=True)
+            if revision
+        )
 
     def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, tuple[str, str]]]:
         """Id and class of the boxes that explain these, by frame and position in it."""
@@ -343,12 +360,11 @@ class StoredBoxes:
         answers = [_ANSWERS[answer] for answer in self.rows.answers]
         return replace(boxes, answer=np.array(answers, np.uint8))
 
-    def labels_by_frame(self) -> dict[int, DecidedBoxes]:
-        """`labels` of each frame that has boxes; of boxes in the order of their ids."""
-        frame_ids, first = self.rows.frame_ids, 0
-        found = {}
-        for frame_id, count in Counter(frame_ids).items():
-            found[frame_id] = self.labels[first : first + count]
+    def rows_by_frame(self) -> dict[int, slice]:
+        """The rows of each frame that has boxes, if these are in order of their ids."""
+        first, found = 0, {}
+        for frame_id, count in Counter(self.rows.frame_ids).items():
+            found[frame_id] = slice(first, first + count)
             first += count
         return found
 
@@ -368,10 +384,11 @@ class StoredBoxes:
             return found
         return replace(found, channels=channels[self._place])
 
-    def tag_counts(self) -> NDArray[np.int32]:
-        """(N, N_TAGS): the pixels of each tag."""
+    def evidence_with_tags(self) -> Evidence:
+        """What was measured, with `tag_counts`."""
         packed = [frame.tag_counts for frame in self.frames.values()]
-        return unpack_chosen_tag_counts(packed, self._counts, self._place)
+        counts = unpack_chosen_tag_counts(packed, self._counts, self._place)
+        return replace(self.evidence, tag_counts=counts)
 
     def projected(self, *, edges: bool) -> BoxGeometry:
         """The rectangles of 3D boxes; their edges are None if they are not wanted."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from enum import Enum
 from typing import Annotated
 
 from anyio import CapacityLimiter, to_thread
@@ -16,11 +15,11 @@ from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
 from app.boxes.drawing import Drawing, DrawnPictures
 from app.boxes.filter import selection_of, to_filter
-from app.boxes.queries import FrameFilter
+from app.boxes.queries import FrameFilter, PageRequest
 from app.boxes.snapshot import take_snapshot
 from app.context import ServiceContext
 from app.db.engine import begin_as_work
-from app.engine.pixels import GivenUp, PixelsRefused
+from app.engine.children import GivenUp, PixelsRefused
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
@@ -55,6 +54,7 @@ from app.measuring.queries import DatasetRepository
 from unghost.wire.boxes import Box, BoxListQuery, BoxPage, FrameListQuery
 from unghost.wire.frames import CropQuery, Frame, FrameSummary, OverlayQuery
 from unghost.wire.model import Page
+from unghost.wire.words import FileKind
 
 
 async def drawn_response(
@@ -142,7 +142,7 @@ def list_boxes(
     dataset = DatasetRepository(session).named(query.dataset)
     selection = selection_of(query)
     wanted = to_filter(session, dataset, selection)
-    page = boxes.PageRequest(query.sort, query.cursor or "", query.limit)
+    page = PageRequest(query.sort, query.cursor, query.limit)
     items, cursor = boxes.list_boxes(session, dataset, wanted, page)
     if not query.count:
         return page_response(request, items, cursor)
@@ -182,17 +182,6 @@ async def get_crop(
 
 
 pictures_router = ApiRouter(prefix="/api/v1", tag="frames")
-
-
-class FileKind(str, Enum):
-    """A file that a frame can have."""
-
-    IMAGE = "image"
-    SEGMENTATION = "segmentation"
-    DEPTH = "depth"
-    INSTANCES = "instances"
-    LIDAR = "lidar"
-    RADAR = "radar"
 
 
 def _thumbnail(frame_id: RowId, services: AppServices) -> Drawing:
@@ -251,7 +240,7 @@ def get_file(
     services: AppServices,
 ) -> Response:
     """A file of the frame, byte for byte as it was sent."""
-    file = frames.frame_file(session, frame_id, kind.value)
+    file = frames.frame_file(session, frame_id, kind)
     known = known_response(request, file.sha256)
     if known is not None:
         return known
@@ -281,7 +270,7 @@ def list_frames(
     rows, cursor = frames.page_of_frames(
         session,
         FrameFilter(found.id, query.key, boxes),
-        frames.PageRequest(query.sort, query.cursor, query.limit),
+        PageRequest(query.sort, query.cursor, query.limit),
     )
     return page_response(request, frames.frame_summaries(session, found, rows), cursor)
 

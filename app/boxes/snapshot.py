@@ -12,7 +12,6 @@ import base64
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -131,7 +130,7 @@ def _snapshot(
 def _digest(dataset: Dataset, wanted: Selection) -> str:
     """Names a filter by what was asked for: what it selects may change."""
     given = {key: value for key, value in asdict(wanted).items() if value is not None}
-    asked: dict[str, Any] = {"dataset": dataset.id, "filter": given}
+    asked: dict[str, object] = {"dataset": dataset.id, "filter": given}
     return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64decode
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Query, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -97,7 +97,7 @@ def change_dataset(
     session: WriteSession,
     services: AppServices,
     audit: Audited,
-) -> Any:  # noqa: ANN401  # a dataset, or the run that changes it
+) -> wire.Dataset | Response:
     """Change a dataset; how segmentations are read changes by a run (202)."""
     found = DatasetRepository(session).named(dataset)
     changes = body.model_dump(exclude_unset=True)
@@ -156,7 +156,7 @@ def list_problems(
     return wanted.answer(rows, _refused)
 
 
-def _stored(mask: wire.IgnoreMask | None) -> dict[str, Any] | None:
+def _stored(mask: wire.IgnoreMask | None) -> dict[str, object] | None:
     """The form that was given; a picture needs a header that can be read."""
     if mask is None:
         return None

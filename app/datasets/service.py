@@ -16,7 +16,7 @@ from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest
-from app.jobs.service import forget_dataset
+from app.jobs.service import end_all
 from app.measuring.active import active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import (
@@ -87,10 +87,7 @@ def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
             finished_at=now,
         )
     )
-    dataset.active_config_id = version.id
-    dataset.active_run_id = run.id
-    dataset.active_measurement_id = measurement.id
-    session.flush()
+    DatasetRepository(session).activate(dataset, run)
     return dataset
 
 
@@ -140,7 +137,7 @@ def remove_dataset(
             f"and cannot be undone; expected ?confirm={dataset.name}, found {found}",
             code="not_confirmed",
         )
-    forget_dataset(session, dataset.id)
+    end_all(session, dataset.id)
     DatasetRepository(session).hide(dataset)
     replace_tallies(session, dataset.id, {})
     once_committed(session, context.one(DeletionSignal).set)

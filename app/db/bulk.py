@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias, TypeVar, cast, overload
 
 from sqlalchemy import (
     ARRAY,
@@ -41,12 +41,18 @@ from app.errors import BadCursor
 if TYPE_CHECKING:
     from sqlalchemy.sql import ClauseElement
     from sqlalchemy.sql.compiler import SQLCompiler
+    from sqlalchemy.sql.selectable import TypedReturnsRows
+    from sqlalchemy.util.typing import TypeVarTuple, Unpack
+
+    _Columns = TypeVarTuple("_Columns")
 
 MAX_PARAMETERS: Final = 10_000
 COPY_FROM_ROWS: Final = 2
 """A row alone needs no COPY; benchmarks/bench_postgres.py."""
 ROWS_AT_A_TIME: Final = 10_000
 """Some tens of milliseconds: how soon long work can be told to stop."""
+Upsert: TypeAlias = postgresql.Insert | sqlite.Insert
+"""An insert of either dialect, which can say ``on_conflict_do_...``."""
 Written = Callable[[int], None]
 """Called with the number of rows that were just written; what it raises ends it."""
 
@@ -54,7 +60,7 @@ Written = Callable[[int], None]
 def execute_many(
     session: Session,
     statement: UpdateBase,
-    columns: Mapping[str, Sequence[Any]],
+    columns: Mapping[str, Sequence[object]],
     written: Written | None = None,
 ) -> None:
     """Run an insert or update once per row of `columns`, named as its parameters.
@@ -66,7 +72,7 @@ def execute_many(
         return
     connection = session.connection()
     compiled = statement.compile(dialect=connection.dialect)
-    rows: list[Any]
+    rows: Sequence[tuple[object, ...] | dict[str, object]]
     if compiled.positional:
         order = compiled.positiontup or []
         rows = list(zip(*(columns[name] for name in order), strict=True))
@@ -86,7 +92,7 @@ def execute_many(
 def update_rows(
     session: Session,
     model: type[Base],
-    columns: Mapping[str, Sequence[Any]],
+    columns: Mapping[str, Sequence[object]],
     written: Written | None = None,
 ) -> None:
     """Set columns of many rows; the first of `columns` is the key that finds them."""
@@ -113,7 +119,17 @@ def chunks(ids: Iterable[int]) -> Iterator[list[int]]:
         yield portion
 
 
-def run(session: Session, statement: Executable, **values: object) -> CursorResult[Any]:
+@overload
+def run(
+    session: Session, statement: TypedReturnsRows[Unpack[_Columns]], **values: object
+) -> CursorResult[Unpack[_Columns]]: ...
+@overload
+def run(
+    session: Session, statement: Executable, **values: object
+) -> CursorResult[Unpack[tuple[object, ...]]]: ...
+def run(
+    session: Session, statement: Executable, **values: object
+) -> CursorResult[Unpack[tuple[object, ...]]]:
     """Run a statement that is built once, past all that Core does around it.
 
     What comes back is as the driver gives it: for numbers and text.
@@ -123,7 +139,7 @@ def run(session: Session, statement: Executable, **values: object) -> CursorResu
 
 def first_row(
     engine: Engine, statement: Executable, **values: object
-) -> Sequence[Any] | None:
+) -> tuple[object, ...] | None:
     """One row of a statement that stands for itself, as `run` gives it.
 
     Without a session and a transaction around it, which cost several times as much.
@@ -135,11 +151,12 @@ def first_row(
         closing(connection.cursor()) as cursor,
     ):
         cursor.execute(ready.text, ready.parameters(values))
-        return cast("Sequence[Any] | None", cursor.fetchone())
+        row: tuple[object, ...] | None = cursor.fetchone()
+        return row
 
 
 def run_each(
-    session: Session, statement: Executable, rows: Sequence[Mapping[str, Any]]
+    session: Session, statement: Executable, rows: Sequence[Mapping[str, object]]
 ) -> None:
     """As `run`, once per row; all of them have the columns of the first."""
     if rows:
@@ -147,7 +164,7 @@ def run_each(
 
 
 def insert_rows(
-    session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
+    session: Session, model: type[Base], rows: Sequence[Mapping[str, object]]
 ) -> None:
     """Insert rows as they are, past the ORM; no column is filled in."""
     dialect = session.connection().dialect.name
@@ -158,7 +175,7 @@ def insert_rows(
 
 
 def insert_columns(
-    session: Session, model: type[Base], columns: Mapping[str, Sequence[Any]]
+    session: Session, model: type[Base], columns: Mapping[str, Sequence[object]]
 ) -> None:
     """As `insert_rows`, of rows that are given column by column, all equally long."""
     connection = session.connection()
@@ -179,7 +196,7 @@ def insert_columns(
 
 
 def copy_in(
-    session: Session, model: type[Base], rows: Sequence[Mapping[str, Any]]
+    session: Session, model: type[Base], rows: Sequence[Mapping[str, object]]
 ) -> None:
     """As `insert_rows`, by PostgreSQL's COPY, however few rows there are."""
     connection = session.connection()
@@ -202,18 +219,20 @@ class _Ready:
 
     text: str
     order: tuple[str, ...]
-    fixed: Mapping[str, Any]
-    mend: tuple[tuple[str, Callable[[Any], Any]], ...]
-    in_order: Callable[[Mapping[str, Any]], tuple[Any, ...]] | None
+    fixed: Mapping[str, object]
+    mend: tuple[tuple[str, Callable[[object], object]], ...]
+    in_order: Callable[[Mapping[str, object]], tuple[object, ...]] | None
 
-    def parameters(self, row: Mapping[str, Any]) -> tuple[Any, ...] | Mapping[str, Any]:
+    def parameters(
+        self, row: Mapping[str, object]
+    ) -> tuple[object, ...] | Mapping[str, object]:
         """One row for the driver."""
         row = self.named(row)
         if self.in_order is not None:
             return self.in_order(row)
         return tuple([row[name] for name in self.order]) if self.order else row
 
-    def named(self, row: Mapping[str, Any]) -> Mapping[str, Any]:
+    def named(self, row: Mapping[str, object]) -> Mapping[str, object]:
         """One row as the driver takes its values, by their names."""
         if self.fixed or self.mend:
             row = {**self.fixed, **row}
@@ -225,8 +244,8 @@ def _run(
     connection: Connection,
     statement: Executable,
     columns: frozenset[str],
-    rows: Sequence[Mapping[str, Any]],
-) -> CursorResult[Any]:
+    rows: Sequence[Mapping[str, object]],
+) -> CursorResult[Unpack[tuple[object, ...]]]:
     ready = _ready(statement, columns, connection.dialect)
     given = [ready.parameters(row) for row in rows]
     return connection.exec_driver_sql(ready.text, given if len(given) > 1 else given[0])
@@ -255,12 +274,12 @@ def _ready(statement: Executable, columns: frozenset[str], dialect: Dialect) -> 
     )
 
 
-def upsert(session: Session, model: type[Base]) -> Any:  # noqa: ANN401  # of either dialect
+def upsert(session: Session, model: type[Base]) -> Upsert:
     """An insert that can say ``on_conflict_do_...``, for the database at hand."""
     return upsert_in(session.connection().dialect.name, model)
 
 
-def upsert_in(dialect: str, model: type[Base]) -> Any:  # noqa: ANN401  # of either dialect
+def upsert_in(dialect: str, model: type[Base]) -> Upsert:
     """As `upsert`, by the dialect's name: for statements that are built once."""
     if dialect == "postgresql":
         return postgresql.insert(_table(model))
@@ -270,7 +289,7 @@ def upsert_in(dialect: str, model: type[Base]) -> Any:  # noqa: ANN401  # of eit
 @lru_cache
 def _update(table: Table, key: str, names: tuple[str, ...]) -> Update:
     found = table.c[key] == bindparam(f"to_{key}")
-    changes: dict[str, Any] = {name: bindparam(f"to_{name}") for name in names}
+    changes: dict[str, object] = {name: bindparam(f"to_{name}") for name in names}
     return update(table).where(found).values(changes)
 
 
@@ -292,7 +311,7 @@ def copy_rows(
     connection: Connection,
     table: Table,
     names: Sequence[str],
-    rows: Iterable[Sequence[Any]],
+    rows: Iterable[Sequence[object]],
 ) -> None:
     """Insert rows into these columns by COPY, in the connection's transaction.
 
@@ -304,10 +323,9 @@ def copy_rows(
     quote = connection.dialect.identifier_preparer.quote
     columns = ", ".join(map(quote, names))
     statement = f"COPY {quote(table.name)} ({columns}) FROM STDIN"
-    driver: Any = connection.connection.dbapi_connection
     with (
         translated(connection.dialect, statement),
-        closing(driver.cursor()) as cursor,
+        closing(connection.connection.cursor()) as cursor,
         cursor.copy(statement) as copy,
     ):
         for row in rows:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
 from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
@@ -64,7 +64,7 @@ def make_engine(url: str, turns: Turns | None = None) -> Engine:
     return engine
 
 
-def _prepare_sqlite(connection: Any, _record: object) -> None:  # noqa: ANN401  # any DB-API connection
+def _prepare_sqlite(connection: DBAPIConnection, _record: object) -> None:
     # The driver's own transaction handling begins too late and too weakly.
     connection.isolation_level = None
     for pragma in (
@@ -181,7 +181,7 @@ class Database:
         What is wrong with them is in `damage` afterwards.
         """
         with self.engine.connect() as connection:
-            driver: Any = connection.connection.dbapi_connection
+            driver = connection.connection
             driver.set_progress_handler(stop, STEPS_BETWEEN_LOOKS)
 
             def ask(text: str) -> list[tuple[object, ...]]:

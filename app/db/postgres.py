@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event
 
@@ -57,7 +57,7 @@ def make_postgres_engine(
     return engine
 
 
-def _arguments(url: URL) -> dict[str, Any]:
+def _arguments(url: URL) -> dict[str, object]:
     """What a connection says about itself, but for what the URL says."""
     return {name: text for name, text in _CONNECTING.items() if name not in url.query}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import Connection, Engine, event
 from sqlalchemy.exc import TimeoutError as WaitedTooLong
@@ -102,7 +102,7 @@ class Turns:
         return None
 
 
-def _kept(connection: Connection) -> dict[Any, Any]:
+def _kept(connection: Connection) -> dict[object, object]:
     """What is known of a connection until it is closed, whoever uses it."""
     kept = connection.connection.record_info
     return {} if kept is None else kept

@@ -107,7 +107,7 @@ class ClusterEngine(LocalEngine):
         except Exception as exc:
             raise WorkerDied(str(exc) or type(exc).__name__) from exc
 
-    def let_go(self, futures: Iterable[Future[str]]) -> None:
+    def release(self, futures: Iterable[Future[str]]) -> None:
         """Workers notice in the job's row that nobody wants it, or end their chunk."""
         for future in futures:
             future.cancel()

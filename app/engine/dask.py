@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from app.addresses import EngineAddress, is_loopback
 from app.engine.chunk import UnusableEngine
@@ -82,7 +82,7 @@ def when_told_to_stop() -> asyncio.Event:
     return over
 
 
-_OPTIONS: Final[dict[str, Any]] = {
+_OPTIONS: Final[dict[str, object]] = {
     # The first death of a worker is told: it is the ledger that counts attempts.
     "distributed.scheduler.allowed-failures": 0,
     # A worker gets a chunk when it has none, so that its death concerns only one.

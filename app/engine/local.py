@@ -134,7 +134,7 @@ class LocalEngine:
         """
         return future.result()
 
-    def let_go(self, futures: Iterable[Future[str]]) -> None:
+    def release(self, futures: Iterable[Future[str]]) -> None:
         """Nobody waits for these chunks any more: those that were begun here end."""
         for future in futures:
             if not future.cancel():

@@ -16,19 +16,9 @@ class ExportRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def add(self, export: Export) -> Export:
-        """Insert."""
-        self._session.add(export)
-        self._session.flush()
-        return export
-
-    def find(self, export_id: int) -> Export | None:
-        """An export, unless it was deleted with its dataset."""
-        return find_job(self._session, Export, export_id)
-
     def with_id(self, export_id: int) -> Export:
-        """An export; NotFound."""
-        found = self.find(export_id)
+        """An export; NotFound, also if it was deleted with its dataset."""
+        found = find_job(self._session, Export, export_id)
         if found is None:
             raise NotFound("export", export_id)
         return found

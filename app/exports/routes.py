@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from sqlalchemy.orm import Session
@@ -35,16 +35,15 @@ from app.http.routing import ApiRouter, OpenRouter
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import DatasetRepository
-from app.security import Role
 from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn
 
 inside = ApiRouter(prefix="/api/v1", tag="exports")
 # Whoever may download may have an address to download from.
-addresses = ApiRouter(prefix="/api/v1", tag="exports", write=Role.VIEWER)
+addresses = ApiRouter(prefix="/api/v1", tag="exports", write="viewer")
 by_address = OpenRouter(prefix="/api/v1", tag="exports")
 
-_ARCHIVE: dict[int | str, dict[str, Any]] = {
+_ARCHIVE: dict[int | str, dict[str, object]] = {
     **file_of(MEDIA_TYPE),
     409: {"description": "The export is not finished."},
 }

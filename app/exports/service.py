@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.orm import Session
 
@@ -22,7 +22,7 @@ from app.storage import Blob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of
-from unghost.wire.runs import Export
+from unghost.wire import runs as wire
 
 MEDIA_TYPE: Final = "application/zip"
 
@@ -32,7 +32,7 @@ class ExportRequest:
     """An export as it was asked for."""
 
     format: str
-    options: dict[str, Any]
+    options: Mapping[str, object]
     author: str
 
 
@@ -49,7 +49,7 @@ def request_export(
     export = tables.Export(
         dataset_id=dataset.id,
         format=wanted.format,
-        options=wanted.options,
+        options=dict(wanted.options),
         run_id=dataset.active_run_id,
         total=FrameRepository(session).count(dataset.id),
         media_type=MEDIA_TYPE,
@@ -69,15 +69,16 @@ def finished_file(context: ServiceContext, export: tables.Export) -> Blob:
     return context.storage.whole(export.sha256, size_bytes=export.size_bytes)
 
 
-def describe_export(export: tables.Export, dataset: str) -> Export:
+def describe_export(export: tables.Export, dataset: str) -> wire.Export:
     """An export as it is answered."""
     done = export.state == "done"
-    return Export.model_validate(
+    return wire.Export.model_validate(
         {
             "id": export.id,
             "dataset": dataset,
             "format": export.format,
-            "options": export.options,
+            # As they were checked when it was asked for, by whichever version.
+            "options": wire.ExportOptions.read(export.options),
             "state": export.state,
             "total": export.total,
             "done": export.done,
@@ -139,7 +140,7 @@ class ExportKind:
 
     def describe(
         self, _context: ServiceContext, session: Session, row: tables.Export
-    ) -> Export:
+    ) -> wire.Export:
         """An export with the name of its dataset."""
         dataset = DatasetRepository(session).with_id(row.dataset_id)
         return describe_export(row, dataset.name)

@@ -11,7 +11,6 @@ import json
 import secrets
 import shutil
 import zipfile
-from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -39,9 +38,10 @@ from filter_core.formats.export import (
 from filter_core.formats.format import Need
 from filter_core.formats.registry import format_of, write_export
 from filter_core.formats.tally import Counts
-from filter_core.types import DecidedBoxes
+from filter_core.types import DecidedBoxes, DecisionColumns
 
 _AT_A_TIME: Final = 200
+_NO_ROWS: Final = slice(0, 0)
 
 _CROWD: Final = '"iscrowd"'
 """What stands in the text of an annotation that has the key."""
@@ -167,15 +167,15 @@ class ExportFrames:
         frames = FrameRepository(self._session)
         ids = [frame.id for frame in chunk]
         boxes = self._reader.read_frames(ids)
-        content = _Content(boxes.frames, boxes.labels_by_frame())
+        content = _Content(boxes.frames, boxes.labels, boxes.rows_by_frame())
         if "annotation" in self._needs:
             content.annotations = frames.annotation_texts(ids)
         if "image" in self._needs:
             content.files = frames.files(ids)
         if "decisions" in self._needs:
-            explained = "explanations" in self._needs
-            for one in self._reader.records(boxes, explained=explained):
-                content.decisions[one["frame_id"]].append(one)
+            content.decisions = self._reader.records(boxes)
+        if "decision_columns" in self._needs:
+            content.columns = self._reader.columns(boxes)
         return content
 
     def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
@@ -183,30 +183,36 @@ class ExportFrames:
         text = content.annotations.get(frame.id, "{}")
         image = content.files.get(frame.id, {}).get("image")
         evidence = content.evidence.get(frame.id)
+        rows = content.rows.get(frame.id, _NO_ROWS)
+        columns = content.columns
         return ExportFrame(
             key=frame.key,
             wh=wh,
-            boxes=content.labels.get(frame.id) or DecidedBoxes.empty(),
+            boxes=content.labels[rows],
             given=GivenAnnotation(partial(json.loads, text), wh, crowds=_CROWD in text),
             map=frame.map,
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
             palette=None if evidence is None else evidence.palette,
-            decisions=content.decisions.get(frame.id, ()),
+            decisions=content.decisions[rows],
+            columns=None if columns is None else columns[rows],
         )
 
 
 @dataclass
 class _Content:
-    """What is read of some frames at once; mappings by the ids of the frames."""
+    """What is read of some frames at once; mappings by the ids of the frames.
+
+    `rows` are those of a frame in `labels`, `decisions` and `columns`.
+    """
 
     evidence: Mapping[int, EvidenceRow]
-    labels: Mapping[int, DecidedBoxes]
+    labels: DecidedBoxes
+    rows: Mapping[int, slice]
     annotations: Mapping[int, str] = field(default_factory=dict)
     files: Mapping[int, Mapping[str, FileRow]] = field(default_factory=dict)
-    decisions: defaultdict[int, list[StoredDecision]] = field(
-        default_factory=partial(defaultdict, list)
-    )
+    decisions: Sequence[StoredDecision] = ()
+    columns: DecisionColumns | None = None
 
 
 class ReproducibleZip:

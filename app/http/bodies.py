@@ -1,4 +1,9 @@
-"""Bodies of requests: JSON as a whole, multipart in pieces, both within limits."""
+"""Bodies of requests, read within limits: JSON as a whole, multipart in pieces.
+
+Multipart is read with `python_multipart` itself: Starlette's forms limit the size of
+fields but not of files, and write large files to a temporary file before a limit is
+asked. Here a part that grows too large is refused at the byte at which it does.
+"""
 
 from __future__ import annotations
 

@@ -17,10 +17,11 @@ from app.errors import DatabaseBusy, Forbidden
 from app.http.idempotency import claim_on_begin
 from app.security import (
     Principal,
-    Role,
+    includes,
 )
 from app.settings import Settings
 from app.storage.room import DELETING_BYTES, DeletionSignal, Reserve
+from unghost.wire.words import Role
 
 Result = TypeVar("Result")
 
@@ -30,6 +31,8 @@ MAX_BATCHES: Final = 4
 """Together well below the 40 threads that anyio gives to the routes of a process, and
 below the connections that it may have. Frames have places of their own: no answer of a
 person is to wait for them."""
+MAX_FOLDERS: Final = 2
+"""Dropped folders that are read at the same time, each by a child process."""
 WRITE_WAIT_S: Final = 30
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
@@ -79,10 +82,10 @@ async def authorise(request: Request, needed: Role) -> Principal:
     gate: Gate = request.app.state.gate
     principal = await gate.identify(request)
     request.state.principal = principal
-    if not principal.role.includes(needed):
+    if not includes(principal.role, needed):
         raise Forbidden(
-            f"this needs the role {needed.value}, "
-            f"token {principal.name!r} has {principal.role.value}"
+            f"this needs the role {needed}, "
+            f"token {principal.name!r} has {principal.role}"
         )
     return principal
 
@@ -96,10 +99,9 @@ def current_principal(request: Request) -> Principal:
 def admin(request: Request) -> None:
     """Refuse everyone but an admin, on a route that others share a router with."""
     principal = current_principal(request)
-    if not principal.role.includes(Role.ADMIN):
+    if not includes(principal.role, "admin"):
         raise Forbidden(
-            f"this needs the role admin, "
-            f"token {principal.name!r} has {principal.role.value}"
+            f"this needs the role admin, token {principal.name!r} has {principal.role}"
         )
 
 

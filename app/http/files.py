@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
@@ -115,10 +115,10 @@ def _without_range(request: Request) -> None:
     request.scope["headers"] = headers
 
 
-_UNCHANGED: Final[dict[int | str, dict[str, Any]]] = {
+_UNCHANGED: Final[dict[int | str, dict[str, object]]] = {
     304: {"description": "What you have is still it."}
 }
-_PARTS: Final[dict[int | str, dict[str, Any]]] = {
+_PARTS: Final[dict[int | str, dict[str, object]]] = {
     **_UNCHANGED,
     416: {"description": "There is no such part of the file."},
 }
@@ -130,7 +130,7 @@ _FILE_TYPES: Final = (
 )
 
 
-def _headers(**meanings: str) -> dict[str, Any]:
+def _headers(**meanings: str) -> dict[str, object]:
     """Headers that a route honours, for the OpenAPI document."""
     described = [
         {
@@ -145,15 +145,15 @@ def _headers(**meanings: str) -> dict[str, Any]:
     return {"parameters": described}
 
 
-def picture_of(*types: str) -> dict[int | str, dict[str, Any]]:
+def picture_of(*types: str) -> dict[int | str, dict[str, object]]:
     """Answers of a route that draws."""
-    content: dict[str, Any] = {name: {} for name in types}
+    content: dict[str, object] = {name: {} for name in types}
     return {200: {"content": content, "description": "The picture."}, **_UNCHANGED}
 
 
-def file_of(*types: str) -> dict[int | str, dict[str, Any]]:
+def file_of(*types: str) -> dict[int | str, dict[str, object]]:
     """Answers of a route that sends a file, or one part of it."""
-    content: dict[str, Any] = {name: {} for name in types}
+    content: dict[str, object] = {name: {} for name in types}
     return {
         200: {"content": content, "description": "The file."},
         206: {"content": content, "description": "The part that was asked for."},

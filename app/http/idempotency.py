@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy import ColumnElement, Connection, delete, event, insert, select, update
 from sqlalchemy.exc import IntegrityError
@@ -185,7 +185,7 @@ def store_answer(
     *,
     status: int,
     headers: Mapping[str, str],
-    body: Any,  # noqa: ANN401  # a streamed answer has no body yet
+    body: object,
 ) -> None:
     """Keep the answer beside the work, in the same transaction.
 

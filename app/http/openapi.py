@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from html import escape
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
 from app.http.problems import PROBLEM_TYPE
 from filter_core.config.filter import FilterConfig, schema_of
+from unghost.wire.folders import FolderEnd, FolderFrame, FolderHead, UnmatchedFile
 from unghost.wire.frames import BatchEnd, BatchLine
 from unghost.wire.model import Problem
-from unghost.wire.runs import FilterConfigIn
+from unghost.wire.runs import ConfigVersion, FilterConfigIn
 
+_Object: TypeAlias = dict[str, Any]
+"""An object of the document: FastAPI has no types for them."""
 _METHODS: Final = ("get", "post", "put", "patch", "delete")
 
 
-def docs_page(schema: Mapping[str, Any]) -> str:
+def docs_page(schema: _Object) -> str:
     """All routes by tag, each with its parameters and answers."""
     sections: dict[str, list[str]] = {}
     for path, operations in schema["paths"].items():
@@ -45,7 +48,7 @@ def docs_page(schema: Mapping[str, Any]) -> str:
     )
 
 
-def _route(method: str, path: str, operation: Mapping[str, Any]) -> str:
+def _route(method: str, path: str, operation: _Object) -> str:
     description = escape(operation.get("description", ""))
     return (
         f'<details><summary><code><span class="method">{method.upper()}</span>'
@@ -55,7 +58,7 @@ def _route(method: str, path: str, operation: Mapping[str, Any]) -> str:
     )
 
 
-def _parameters(operation: Mapping[str, Any]) -> str:
+def _parameters(operation: _Object) -> str:
     rows = [
         (one["name"], one["in"], one.get("description", ""))
         for one in operation.get("parameters", ())
@@ -64,11 +67,11 @@ def _parameters(operation: Mapping[str, Any]) -> str:
     return _table(rows)
 
 
-def _body_types(operation: Mapping[str, Any]) -> list[str]:
+def _body_types(operation: _Object) -> list[str]:
     return list(operation.get("requestBody", {}).get("content", {}))
 
 
-def _answers(operation: Mapping[str, Any]) -> str:
+def _answers(operation: _Object) -> str:
     return _table(
         (status, answer.get("description", "problem"), "")
         for status, answer in operation["responses"].items()
@@ -83,7 +86,10 @@ def _table(rows: Iterable[tuple[str, str, str]]) -> str:
     return f"<table>{cells}</table>" if cells else ""
 
 
-_NO_ROUTE_RETURNS: Final = (Problem, BatchLine, BatchEnd)
+_NO_ROUTE_RETURNS: Final = (
+    *(Problem, BatchLine, BatchEnd),
+    *(FolderHead, FolderFrame, UnmatchedFile, FolderEnd),
+)
 """Models that are sent otherwise: as errors, or line by line."""
 _EVERYWHERE: Final = (400, 404, 408, 421, 422, 431, 500, 503)
 _WITH_TOKEN: Final = (401, 403, 429)
@@ -102,7 +108,7 @@ IDEMPOTENCY_PARAMETER: Final = {
 _LARGEST: Final = 2**63 - 1
 
 
-def document(app: FastAPI) -> dict[str, Any]:
+def document(app: FastAPI) -> _Object:
     """The OpenAPI document of the service, made once."""
     if app.openapi_schema is None:
         schema = FastAPI.openapi(app)
@@ -111,16 +117,17 @@ def document(app: FastAPI) -> dict[str, Any]:
             _add_problems(method, operation)
             if method == "post":
                 operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
-        app.openapi_schema = _with_whole_bounds(schema)
+        _make_bounds_whole(schema)
+        app.openapi_schema = schema
     return app.openapi_schema
 
 
-def _operations(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _operations(schema: _Object) -> Iterator[tuple[str, _Object]]:
     for path in schema["paths"].values():
         yield from path.items()
 
 
-def _add_components(schema: dict[str, Any]) -> None:
+def _add_components(schema: _Object) -> None:
     components = schema.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
     for name in _FOREIGN_SCHEMAS:
@@ -133,6 +140,8 @@ def _add_components(schema: dict[str, Any]) -> None:
         schemas.setdefault(name, schema_of_model)
     # The wire knows that it is an object, the library knows its keys.
     schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
+    answered = schemas[ConfigVersion.__name__]["properties"]
+    answered["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
     components["responses"] = {
@@ -144,7 +153,7 @@ def _add_components(schema: dict[str, Any]) -> None:
     }
 
 
-def _add_problems(method: str, operation: dict[str, Any]) -> None:
+def _add_problems(method: str, operation: _Object) -> None:
     responses = operation["responses"]
     statuses = {*_EVERYWHERE, *(int(one) for one in responses if int(one) >= 400)}
     if "security" in operation:
@@ -156,18 +165,18 @@ def _add_problems(method: str, operation: dict[str, Any]) -> None:
         responses[str(status)] = {"$ref": reference}
 
 
-def _with_whole_bounds(node: Any) -> Any:  # noqa: ANN401  # any JSON value
-    """The document with the bounds of integers as integers.
+def _make_bounds_whole(node: object) -> None:
+    """Turn the bounds of integers into integers, wherever they stand below a node.
 
     FastAPI writes them as floats, and 2**63 - 1 is none: read back, it allows more.
     """
     if isinstance(node, list):
-        return [_with_whole_bounds(one) for one in node]
-    if not isinstance(node, dict):
-        return node
-    changed = {key: _with_whole_bounds(value) for key, value in node.items()}
-    if changed.get("type") == "integer":
-        for bound in ("minimum", "maximum"):
-            if isinstance(changed.get(bound), float):
-                changed[bound] = min(int(changed[bound]), _LARGEST)
-    return changed
+        for one in node:
+            _make_bounds_whole(one)
+    elif isinstance(node, dict):
+        for value in node.values():
+            _make_bounds_whole(value)
+        if node.get("type") == "integer":
+            for bound in ("minimum", "maximum"):
+                if isinstance(node.get(bound), float):
+                    node[bound] = min(int(node[bound]), _LARGEST)

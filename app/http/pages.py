@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import Depends, Query, Request, Response
 from pydantic import TypeAdapter
@@ -24,7 +24,7 @@ class NewestFirst:
     def answer(
         self,
         rows: Sequence[Row],
-        describe: Callable[[Row], Mapping[str, Any] | ResponseModel],
+        describe: Callable[[Row], Mapping[str, object] | ResponseModel],
     ) -> Response:
         """The rows that `newest` found for this page."""
         listed = rows[: self.page.limit]
@@ -42,7 +42,7 @@ async def newest_first(
     return NewestFirst(request, NewestPage(before_id, limit))
 
 
-_JSON: Final = TypeAdapter(Any)
+_JSON: Final = TypeAdapter(object)
 
 
 def linked(request: Request, page: object, next_cursor: str | None) -> Response:
@@ -57,7 +57,7 @@ def linked(request: Request, page: object, next_cursor: str | None) -> Response:
 
 def page_response(
     request: Request,
-    items: Sequence[Mapping[str, Any] | ResponseModel],
+    items: Sequence[Mapping[str, object] | ResponseModel],
     next_cursor: str | None,
     **more: object,
 ) -> Response:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Final, TypedDict
 
 from fastapi import FastAPI, Request
 from fastapi.encoders import jsonable_encoder
@@ -83,7 +83,7 @@ class Refusal:
     detail: str
     faults: tuple[Fault, ...] = ()
     headers: Mapping[str, str] = field(default_factory=dict)
-    told: Mapping[str, Any] = field(default_factory=dict)
+    told: Mapping[str, object] = field(default_factory=dict)
 
     def problem(self, *, instance: str, request_id: str) -> Problem:
         """What one request is told; `instance` is the path that it asked for."""
@@ -134,7 +134,7 @@ async def _answer(request: Request, exc: Exception) -> Response:
 def _methods_at(request: Request) -> Iterator[str]:
     # Starlette names the methods of the first route that fits the path only.
     for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
-        scope: dict[str, Any] = {"type": "http", "method": method, "headers": []}
+        scope: dict[str, object] = {"type": "http", "method": method, "headers": []}
         scope |= {"path": request.url.path, "root_path": "", "app": request.app}
         routes = request.app.router.routes
         if any(route.matches(dict(scope))[0] is Match.FULL for route in routes):
@@ -221,7 +221,7 @@ def _refusal_by_app(exc: AppError) -> Refusal:
     return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, told)
 
 
-def _told_of(exc: AppError) -> Iterator[tuple[str, Any]]:
+def _told_of(exc: AppError) -> Iterator[tuple[str, object]]:
     if isinstance(exc, errors.StaleRevision):
         yield "current", jsonable_encoder(exc.current)
     if isinstance(exc, errors.CountChanged):
@@ -268,7 +268,20 @@ def _invalid_request(exc: RequestValidationError) -> Refusal:
     return Refusal(422, "invalid_request", detail, faults, told=told)
 
 
-def _fault_of(error: Mapping[str, Any]) -> Fault:
+class _Context(TypedDict, total=False):
+    ctx: dict[str, object]
+
+
+class InvalidValue(_Context):
+    """One of pydantic's errors; `ctx` has the bounds that its kind knows of."""
+
+    type: str
+    loc: tuple[int | str, ...]
+    msg: str
+    input: object
+
+
+def _fault_of(error: InvalidValue) -> Fault:
     # Never the input itself: it may be a token.
     where, *path = error["loc"]
     detail = in_words(error)
@@ -340,7 +353,7 @@ _PATTERNS: Final[Mapping[str, str]] = {
 _NUMBER: Final = re.compile(r"[+-]?\d{1,20}(\.\d{1,20})?")
 
 
-def in_words(error: Mapping[str, Any], *, show: bool = False) -> str:
+def in_words(error: InvalidValue, *, show: bool = False) -> str:
     """One of pydantic's errors: what was expected, and what kind of thing was found.
 
     Texts are shown only to whoever wrote them here: one in a request may be a token.
@@ -363,7 +376,7 @@ def in_words(error: Mapping[str, Any], *, show: bool = False) -> str:
     return f"expected {expected}, found {_found(error.get('input'), show)}"
 
 
-def _expected(kind: str, context: Mapping[str, Any]) -> str | None:
+def _expected(kind: str, context: Mapping[str, object]) -> str | None:
     if kind == "string_pattern_mismatch":
         return _PATTERNS.get(str(context.get("pattern")))
     words = _EXPECTED.get(kind)

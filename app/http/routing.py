@@ -1,8 +1,8 @@
-"""The router of every route: nobody can forget who may call it, or what it takes.
+"""The router that all routes use, so that none can leave out what all of them need.
 
-Before a body is read: authorisation, its limit, unknown query parameters, the media
-type. Around
-the work: Idempotency-Key. The rest of a route is its own.
+Before a body is read, it checks who is asking, the limit of the body, unknown query
+parameters and the media type. Around the work it handles the Idempotency-Key. The rest
+of a route is its own.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Coroutine, Iterator
 from datetime import timedelta
 from functools import partial
-from typing import Any, Final
+from typing import Final
 from weakref import WeakValueDictionary
 
 from anyio import CapacityLimiter, to_thread
@@ -36,12 +36,13 @@ from app.http.idempotency import (
 )
 from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
 from app.incoming import HeldBytes, OpenBodies
-from app.security import SAFE_METHODS, Role
+from app.security import SAFE_METHODS
+from unghost.wire.words import Role
 
 _NO_BODY: Final = "unghost.no_body"
 """Key of the ASGI scope: true if a HEAD is answered as a GET."""
 
-Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+Handler = Callable[[Request], Coroutine[object, object, Response]]
 
 
 class HeadRoute(APIRoute):
@@ -128,8 +129,20 @@ def body_up_to(setting: str) -> dict[str, str]:
     return {BODY_LIMIT: setting}
 
 
-LARGE_BODY: Final = body_up_to("max_batch_bytes")
-"""Of a route that streams its body, and so cannot answer a repeated request."""
+BODY_STREAMED: Final = "x-body-streamed"
+"""In ``openapi_extra`` of a route: true if its body is worked on while it comes."""
+
+
+def streamed_up_to(setting: str) -> dict[str, str | bool]:
+    """``openapi_extra`` of a route that works on its body while it comes.
+
+    It never holds the body as a whole, and so cannot answer a repeated request.
+    """
+    return {**body_up_to(setting), BODY_STREAMED: True}
+
+
+LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
+"""Of a route that takes batches of frames."""
 
 MAX_READS_PER_TOKEN: Final = 12
 """Of the 40 threads that the routes of a process share."""
@@ -156,7 +169,7 @@ class OpenRoute(HeadRoute):
     @property
     def is_streamed(self) -> bool:
         """Whether the body is worked on while it comes, and never held as a whole."""
-        return self.body_setting == LARGE_BODY[BODY_LIMIT]
+        return bool((self.openapi_extra or {}).get(BODY_STREAMED))
 
     async def admit(self, request: Request) -> None:
         """Say how large and how slow the body of nobody in particular may be."""
@@ -195,8 +208,8 @@ class OpenRoute(HeadRoute):
 class ApiRoute(OpenRoute):
     """A route for those whose role allows it; a POST that writes may be repeated."""
 
-    reading_needs = Role.VIEWER
-    writing_needs = Role.REVIEWER
+    reading_needs: Role = "viewer"
+    writing_needs: Role = "reviewer"
 
     async def admit(self, request: Request) -> None:
         """Let in whose role allows it, and say how large their body may be."""
@@ -266,8 +279,8 @@ class ApiRouter(APIRouter):
         *,
         prefix: str = "",
         tag: str = "",
-        read: Role = Role.VIEWER,
-        write: Role = Role.REVIEWER,
+        read: Role = "viewer",
+        write: Role = "reviewer",
     ) -> None:
         class Guarded(ApiRoute):
             reading_needs = read
@@ -389,7 +402,7 @@ def _query_names(dependant: Dependant) -> Iterator[str]:
         yield from _query_names(sub)
 
 
-def _uses(dependant: Dependant, call: Callable[..., Any]) -> bool:
+def _uses(dependant: Dependant, call: Callable[..., object]) -> bool:
     return any(sub.call is call or _uses(sub, call) for sub in dependant.dependencies)
 
 

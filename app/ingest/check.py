@@ -12,7 +12,7 @@ from app.boxes.queries import FileRow
 from app.errors import Unprocessable
 from app.incoming import in_turn, is_large
 from app.ingest.frame import CheckedFrame, UploadedFrame
-from app.measuring.pixels import naming
+from app.measuring.frame_files import error_context
 from app.settings import Settings
 from app.storage import sha256_of
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
@@ -55,7 +55,7 @@ def check_frame(
         parsed = parse_annotation(
             annotation, limits=_annotation_limits(settings), frame=key
         )
-    with naming(key):
+    with error_context(key):
         wh, files = check_files(upload.files, parsed, settings)
     with in_turn(size):
         digest = _content_digest(parsed, files, is_large=is_large(size))

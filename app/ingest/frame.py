@@ -13,7 +13,7 @@ from typing import TypeAlias
 from app.boxes.queries import FileRow
 from app.errors import AppError
 from app.measuring.active import ActiveDataset
-from app.measuring.pixels import MEASURED, SENSORS, FrameFiles
+from app.measuring.frame_files import MEASURED, SENSORS, FrameFiles
 from app.security import Principal
 from app.storage import Drafts
 from filter_core.annotation.frame import FrameAnnotation

@@ -8,7 +8,7 @@ import threading
 from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import AbstractContextManager
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Query, Request, Response
@@ -19,7 +19,7 @@ from starlette.types import Receive, Scope, Send
 from app.boxes import frames
 from app.boxes.routes import FrameKey
 from app.context import ServiceContext
-from app.engine.pixels import GivenUp
+from app.engine.children import GivenUp
 from app.errors import Unprocessable, UnsupportedMedia
 from app.http.bodies import PartLimits, UntilStopped, read_parts, stopping
 from app.http.deps import (
@@ -53,7 +53,7 @@ from unghost.wire.frames import (
     KnownFramesIn,
 )
 from unghost.wire.frames import StoredFrame as FrameAnswer
-from unghost.wire.model import Problem
+from unghost.wire.model import Problem, ResponseModel
 
 ARCHIVE: Final = "application/x-tar"
 LINES: Final = "application/x-ndjson"
@@ -61,27 +61,21 @@ LINES: Final = "application/x-ndjson"
 router = ApiRouter(prefix="/api/v1", tag="frames")
 known_frames_router = ApiRouter(prefix="/api/v1", tag="frames")
 
-_BODY: Final = {
+ARCHIVE_BODY: Final = {
     "requestBody": {
         "required": True,
         "content": {ARCHIVE: {"schema": {"type": "string", "format": "binary"}}},
     }
 }
-_ANSWER: Final[dict[int | str, dict[str, Any]]] = {
-    200: {
-        "content": {
-            LINES: {
-                "itemSchema": {
-                    "anyOf": [
-                        {"$ref": f"#/components/schemas/{model.__name__}"}
-                        for model in (BatchLine, BatchEnd)
-                    ]
-                }
-            }
-        },
-        "description": "A line per frame as soon as it is stored, and a last one.",
-    }
-}
+
+
+def lines_of(
+    *models: type[ResponseModel], description: str
+) -> dict[int | str, dict[str, object]]:
+    """An answer of lines for the OpenAPI document, each one of these models."""
+    kinds = [{"$ref": f"#/components/schemas/{model.__name__}"} for model in models]
+    content = {LINES: {"itemSchema": {"anyOf": kinds}}}
+    return {200: {"content": content, "description": description}}
 
 
 async def upload_request(
@@ -101,18 +95,23 @@ CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
 @router.post(
     "/datasets/{dataset}/batches",
     response_class=Response,
-    responses=_ANSWER,
-    openapi_extra={**LARGE_BODY, **_BODY},
+    responses=lines_of(
+        BatchLine,
+        BatchEnd,
+        description="A line per frame as soon as it is stored, and a last one.",
+    ),
+    openapi_extra={**LARGE_BODY, **ARCHIVE_BODY},
 )
 async def post_batch(
     request: Request, common: CommonToFrames, services: AppServices
 ) -> Response:
     """Store the frames of a tar while it comes; each is answered once it is durable."""
-    _expect_archive(request)
+    expect_archive(request)
     return BatchAnswer(request, services, common)
 
 
-def _expect_archive(request: Request) -> None:
+def expect_archive(request: Request) -> None:
+    """Refuse a body that does not say that it is a plain tar."""
     media_type = request.headers.get("content-type", "")
     if media_type.partition(";")[0].strip().lower() != ARCHIVE:
         raise UnsupportedMedia(
@@ -265,10 +264,10 @@ async def frame_parts(request: Request) -> dict[str, bytes]:
 FrameParts = Annotated[dict[str, bytes], Depends(frame_parts)]
 
 
-def described_body() -> dict[str, Any]:
+def described_body() -> dict[str, object]:
     """The body for the OpenAPI document: FastAPI cannot see into a dependency."""
     binary = {"type": "string", "format": "binary"}
-    properties: dict[str, Any] = dict.fromkeys(KINDS, binary)
+    properties: dict[str, object] = dict.fromkeys(KINDS, binary)
     properties[ANNOTATION] = {
         "type": "string",
         "contentMediaType": "application/json",
@@ -308,7 +307,7 @@ async def put_frame(
     # to decide a frame.
     places: CapacityLimiter = request.app.state.uploads
     given_up = threading.Event()
-    watching = asyncio.ensure_future(_tell_when_left(request, given_up))
+    watching = asyncio.ensure_future(tell_when_left(request, given_up))
     try:
         return await to_thread.run_sync(
             _store, services, common, upload, given_up, limiter=places
@@ -319,7 +318,8 @@ async def put_frame(
         watching.cancel()
 
 
-async def _tell_when_left(request: Request, given_up: threading.Event) -> None:
+async def tell_when_left(request: Request, given_up: threading.Event) -> None:
+    """Set `given_up` once the client is gone."""
     await has_left(request)
     given_up.set()
 

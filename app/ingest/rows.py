@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,10 @@ from sqlalchemy.orm import Session
 
 from app import metrics
 from app.access.audit import Act, AuditTrail
+from app.access.service import require_own
 from app.boxes import current
-from app.boxes.counts import count, summary, tallies_of
-from app.boxes.frames import stored_files
+from app.boxes.counts import tallies_of
+from app.boxes.frames import frame_details
 from app.boxes.queries import FrameRepository, LatestReview
 from app.boxes.reader import (
     DecidedFrame,
@@ -64,6 +64,7 @@ class NewFrame(StoredFrame):
     active: ActiveDataset
     first_box_id: int
     revision: int
+    created_by: str
     created_at: datetime
     decisions: Decisions
     carried: Sequence[AnswerRow] = ()
@@ -78,7 +79,7 @@ class NewFrame(StoredFrame):
         """The server's ids of its boxes, in the order of the annotation."""
         return list(range(self.first_box_id, self.first_box_id + self.boxes))
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """A `wire.StoredFrame`; its decisions are dicts.
 
         The database is not asked, so it is best made when others may write again.
@@ -113,9 +114,9 @@ def insert_frames(
     }
     for former in formers.values():
         current.retire(session, former)
-    new = _numbered(session, active, frames, formers)
+    new = _numbered(session, active, sender, frames, formers)
     class_ids = _class_ids(session, active, frames)
-    _insert(session, active, sender, new, class_ids)
+    _insert(session, active, new, class_ids)
     for place, frame in enumerate(new):
         if frame.key in formers:
             carried = _carried(session, sender, formers[frame.key], frame, class_ids)
@@ -129,6 +130,7 @@ def insert_frames(
 def _numbered(
     session: Session,
     active: ActiveDataset,
+    sender: Principal,
     frames: Sequence[ReadyFrame],
     formers: Mapping[str, Frame],
 ) -> list[NewFrame]:
@@ -147,6 +149,7 @@ def _numbered(
                 active=active,
                 first_box_id=box_id,
                 revision=1 if former is None else former.revision + 1,
+                created_by=sender.name,
                 created_at=utc_now(),
                 decisions=decisions,
             )
@@ -155,7 +158,7 @@ def _numbered(
     return new
 
 
-def verdict_counts(reasons: NDArray[np.integer[Any]]) -> VerdictCounts:
+def verdict_counts(reasons: NDArray[np.uint8]) -> VerdictCounts:
     """How many boxes have each verdict, by their reasons."""
     boxes = np.bincount(VERDICT_OF_REASON[reasons], minlength=len(VERDICTS)).tolist()
     return VerdictCounts(
@@ -179,14 +182,13 @@ def _class_ids(
 def _insert(
     session: Session,
     active: ActiveDataset,
-    sender: Principal,
     frames: Sequence[NewFrame],
     class_ids: Mapping[str, int],
 ) -> None:
     """Rows of frames, files, boxes, decisions and evidence; tallies count them in."""
     row, repository = active.row, FrameRepository(session)
-    boxes: dict[str, list[Any]] = defaultdict(list)
-    decisions: dict[str, list[Any]] = defaultdict(list)
+    boxes: dict[str, list[object]] = defaultdict(list)
+    decisions: dict[str, list[object]] = defaultdict(list)
     evidence = []
     for frame in frames:
         measured = frame.ready.measured
@@ -204,7 +206,7 @@ def _insert(
             }
         )
     repository.add(
-        [_frame_row(frame, sender) for frame in frames],
+        [_frame_row(frame) for frame in frames],
         {frame.frame_id: frame.ready.checked.files for frame in frames},
     )
     repository.add_boxes(boxes)
@@ -212,7 +214,7 @@ def _insert(
     EvidenceRepository(session).add(evidence)
 
 
-def _frame_row(frame: NewFrame, sender: Principal) -> dict[str, Any]:
+def _frame_row(frame: NewFrame) -> dict[str, object]:
     row, checked = frame.active.row, frame.ready.checked
     annotation = checked.annotation
     width, height = checked.image_wh
@@ -232,12 +234,12 @@ def _frame_row(frame: NewFrame, sender: Principal) -> dict[str, Any]:
         "map": annotation.map,
         "captured_at": annotation.captured_at,
         "annotation": annotation.raw,
-        "created_by": sender.name,
+        "created_by": frame.created_by,
         "created_at": frame.created_at,
     }
 
 
-def _box_columns(frame: NewFrame, class_ids: Sequence[int]) -> dict[str, list[Any]]:
+def _box_columns(frame: NewFrame, class_ids: Sequence[int]) -> dict[str, list[object]]:
     index = frame.ready.measured.evidence.class_index.tolist()
     return {
         "id": frame.box_ids,
@@ -248,8 +250,8 @@ def _box_columns(frame: NewFrame, class_ids: Sequence[int]) -> dict[str, list[An
 
 
 def _decision_columns(
-    frame: NewFrame, boxes: Mapping[str, list[Any]]
-) -> dict[str, list[Any]]:
+    frame: NewFrame, boxes: Mapping[str, list[object]]
+) -> dict[str, list[object]]:
     evidence, decisions = frame.ready.measured.evidence, frame.decisions
     return {
         "box_id": boxes["id"],
@@ -290,7 +292,7 @@ def _carried(
         )
     ]
     carried, set_aside = carry_reviews(session, former, boxes)
-    of_others = current.require_own(sender, set_aside, f"replacing frame {frame.key!r}")
+    of_others = require_own(sender, set_aside, f"replacing frame {frame.key!r}")
     AuditTrail(session, sender).note(
         Act.FRAME_REPLACED,
         frame.key,
@@ -316,8 +318,7 @@ def _count(frames: Sequence[NewFrame]) -> None:
 
 
 def _details(frame: NewFrame) -> FrameDetails:
-    checked, measured = frame.ready.checked, frame.ready.measured
-    files = {row.kind: row for row in checked.files}
+    measured = frame.ready.measured
     answers = {row["box_id"]: row["verdict"] for row in frame.carried}
     alike = tallies_of(
         zip(
@@ -328,28 +329,12 @@ def _details(frame: NewFrame) -> FrameDetails:
             strict=True,
         )
     )
-    annotation = checked.annotation
-    width, height = checked.image_wh
-    return FrameDetails(
-        id=frame.frame_id,
-        key=frame.key,
-        revision=frame.revision,
-        width=width,
-        height=height,
-        map=annotation.map,
-        has_image="image" in files,
-        has_segmentation="segmentation" in files,
-        lossy=measured.lossy,
-        created_at=frame.created_at,
-        counts=summary(count(alike)),
-        dataset=frame.active.name,
-        camera=annotation.raw.get("camera"),
-        carla_version=annotation.carla_version,
-        captured_text=annotation.captured_at,
-        weather=annotation.raw.get("weather"),
-        superseded=False,
-        segmentation=measured.segmentation,
-        files=stored_files(frame.frame_id, files),
+    return frame_details(
+        Frame(**_frame_row(frame)),
+        frame.active.name,
+        {file.kind: file for file in frame.ready.checked.files},
+        measured.segmentation,
+        alike,
     )
 
 

@@ -34,7 +34,7 @@ from app.ingest.frame import (
 )
 from app.ingest.rows import insert_frames, verdict_counts
 from app.measuring.active import ActiveDataset, PlanCache
-from app.measuring.pixels import measure_files, naming
+from app.measuring.frame_files import error_context, measure_files
 from app.measuring.queries import DatasetRepository, KeyRow, note_problem
 from app.storage.room import require_room
 from filter_core.errors import AnnotationError, FilterError
@@ -67,7 +67,7 @@ def add_frame(
         What is wrong with the frame; it is noted among the dataset's problems.
     FrameConflict
         Another frame has this key, and `replace` was not asked for.
-    app.engine.pixels.GivenUp
+    app.engine.children.GivenUp
         `given_up` was set while a child process measured it: nothing is stored.
     """
     frame = prepare_frame(context, request, upload, given_up)
@@ -97,7 +97,7 @@ def prepare_frame(
 
     Raises
     ------
-    app.engine.pixels.GivenUp
+    app.engine.children.GivenUp
         `given_up` was set while a child process measured it.
     """
     key = upload.key
@@ -145,7 +145,7 @@ def _measure(
     """Its numbers; a class that the dataset cannot take any more is refused."""
     plan = active.plan
     files = checked.to_measure(plan.files)
-    with naming(checked.key, "/segmentation"):
+    with error_context(checked.key, "/segmentation"):
         measured = measure_files(
             context.pixels, plan, checked.annotation, files, given_up
         )
@@ -319,7 +319,7 @@ def _counted(session: Session, frames: list[EndedFrame]) -> list[EndedFrame]:
     if same:
         for frame_id, rows in DecisionRepository(session).per_frame(list(same)).items():
             reasons = [row.reason for row in rows for _ in range(row.boxes)]
-            verdicts = verdict_counts(np.array(reasons, np.intp))
+            verdicts = verdict_counts(np.array(reasons, np.uint8))
             key = frames[same[frame_id]].key
             frames[same[frame_id]] = StoredFrame(key, frame_id, verdicts)
     return frames

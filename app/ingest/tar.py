@@ -1,7 +1,9 @@
-"""An archive that arrives in pieces becomes frames: only files, never a path.
+"""Frames out of a tar archive that arrives in pieces; nothing is unpacked to a path.
 
-Nothing is unpacked. Links, devices and sparse files have no place in a batch of frames;
-an archive that has them is refused, like one that is damaged or cut short.
+An archive with links, devices or sparse files is refused, and so is one that is damaged
+or cut short. Python's `tarfile` does not promise that: in its streaming mode it takes
+an archive without an end, or one damaged after its first member, as if it were whole;
+it reads a long name into memory before a limit can stand; and it blocks a thread.
 """
 
 from __future__ import annotations
@@ -168,10 +170,14 @@ class _Header:
 
 
 class TarStream:
-    """Feed it bytes as they come; it gives the files that are complete."""
+    """Feed it bytes as they come; it gives the files that are complete.
 
-    def __init__(self, limits: TarLimits) -> None:
-        self._limits = limits
+    A name that leads out of the archive is refused, unless `any_name`: then whoever
+    takes the members looks at their names.
+    """
+
+    def __init__(self, limits: TarLimits, *, any_name: bool = False) -> None:
+        self._limits, self._any_name = limits, any_name
         self._held = Pieces()
         self._missing = BLOCK
         self._ignored = 0
@@ -262,7 +268,10 @@ class TarStream:
     def _end(self, header: _Header, content: bytes | None) -> Iterator[Member]:
         if header.kind in _FILE:
             name = header.name if self._long_name is None else self._long_name
-            yield Member(_checked_name(name), content)
+            named = _decoded_name(name)
+            if not self._any_name:
+                _refuse_way_out(named)
+            yield Member(named, content)
         elif header.kind != _FOLDER:
             self._long_name = _extension(header, content or b"")
             return
@@ -356,16 +365,18 @@ def _pax_records(content: bytes) -> Iterator[tuple[str, bytes]]:
         position += size
 
 
-def _checked_name(raw: bytes) -> str:
+def _decoded_name(raw: bytes) -> str:
     try:
         name = raw.decode("utf-8")
     except UnicodeDecodeError as error:
         raise BadArchive(f"the name {raw[:80]!r} is not UTF-8") from error
-    name = _HERE.sub("", name, count=1)
+    return _HERE.sub("", name, count=1)
+
+
+def _refuse_way_out(name: str) -> None:
     parts = name.split("/")
     leads_out = name.startswith("/") or ".." in parts or "\\" in name
     if not name or leads_out or "\0" in name or name[1:2] == ":":
         raise BadArchive(
             f"the name {name[:80]!r}; expected one that stays within the archive"
         )
-    return name

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.orm import Session
 
@@ -46,7 +46,7 @@ log = logging.getLogger(__name__)
 class ChunkFailed(Exception):
     """What a job fails with, as its chunk says."""
 
-    def __init__(self, error: Mapping[str, Any]) -> None:
+    def __init__(self, error: Mapping[str, object]) -> None:
         super().__init__(error["detail"])
         self.error = dict(error)
 
@@ -88,7 +88,9 @@ def _is_over(context: ServiceContext, job: Job) -> bool:
         return row is None or row.state not in OPEN
 
 
-def _fail(context: ServiceContext, lease: JobLease, error: Mapping[str, Any]) -> bool:
+def _fail(
+    context: ServiceContext, lease: JobLease, error: Mapping[str, object]
+) -> bool:
     """Note why a job failed; False if it is over, gone or another's already."""
     try:
         with context.database.write() as session:
@@ -170,7 +172,7 @@ class JobDriver:
             while self._send(row):
                 self._look()
         finally:
-            self.context.engine.let_go(list(self._in_flight))
+            self.context.engine.release(list(self._in_flight))
         self._check_quarantine()
 
     def _drive_final(self) -> None:
@@ -259,7 +261,7 @@ class JobDriver:
             self._again.append(number)
             self.context.engine.stopping.wait(LOOK_S)
 
-    def _error_of(self, number: int) -> Mapping[str, Any]:
+    def _error_of(self, number: int) -> Mapping[str, object]:
         with self.context.database.read() as session:
             self._row(session)
             chunk = ChunkRepository(session).find(self.lease.job, number)

@@ -1,7 +1,7 @@
-"""One driver per job: leases that are renewed while their holder lives.
+"""One driver per job: the process that holds its lease, and renews it while it lives.
 
-A lease is taken in the transaction with which a job begins, and given back in the one
-that ends it: a driver that lost it cannot end a job that is another's by now.
+A lease is taken in the transaction that begins the job, and given back in the one that
+ends it. A process that was too slow loses it to another one, and cannot end the job.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 
 
 class LeaseLost(JobStopped):
-    """Somebody else drives the job: whoever finds out stops before it writes."""
+    """Another process drives the job: this one must not write anything more of it."""
 
 
 class JobLease:
@@ -42,7 +42,7 @@ class JobLease:
         self._over, self._is_mine, self._is_lost = threading.Event(), False, False
 
     def take(self, session: Session) -> None:
-        """Take it, with the transaction in which the job begins.
+        """Take the lease in the transaction that begins the job; renew it from then on.
 
         Raises
         ------
@@ -54,23 +54,29 @@ class JobLease:
         once_committed(session, self._keep)
 
     def require(self, session: Session) -> None:
-        """Raise `LeaseLost` unless nobody else can have it before the commit."""
+        """Lock the lease until the session's transaction ends, so that nobody takes it.
+
+        Raises
+        ------
+        LeaseLost
+            Another process has taken it already.
+        """
         if not LeaseRepository(session).is_held(self.job, self._holder):
             raise LeaseLost(self.job)
 
     def end(self, session: Session) -> None:
-        """Give it back with the transaction that ends the job."""
+        """Give the lease back in the transaction that ends the job; LeaseLost."""
         self.require(session)
         LeaseRepository(session).end(self.job, self._holder)
         once_committed(session, self._forget)
 
     def check(self) -> None:
-        """Raise `LeaseLost` if it is known to be another's."""
+        """Raise `LeaseLost` if it was another process's when it was last renewed."""
         if self._is_lost:
             raise LeaseLost(self.job)
 
     def give_back(self) -> None:
-        """Let others go on at once, if the job did not end."""
+        """Give the lease back before the job has ended: others can go on at once."""
         self._over.set()
         if not self._is_mine or self._is_lost:
             return
@@ -103,32 +109,35 @@ class JobLease:
 
 
 class Leases:
-    """The leases of this process: within it, drivers of one job take turns."""
+    """The leases of this process. Of two threads that drive one job, one waits."""
 
     def __init__(self) -> None:
         self.holder = this_process()
-        self._at_work: set[Job] = set()
+        self._driven: set[Job] = set()
         self._free = threading.Condition()
 
     @property
-    def at_work(self) -> frozenset[Job]:
-        """Jobs that are driven by this process, or about to be."""
+    def driven(self) -> frozenset[Job]:
+        """Jobs that a thread of this process drives, with or without the lease."""
         with self._free:
-            return frozenset(self._at_work)
+            return frozenset(self._driven)
 
     @contextmanager
     def driving(self, database: Database, job: Job) -> Iterator[JobLease]:
-        """A lease to be taken, and given back at the end at the latest."""
+        """The lease of a job, not taken yet; given back when the block ends.
+
+        Waits while another thread of this process drives the same job.
+        """
         with self._free:
-            self._free.wait_for(lambda: job not in self._at_work)
-            self._at_work.add(job)
+            self._free.wait_for(lambda: job not in self._driven)
+            self._driven.add(job)
         lease = JobLease(database, job, self.holder)
         try:
             yield lease
         finally:
             lease.give_back()
             with self._free:
-                self._at_work.discard(job)
+                self._driven.discard(job)
                 self._free.notify_all()
 
 
@@ -138,15 +147,15 @@ _START_TICK: Final = 19
 
 
 def this_process() -> str:
-    """A name that no other process has, now or later, here or elsewhere."""
+    """A name for this process that no other one has, at any time, on any machine."""
     pid = os.getpid()
     return f"{_machine()}/{pid}/{_started(pid)}/{secrets.token_hex(4)}"
 
 
 def has_ended(name: str) -> bool:
-    """True only if it surely has: a process of this machine that is not there any more.
+    """Whether a process of this name ran on this machine and is gone.
 
-    Of another machine, or another container, nothing can be said.
+    False of a process of another machine or container: nothing is known of it.
     """
     machine, _, rest = name.partition("/")
     pid, _, rest = rest.partition("/")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime, timedelta
-from typing import Any, Final, Literal, NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
@@ -18,12 +18,12 @@ from app.db.bulk import insert_rows, upsert
 from app.db.tables import Chunk, Installation, JobRow, Lease
 from app.engine.chunk import Job, JobStopped
 from app.measuring.queries import is_deleted
+from unghost.wire.words import FinishedState
 
 OPEN: Final = ("queued", "running")
 FINAL: Final = 0
 """The number of a job's final step in `chunks`; those of its other chunks follow."""
 
-End = Literal["done", "failed", "cancelled"]
 Row = TypeVar("Row", bound=JobRow)
 
 
@@ -79,7 +79,10 @@ def tell_done(session: Session, row: type[JobRow], job_id: int, done: int) -> No
 
 
 def close(
-    session: Session, row: JobRow, state: End, error: Mapping[str, Any] | None = None
+    session: Session,
+    row: JobRow,
+    state: FinishedState,
+    error: Mapping[str, object] | None = None,
 ) -> None:
     """End a job for ever.
 
@@ -116,10 +119,10 @@ class ChunkRepository:
 
     def plan(self, job: Job, spans: Iterable[Span]) -> list[int]:
         """Add chunks to a job; their numbers."""
-        number = self._last_number(job)
-        rows = [_row(job, number + place, span) for place, span in enumerate(spans, 1)]
+        numbered = dict(enumerate(spans, self._last_number(job) + 1))
+        rows = [_row(job, number, span) for number, span in numbered.items()]
         insert_rows(self._session, Chunk, rows)
-        return [row["number"] for row in rows]
+        return list(numbered)
 
     def plan_final(self, job: Job, frames: int) -> int:
         """Add a job's final step unless it is there, with its attempts; its number."""
@@ -172,7 +175,7 @@ class ChunkRepository:
             .values(state="done", error=None, finished_at=utc_now())
         )
 
-    def fail(self, job: Job, number: int, error: Mapping[str, Any]) -> None:
+    def fail(self, job: Job, number: int, error: Mapping[str, object]) -> None:
         """Note what its job is to fail with."""
         self._session.execute(
             update(Chunk)
@@ -257,7 +260,7 @@ def is_final(number: int) -> bool:
     return number == FINAL
 
 
-def _row(job: Job, number: int, span: Span) -> dict[str, Any]:
+def _row(job: Job, number: int, span: Span) -> dict[str, object]:
     return {
         "kind": job.kind,
         "job_id": job.id,
@@ -291,9 +294,10 @@ class LeaseRepository:
         return self._session.scalar(select(func.clock_timestamp())) or utc_now()
 
     def take(self, job: Job, holder: str, is_void: Callable[[str], bool]) -> bool:
-        """Make this process the one that drives a job; False if another one does.
+        """Make `holder` the process that drives a job; False if another one does.
 
-        A lease that has run out, or whose holder `is_void`, is nobody's.
+        A lease can be taken over once it has run out, or if `is_void` says that the
+        process which holds it is gone.
         """
         now = self.now()
         # Whoever is storing the job's end holds its row: not to be waited for.
@@ -304,8 +308,8 @@ class LeaseRepository:
             new = upsert(self._session, Lease).values(**row, until=now + LASTS)
             added = new.on_conflict_do_nothing().returning(Lease.holder)
             return self._session.execute(added).first() is not None
-        taken = lease.holder != holder and lease.until > now
-        if taken and not is_void(lease.holder):
+        is_anothers = lease.holder != holder and lease.until > now
+        if is_anothers and not is_void(lease.holder):
             return False
         lease.holder, lease.until = holder, now + LASTS
         self._session.flush()
@@ -321,7 +325,7 @@ class LeaseRepository:
         return True
 
     def is_held(self, job: Job, holder: str) -> bool:
-        """Whether nobody else has taken the job; nobody can until the commit."""
+        """Whether the holder drives the job; then nobody else can until the commit."""
         rows = select(Lease.holder).where(*_lease_of(job)).with_for_update()
         return self._session.scalar(rows) == holder
 

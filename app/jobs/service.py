@@ -86,14 +86,14 @@ def require_place(session: Session, settings: Settings, author: str) -> None:
 
 
 def start(
-    context: ServiceContext, jobs: Iterable[Job], *, at_work: bool = False
+    context: ServiceContext, jobs: Iterable[Job], *, driven_too: bool = False
 ) -> None:
     """Let this process drive jobs, after those that wait here already.
 
-    Those that it drives already only if they are `at_work`: one may be about to let go.
-    It is no harm to start a job that another process drives, or that is over.
+    Jobs that it drives already are left out, or with `driven_too` driven once more when
+    that ends. Jobs that another process drives, or that are over, may be among them.
     """
-    here = frozenset() if at_work else context.one(Leases).at_work
+    here = frozenset() if driven_too else context.one(Leases).driven
     for job in jobs:
         if job not in here and not context.engine.stopping.is_set():
             context.engine.submit(partial(_drive, context, job), job)
@@ -162,14 +162,18 @@ def _interrupt(context: ServiceContext, session: Session, job: Job) -> None:
             ChunkRepository(beside).withdraw_final(job)
     clear = partial(context.engine.clear_cancel, job)
     event.listen(session, "after_transaction_end", lambda *_: clear())
-    again = partial(start, context, [job], at_work=True)
+    again = partial(start, context, [job], driven_too=True)
     event.listen(session, "after_rollback", lambda _: again())
 
 
-def forget_dataset(session: Session, dataset_id: int) -> None:
-    """Remove what is noted about the jobs of a dataset that is being deleted."""
+def end_all(session: Session, dataset_id: int) -> None:
+    """Cancel the open jobs of a dataset that is being deleted; remove all chunks."""
     chunks = ChunkRepository(session)
     for kind in kinds():
+        for job in open_jobs(session, kind.table, dataset_id):
+            row = find_job(session, kind.table, job.id)
+            if row is not None:
+                close(session, row, "cancelled")
         chunks.forget_dataset(kind.table, dataset_id)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
@@ -124,7 +124,7 @@ def unexpected_error(job: Job) -> dict[str, str]:
     return {"code": "internal", "detail": f"the {job.kind} failed"}
 
 
-def _failed(task: AnyTask, error: Mapping[str, Any]) -> str:
+def _failed(task: AnyTask, error: Mapping[str, object]) -> str:
     try:
         with task.context.database.write() as session:
             task.row(session)

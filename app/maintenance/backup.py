@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Final
 
 from app.addresses import FOLDER
 from app.db.inspection import copy_database, problems_of, revision_of, wanted_files
@@ -232,7 +232,7 @@ class Backup:
     schema: str
     left_out: tuple[str, ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """As it is printed."""
         return {**vars(self), "path": str(self.path)}
 

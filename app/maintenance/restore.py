@@ -6,7 +6,7 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from app.addresses import FOLDER
 from app.db.migrate import head_revision, is_known
@@ -48,7 +48,7 @@ class Restored:
         """Whether the service changes its schema when it starts."""
         return self.schema != head_revision(migrations_dir())
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """As it is printed."""
         return {**vars(self), "data": str(self.data)}
 

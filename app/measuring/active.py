@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from sqlalchemy.orm import Session
 
@@ -20,8 +20,8 @@ from app.measuring.queries import (
     KeyRow,
     active_row,
     active_row_and_key,
-    glance,
     key_rows,
+    read_active_snapshot,
 )
 from app.settings import Settings
 from filter_core.config.file import load_config
@@ -95,8 +95,11 @@ class PlanCache:
     def before_measuring(
         self, database: Database, name: str, key: str
     ) -> tuple[ActiveDataset, KeyRow]:
-        """The same, with a session only where there is more to read."""
-        row, known = glance(database.engine, name, key)
+        """A dataset and what it has under a key, mostly by one statement.
+
+        A session is opened only for a plan that is not in memory yet.
+        """
+        row, known = read_active_snapshot(database.engine, name, key)
         plans = self._held.get(_named(name, row))
         if plans is not None:
             return ActiveDataset(name, row, *plans), known
@@ -175,7 +178,7 @@ def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigV
 class _Body:
     """A config's body that the cache ignores: the digest already names it."""
 
-    def __init__(self, body: Mapping[str, Any]) -> None:
+    def __init__(self, body: Mapping[str, object]) -> None:
         self.body = body
 
     def __hash__(self) -> int:

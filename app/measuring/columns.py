@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ REASONS: Final = len(VERDICT_OF_REASON)
 _MAX_PERCENT: Final = 100.0
 
 
-def outcome(names: Sequence[str], table: IntArray) -> dict[str, Any]:
+def outcome(names: Sequence[str], table: IntArray) -> dict[str, object]:
     """How many boxes got each verdict and reason, altogether and per class."""
     per_reason = table.sum(axis=0)
     verdicts = np.zeros((len(names), len(VERDICTS)), np.int64)
@@ -141,6 +141,15 @@ MAX_KEPT_COUNTS: Final = 64
 """Filters whose number of boxes is kept: the queue and lists ask again and again."""
 
 
+@dataclass
+class _Known:
+    """What was made of a dataset's numbers last, each beside what it was made by."""
+
+    decided: tuple[str, Decisions] | None = None
+    counts: OrderedDict[Hashable, int] = field(default_factory=OrderedDict)
+    match_counts: tuple[int, IntArray] | None = None
+
+
 @dataclass(frozen=True)
 class DatasetColumns:
     """Evidence of all current boxes of a dataset, in the order of their ids.
@@ -154,24 +163,22 @@ class DatasetColumns:
     frame_ids: IntArray
     class_ids: IntArray
     evidence: Evidence
-    _known: dict[str, Any] = field(default_factory=dict, repr=False)
+    _known: _Known = field(default_factory=_Known, repr=False)
 
     def __len__(self) -> int:
         return len(self.box_ids)
 
     def decided(self, config: FilterConfig) -> Decisions:
         """Decisions of the configuration asked for last, such as the active one."""
-        held: tuple[str, Decisions] | None = self._known.get("decided")
+        held = self._known.decided
         if held is None or held[0] != config.digest:
             held = (config.digest, decide(self.evidence, config))
-            self._known["decided"] = held
+            self._known.decided = held
         return held[1]
 
     def counted(self, what: Hashable, count: Callable[[], int]) -> int:
         """A count of these numbers, kept for whoever asks for the same again."""
-        held: OrderedDict[Hashable, int] = self._known.setdefault(
-            "counts", OrderedDict()
-        )
+        held = self._known.counts
         found = held.get(what)
         if found is None:
             found = held[what] = count()
@@ -181,10 +188,10 @@ class DatasetColumns:
 
     def match_counts(self, bins: int) -> IntArray:
         """Counts of matches per class; thresholds do not change them."""
-        held: tuple[int, IntArray] | None = self._known.get("match_counts")
+        held = self._known.match_counts
         if held is None or held[0] != bins:
             held = (bins, match_counts(self.evidence, bins))
-            self._known["match_counts"] = held
+            self._known.match_counts = held
         return held[1]
 
 

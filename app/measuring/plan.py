@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -18,6 +17,7 @@ from filter_core.segmentation.reading import (
     OrderOfChannels,
     SegmentationOptions,
 )
+from filter_core.values import JsonObject
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,14 @@ class DatasetReading:
     encoding: Encoding = "auto"
     channel_order: OrderOfChannels = "auto"
     lossy_segmentation: Lossy = "refuse"
-    ignore_mask: Any | None = None
+    ignore_mask: JsonObject | None = None
 
     @classmethod
     def of(cls, dataset: Dataset) -> DatasetReading:
         """As the dataset says now."""
         return cls(**{spec.name: getattr(dataset, spec.name) for spec in fields(cls)})
 
-    def as_columns(self) -> dict[str, Any]:
+    def as_columns(self) -> dict[str, object]:
         """Everything but the name, as columns of the dataset's row."""
         columns = asdict(self)
         del columns["name"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy import (
     ColumnElement,
@@ -26,7 +26,6 @@ from app.db.tables import (
     ConfigVersion,
     Dataset,
     DatasetClass,
-    Export,
     Frame,
     FrameEvidence,
     Measurement,
@@ -35,7 +34,7 @@ from app.db.tables import (
     Tally,
 )
 from app.errors import Conflict, NotFound, Unprocessable
-from app.measuring.pixels import described
+from app.measuring.frame_files import described
 from app.metrics import REFUSED
 from filter_core.errors import FilterError
 from filter_core.pipeline import SegmentationReport
@@ -153,8 +152,8 @@ class DatasetRepository:
 
     def classes(self, dataset_id: int) -> dict[str, int]:
         """Class names in their frozen order, with their ids."""
-        rows: Any = run(self._session, _CLASSES, dataset=dataset_id)
-        return dict(rows.all())
+        rows = run(self._session, _CLASSES, dataset=dataset_id)
+        return {row.name: row.id for row in rows}
 
     def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
         """Ids of these classes; unknown ones are appended unless classes are frozen."""
@@ -185,21 +184,19 @@ class DatasetRepository:
             .values(classes_frozen_at=utc_now())
         )
 
-    def hide(self, dataset: Dataset) -> None:
-        """Delete: from now on nobody sees it, and its name is free.
+    def activate(self, dataset: Dataset, run: Run) -> None:
+        """Make a run's configuration and measurement the current ones."""
+        dataset.active_config_id = run.config_id
+        dataset.active_run_id = run.id
+        dataset.active_measurement_id = run.measurement_id
+        self._session.flush()
 
-        What belongs to it goes later, see `RemovalRepository`; jobs, which are counted
-        over all datasets, go now. Its tallies are for the caller to clear.
+    def hide(self, dataset: Dataset) -> None:
+        """Delete a dataset: it is not found any more, and its name is free.
+
+        Its rows are removed later, see `RemovalRepository`. The caller ends its jobs
+        and clears its tallies.
         """
-        for table in (Run, Export):
-            self._session.execute(
-                update(table)
-                .where(
-                    table.dataset_id == dataset.id,
-                    table.state.in_(("queued", "running")),
-                )
-                .values(state="cancelled", finished_at=utc_now())
-            )
         # No dataset can be given such a name.
         values = {"name": f"/{dataset.id}", "removed_at": utc_now()}
         self._session.execute(
@@ -570,12 +567,16 @@ def active_row_and_key(
     return _active_and_key(found, name)
 
 
-def glance(engine: Engine, name: str, key: str) -> tuple[ActiveRow, KeyRow]:
-    """The same as it is now, for those who will look again."""
+def read_active_snapshot(
+    engine: Engine, name: str, key: str
+) -> tuple[ActiveRow, KeyRow]:
+    """The same, read without a session: for who reads it again before writing."""
     return _active_and_key(first_row(engine, _ACTIVE_AND_KEY, name=name, key=key), name)
 
 
-def _active_and_key(found: Sequence[Any] | None, name: str) -> tuple[ActiveRow, KeyRow]:
+def _active_and_key(
+    found: Sequence[object] | None, name: str
+) -> tuple[ActiveRow, KeyRow]:
     if found is None:
         raise NotFound("dataset", name)
     return ActiveRow._make(found[:_WIDTH]), KeyRow._make(found[_WIDTH:])

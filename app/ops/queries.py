@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import NamedTuple, get_args
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from app.db.tables import Blob, Dataset, JobRow, Tally
 from app.measuring.queries import is_there
-
-STATES: Final = ("queued", "running", "done", "failed", "cancelled")
+from unghost.wire.words import JobState
 
 
 class BlobTotals(NamedTuple):
@@ -48,7 +47,7 @@ class Totals:
         found: dict[tuple[str, str], int] = {}
         for table in tables:
             kind = table.job_kind
-            found |= {(kind, state): 0 for state in STATES}
+            found |= {(kind, state): 0 for state in get_args(JobState)}
             rows = (
                 select(table.state, func.count())
                 .join(Dataset, Dataset.id == table.dataset_id)

@@ -13,10 +13,11 @@ from app.context import ServiceContext
 from app.db.engine import Database, migrating_alone
 from app.db.migrate import migrate
 from app.engine import LocalEngine
+from app.engine.children import PixelPool, Subject
 from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
-from app.engine.pixels import PixelPool
 from app.exports.service import EXPORTS
+from app.http.deps import MAX_FOLDERS
 from app.http.idempotency import forget_old_answers
 from app.incoming import OpenBodies
 from app.jobs.kind import register
@@ -69,6 +70,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             engine=_engine(settings, database),
             pixels=pixel_pool(settings, settings.workers),
             drawers=pixel_pool(settings, settings.workers + 1),
+            folders=folder_pool(settings),
         )
         services.keep(default_config)
         services.keep(
@@ -113,6 +115,7 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
             engine=LocalEngine(settings.workers),
             pixels=pixel_pool(settings, settings.workers),
             drawers=pixel_pool(settings, settings.workers + 1),
+            folders=folder_pool(settings),
         )
         try:
             yield services
@@ -147,5 +150,15 @@ def pixel_pool(settings: Settings, children: int) -> PixelPool:
         children,
         seconds=settings.max_pixel_seconds,
         memory_bytes=int(settings.max_pixel_memory_bytes),
-        preload=("app.measuring.pixels", "app.boxes.drawing"),
+        preload=("app.measuring.frame_files", "app.boxes.drawing"),
+    )
+
+
+def folder_pool(settings: Settings) -> PixelPool:
+    """The child processes that read dropped folders; each is started when needed."""
+    return PixelPool(
+        MAX_FOLDERS,
+        seconds=settings.max_folder_seconds,
+        memory_bytes=int(settings.max_pixel_memory_bytes),
+        subject=Subject("the folder", "UNGHOST_MAX_FOLDER_SECONDS"),
     )

@@ -1,8 +1,11 @@
-"""What uvicorn does not do: limits before a token is shown, an end in good order.
+"""What uvicorn does not do: limits before a token is shown, an orderly end.
 
-The parser holds what it has not given on yet, and waits for as long as it takes. Nobody
-has shown a token by then, so how much and how long is bounded here; and so is how long
-somebody may take to read an answer.
+uvicorn limits neither the size of a request's head nor the time it takes, and both
+matter before anybody has shown a token. It stops listening before it has sent the last
+answer. Both are done here, with a limit on how long a client may take to read. For
+this the module extends `uvicorn.Server`, `HttpToolsProtocol` and
+`RequestResponseCycle`; what it relies on is tested with the installed version
+(`tests/api/process`).
 """
 
 from __future__ import annotations
@@ -22,10 +25,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
 from types import FrameType
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import uvicorn
 from fastapi import FastAPI
+from uvicorn._types import ASGI3Application
 from uvicorn.protocols.http.httptools_impl import (
     HttpToolsProtocol,
     RequestResponseCycle,
@@ -108,11 +112,11 @@ def _exit(*_: object) -> None:
     raise SystemExit(0)
 
 
-def _goes_on(tasks: set[asyncio.Task[Any]]) -> int:
+def _goes_on(tasks: set[asyncio.Task[None]]) -> int:
     return sum(not task.done() for task in tasks)
 
 
-async def _cancelled(tasks: set[asyncio.Task[Any]]) -> None:
+async def _cancelled(tasks: set[asyncio.Task[None]]) -> None:
     """End tasks and let them say so to whoever waits for their answers."""
     left = [task for task in tasks if not task.done()]
     for task in left:
@@ -284,7 +288,7 @@ class ProblemProtocol(HttpToolsProtocol):
             self._others.wait(self)
 
     def _start_asgi_task(
-        self, cycle: RequestResponseCycle, app: Callable[..., Any]
+        self, cycle: RequestResponseCycle, app: ASGI3Application
     ) -> None:
         self._answered = cycle
         super()._start_asgi_task(cycle, app)

@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.db.tables import Decision, Review, ReviewBatch
+from app.verdicts import REVIEW_STATES
 
 
 class AnsweredBox(NamedTuple):
@@ -47,10 +48,7 @@ class AnswerRepository:
             Decision.match_percent,
             Decision.distance,
             Decision.review,
-        ).where(
-            Decision.dataset_id == dataset_id,
-            Decision.review.in_(("keep", "reject")),
-        )
+        ).where(Decision.dataset_id == dataset_id, REVIEW_STATES["decided"].condition())
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
 
     def said(self, dataset_id: int) -> list[Said]:

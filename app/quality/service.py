@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -192,7 +192,7 @@ def _by_instances(
     return total, Judged.joined(judged)
 
 
-def _counted(judged: Judged) -> dict[str, Any]:
+def _counted(judged: Judged) -> dict[str, object]:
     """Counts under the names that they have where the truth is an answer."""
     scores = judged.confusion.as_dict()
     return {

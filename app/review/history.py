@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -83,7 +82,7 @@ def _decision(
     run = RunRepository(session).with_id(run_id)
     classes = DatasetRepository(session).classes(frame.dataset_id)
     row = EvidenceRepository(session).of_frames([frame.id], run.measurement_id or 0)
-    entry: dict[str, Any] = {
+    entry: dict[str, object] = {
         "run": run_id,
         "config": version.digest,
         "verdict": None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime
-from typing import Any, Final, NamedTuple, TypedDict
+from typing import Final, NamedTuple, TypeAlias, TypedDict
 
 from sqlalchemy import (
     CTE,
@@ -52,8 +52,8 @@ class Standing(NamedTuple):
     before: int
 
 
-class BoxState(NamedTuple):
-    """What an answer has to know of a box."""
+class ReviewedBox(NamedTuple):
+    """A box before an answer on it is stored; `review` is the latest answer."""
 
     box_id: int
     dataset_id: int
@@ -69,6 +69,10 @@ class Signature(NamedTuple):
     reviewer: str
     at: datetime
     batch_id: int | None = None
+
+
+_Answers: TypeAlias = "Select[int, int, str, str, str, int | None, datetime]"
+"""Answers to be inserted; `_COLUMNS` names their columns."""
 
 
 class AnswerRow(TypedDict):
@@ -98,21 +102,21 @@ class ReviewRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def state(self, box_id: int) -> BoxState:
+    def state(self, box_id: int) -> ReviewedBox:
         """What an answer has to know of a box; NotFound for one that is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
         found = self._session.execute(there).first()
         if found is None:
             raise NotFound("box", box_id)
-        return BoxState(*found)
+        return ReviewedBox(*found)
 
-    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[BoxState]:
+    def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[ReviewedBox]:
         """Those of these boxes that are current boxes of the dataset."""
         for chunk in chunks(box_ids):
             rows = select(*_STATE).where(Decision.box_id.in_(chunk), _of(dataset_id))
             for row in self._session.execute(rows):
-                yield BoxState(*row)
+                yield ReviewedBox(*row)
 
     def answer(
         self, boxes: Sequence[SeenBoxes], verdict: str, comment: str, by: Signature
@@ -124,7 +128,7 @@ class ReviewRepository:
             for seen in boxes
             for chunk in chunks(seen.box_ids)
         )
-        self._show((box_id for seen in boxes for box_id in seen.box_ids), by)
+        self._make_latest((box_id for seen in boxes for box_id in seen.box_ids), by)
         return stored
 
     def answer_as_before(self, boxes: Sequence[Standing], by: Signature) -> int:
@@ -145,7 +149,7 @@ class ReviewRepository:
             for seen in boxes
             for chunk in chunks(seen.box_ids)
         )
-        self._show((box_id for seen in boxes for box_id in seen.box_ids), by)
+        self._make_latest((box_id for seen in boxes for box_id in seen.box_ids), by)
         return stored
 
     def carry_over(self, rows: Sequence[AnswerRow]) -> None:
@@ -153,7 +157,7 @@ class ReviewRepository:
         insert_rows(self._session, Review, rows)
         answered(self._session, [row["box_id"] for row in rows])
 
-    def _insert(self, answers: Select[Any]) -> int:
+    def _insert(self, answers: _Answers) -> int:
         statement = upsert(self._session, Review).from_select(_COLUMNS, answers)
         # Whatever `decisions` say, an answer is never followed by two.
         unique = statement.on_conflict_do_nothing(index_elements=_UNIQUE)
@@ -161,7 +165,7 @@ class ReviewRepository:
         stored: int = self._session.connection().execute(told).rowcount
         return stored
 
-    def _show(self, box_ids: Iterable[int], by: Signature) -> None:
+    def _make_latest(self, box_ids: Iterable[int], by: Signature) -> None:
         """Let what was inserted be the latest answers, and end the claims on the boxes.
 
         Those of an act on many boxes are named by it: there may be a hundred thousand.
@@ -243,12 +247,19 @@ def _answers(
     by: Signature,
     box_ids: Sequence[int],
     revision: int,
-) -> Select[Any]:
+) -> _Answers:
     """The next answer on those of these boxes that still have this revision."""
+    verdict, comment = said
     batch: BindParameter[int | None] = literal(by.batch_id, Key)
-    signed = literal(by.reviewer), batch, literal(by.at, UtcDateTime())
-    columns: list[ColumnElement[Any]] = [Decision.revision + 1, *said, *signed]
-    return select(Decision.box_id, *columns).where(
+    return select(
+        Decision.box_id,
+        Decision.revision + 1,
+        verdict,
+        comment,
+        literal(by.reviewer),
+        batch,
+        literal(by.at, UtcDateTime()),
+    ).where(
         Decision.box_id.in_(box_ids),
         _of(by.dataset_id),
         Decision.revision == revision,

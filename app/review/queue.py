@@ -6,12 +6,12 @@ compute. Its places are a power of four; numbers beyond the span are left out.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from hashlib import blake2b
 from itertools import islice
-from typing import Any, Final
+from typing import Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,25 +49,36 @@ class QueueRequest:
 
 
 @dataclass(frozen=True)
-class Outlook:
+class RemainingBoxes:
     """What is queued, part after part, and how many boxes each of them has."""
 
     parts: Sequence[BoxFilter]
     counts: Sequence[int]
 
 
-def outlook(context: ServiceContext, name: str, wanted: QueueRequest) -> Outlook:
-    """What there is to look at in a dataset; counting keeps nobody from writing."""
+class QueuePage(TypedDict):
+    """A `wire.Queue` whose boxes are dicts."""
+
+    items: Sequence[Mapping[str, object]]
+    remaining: int
+    unsure: int
+    claimed_by_others: int
+
+
+def remaining_boxes(
+    context: ServiceContext, name: str, wanted: QueueRequest
+) -> RemainingBoxes:
+    """The parts of a queue and their sizes, counted while others can write."""
     with context.database.read() as session:
         dataset = DatasetRepository(session).named(name)
         parts = _in_turn(to_filter(session, dataset, _of_queue(wanted)))
         counts = [count_boxes(context, session, dataset, part) for part in parts]
-    return Outlook(parts, counts)
+    return RemainingBoxes(parts, counts)
 
 
 def next_boxes(
-    session: Session, dataset: Dataset, wanted: QueueRequest, queue: Outlook
-) -> dict[str, Any]:
+    session: Session, dataset: Dataset, wanted: QueueRequest, queue: RemainingBoxes
+) -> QueuePage:
     """Boxes claimed for this reviewer, and how many there are."""
     now = utc_now()
     claims = ClaimRepository(session)
@@ -79,11 +90,11 @@ def next_boxes(
     expires_at = now + CLAIM
     claims.hold(dataset.id, sorted(in_hand.union(ids)), wanted.reviewer, expires_at)
     claim = {"expires_at": rfc3339(expires_at)}
-    probes = BoxProbes(session)
+    probes, reader = BoxProbes(session), DecisionReader(session, dataset)
     return {
         "items": [
             decision | {"claim": claim}
-            for decision in DecisionReader(session, dataset).of_boxes(ids)
+            for decision in reader.records(reader.read_boxes(ids))
         ],
         "remaining": queue.counts[0],
         "unsure": sum(queue.counts[1:]),
@@ -113,7 +124,7 @@ def _take(
     session: Session,
     dataset: Dataset,
     wanted: QueueRequest,
-    queue: Outlook,
+    queue: RemainingBoxes,
     blocked: set[int],
 ) -> list[int]:
     tallies = TallyRepository(session)

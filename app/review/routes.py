@@ -33,7 +33,7 @@ from app.http.routing import ApiRouter, committed
 from app.measuring.queries import DatasetRepository
 from app.review import service as reviews
 from app.review.history import history
-from app.review.queue import QueueRequest, next_boxes, outlook
+from app.review.queue import QueueRequest, next_boxes, remaining_boxes
 from unghost.wire.boxes import (
     BulkIn,
     History,
@@ -72,7 +72,7 @@ def take_from_queue(
     chosen = body.model_dump(exclude={"filters"})
     filters = selection_of(body.filters)
     wanted = QueueRequest(principal.name, selection=filters, **chosen)
-    queue = outlook(services, dataset, wanted)
+    queue = remaining_boxes(services, dataset, wanted)
     found = DatasetRepository(session).named(dataset)
     return written(next_boxes(session, found, wanted, queue))
 

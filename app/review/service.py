@@ -11,11 +11,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sqlalchemy.orm import Session
 
-from app.boxes.current import require_own
+from app.access.service import require_own
 from app.boxes.queries import FrameRepository, LatestAnswers
 from app.db.base import utc_now
 from app.db.engine import once_committed
@@ -173,7 +173,7 @@ def listed_boxes(
         group = stale if is_stale else alike.setdefault(state.revision, [])
         group.append(state.box_id)
     boxes = [SeenBoxes(group, revision) for revision, group in alike.items()]
-    return ChosenBoxes(boxes, stale, skipped=sorted(revision_of))
+    return ChosenBoxes(boxes, sorted(stale), sorted(revision_of))
 
 
 def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:
@@ -255,7 +255,7 @@ class NewBox(NamedTuple):
     id: int
     source_id: str
     class_id: int
-    raw: Mapping[str, Any]
+    raw: Mapping[str, object]
 
 
 def carry_reviews(
@@ -314,5 +314,5 @@ def _count(verdict: str, answers: int) -> None:
     REVIEWS.labels(verdict).inc(answers)
 
 
-def _geometry(raw: Mapping[str, Any]) -> dict[str, Any]:
+def _geometry(raw: Mapping[str, object]) -> dict[str, object]:
     return {key: raw[key] for key in GEOMETRIES if key in raw}

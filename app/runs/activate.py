@@ -196,13 +196,12 @@ class _Progress:
 
 
 def _activate(session: Session, dataset: Dataset, run: Run) -> None:
-    dataset.active_config_id = run.config_id
-    dataset.active_run_id = run.id
-    dataset.active_measurement_id = run.measurement_id
     measurement = EvidenceRepository(session).measurement_with_id(
         run.measurement_id or 0
     )
-    DatasetRepository(session).change(dataset, measurement.options["dataset"])
+    datasets = DatasetRepository(session)
+    datasets.activate(dataset, run)
+    datasets.change(dataset, measurement.options["dataset"])
 
 
 def _differs(before: Decisions, after: Decisions) -> BoolArray:

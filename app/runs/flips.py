@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -321,11 +321,13 @@ def _recounted(
 
 def _with_counts_of(frames: Sequence[Evidence], evidence: Evidence) -> Evidence:
     """The evidence of a dataset with what was counted again, frame by frame."""
-    names = ("accept_mask", "matched_pixels", "match_percent", "crowding")
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(one, name) for one in frames]) for name in names
-    }
-    return replace(evidence, **columns)
+    return replace(
+        evidence,
+        accept_mask=np.concatenate([one.accept_mask for one in frames]),
+        matched_pixels=np.concatenate([one.matched_pixels for one in frames]),
+        match_percent=np.concatenate([one.match_percent for one in frames]),
+        crowding=np.concatenate([one.crowding for one in frames]),
+    )
 
 
 @dataclass(frozen=True)

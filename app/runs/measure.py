@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from sqlalchemy.orm import Session
 
@@ -19,7 +19,7 @@ from app.jobs.kind import Task
 from app.jobs.queries import Span
 from app.measuring.active import config_of
 from app.measuring.evidence import packed, recount, recounted_row
-from app.measuring.pixels import MEASURED, FrameFiles, measure_files, naming
+from app.measuring.frame_files import MEASURED, FrameFiles, error_context, measure_files
 from app.measuring.plan import plan_of
 from app.measuring.queries import (
     ConfigRepository,
@@ -167,7 +167,8 @@ def measure_chunk(task: Task[Run]) -> None:
 class _Measured(NamedTuple):
     """The row of a frame's numbers; which of its files is damaged, if one is."""
 
-    row: dict[str, Any]
+    frame_id: int
+    row: dict[str, object]
     key: str = ""
     damage: FilterError | None = None
 
@@ -183,7 +184,7 @@ def _numbers(task: Task[Run], part: _Part, frame_id: int) -> _Measured:
     row = part.former[frame_id]
     evidence = recount(row, source.classes, source.plan)
     return _Measured(
-        recounted_row(row, evidence, source.classes, source.measurement_id)
+        frame_id, recounted_row(row, evidence, source.classes, source.measurement_id)
     )
 
 
@@ -214,9 +215,9 @@ class _CommitBuffer:
         with self._task.context.database.write() as session:
             run = self._task.row(session)
             new = EvidenceRepository(session).lacking(
-                [one.row["frame_id"] for one in measured], scope.measurement_id
+                [one.frame_id for one in measured], scope.measurement_id
             )
-            kept = [one for one in measured if one.row["frame_id"] in new]
+            kept = [one for one in measured if one.frame_id in new]
             EvidenceRepository(session).add([one.row for one in kept])
             for one in kept:
                 if one.damage is not None:
@@ -268,7 +269,7 @@ def _remeasured(
     left, damage = dict(contents), None
     while True:
         try:
-            with naming(frame.key, "/segmentation"):
+            with error_context(frame.key, "/segmentation"):
                 pixels = FrameFiles.of(left, size)
                 measured = measure_files(
                     context.pixels, source.plan, annotation, pixels
@@ -287,7 +288,7 @@ def _remeasured(
         "measurement_id": source.measurement_id,
         **packed(measured, ids),
     }
-    return _Measured(row, frame.key, damage)
+    return _Measured(frame.id, row, frame.key, damage)
 
 
 def _without(contents: Mapping[str, bytes], kind: str) -> dict[str, bytes]:

@@ -47,13 +47,9 @@ class RunRepository:
         self._session.flush()
         return run
 
-    def find(self, run_id: int) -> Run | None:
-        """A run, unless it was deleted with its dataset."""
-        return find_job(self._session, Run, run_id)
-
     def with_id(self, run_id: int) -> Run:
-        """A run; NotFound."""
-        found = self.find(run_id)
+        """A run; NotFound, also if it was deleted with its dataset."""
+        found = find_job(self._session, Run, run_id)
         if found is None:
             raise NotFound("run", run_id)
         return found

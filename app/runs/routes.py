@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import Depends, Path, Query, Request, Response
 
@@ -65,7 +65,7 @@ async def config_body(request: Request) -> LoadedConfig:
 ConfigBody = Annotated[LoadedConfig, Depends(config_body)]
 
 
-def described_config() -> dict[str, Any]:
+def described_config() -> dict[str, object]:
     """The body for the OpenAPI document."""
     schema = {
         "description": "The keys of filter.yaml, or carlasimu's boundingBox.yaml; "

@@ -1,1 +1,1 @@
-"""What came with a frame, from JSON to rectangles."""
+"""The annotation of a frame: from JSON to rectangles."""

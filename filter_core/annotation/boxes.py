@@ -51,7 +51,7 @@ _BOX3D_KEYS: Final = ("transform", "location", "extent", "rotation")
 def read_boxes(
     value: object, faults: Faults, limits: AnnotationLimits
 ) -> tuple[BoxAnnotation, ...]:
-    """The boxes that are in order; every fault of the others is noted.
+    """The boxes without a fault; the faults of all others are noted.
 
     `value` is what the annotation has under ``boxes``.
     """
@@ -148,7 +148,7 @@ def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int 
 def read_extra(
     raw: Mapping[str, object], known: frozenset[str], at: Place, faults: Faults
 ) -> dict[str, object]:
-    """What is kept to be given back: the object ``extra``, and all keys but `known`."""
+    """What exports give back unchanged: ``extra``, and every key not in `known`."""
     given = raw.get("extra")
     extra = {} if given is None else read_kept_object(given, at / "extra", faults)
     if raw.keys() <= known:

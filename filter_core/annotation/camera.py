@@ -139,9 +139,9 @@ def _motion(pose: Transform | _Rows) -> FloatArray:
 
 
 def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
-    """Note that a 3D box cannot be projected for want of a complete camera.
+    """Note as a fault that 3D boxes cannot be projected: the camera is incomplete.
 
-    To be called only where the camera has no faults of its own, which say more.
+    Only for a camera that has no faults of its own, since those say more.
     """
     box = _first_3d_box(raw.get("boxes"))
     if box is None:
@@ -164,7 +164,7 @@ def _first_3d_box(boxes: object) -> Place | None:
 
 
 def read_sensors(value: object, faults: Faults) -> dict[str, Sensor]:
-    """The sensors beside the camera by name; null is none, faults are noted."""
+    """The sensors besides the camera by name; null is none, faults are noted."""
     at = Place() / "sensors"
     given = read_kept_object(value, at, faults)
     sensors: dict[str, Sensor] = {}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from filter_core.geometry.pose import Transform
 from filter_core.geometry.projection import BoxGeometry, Projections, project_boxes
 from filter_core.json_text import JsonLimits
 from filter_core.types import BoxesXYXY, FloatArray, IntArray, ProjectionMode
+from filter_core.values import JsonObject
 
 VERTICES: Final = "vertices"
 
@@ -90,7 +91,7 @@ class BoxAnnotation:
     extra : dict
         Keys that the product does not know, kept to be given back.
     raw : mapping
-        The box as it came.
+        The box as given.
     """
 
     id: str
@@ -108,14 +109,14 @@ class BoxAnnotation:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor beside the camera.
+    """A sensor besides the camera.
 
     Attributes
     ----------
     transform : Transform or None
         Where it stands in the world.
     raw : mapping
-        The object as it came.
+        The object as given.
     """
 
     transform: Transform | None
@@ -133,7 +134,7 @@ class FrameAnnotation:
     camera : Camera or None
         None where the annotation does not give all of it.
     camera_wh : (width, height) or None, px
-        The size the annotation promises, also without a complete camera.
+        The image's size by the annotation; known also where the camera is incomplete.
     carla_version, captured_at, map : str or None
         `captured_at` is an RFC 3339 time, as given.
     weather : dict
@@ -141,7 +142,7 @@ class FrameAnnotation:
     extra : dict
         Keys of the frame that the product does not know.
     raw : mapping
-        The annotation as it came.
+        The annotation as given.
     """
 
     boxes: tuple[BoxAnnotation, ...]
@@ -217,15 +218,13 @@ def frame_vertices(annotation: FrameAnnotation) -> FloatArray:
     return vertices
 
 
-def given_rectangles(
-    boxes: Sequence[Mapping[str, Any]], wh: tuple[int, int]
-) -> BoxesXYXY:
-    """(N, 4) px: the rectangles that boxes came with, which may leave the image.
+def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesXYXY:
+    """(N, 4) px: the rectangles of boxes as given, which may leave the image.
 
     Parameters
     ----------
     boxes : sequence of mapping
-        As they came, and checked before.
+        As given, and checked before.
     wh : (width, height) of the image, px
 
     Returns

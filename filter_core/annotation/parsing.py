@@ -1,9 +1,9 @@
 """The JSON of one frame's annotation, read and checked: every fault in one pass.
 
-`parse_annotation` takes JSON, or the mapping it says, and gives a `FrameAnnotation`, or
-raises everything that is wrong with it, each fault with its place. JSON is read more
-strictly than Python does: a key that occurs twice is a fault, because one of its values
-would be lost.
+`parse_annotation` takes JSON, or the mapping it decodes to, and gives a
+`FrameAnnotation`, or raises all faults, each with its place. JSON is read more strictly
+than Python does: a key that occurs twice is a fault, because one of its values would be
+lost.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def parse_annotation(
     Returns
     -------
     FrameAnnotation
-        Null stands for an absent value, except in a geometry. Keys that nobody knows
-        are in `extra`, of the frame and of each box.
+        Null is the same as an absent key, except in a geometry. Unknown keys are in
+        `extra`, of the frame and of each box.
 
     Raises
     ------
@@ -87,15 +87,15 @@ def parse_annotation(
 def without_key(
     raw: bytes, name: str, limits: AnnotationLimits = _DEFAULT_LIMITS
 ) -> tuple[str, Mapping[str, object] | bytes]:
-    """The frame's key that stands in its annotation, and the annotation without it.
+    """The frame's key, taken from its annotation, and the annotation without it.
 
     Where the annotation has no ``key``, or is no object, or has a key twice, that is
-    `name` and the annotation as it came: `parse_annotation` says what is wrong with it.
+    `name` and the annotation as given: `parse_annotation` says what is wrong with it.
 
     Raises
     ------
     AnnotationErrors
-        ``bad_key``: the key is no text, or none that UTF-8 has a form for.
+        ``bad_key``: the key is not a text, or cannot be encoded as UTF-8.
         ``not_json``, ``json_too_large``: it is not JSON, or beyond the limits.
     """
     faults = Faults(name)
@@ -141,7 +141,7 @@ def _read_frame(
 
 
 class _Repeating(dict[str, object]):
-    """An object that named some of its keys twice; JSON keeps the last in silence."""
+    """An object with repeated keys, of which `json` would silently keep the last."""
 
     repeated: tuple[str, ...] = ()
 

@@ -94,7 +94,7 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
 
 
 def parse_yaml(text: str | bytes) -> object:
-    """Plain values from YAML or JSON written by a stranger.
+    """Plain values from untrusted YAML or JSON.
 
     Raises
     ------

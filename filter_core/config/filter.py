@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any, Final, Generic, NamedTuple, TypeVar, get_args
+from typing import Final, Generic, NamedTuple, TypedDict, TypeVar, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filter_core.classes import MAX_ACCEPT, canonical_accept, canonical_class
 from filter_core.config.keys import (
@@ -52,7 +53,7 @@ from filter_core.segmentation.reading import (
     SegmentationOptions,
 )
 from filter_core.types import FloatArray, IntArray, Profile, ProjectionMode
-from filter_core.values import place_of, pointer_token, shown
+from filter_core.values import JsonObject, place_of, pointer_token, shown
 
 
 class Inherit(Enum):
@@ -203,10 +204,13 @@ class ClassConfig(
                 pointer=at,
             )
         refuse_unknown_keys(raw, _CLASS_KEYS, at=at)
-        values: dict[str, Any] = {
-            name: _CLASS_KEYS[name].allowed.checked(name, raw[name], at) for name in raw
-        }
-        return cls(**values)
+        make: Callable[..., ClassConfig] = cls
+        return make(
+            **{
+                name: _CLASS_KEYS[name].allowed.checked(name, raw[name], at)
+                for name in raw
+            }
+        )
 
 
 _CLASS_KEYS: Final = keys_of(ClassConfig)
@@ -421,7 +425,7 @@ class FilterConfig(DecideConfig):
         dataset: SegmentationOptions | None = None,
         *,
         dataset_name: str = "the dataset",
-        ignored: object = None,
+        ignored: JsonObject | None = None,
     ) -> MeasureConfig:
         """What measured numbers depend on, agreed with the dataset.
 
@@ -432,8 +436,8 @@ class FilterConfig(DecideConfig):
             nothing.
         dataset_name : str
             What errors call the dataset.
-        ignored : object, optional
-            The dataset's ignored pixels, which never count, as JSON.
+        ignored : JsonObject, optional
+            The dataset's ignored pixels, which never count.
 
         Raises
         ------
@@ -465,12 +469,25 @@ class FilterConfig(DecideConfig):
         return self.measuring().accept_masks(class_names, family)
 
 
-def schema_of(config_class: type[DecideConfig]) -> dict[str, Any]:
+class _ObjectSchema(TypedDict):
+    type: str
+    properties: dict[str, dict[str, object]]
+    additionalProperties: bool
+
+
+class ConfigSchema(_ObjectSchema):
+    """The JSON schema of a class of configurations."""
+
+    title: str
+    description: str
+
+
+def schema_of(config_class: type[DecideConfig]) -> ConfigSchema:
     """The JSON schema of the mappings that `from_mapping` of a class accepts.
 
     Beside standard keywords a key has ``x-unit``, ``x-evidence`` (the kinds of evidence
-    whose rules read it, if not all do) and ``x-needs-pixels`` (whether images may have
-    to be read again after it has changed).
+    whose rules read it, if not all do; ``auto`` if it tries one of these channels) and
+    ``x-needs-pixels`` (whether images may have to be read again after it has changed).
     """
     properties = {
         name: {**key.schema(), "default": key.default}
@@ -492,7 +509,7 @@ def schema_of(config_class: type[DecideConfig]) -> dict[str, Any]:
     }
 
 
-def _object_schema(properties: dict[str, dict[str, object]]) -> dict[str, object]:
+def _object_schema(properties: dict[str, dict[str, object]]) -> _ObjectSchema:
     return {
         "type": "object",
         "properties": properties,
@@ -548,7 +565,7 @@ def _limits_of(config: DecideConfig, class_name: str) -> ClassLimits:
 @lru_cache(maxsize=256)
 def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
     limits = [config.limits_of(name) for name in names]
-    columns: dict[str, Any] = {}
+    columns: dict[str, NDArray[np.float64 | np.int64]] = {}
     for key, allowed in _NUMBER_RANGES.items():
         values = [getattr(one, key) for one in limits]
         columns[key] = np.array(
@@ -560,7 +577,8 @@ def _thresholds_for(config: DecideConfig, names: tuple[str, ...]) -> Thresholds:
     columns["threshold_kept_large_box"] = kept_large
     for column in columns.values():
         column.setflags(write=False)
-    return Thresholds(**columns)
+    make: Callable[..., Thresholds] = Thresholds
+    return make(**columns)
 
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:

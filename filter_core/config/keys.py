@@ -105,7 +105,7 @@ class NumberRange(NamedTuple):
         }
 
 
-class Words(NamedTuple):
+class AllowedWords(NamedTuple):
     """One of a few words."""
 
     words: tuple[str, ...]
@@ -166,7 +166,8 @@ class Key(NamedTuple):
         """Its JSON schema, without the default."""
         schema = {**self.allowed.schema(), "description": self.sentence}
         if self.evidence:
-            schema["x-evidence"] = list(self.evidence)
+            tried = any(name in STRONGEST_FIRST for name in self.evidence)
+            schema["x-evidence"] = [*self.evidence, *([AUTO] if tried else [])]
         return schema | {"x-needs-pixels": self.needs_pixels}
 
 
@@ -178,7 +179,7 @@ _MAX_METRES: Final = 1_000_000
 _MAX_COUNT: Final = 2**31 - 1
 
 _Field: TypeAlias = Any
-"""A dataclass field, whatever its type: `dataclasses.field` is typed as Any too."""
+"""A dataclass field: `dataclasses.field` itself says that it fits every annotation."""
 
 
 def declared(key: Key) -> _Field:
@@ -244,7 +245,7 @@ def choice(
     """A key whose value is one of a few words; measured numbers depend on it."""
     return declared(
         Key(
-            Words(words),
+            AllowedWords(words),
             default,
             sentence,
             needs_pixels=True,
@@ -309,7 +310,7 @@ def _quoted(key: object) -> str:
 ChannelName: TypeAlias = Literal[
     "ordered", "depth", "depth_center", "instance", "lidar"
 ]
-"""The channels: the kinds of evidence beside the segmentation."""
+"""The channels: the kinds of evidence besides the segmentation."""
 
 EvidenceName: TypeAlias = Literal["semantic", ChannelName]
 """The kinds of evidence: what a box can be judged by."""
@@ -330,7 +331,7 @@ class EvidenceKind(NamedTuple):
     keeps : str
         When a box is kept, as text for people.
     file : str or None
-        The kind of file that is read for it beside the segmentation.
+        The kind of file that is read for it besides the segmentation.
     strength : int
         ``auto`` tries the strongest first; 0: ``auto`` does not try it.
     """
@@ -388,17 +389,17 @@ EVIDENCE: Final = (
     ),
     EvidenceKind(
         AUTO,
-        "whatever came",
+        "whatever a frame has",
         "the strongest of instance, depth and ordered that has a number",
     ),
 )
 """The values of the key ``evidence``.
 
-They are the segmentation alone, the channels beside it, and ``auto``.
+They are the segmentation alone, the channels besides it, and ``auto``.
 """
 
 CHANNELS: Final[tuple[ChannelName, ...]] = get_args(ChannelName)
-"""The names of the channels beside the segmentation, in the order of listings."""
+"""The names of the channels besides the segmentation, in the order of listings."""
 
 _KINDS: Final = {one.name: one for one in EVIDENCE}
 
@@ -413,9 +414,9 @@ STRONGEST_FIRST: Final[tuple[ChannelName, ...]] = tuple(
 FILE_OF: Final[Mapping[str, str]] = {
     one.name: one.file for one in EVIDENCE if one.file is not None
 }
-"""The kind of file that a channel reads beside the segmentation, if it reads one."""
+"""The kind of file that a channel reads besides the segmentation, if it reads one."""
 
 
 def files_for(channels: Iterable[str]) -> tuple[str, ...]:
-    """The kinds of files that channels read, beside the segmentation."""
+    """The kinds of files that channels read, besides the segmentation."""
     return tuple(sorted({FILE_OF[name] for name in channels if name in FILE_OF}))

@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from filter_core.classes import accept_mask_of, canonical_class
 from filter_core.config.keys import CHANNELS, ChannelName, files_for
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import IntArray, Profile, ProjectionMode
+from filter_core.values import JsonObject
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
 
@@ -38,10 +39,10 @@ class MeasureConfig:
         The same, completed by what the dataset says.
     accept : Mapping
         Tags that count for a class, by its name; classes without one have the default.
-    ignored : object or None
-        The dataset's ignored pixels, which never count, as JSON.
+    ignored : JsonObject or None
+        The dataset's ignored pixels, which never count.
     channels : tuple of ChannelName
-        What is measured beside the segmentation: names of `CHANNELS`, in that order.
+        What is measured besides the segmentation: names of `CHANNELS`, in that order.
     depth_tolerance : float, metres
         See the key of that name.
     """
@@ -51,7 +52,7 @@ class MeasureConfig:
     own_reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     accept: Mapping[str, tuple[str | int, ...]] = field(default_factory=dict)
-    ignored: Any | None = None
+    ignored: JsonObject | None = None
     channels: tuple[ChannelName, ...] = ()
     depth_tolerance: float = 0.15
 
@@ -99,12 +100,12 @@ class MeasureConfig:
             self, channels=tuple(name for name in CHANNELS if name in wanted)
         )
 
-    def as_measured(self, stored: Mapping[str, Any]) -> MeasureConfig:
+    def as_measured(self, stored: JsonObject) -> MeasureConfig:
         """The same, with reading, ignored pixels and channels of a stored measurement.
 
         Parameters
         ----------
-        stored : Mapping
+        stored : JsonObject
             `as_dict` of the measurement's `MeasureConfig`, and under ``sources`` the
             `SegmentationOptions.sources` of its `reading`.
         """
@@ -117,7 +118,7 @@ class MeasureConfig:
             depth_tolerance=self.depth_tolerance if tolerance is None else tolerance,
         )
 
-    def is_covered_by(self, stored: Mapping[str, Any]) -> bool:
+    def is_covered_by(self, stored: JsonObject) -> bool:
         """Whether a stored measurement has all the numbers that this would measure.
 
         `stored` is `as_dict` of the measurement's `MeasureConfig`. It may have more
@@ -136,14 +137,14 @@ class MeasureConfig:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The kinds of files that its channels read, beside the segmentation."""
+        """The kinds of files that its channels read, besides the segmentation."""
         return files_for(self.channels)
 
     @property
     def depth_required(self) -> bool:
         """Whether a frame is refused if its depth image is too coarse to be measured.
 
-        Only if depth alone is measured. With other channels beside it, boxes can be
+        Only if depth alone is measured. With other channels besides it, boxes can be
         judged by those instead. It follows from `channels`, which the digest covers.
         """
         return self.files == ("depth",) and "ordered" not in self.channels
@@ -168,7 +169,7 @@ class MeasureConfig:
 
 
 def _channels_of(
-    stored: Mapping[str, Any],
+    stored: JsonObject,
 ) -> tuple[tuple[ChannelName, ...], float | None]:
     """The channels and the `depth_tolerance` of a stored measurement."""
     found = stored.get("channels") or {}

@@ -1,4 +1,4 @@
-"""The rules of the channels, the kinds of evidence beside the segmentation.
+"""The rules of the channels, the kinds of evidence besides the segmentation.
 
 A configuration names channels to try in order (`DecideConfig.channels`); the first with
 a number for a box judges it, and overwrites what the thresholds of the segmentation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Final, NamedTuple, TypedDict
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from filter_core.decisions.channel_rules import (
     explain_channel,
 )
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, Reason
+from filter_core.types import UNKNOWN_COLUMN, UNKNOWN_TAG, HiddenBy, Reason
 
 _HIDES_NOTHING: Final = frozenset(
     {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
@@ -24,17 +24,6 @@ _HIDES_NOTHING: Final = frozenset(
 """Tags of what lies around an object in its box, not in front of it."""
 
 _MOST_SHOWN: Final = 3
-
-
-class HiddenBy(TypedDict):
-    """A tag that a box's class does not accept.
-
-    `percent` is the share of the box's counted pixels that have it, 0..100.
-    """
-
-    tag: int
-    name: str
-    percent: float
 
 
 class Judgement(NamedTuple):
@@ -60,7 +49,7 @@ class Judgement(NamedTuple):
         Profile ``carlasimu``, which needs more than the threshold where profile
         ``paper`` needs at least the threshold.
     channel : ChannelJudgement or None
-        Given where a channel beside the segmentation judged the box.
+        Given where a channel besides the segmentation judged the box.
     """
 
     reason: Reason

@@ -1,9 +1,10 @@
-"""Decisions as the API and exports write them: plain dicts, and columns for labels.
+"""Decisions as they are written: dicts as in the API, and columns for exports.
 
 `decision_dicts` makes a `Decision` of each box, under the keys of the API, from columns
-of evidence and decisions; it reads no pixels. `decided_boxes` makes the columns that
-label formats are written from. `occlusion_levels` and `truncation` say how much of an
-object is hidden and cut off, in the terms of label formats.
+of evidence and decisions; it reads no pixels. Exports are written from columns:
+`decided_boxes` makes those of every format, `decision_columns` what tables of decisions
+have besides them. `occlusion_levels` and `truncation` say how much of an object is
+hidden and cut off, in the terms of label formats.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from filter_core.decisions.channel_rules import (
     ChannelJudgement,
     judged_by,
 )
-from filter_core.decisions.explain import HiddenBy, Judgement, explain, hidden_by
+from filter_core.decisions.explain import Judgement, explain, hidden_by
 from filter_core.decisions.rules import pixels_needed
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.types import (
@@ -31,13 +32,17 @@ from filter_core.types import (
     BoolArray,
     BoxesXYXY,
     DecidedBoxes,
+    DecisionColumns,
     Decisions,
     Evidence,
     FloatArray,
+    HiddenBy,
     IntArray,
     Reason,
     ReasonLabel,
     VerdictName,
+    counts_or_none,
+    floats_or_none,
 )
 
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]
@@ -111,9 +116,6 @@ class FrameFacts:
     names : mapping
         Id and class of boxes, such as ``("217", "car")``, by their position in the
         frame, for decisions that name the nearer box that explains another.
-    explained : bool
-        False: every `explanation` is empty and `edges` are None. Composing them takes
-        most of the time, and tables have no column for them.
     """
 
     key: str
@@ -121,7 +123,6 @@ class FrameFacts:
     family: str | None = None
     lossy: bool = False
     names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    explained: bool = True
 
 
 def decision_dicts(
@@ -136,7 +137,7 @@ def decision_dicts(
     Parameters
     ----------
     frame : FrameFacts, or one for each of N boxes
-        All frames have the same `config` and `explained`.
+        All frames have the same `config`.
     ids : N str
     evidence : Evidence of N boxes
     decisions : Decisions of N boxes
@@ -190,12 +191,47 @@ def decided_boxes(
     )
 
 
+def decision_columns(
+    frame: FrameFacts | Sequence[FrameFacts], evidence: Evidence, decisions: Decisions
+) -> DecisionColumns:
+    """What tables of decisions have besides `decided_boxes`, without answers of people.
+
+    Parameters
+    ----------
+    frame : FrameFacts, or one for each of N boxes
+        All frames have the same `config`.
+    evidence : Evidence of N boxes
+    decisions : Decisions of N boxes
+    """
+    count = len(evidence)
+    frames = [frame] * count if isinstance(frame, FrameFacts) else frame
+    return DecisionColumns(
+        threshold=decisions.threshold,
+        margin=decisions.margin,
+        toss_up=decisions.toss_up,
+        large=decisions.large,
+        matched_pixels=np.where(
+            evidence.measured, evidence.matched_pixels, NOT_MEASURED
+        ),
+        box_pixels=evidence.box_pixels,
+        area_percent=evidence.area_percent,
+        crowding=evidence.crowding,
+        explained_by=[
+            nearer and nearer[0] for nearer in _explaining_boxes(frames, evidence)
+        ],
+        hidden_by=_hiding_tags(frames, evidence),
+        reviewer=[None] * count,
+        comment=[None] * count,
+        config=frames[0].config.digest if frames else "",
+    )
+
+
 class _BoxFacts(NamedTuple):
     """What a `Decision` is composed from; None: unknown.
 
-    Percent, pixels and metres. `tag_counts` are the pixels of each tag in the box;
-    `pixels_needed` is what `rules.pixels_needed` gives; `channel`, `number` and
-    `needed` are those of `channel_rules.JudgedBy`.
+    Percent, pixels and metres. `pixels_needed` is what `rules.pixels_needed` gives;
+    `channel`, `number` and `needed` are those of `channel_rules.JudgedBy`; `nearer` is
+    the id and the class of the box that explains this one.
     """
 
     id: str
@@ -214,7 +250,7 @@ class _BoxFacts(NamedTuple):
     crowding: float | None
     distance: float | None
     accept_mask: int
-    tag_counts: Sequence[int] | None
+    hidden_by: list[HiddenBy]
     xyxy: list[float] | None
     amodal_xyxy: list[float] | None
     visible_xyxy: list[float] | None
@@ -223,7 +259,7 @@ class _BoxFacts(NamedTuple):
     number: float
     needed: float
     depth_gap: float | None
-    explained_by: int | None
+    nearer: tuple[str, str] | None
     visible_pixels: int | None
     occluded: OcclusionLevel
     tight_xyxy: list[float] | None
@@ -245,7 +281,9 @@ def _box_facts(
         **_decided(evidence, decisions),
         **_measured(evidence),
         "pixels_needed": pixels_needed(evidence, frames[0].config).tolist(),
-        **_projected(geometry, edges=frames[0].explained),
+        "hidden_by": _hiding_tags(frames, evidence),
+        "nearer": _explaining_boxes(frames, evidence),
+        **_projected(geometry),
         **_of_channels(evidence, frames[0].config),
     }
     absent = [None] * len(ids)
@@ -253,13 +291,39 @@ def _box_facts(
     yield from zip(frames, map(_BoxFacts._make, rows), strict=True)
 
 
+def _hiding_tags(
+    frames: Sequence[FrameFacts], evidence: Evidence
+) -> list[list[HiddenBy]]:
+    """What hides each of N boxes; nothing where no tags were counted."""
+    if evidence.tag_counts is None:
+        return [[] for _ in frames]
+    counts, masks = evidence.tag_counts.tolist(), evidence.accept_mask.tolist()
+    return [
+        [] if frame.family is None else hidden_by(of_tags, mask, frame.family)
+        for frame, of_tags, mask in zip(frames, counts, masks, strict=True)
+    ]
+
+
+def _explaining_boxes(
+    frames: Sequence[FrameFacts], evidence: Evidence
+) -> list[tuple[str, str] | None]:
+    """Id and class of the nearer box that explains each of N boxes, if one does."""
+    if evidence.channels is None:
+        return [None] * len(frames)
+    positions = evidence.channels.explained_by.tolist()
+    return [
+        frame.names.get(position)
+        for frame, position in zip(frames, positions, strict=True)
+    ]
+
+
 def _decided(evidence: Evidence, decisions: Decisions) -> dict[str, Sequence[object]]:
     names = evidence.class_names
     return {
         "class_name": [names[index] for index in evidence.class_index.tolist()],
         "reason": [Reason(code) for code in decisions.reason.tolist()],
-        "threshold": _numbers(decisions.threshold),
-        "margin": _numbers(decisions.margin),
+        "threshold": floats_or_none(decisions.threshold),
+        "margin": floats_or_none(decisions.margin),
         "toss_up": decisions.toss_up.tolist(),
         "large": decisions.large.tolist(),
     }
@@ -268,16 +332,14 @@ def _decided(evidence: Evidence, decisions: Decisions) -> dict[str, Sequence[obj
 def _measured(evidence: Evidence) -> dict[str, Sequence[object]]:
     columns: dict[str, Sequence[object]] = {
         "measured": evidence.measured.tolist(),
-        "match_percent": _numbers(_match_percent(evidence)),
+        "match_percent": floats_or_none(_match_percent(evidence)),
         "matched_pixels": evidence.matched_pixels.tolist(),
         "box_pixels": evidence.box_pixels.tolist(),
-        "area_percent": _numbers(evidence.area_percent),
-        "crowding": _numbers(evidence.crowding),
-        "distance": _numbers(evidence.distance),
+        "area_percent": floats_or_none(evidence.area_percent),
+        "crowding": floats_or_none(evidence.crowding),
+        "distance": floats_or_none(evidence.distance),
         "accept_mask": evidence.accept_mask.tolist(),
     }
-    if evidence.tag_counts is not None:
-        columns["tag_counts"] = evidence.tag_counts.tolist()
     if evidence.xyxy is not None:
         columns["xyxy"] = _rectangles(evidence.xyxy)
     return columns
@@ -291,21 +353,17 @@ def _match_percent(evidence: Evidence) -> FloatArray:
     return match
 
 
-def _projected(
-    geometry: BoxGeometry | None, *, edges: bool
-) -> dict[str, Sequence[object]]:
+def _projected(geometry: BoxGeometry | None) -> dict[str, Sequence[object]]:
     if geometry is None:
         return {}
-    columns: dict[str, Sequence[object]] = {
+    return {
         "amodal_xyxy": _rectangles(geometry.amodal_xyxy),
         "visible_xyxy": _rectangles(geometry.visible_xyxy),
-    }
-    if edges:
-        columns["edges"] = [
+        "edges": [
             None if lines is None else np.asarray(lines).tolist()
             for lines in geometry.edges
-        ]
-    return columns
+        ],
+    }
 
 
 def _of_channels(
@@ -325,21 +383,11 @@ def _of_channels(
         "channel": judged.channel,
         "number": judged.number.tolist(),
         "needed": judged.needed.tolist(),
-        "depth_gap": _numbers(numbers.depth_gap),
-        "explained_by": _counts(numbers.explained_by),
-        "visible_pixels": _counts(visible),
+        "depth_gap": floats_or_none(numbers.depth_gap),
+        "visible_pixels": counts_or_none(visible),
         "occluded": occlusion_levels(numbers.nearer_percent).tolist(),
         "tight_xyxy": _rectangles(numbers.tight_xyxy),
     }
-
-
-def _numbers(column: FloatArray) -> list[float | None]:
-    # NaN alone differs from itself.
-    return [None if value != value else value for value in column.tolist()]
-
-
-def _counts(column: IntArray) -> list[int | None]:
-    return [None if value == NOT_MEASURED else value for value in column.tolist()]
 
 
 def _rectangles(column: BoxesXYXY) -> list[list[float] | None]:
@@ -347,22 +395,13 @@ def _rectangles(column: BoxesXYXY) -> list[list[float] | None]:
 
 
 def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
-    hiding: list[HiddenBy] = []
-    if box.tag_counts is not None and frame.family is not None:
-        hiding = hidden_by(box.tag_counts, box.accept_mask, frame.family)
-    nearer = None
-    if box.explained_by is not None:
-        nearer = frame.names.get(box.explained_by)
-    explanation = ""
-    if frame.explained:
-        explanation = explain(_judgement(frame, box, hiding, nearer))
     return {
         "id": box.id,
         "frame": frame.key,
         "class": box.class_name,
         "verdict": box.reason.verdict.value,
         "reason": box.reason.label,
-        "explanation": explanation,
+        "explanation": explain(_judgement(frame, box)),
         "evidence": box.channel if box.measured or box.channel != SEMANTIC else None,
         "match_percent": box.match_percent,
         "threshold": box.threshold,
@@ -373,8 +412,8 @@ def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
         "box_pixels": box.box_pixels,
         "area_percent": box.area_percent,
         "crowding": box.crowding,
-        "explained_by": nearer[0] if nearer else None,
-        "hidden_by": hiding,
+        "explained_by": box.nearer and box.nearer[0],
+        "hidden_by": box.hidden_by,
         "lossy": frame.lossy,
         "distance": box.distance,
         "xyxy": box.xyxy,
@@ -389,13 +428,7 @@ def _decision(frame: FrameFacts, box: _BoxFacts) -> Decision:
     }
 
 
-def _judgement(
-    frame: FrameFacts,
-    box: _BoxFacts,
-    hiding: Sequence[HiddenBy],
-    nearer: tuple[str, str] | None,
-) -> Judgement:
-    """`nearer` is the id and the class of the box that explains this one."""
+def _judgement(frame: FrameFacts, box: _BoxFacts) -> Judgement:
     accepted = accepted_names(box.accept_mask, frame.family) if frame.family else ()
     channel = None
     if box.channel != SEMANTIC and box.reason in OPEN_TO_CHANNELS:
@@ -405,7 +438,7 @@ def _judgement(
             number=box.number,
             needed=box.needed,
             depth_gap=box.depth_gap,
-            nearer=f"{nearer[1]} {nearer[0]}" if nearer else None,
+            nearer=box.nearer and f"{box.nearer[1]} {box.nearer[0]}",
             accepted=accepted,
         )
     return Judgement(
@@ -420,7 +453,7 @@ def _judgement(
         pixels_needed=box.pixels_needed,
         distance=box.distance,
         accepted=accepted,
-        hidden_by=hiding,
+        hidden_by=box.hidden_by,
         as_carlasimu=frame.config.profile == "carlasimu",
         channel=channel,
     )

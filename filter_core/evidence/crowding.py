@@ -13,7 +13,7 @@ import numpy as np
 
 from filter_core.types import BoxesXYXY, FloatArray, IntArray
 
-_ALL_PAIRS: Final = 1 << 16
+_MOST_PAIRS: Final = 1 << 16
 """Up to this many pairs, comparing all of them at once is the fastest."""
 
 _LARGEST: Final = 96
@@ -32,7 +32,9 @@ _CHUNK: Final = 1 << 15
 """Pairs at a time: temporary arrays stay in the processor's cache."""
 
 
-def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
+def crowding_percent(
+    xyxy: BoxesXYXY, accept_mask: IntArray, *, most_pairs: int = _MOST_PAIRS
+) -> FloatArray:
     """The largest share of each box that one other box of an alike class covers.
 
     Parameters
@@ -41,6 +43,9 @@ def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
         Corrected boxes. NaN rows cover nothing and are covered by nothing.
     accept_mask : (N,) int64
         Boxes whose masks share a bit are alike.
+    most_pairs : int
+        Up to this many pairs, all are compared at once. It changes the time that this
+        takes, never the result.
 
     Returns
     -------
@@ -59,7 +64,7 @@ def crowding_percent(xyxy: BoxesXYXY, accept_mask: IntArray) -> FloatArray:
     if len(live) < 2:
         return percent
     boxes, masks = xyxy[live], accept_mask[live]
-    if len(live) ** 2 <= _ALL_PAIRS:
+    if len(live) ** 2 <= most_pairs:
         covered = _covered_among_few(boxes, masks)
     else:
         covered = _covered_among_many(boxes, masks)

@@ -227,7 +227,7 @@ def _refuse_ambiguous_family(segmentation: Segmentation, boxes: FrameBoxes) -> N
     rows = zip(boxes.class_index.tolist(), boxes.accept_mask.tolist(), strict=True)
     masks = {(boxes.class_names[index], mask) for index, mask in rows}
     for name, mask in sorted(masks):
-        # Whoever configured another mask knew the family: no ambiguity.
+        # A mask that is configured names tags of a known family: no ambiguity.
         if mask != accept_mask_of(name, segmentation.family):
             continue
         codes = _accepted_codes(segmentation, segmentation.family, mask)

@@ -86,7 +86,7 @@ def frame_silhouettes(
     xyxy : (N, 4) float64, px
         Corrected rectangles; boxes with NaN rows have no silhouette.
     vertices : (N, 8, 3) float64, metres
-        World corners; NaN rows for boxes that came as rectangles.
+        World corners; NaN rows for boxes given as rectangles.
     camera : Camera or None
         Needed if any box has corners.
     image_wh : (width, height), px

@@ -38,7 +38,7 @@ CARLASIMU: Final = Format(
 )
 
 
-@CARLASIMU.recogniser
+@CARLASIMU.detector
 def _likeness(source: Source) -> Likeness:
     return "none" if _camera_folder(source.path) is None else "certain"
 

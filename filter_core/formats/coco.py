@@ -45,8 +45,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    ChosenBox,
     ExportContext,
+    LabelBox,
     OutFrame,
     Traits,
     band_name,
@@ -67,7 +67,7 @@ COCO: Final = Format(
 )
 
 
-@COCO.recogniser
+@COCO.detector
 def _likeness(source: Source) -> Likeness:
     if source.path.is_file():
         return "certain" if source.path.suffix.lower() == ".json" else "none"
@@ -303,7 +303,7 @@ _OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance
 
 
 def _from_attributes(attributes: dict[str, object]) -> dict[str, object]:
-    """Under their own keys what `CocoWriter` had put under ``attributes``."""
+    """What `CocoWriter` puts under ``attributes``, again under its own keys."""
     known: dict[str, object] = {
         key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
     }
@@ -313,7 +313,7 @@ def _from_attributes(attributes: dict[str, object]) -> dict[str, object]:
 
 
 def _beside(given: dict[str, object], known: frozenset[str]) -> dict[str, object]:
-    """The keys of a file; those that mean something else here go under ``extra``."""
+    """Unknown keys of a file; those that have a meaning here go under ``extra``."""
     clashing = {key: value for key, value in given.items() if key in known}
     free = {key: value for key, value in given.items() if key not in known}
     return {**free, "extra": clashing} if clashing else free
@@ -406,7 +406,7 @@ class _CocoFile:
         yield b"}\n"
 
 
-def _described(one: ChosenBox, frame: ExportFrame) -> dict[str, object]:
+def _described(one: LabelBox, frame: ExportFrame) -> dict[str, object]:
     """One annotation, without its own id and that of its image."""
     x_min, y_min, x_max, y_max = one.xyxy
     bbox = [_round(v) for v in (x_min, y_min, x_max - x_min, y_max - y_min)]

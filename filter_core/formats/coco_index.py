@@ -1,4 +1,4 @@
-"""Where the images and boxes of a COCO file are in it, found in one pass.
+"""The byte positions of images and boxes in a COCO file, found in one pass.
 
 The file may have any length: it is read piece by piece, and what stays in memory is a
 few numbers for each image and box, with which each can be read again.
@@ -44,7 +44,7 @@ def index_coco(path: Path, name: str) -> CocoIndex:
 
 
 CocoId: TypeAlias = int | str
-"""What images and categories are told apart by; COCO has numbers, some tools text."""
+"""The id of an image or category: a number in COCO, a text in files of some tools."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +218,8 @@ class JsonItem:
     ----------
     key : str
     value : decoded JSON
-        Letters beyond ASCII in it are wrong: bytes were read as Latin-1. Whoever needs
-        them reads the value's bytes with `decode_value`.
+        Letters beyond ASCII in it are wrong, since bytes were read as Latin-1;
+        `decode_value` decodes the value's bytes correctly.
     start, end : int
         Its bytes in the file.
     is_empty : bool
@@ -233,24 +233,29 @@ class JsonItem:
     is_empty: bool = False
 
 
-def read_object(file: BinaryIO, name: str) -> Iterator[JsonItem]:
+_PIECE: Final = 1 << 20
+"""Bytes that are read at a time."""
+
+
+def read_object(
+    file: BinaryIO, name: str, *, piece_bytes: int = _PIECE
+) -> Iterator[JsonItem]:
     """The values of one JSON object; those of lists one by one.
+
+    `piece_bytes` are read at a time.
 
     Notes
     -----
     Bytes are read as Latin-1, so that a place in the text is a place in the file:
-    JSON's own signs are ASCII, and nothing in a value is needed but ids and numbers.
+    JSON's syntax is ASCII, and of a value only ids and numbers are used.
 
     Raises
     ------
     LayoutError
         Not one JSON object; names the file and the byte.
     """
-    yield from _Reader(file, name).items()
+    yield from _Reader(file, name, piece_bytes).items()
 
-
-_PIECE: Final = 1 << 20
-"""Bytes that are read at a time."""
 
 _MAX_VALUE: Final = 16 << 20
 """Bytes of one value; what is longer is no box and no image."""
@@ -264,8 +269,8 @@ _SPACE: Final = " \t\n\r"
 
 
 class _Reader:
-    def __init__(self, file: BinaryIO, name: str) -> None:
-        self._file, self._name = file, name
+    def __init__(self, file: BinaryIO, name: str, piece_bytes: int) -> None:
+        self._file, self._name, self._piece_bytes = file, name, piece_bytes
         self._text, self._at = "", 0
         self._before = 0
         self._decoder = json.JSONDecoder(parse_constant=_no_constant)
@@ -307,7 +312,7 @@ class _Reader:
                 return
 
     def _next(self) -> str:
-        """The next character that is no space; it stays to be read."""
+        """The next character that is not white space; it is not consumed."""
         while True:
             while self._at < len(self._text) and self._text[self._at] in _SPACE:
                 self._at += 1
@@ -342,8 +347,8 @@ class _Reader:
                 raise self._error("a JSON value", problem)
 
     def _more(self) -> bool:
-        """Read on: as much again as is left, so that a long value stays cheap."""
-        wanted = max(_PIECE, len(self._text) - self._at)
+        """Read as much again as is buffered, so that a long value takes linear time."""
+        wanted = max(self._piece_bytes, len(self._text) - self._at)
         piece = self._file.read(wanted)
         self._before += self._at
         self._text = self._text[self._at :] + piece.decode("latin-1")

@@ -13,8 +13,8 @@ from typing import ClassVar, Final
 from filter_core.formats.files import attributes, element, escaped, number_text
 from filter_core.formats.format import LABEL_NEEDS, LABEL_OPTIONS, Format
 from filter_core.formats.writing import (
-    ChosenBox,
     ExportContext,
+    LabelBox,
     OutFrame,
     Traits,
 )
@@ -95,7 +95,7 @@ def _label(name: str) -> str:
     )
 
 
-def _box(one: ChosenBox, boxes: DecidedBoxes) -> str:
+def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
     verdict = boxes.effective_verdict(one.row)
     corners = zip(("xtl", "ytl", "xbr", "ybr"), one.xyxy, strict=True)
     head = attributes(

@@ -1,21 +1,23 @@
 """Every decision of every frame, whatever its verdict: as JSONL, CSV or Parquet.
 
-JSONL has whole decisions, a line for each frame; the tables have a row for each box and
-a column for each plain value.
+JSONL has whole decisions, a line for each frame. The tables have a row for each box and
+a column for each plain value; they are written from columns, and no object is made for
+a box.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import islice
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from types import ModuleType
-from typing import Final
+from typing import Final, TypeAlias
 
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.errors import NotAvailable
 from filter_core.formats.export import (
+    ExportError,
     ExportFrame,
     ExportHead,
     ExportOptions,
@@ -24,19 +26,27 @@ from filter_core.formats.export import (
 from filter_core.formats.files import Spool, json_bytes
 from filter_core.formats.format import Format
 from filter_core.formats.tally import Counts, ExportTally
+from filter_core.types import (
+    VERDICTS,
+    Answer,
+    HiddenBy,
+    Reason,
+    counts_or_none,
+    floats_or_none,
+)
 
 DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",
     title="Decisions, JSON lines",
     holds="`decisions.jsonl`: every decision of every frame, one frame per line",
-    needs=frozenset({"decisions", "explanations", "annotation"}),
+    needs=frozenset({"decisions", "annotation"}),
 )
 
 DECISIONS_CSV: Final = Format(
     name="decisions-csv",
     title="Decisions, CSV",
     holds="`decisions.csv`: one row per box, for spreadsheets",
-    needs=frozenset({"decisions"}),
+    needs=frozenset({"decision_columns"}),
 )
 
 DECISIONS_PARQUET: Final = Format(
@@ -46,7 +56,7 @@ DECISIONS_PARQUET: Final = Format(
         "`decisions.parquet`: the same, for data frames; needs `pip install "
         "'unghost[parquet]'`"
     ),
-    needs=frozenset({"decisions"}),
+    needs=frozenset({"decision_columns"}),
 )
 
 
@@ -61,14 +71,14 @@ def _write_jsonl(
 def _write_csv(
     frames: Iterable[ExportFrame], sink: Sink, head: ExportHead, options: ExportOptions
 ) -> Counts:
-    return _write(frames, sink, head, _csv)
+    return _write(frames, sink, head, partial(_csv, most_rows=head.group_rows))
 
 
 @DECISIONS_PARQUET.writer
 def _write_parquet(
     frames: Iterable[ExportFrame], sink: Sink, head: ExportHead, options: ExportOptions
 ) -> Counts:
-    return _write(frames, sink, head, _parquet)
+    return _write(frames, sink, head, partial(_parquet, group_rows=head.group_rows))
 
 
 def _write(
@@ -101,7 +111,7 @@ def _write(
     NotAvailable
         Parquet, without the library that writes it.
     """
-    with ExportTally(head) as tally, Spool(head.temporary) as spool:
+    with ExportTally(head) as tally, Spool(head.temporary, head.buffer_bytes) as spool:
         name = head.format.replace("-", ".")  # decisions.jsonl and so on
         sink(name, pieces(_counted(frames, tally), spool))
         sink("manifest.json", tally.manifest())
@@ -113,12 +123,12 @@ def _counted(
 ) -> Iterator[ExportFrame]:
     for frame in frames:
         tally.frame(frame)
-        tally.written(tally.came(frame))
+        tally.written(tally.count_boxes(frame))
         yield frame
 
 
 def _jsonl(frames: Iterator[ExportFrame], _spool: Spool) -> Iterator[bytes]:
-    """A line for each frame; 3D boxes come out as they came in."""
+    """A line for each frame; 3D boxes are written as given."""
     for frame in frames:
         decisions = [
             {**decision, **{form: box[form] for form in FORMS_3D if form in box}}
@@ -131,15 +141,17 @@ def _jsonl(frames: Iterator[ExportFrame], _spool: Spool) -> Iterator[bytes]:
 _ROWS_AT_ONCE: Final = 500
 
 
-def _csv(frames: Iterator[ExportFrame], _spool: Spool) -> Iterator[bytes]:
+def _csv(
+    frames: Iterator[ExportFrame], _spool: Spool, most_rows: int
+) -> Iterator[bytes]:
     """RFC 4180 with a header, some hundred rows at a time."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(COLUMNS)
-    for number, row in enumerate(_rows(frames), start=1):
-        writer.writerow([_cell(row[name]) for name in COLUMNS])
-        if number % _ROWS_AT_ONCE == 0:
-            yield _drained(text)
+    for rows in _groups(frames, min(_ROWS_AT_ONCE, most_rows)):
+        columns = [_cells(rows[name], kind) for name, kind in COLUMNS.items()]
+        writer.writerows(zip(*columns, strict=True))
+        yield _drained(text)
     yield _drained(text)
 
 
@@ -175,42 +187,87 @@ COLUMNS: Final[Mapping[str, type]] = {
 """Every column and what it holds; any value may be missing."""
 
 
-def _rows(frames: Iterable[ExportFrame]) -> Iterator[dict[str, object]]:
-    """Every box of every frame under the names of `COLUMNS`."""
+_Columns: TypeAlias = dict[str, Sequence[object]]
+"""Lists of equal length under the names of `COLUMNS`; None where a value is missing."""
+
+
+def _groups(frames: Iterable[ExportFrame], size: int) -> Iterator[_Columns]:
+    """The boxes of all frames, `size` at a time; fewer at the end."""
+    waiting: dict[str, list[object]] = {name: [] for name in COLUMNS}
     for frame in frames:
-        for decision in frame.decisions:
-            yield _row(frame, decision)
+        if not len(frame.boxes):
+            continue
+        for name, values in _columns_of(frame).items():
+            waiting[name].extend(values)
+        while len(waiting["box"]) >= size:
+            yield {name: values[:size] for name, values in waiting.items()}
+            waiting = {name: values[size:] for name, values in waiting.items()}
+    if waiting["box"]:
+        yield dict(waiting)
 
 
-def _row(frame: ExportFrame, decision: Mapping[str, object]) -> dict[str, object]:
-    found, hiding, xyxy = map(decision.get, ("review", "hidden_by", "xyxy"))
-    review = found if isinstance(found, dict) else {}
-    tags = hiding if isinstance(hiding, list) else []
-    corners = xyxy if isinstance(xyxy, list) else [None] * len(_CORNERS)
-    return {
-        **{name: decision.get(name) for name in COLUMNS},
-        **dict(zip(_CORNERS, corners, strict=True)),
-        "frame": frame.key,
-        "map": frame.map,
-        "box": decision["id"],
-        "effective_verdict": decision.get("effective_verdict") or decision["verdict"],
-        "hidden_by": "; ".join(f"{tag['name']} {tag['percent']:.1f}" for tag in tags),
-        "review": review.get("verdict"),
-        "reviewer": review.get("reviewer"),
-        "comment": review.get("comment"),
+def _columns_of(frame: ExportFrame) -> _Columns:
+    boxes, more = frame.boxes, frame.columns
+    if more is None:
+        raise ExportError(f"{frame.key}: the columns of its decisions are missing")
+    corners = dict(zip(_CORNERS, boxes.xyxy.T, strict=True))
+    names = [boxes.class_names[index] for index in boxes.class_index.tolist()]
+    found: _Columns = {
+        "frame": [frame.key] * len(boxes),
+        "map": [frame.map] * len(boxes),
+        "box": boxes.ids,
+        "class": names,
+        "verdict": [VERDICTS[code].value for code in boxes.verdict.tolist()],
+        "effective_verdict": [
+            VERDICTS[code].value for code in boxes.effective.tolist()
+        ],
+        "reason": [Reason(code).label for code in boxes.reason.tolist()],
+        "match_percent": floats_or_none(boxes.match_percent),
+        "threshold": floats_or_none(more.threshold),
+        "margin": floats_or_none(more.margin),
+        "toss_up": more.toss_up.tolist(),
+        "large": more.large.tolist(),
+        "matched_pixels": counts_or_none(more.matched_pixels),
+        "box_pixels": more.box_pixels.tolist(),
+        "area_percent": floats_or_none(more.area_percent),
+        "crowding": floats_or_none(more.crowding),
+        "explained_by": more.explained_by,
+        "hidden_by": [_tags_in_words(tags) for tags in more.hidden_by],
+        "lossy": boxes.lossy.tolist(),
+        "distance": floats_or_none(boxes.distance),
+        **{name: floats_or_none(column) for name, column in corners.items()},
+        "review": [_ANSWERS[code] for code in boxes.answer.tolist()],
+        "reviewer": more.reviewer,
+        "comment": more.comment,
+        "config": [more.config] * len(boxes),
     }
+    return found
+
+
+_ANSWERS: Final = [None, *(answer.name.lower() for answer in Answer if answer)]
+"""What a person said, by the number of the `Answer`."""
+
+
+def _tags_in_words(tags: Sequence[HiddenBy]) -> str:
+    return "; ".join(f"{tag['name']} {tag['percent']:.1f}" for tag in tags)
 
 
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
-def _cell(value: object) -> object:
-    """A value as CSV has it; text that looks like a formula gets an apostrophe."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str) and value.startswith(_FORMULA):
-        return f"'{value}"
-    return "" if value is None else value
+def _cells(column: Sequence[object], kind: type) -> Sequence[object]:
+    """A column as CSV has it; text that looks like a formula gets an apostrophe."""
+    if kind is bool:
+        return ["true" if value else "false" for value in column]
+    if kind is str:
+        return [
+            f"'{value}"
+            if isinstance(value, str) and value.startswith(_FORMULA)
+            else value
+            for value in column
+        ]
+    # The writer leaves a cell empty where there is None.
+    return column
 
 
 def _drained(text: io.StringIO) -> bytes:
@@ -242,12 +299,12 @@ def require_parquet() -> ModuleType:
     return library
 
 
-_ROWS_PER_GROUP: Final = 20_000
-
 _TYPES: Final = {str: "string", float: "float64", int: "int64", bool: "bool_"}
 
 
-def _parquet(frames: Iterator[ExportFrame], spool: Spool) -> Iterator[bytes]:
+def _parquet(
+    frames: Iterator[ExportFrame], spool: Spool, group_rows: int
+) -> Iterator[bytes]:
     """A group of rows at a time, into a file first: Parquet's index comes last."""
     pyarrow = require_parquet()
     schema = pyarrow.schema(
@@ -255,20 +312,18 @@ def _parquet(frames: Iterator[ExportFrame], spool: Spool) -> Iterator[bytes]:
     )
     target = pyarrow.PythonFile(spool.file, mode="w")
     with pyarrow.parquet.ParquetWriter(target, schema, compression="zstd") as writer:
-        for group in _groups(_rows(frames)):
-            writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
+        for rows in _groups(frames, group_rows):
+            columns = {
+                name: _encodable(rows[name]) if kind is str else rows[name]
+                for name, kind in COLUMNS.items()
+            }
+            writer.write_table(pyarrow.Table.from_pydict(columns, schema=schema))
     yield from spool.pieces()
 
 
-def _groups(rows: Iterable[Mapping[str, object]]) -> Iterator[list[dict[str, object]]]:
-    left = iter(rows)
-    while group := [_plain(row) for row in islice(left, _ROWS_PER_GROUP)]:
-        yield group
-
-
-def _plain(row: Mapping[str, object]) -> dict[str, object]:
-    """The row, with text that can be encoded: half a surrogate pair becomes ``?``."""
-    return {
-        name: value.encode("utf-8", "replace").decode() if type(value) is str else value
-        for name, value in row.items()
-    }
+def _encodable(column: Sequence[object]) -> list[object]:
+    """Text that can be encoded: half a surrogate pair becomes ``?``."""
+    return [
+        value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
+        for value in column
+    ]

@@ -2,7 +2,7 @@
 
 Frames come one at a time, and the sink takes each file in pieces, so that an export
 never has a whole dataset in memory. The options are the same for every format; each
-says which it heeds.
+names those that it uses.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias, get_args
+from typing import Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -21,8 +21,14 @@ from filter_core.annotation.frame import FORMS_3D, frame_vertices, given_rectang
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS, parse_annotation
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
-from filter_core.types import BoolArray, BoxesXYXY, DecidedBoxes, FloatArray
-from filter_core.values import Faults
+from filter_core.types import (
+    BoolArray,
+    BoxesXYXY,
+    DecidedBoxes,
+    DecisionColumns,
+    FloatArray,
+)
+from filter_core.values import Faults, JsonObject
 
 IMAGE_SUFFIX: Final = {"image/png": ".png", "image/jpeg": ".jpg"}
 
@@ -44,7 +50,7 @@ _CHOICES: Final = {
 MAX_BANDS: Final = 16
 
 MAX_BAND: Final = 100_000
-"""Metres; a label folder is named after its band."""
+"""The largest distance that a band can have, metres."""
 
 Sink: TypeAlias = Callable[[str, Iterable[bytes]], None]
 """Takes a file's name inside the export and its content, piece by piece."""
@@ -73,6 +79,8 @@ class ExportFrame:
         What is known of each decision, as
         `filter_core.decisions.record.decision_dicts` makes it; a server adds what only
         it knows. Empty for formats that do not write them.
+    columns : DecisionColumns or None
+        What tables have of the same boxes besides `boxes`; None for other formats.
     """
 
     key: str
@@ -84,11 +92,12 @@ class ExportFrame:
     read_image: Callable[[], bytes] | None = None
     palette: str | None = None
     decisions: Sequence[Mapping[str, object]] = ()
+    columns: DecisionColumns | None = None
 
 
 @dataclass(frozen=True)
 class ExportHead:
-    """What an export says of itself.
+    """What a writer has to know of an export as a whole.
 
     Attributes
     ----------
@@ -97,9 +106,14 @@ class ExportHead:
     facts : mapping
         The first keys of ``manifest.json``: dataset, run, config digest, last review.
     expected_boxes : int or None
-        As many boxes must come, or the export fails.
+        The number of boxes in all; with any other number the export fails.
     temporary : Path or None
-        Where parts wait that do not fit into memory; else the system's own place.
+        The folder for temporary files. Default: the system's.
+    buffer_bytes : int
+        How much of each temporary file is held in memory.
+    group_rows : int
+        Rows of a table that are written together, at most: a row group of a Parquet
+        file.
     format : str
         The format's name; `filter_core.formats.registry.write_export` fills it in.
     """
@@ -108,6 +122,8 @@ class ExportHead:
     facts: Mapping[str, object] = field(default_factory=dict)
     expected_boxes: int | None = None
     temporary: Path | None = None
+    buffer_bytes: int = 1024 * 1024
+    group_rows: int = 20_000
     format: str = ""
 
 
@@ -120,7 +136,7 @@ class ExportOptions:
     include : ``effective`` (what a person or else the filter keeps), ``kept`` (what the
         filter keeps, whatever people say) or ``all``
     include_unmeasured : bool
-        Also boxes that nothing could be measured of and nobody has decided.
+        Also boxes that could not be measured and that nobody has answered.
     rejected : ``drop``, or ``dontcare``: as regions that training and scoring ignore,
         where the format has such a thing
     boxes : ``visible``, ``amodal`` or ``tight`` rectangles, where a box has several
@@ -152,13 +168,13 @@ class ExportOptions:
                 raise _bad("bands", f"whole metres from 1 to {MAX_BAND}", f"{band}")
 
     @classmethod
-    def from_mapping(cls, given: Mapping[str, Any]) -> ExportOptions:
+    def from_mapping(cls, given: JsonObject) -> ExportOptions:
         """Options by name, as JSON or a command line gives them.
 
         Raises
         ------
         ExportError
-            An option that there is not, or a value that it cannot have.
+            An unknown option, or a value that is not allowed.
         """
         names = [field.name for field in fields(cls)]
         for name in given.keys() - set(names):
@@ -184,15 +200,14 @@ class ExportError(FilterError):
 
 
 class GivenAnnotation:
-    """One frame's annotation as it came, read no further than somebody asks for.
+    """One frame's annotation as it was sent; it is decoded when a part of it is used.
 
-    It was checked when it came in, and is not checked again.
+    It was checked when it was sent, and is not checked again.
 
     Parameters
     ----------
     read : callable
-        Gives the annotation; called at most once, and only if something of it is
-        wanted.
+        Gives the annotation; called at most once, and only if a part of it is used.
     wh : (width, height) of the image, px
     crowds : bool
         Whether boxes of it may be crowds. False spares reading it only to see that
@@ -201,7 +216,7 @@ class GivenAnnotation:
 
     def __init__(
         self,
-        read: Callable[[], Mapping[str, Any]],
+        read: Callable[[], JsonObject],
         wh: tuple[int, int],
         *,
         crowds: bool = True,
@@ -211,13 +226,13 @@ class GivenAnnotation:
         self.may_have_crowds = crowds
 
     @cached_property
-    def frame(self) -> Mapping[str, Any]:
+    def frame(self) -> JsonObject:
         """All of it."""
         return self._read()
 
     @property
     def boxes(self) -> Sequence[Mapping[str, object]]:
-        """Each box with the keys it came with, those of other products among them."""
+        """Each box with all its keys as given, also those of other products."""
         boxes: Sequence[Mapping[str, object]] = self.frame.get("boxes", ())
         return boxes
 
@@ -234,7 +249,7 @@ class GivenAnnotation:
         return frame_vertices(parse_annotation(self.frame))
 
     def rectangles(self, rows: Sequence[int]) -> BoxesXYXY:
-        """The rectangles of some boxes as they came, see `given_rectangles`."""
+        """The rectangles of some boxes as given; see `given_rectangles`."""
         boxes = self.boxes
         return given_rectangles([boxes[row] for row in rows], self._wh)
 

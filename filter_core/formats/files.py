@@ -1,4 +1,4 @@
-"""Files of an export: their names, their text, and where it waits until it is written.
+"""Files of an export: their names, their text, and temporary storage for it.
 
 Keys of frames come from users: a name made of one is never a path that leads elsewhere.
 A spool holds pieces that are written later, in memory while they are few, else on disk.
@@ -39,8 +39,6 @@ _MAX_PART_BYTES: Final = 180
 
 _IN_PLACE_OF_SLASH: Final = "__"
 
-_IN_MEMORY: Final = 1024 * 1024
-
 _PIECE: Final = 64 * 1024
 
 _IMPOSSIBLE: Final = re.compile(
@@ -60,7 +58,7 @@ def file_stem(key: str) -> str:
 
 
 class FileNames:
-    """Stems that stay apart where a system takes capitals or accents for the same.
+    """Makes stems that differ also where a file system ignores case or accents.
 
     Windows and macOS would unpack ``a`` over ``A``. The first in the order of the
     export keeps its name, any other gets a piece of its key's digest, so the same
@@ -84,7 +82,7 @@ class FileNames:
         return stem
 
     def _is_taken(self, stem: str) -> bool:
-        """Whether it was there before; now it is."""
+        """Whether the name was used before; from now on it is."""
         alike = unicodedata.normalize("NFKC", stem.casefold()).casefold()
         digest = hashlib.sha256(alike.encode("utf-8", "surrogatepass")).digest()
         mark = int.from_bytes(digest[:8], "big")
@@ -103,7 +101,7 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
     Raises
     ------
     ExportError
-        There is something already, or a file would not stay inside.
+        The folder exists already, or a file's path leads out of it.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ExportError(f"{folder.name}: expected a new or an empty folder")
@@ -121,11 +119,15 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
 
 
 class Spool:
-    """Takes bytes now and gives them back in pieces; a context manager."""
+    """Takes bytes now and gives them back in pieces; a context manager.
 
-    def __init__(self, folder: Path | None = None) -> None:
+    Up to `buffer_bytes` are held in memory, more in a file in `folder`.
+    """
+
+    def __init__(self, folder: Path | None, buffer_bytes: int) -> None:
         place = None if folder is None else str(folder)
-        self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY, dir=place)  # noqa: SIM115  # closed by __exit__
+        self._file = tempfile.SpooledTemporaryFile(max_size=buffer_bytes, dir=place)  # noqa: SIM115  # closed by __exit__
+        self._piece_bytes = min(_PIECE, buffer_bytes)
         self._count = 0
 
     def __enter__(self) -> Spool:
@@ -162,7 +164,7 @@ class Spool:
     def pieces(self) -> Iterator[bytes]:
         """Everything that was kept, from the start."""
         self._file.seek(0)
-        while piece := self._file.read(_PIECE):
+        while piece := self._file.read(self._piece_bytes):
             yield piece
 
 
@@ -176,7 +178,7 @@ def json_bytes(value: object, *, by_key: bool = False) -> bytes:
 
 
 def number_text(value: float) -> str:
-    """At least two decimals, as KITTI has, and up to four where they say more."""
+    """The number with two decimals, as in KITTI, or up to four if it has more."""
     # Adding zero takes the sign from a zero that was rounded.
     text = f"{round(value, 4) + 0.0:.4f}"
     return text[:-2] if text.endswith("00") else text.removesuffix("0")

@@ -22,10 +22,11 @@ from filter_core.formats.reading import FrameSet, ReadOptions, walk
 from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
-Likeness: TypeAlias = Literal["certain", "possible", "none"]
+Likeness: TypeAlias = Literal["certain", "possible", "otherwise", "none"]
 """How sure a format is that a folder is its own.
 
-The first that is ``certain`` is taken; one that is ``possible``, if no other is either.
+The first that is ``certain`` is taken; one that is ``possible``, if no other is either;
+the first that is ``otherwise``, if no other format is more than that.
 """
 
 FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
@@ -34,13 +35,13 @@ FRAME_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 LABEL_OPTIONS: Final = FRAME_OPTIONS | {"boxes", "split"}
 """Those that nearly every format of labels has."""
 
-Need: TypeAlias = Literal["annotation", "image", "decisions", "explanations"]
+Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"]
 """What of a frame not every format writes.
 
-``annotation``: the annotation as it came, which is read when something of it is asked
-for (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: what is
-known of each decision, composed as for the API; ``explanations``: with them the
-sentences that explain them and the edges of 3D boxes, which take the most time.
+``annotation``: the annotation as given, which is read when something of it is asked
+for (`ExportFrame.given`); ``image``: the image, or its type; ``decisions``: an object
+for each box, composed as for the API, which takes the most time; ``decision_columns``:
+what tables have of it (`ExportFrame.columns`).
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
@@ -82,7 +83,7 @@ class Write(Protocol):
         """Read frames once, one at a time; returns the counts."""
 
 
-_Recogniser = TypeVar("_Recogniser", bound=Callable[[Source], Likeness])
+_Detector = TypeVar("_Detector", bound=Callable[[Source], Likeness])
 
 _Reader = TypeVar("_Reader", bound=Callable[[Path, ReadOptions], FrameSet])
 
@@ -97,7 +98,7 @@ _Requirement = TypeVar("_Requirement", bound=Callable[[], object])
 class Format:
     """A format of annotated frames, declared at the head of its module.
 
-    What it can do follows in the module, each function under a decorator: `recogniser`,
+    What it can do follows in the module, each function under a decorator: `detector`,
     `reader`, `writer` (or `label_writer`) and `requirement`. What it cannot do stays
     None.
 
@@ -112,10 +113,10 @@ class Format:
     recognised_by : str
         What `likeness` looks for, in words.
     options : frozenset of str
-        The names of the `ExportOptions` that `write` heeds; any other must stay as it
-        is.
+        The names of the `ExportOptions` that `write` uses; any other must keep its
+        default.
     needs : frozenset of `Need`
-        What of a frame `write` needs beside the columns of its boxes.
+        What of a frame `write` needs besides the columns of its boxes.
     likeness : callable or None
         Whether a source is in this format, told without reading its labels.
     read : callable or None
@@ -138,7 +139,7 @@ class Format:
     write: Write | None = field(default=None, init=False)
     require: Callable[[], object] | None = field(default=None, init=False)
 
-    def recogniser(self, likeness: _Recogniser) -> _Recogniser:
+    def detector(self, likeness: _Detector) -> _Detector:
         """Decorates the function that is `likeness`."""
         self.likeness = likeness
         return likeness

@@ -35,7 +35,7 @@ from filter_core.formats.format import (
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
-    FrameFiles,
+    FrameFileNames,
     FrameSet,
     FrameSource,
     ReadOptions,
@@ -49,15 +49,15 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    ChosenBox,
     ExportContext,
+    LabelBox,
     OutFrame,
     Traits,
     clipped,
 )
 from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.camera import CARLA_TO_IMAGE_AXES, Camera
-from filter_core.images.header import read_image_header
+from filter_core.images.header import read_image_size
 from filter_core.types import FloatArray
 
 KITTI: Final = Format(
@@ -82,7 +82,7 @@ _CALIBRATIONS: Final = "calib"
 _PLACES: Final = ("", "training")
 
 
-@KITTI.recogniser
+@KITTI.detector
 def _likeness(source: Source) -> Likeness:
     return "none" if _kitti_folder(source.path) is None else "certain"
 
@@ -142,7 +142,7 @@ class _KittiFolders:
 
 def _read_frames(
     folders: _KittiFolders,
-    frames: Sequence[FrameFiles],
+    frames: Sequence[FrameFileNames],
     calibrations: dict[str, str | None],
 ) -> Iterator[FrameSource]:
     for files in frames:
@@ -158,7 +158,7 @@ def _read_frames(
 
 
 def _annotation(
-    folders: _KittiFolders, files: FrameFiles, calibration: str | None
+    folders: _KittiFolders, files: FrameFileNames, calibration: str | None
 ) -> dict[str, object]:
     text = read_label_text(folders.labels / files.label, files.label)
     lines = _read_kitti_lines(text, files.label)
@@ -297,17 +297,17 @@ def _distance(vertices: FloatArray, camera: Camera | None) -> float:
 
 
 def _camera(
-    folders: _KittiFolders, files: FrameFiles, calibration: str | None
+    folders: _KittiFolders, files: FrameFileNames, calibration: str | None
 ) -> Camera | None:
     """The frame's camera, with the size of its image; None if either is missing."""
     if calibration is None or files.image is None:
         return None
     try:
-        header = read_image_header((folders.images / files.image).read_bytes())
+        wh = read_image_size((folders.images / files.image).read_bytes())
     except OSError as exc:
         raise LayoutError(f"{files.image}: cannot be read: {exc.strerror}") from exc
     text = read_label_text(folders.calibrations / calibration, calibration)
-    return _read_calibration(text, calibration, header.wh)
+    return _read_calibration(text, calibration, wh)
 
 
 def _read_calibration(text: str, name: str, wh: tuple[int, int]) -> Camera:
@@ -385,7 +385,7 @@ class KittiWriter:
         for part, spool in self._parts.items():
             self._context.sink(f"ImageSets/{part}.txt", spool.pieces())
 
-    def _line(self, one: ChosenBox, frame: ExportFrame) -> str:
+    def _line(self, one: LabelBox, frame: ExportFrame) -> str:
         if one.ignored:
             return _ignored(one.xyxy)
         box = frame.given.boxes[one.row]
@@ -444,7 +444,7 @@ def _first_level(*levels: object) -> int:
 
 
 def _columns_3d(
-    one: ChosenBox, frame: ExportFrame, given: Mapping[str, object]
+    one: LabelBox, frame: ExportFrame, given: Mapping[str, object]
 ) -> tuple[float, Sequence[float]]:
     """Alpha and the seven 3D columns."""
     camera = frame.given.camera
@@ -530,7 +530,7 @@ def _half_turn(angle: float) -> float:
 
 
 def _regions(out: OutFrame) -> list[list[float]]:
-    """Regions to ignore that came with the frame."""
+    """Regions to ignore of the frame as given."""
     given = out.frame.given.frame.get("dontcare")
     rows = given if isinstance(given, list) else []
     usable = [row for row in rows if isinstance(row, list) and _is_rectangle(row)]

@@ -17,8 +17,8 @@ from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import attributes
 from filter_core.formats.format import LABEL_NEEDS, LABEL_OPTIONS, Format
 from filter_core.formats.writing import (
-    ChosenBoxes,
     ExportContext,
+    LabelBoxes,
     OutFrame,
     Traits,
 )
@@ -82,7 +82,7 @@ class LabelStudioWriter:
         config = _label_config(self._context.head.classes)
         self._context.sink("label_config.xml", [config.encode("utf-8", "replace")])
 
-    def _prediction(self, chosen: ChosenBoxes, frame: ExportFrame) -> dict[str, object]:
+    def _prediction(self, chosen: LabelBoxes, frame: ExportFrame) -> dict[str, object]:
         digest = self._context.head.facts.get("config")
         found = (_score(row, frame) for row in chosen.row.tolist())
         scores = [score for score in found if score is not None]
@@ -98,7 +98,7 @@ class LabelStudioWriter:
         yield b"\n]\n"
 
 
-def _regions(chosen: ChosenBoxes, frame: ExportFrame) -> list[dict[str, object]]:
+def _regions(chosen: LabelBoxes, frame: ExportFrame) -> list[dict[str, object]]:
     return [_region(one.row, one.xyxy, frame) for one in chosen]
 
 

@@ -1,6 +1,6 @@
 """The product's own format: a JSONL file with a line for each frame.
 
-A line is the frame's annotation as it came, its key, and the paths of its files; an
+A line is the frame's annotation as given, its key, and the paths of its files; an
 export leaves out the boxes that are rejected, and changes nothing else.
 """
 
@@ -22,11 +22,14 @@ from filter_core.formats.format import (
     Source,
 )
 from filter_core.formats.reading import (
+    KEYS_NAME,
     MAX_KEY,
     MAX_LABEL_BYTES,
     FrameSet,
     FrameSource,
     ReadOptions,
+    last_name,
+    walk,
 )
 from filter_core.formats.writing import ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
@@ -48,8 +51,8 @@ MANIFEST: Final = Format(
     name="manifest",
     title="Unghost's own manifest",
     holds=(
-        "`manifest.jsonl`: each [annotation](api.md#a-frames-annotation) as it "
-        "came, without the boxes that are rejected; unknown keys, 3D boxes and "
+        "`manifest.jsonl`: each [annotation](api.md#a-frames-annotation) as "
+        "given, without the boxes that are rejected; unknown keys, 3D boxes and "
         "cameras included"
     ),
     recognised_by=MANIFEST_NAME,
@@ -58,12 +61,29 @@ MANIFEST: Final = Format(
 )
 
 
-@MANIFEST.recogniser
+@MANIFEST.detector
 def _likeness(source: Source) -> Likeness:
     path = source.path
     if path.is_file():
         return "none" if path.suffix.lower() == ".json" else "certain"
-    return "certain" if (path / MANIFEST_NAME).is_file() else "none"
+    if (path / MANIFEST_NAME).is_file():
+        return "certain"
+    return "none" if manifest_of(path) is None else "otherwise"
+
+
+def manifest_of(source: Path) -> Path | None:
+    """The manifest of a folder, or the file itself; None if there is none.
+
+    In a folder that is ``manifest.jsonl``, else the only other ``.jsonl`` file in it.
+    """
+    if source.is_file():
+        return source
+    path = source / MANIFEST_NAME
+    if path.is_file():
+        return path
+    lines = (name for name in walk(source, (".jsonl",)) if last_name(name) != KEYS_NAME)
+    first, second = next(lines, None), next(lines, None)
+    return source / first if first is not None and second is None else None
 
 
 _FILES: Final = (
@@ -89,8 +109,8 @@ def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
     LayoutError
         There is no such file.
     """
-    path = source / MANIFEST_NAME if source.is_dir() else source
-    if not path.is_file():
+    path = manifest_of(source)
+    if path is None:
         raise LayoutError(f"expected {MANIFEST_NAME}, found no such file")
     return FrameSet(layout="manifest", frames=lambda: _read_lines(path, options))
 
@@ -131,7 +151,7 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
         given = raw.pop(name, None)
         if isinstance(given, str) and given:
             base = options.segmentation if name == "segmentation" else None
-            files[name] = (base or folder) / given
+            files[name] = _path(base or folder, given)
         elif given is not None:
             problem = LayoutError(
                 f"{at}, {name}: expected a path, found {shown(given)}"
@@ -146,6 +166,14 @@ def _read_line(line: bytes, at: str, folder: Path, options: ReadOptions) -> Fram
     )
 
 
+def _path(folder: Path, given: str) -> Path:
+    """A path as a line gives it, which may have been written on Windows."""
+    path = folder / given
+    if "\\" in given and not path.exists():
+        return folder / given.replace("\\", "/")
+    return path
+
+
 def _problem(at: str, expected: str, found: str, key: str = "") -> FrameSource:
     error = LayoutError(f"{at}: expected {expected}, found {found}")
     return FrameSource(key=key or at, annotation=None, problem=error)
@@ -158,8 +186,8 @@ _OURS: Final = frozenset({"boxes", "key", *_FILES})
 class ManifestWriter:
     """Writes ``manifest.jsonl`` and ``images/STEM.png``.
 
-    A box that goes out is the box that came in: its geometry in whatever form, 3D
-    boxes, cameras and every key that nobody here knows. Nothing is clipped.
+    A box is written as it was given: its geometry in whatever form, 3D
+    boxes, cameras and every unknown key. Nothing is clipped.
     """
 
     traits: ClassVar[Traits] = Traits(crowds=True, unplaced=True)

@@ -129,8 +129,8 @@ class ReadOptions:
 
 
 @dataclass(frozen=True)
-class FrameFiles:
-    """The files of one frame, each relative to the folder it was searched in.
+class FrameFileNames:
+    """The names of one frame's files, each relative to the folder it was found in.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def segmentation_folder(root: Path) -> Path | None:
 
 
 def band_folders(root: Path) -> list[Path]:
-    """Labels of distance bands beside ``labels``, which hold the same boxes again."""
+    """Labels of distance bands next to ``labels``, which hold the same boxes again."""
     if not any((root / name).is_dir() for name in ("labels", "Annotations")):
         return []
     return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
@@ -174,10 +174,10 @@ def walk(
         folders[:] = sorted(
             name
             for name in folders
-            if not _is_hidden(name) and (Path(folder) / name).resolve() not in skipped
+            if not is_hidden(name) and (Path(folder) / name).resolve() not in skipped
         )
         for name in sorted(files):
-            if not _is_hidden(name) and Path(name).suffix.lower() in suffixes:
+            if not is_hidden(name) and Path(name).suffix.lower() in suffixes:
                 yield (Path(folder) / name).relative_to(root).as_posix()
 
 
@@ -185,7 +185,7 @@ def match(
     labels: Iterable[str],
     images: Iterable[str],
     segmentations: Iterable[str] = (),
-) -> tuple[list[FrameFiles], tuple[Unmatched, ...]]:
+) -> tuple[list[FrameFileNames], tuple[Unmatched, ...]]:
     """One entry per label file, in the order of the keys, and all that is left over."""
     label_index = FileIndex(labels)
     image_index, tag_index = FileIndex(images), FileIndex(segmentations)
@@ -196,7 +196,7 @@ def match(
         alone = label_index.is_only_base(key)
         image = image_index.take(key, by_base=alone)
         tags = tag_index.take(key, by_base=alone)
-        frames.append(FrameFiles(key, label, image, tags))
+        frames.append(FrameFileNames(key, label, image, tags))
     unmatched = (
         *label_index.unmatched,
         *image_index.left_over("no label file for this image"),
@@ -206,14 +206,20 @@ def match(
 
 
 class FileIndex:
-    """Files by frame key; a second file of the same key is noted, not taken."""
+    """Files by frame key; a second file of the same key is noted, not taken.
 
-    def __init__(self, files: Iterable[str]) -> None:
+    `key_of` gives the key of a file; that is `frame_key` where it is not told.
+    """
+
+    def __init__(
+        self, files: Iterable[str], key_of: Callable[[str], str] | None = None
+    ) -> None:
+        key_of = key_of or frame_key
         self._by_key: dict[str, str] = {}
         self._unused: dict[str, str] = {}
         self.unmatched: list[Unmatched] = []
         for file in files:
-            key = frame_key(file)
+            key = key_of(file)
             first = self._by_key.setdefault(key, file)
             if first != file:
                 self.unmatched.append(
@@ -243,7 +249,7 @@ class FileIndex:
         return self._by_key.get(key)
 
     def left_over(self, why: str) -> list[Unmatched]:
-        """What nobody took, and what could not be told apart."""
+        """Files that belong to no frame, and those that share a key."""
         unused = [Unmatched(file, why) for file in self._unused.values()]
         return [*self.unmatched, *unused]
 
@@ -260,27 +266,54 @@ def frame_key(name: str) -> str:
     return "/".join([*folders, path.name])
 
 
+_CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
+
+_TEXTS_AT_THE_TOP: Final = frozenset(
+    {
+        "labelmap.txt",
+        "readme.txt",
+        "requirements.txt",
+        "train.txt",
+        "val.txt",
+        "test.txt",
+    }
+)
+"""Lists of files and notes that lie beside a dataset; deeper down, such a name is a
+frame's."""
+
+
+def holds_boxes(name: str) -> bool:
+    """Whether a label file, relative to its dataset, holds boxes, by its name.
+
+    Lists of classes, lists of files and notes hold none.
+    """
+    folder, _, base = name.lower().rpartition("/")
+    if folder.split("/")[0] == "imagesets":
+        return False
+    return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
+
+
 def last_name(key: str) -> str:
-    """What stands behind the last slash of a key."""
+    """The part of a key after its last slash."""
     return key.rpartition("/")[2]
 
 
 def with_keys(
-    root: Path, frames: Sequence[FrameFiles], images: str = ""
-) -> Sequence[FrameFiles]:
+    root: Path, frames: Sequence[FrameFileNames], images: str = ""
+) -> Sequence[FrameFileNames]:
     """Frames under the keys that ``frames.jsonl`` gives them, with their maps.
 
     Parameters
     ----------
     root : Path
         The folder that may have the list.
-    frames : sequence of FrameFiles
+    frames : sequence of FrameFileNames
     images : str
         The folder of the images, where the keys of `frames` are relative to it.
 
     Returns
     -------
-    sequence of FrameFiles
+    sequence of FrameFileNames
         In the order of the keys; as they were if there is no list.
 
     Raises
@@ -301,7 +334,7 @@ def with_keys(
 
 
 def frame_of(
-    files: FrameFiles,
+    files: FrameFileNames,
     images: Path,
     segmentations: Path | None,
     annotation: Mapping[str, object] | None,
@@ -379,7 +412,11 @@ def read_columns(words: Sequence[str], at: str) -> list[float]:
     return numbers
 
 
-def _is_hidden(name: str) -> bool:
+def is_hidden(name: str) -> bool:
+    """Whether readers pass over a file or folder of this name, and all that is in it.
+
+    That is what begins with a dot, and what macOS puts into archives.
+    """
     return name.startswith(".") or name == "__MACOSX"
 
 

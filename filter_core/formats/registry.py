@@ -1,4 +1,4 @@
-"""The formats that there are, and the one way to read and to write them.
+"""The list of all formats, and the functions that read and write any of them.
 
 A new format is a module that declares its `Format`, and a line of `FORMATS` here. If it
 is written, its name is also a word of `ExportFormat` in ``unghost/wire/words.py``.
@@ -7,7 +7,7 @@ is written, its name is also a word of `ExportFormat` in ``unghost/wire/words.py
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -32,6 +32,7 @@ from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
 from filter_core.formats.label_studio import LABEL_STUDIO
 from filter_core.formats.manifest import MANIFEST
+from filter_core.formats.pairs import PAIRS
 from filter_core.formats.reading import FrameSet, ReadOptions
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
@@ -52,6 +53,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         DECISIONS_CSV,
         DECISIONS_PARQUET,
         CARLASIMU,
+        PAIRS,
     )
 }
 """By name, in the order in which they are offered."""
@@ -118,7 +120,7 @@ def detect_layout(source: Path) -> str:
     LayoutError
         None or several; names what was looked for or found.
     """
-    found = list(_layouts_of(source))
+    found = possible_layouts(source)
     if len(found) == 1:
         return found[0]
     if found:
@@ -131,14 +133,23 @@ def detect_layout(source: Path) -> str:
     )
 
 
-def _layouts_of(path: Path) -> Iterator[str]:
-    source = Source(path)
+def possible_layouts(source: Path) -> tuple[str, ...]:
+    """The names of the layouts that a folder or a file may have, the likeliest first.
+
+    No format is asked after one that is certain.
+    """
+    asked = Source(source)
+    found: list[str] = []
+    otherwise: list[str] = []
     for one in _RECOGNITION:
-        likeness = one.likeness(source) if one.likeness else "none"
-        if likeness != "none":
-            yield one.name
+        likeness = one.likeness(asked) if one.likeness else "none"
+        if likeness == "otherwise":
+            otherwise.append(one.name)
+        elif likeness != "none":
+            found.append(one.name)
         if likeness == "certain":
-            return
+            break
+    return tuple(found or otherwise[:1])
 
 
 def write_export(

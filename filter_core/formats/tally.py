@@ -57,8 +57,8 @@ class ExportTally:
         self._frames: Counter[str] = Counter()
         self._rectangles: Counter[str] = Counter()
         self._bands: Counter[str] = Counter()
-        self._changed = Spool(head.temporary)
-        self._renamed = Spool(head.temporary)
+        self._changed = Spool(head.temporary, head.buffer_bytes)
+        self._renamed = Spool(head.temporary, head.buffer_bytes)
 
     def __enter__(self) -> ExportTally:
         return self
@@ -85,11 +85,11 @@ class ExportTally:
         self._frames["without_image"] += 1
 
     def renamed(self, key: str, file: str) -> None:
-        """Note a frame whose files could not be named as it is."""
+        """Note a frame whose files have another name than its key."""
         self._renamed.add({"frame": key, "file": file})
 
-    def came(self, frame: ExportFrame) -> IntArray:
-        """Note the boxes of a frame; the place of each one's class in the list, (N,).
+    def count_boxes(self, frame: ExportFrame) -> IntArray:
+        """Count the boxes of a frame. Returns (N,): the number of each box's class.
 
         Raises
         ------

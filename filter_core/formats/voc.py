@@ -1,6 +1,6 @@
 """Pascal VOC: one XML file per image, with rectangles in whole pixels from 1.
 
-Files come from strangers, so they are read with defusedxml, and their depth and number
+Files are not trusted, so they are read with defusedxml, and their depth and number
 of elements have limits.
 
 References
@@ -32,7 +32,7 @@ from filter_core.formats.format import (
 )
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
-    FrameFiles,
+    FrameFileNames,
     FrameSet,
     FrameSource,
     ReadOptions,
@@ -46,8 +46,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    ChosenBox,
     ExportContext,
+    LabelBox,
     OutFrame,
     Traits,
 )
@@ -65,7 +65,7 @@ VOC: Final = Format(
 )
 
 
-@VOC.recogniser
+@VOC.detector
 def _likeness(source: Source) -> Likeness:
     found = any(name.lower().endswith(".xml") for name in source.label_files)
     return "possible" if found else "none"
@@ -99,7 +99,7 @@ class _VocFolders:
 
 
 def _read_frames(
-    folders: _VocFolders, frames: Sequence[FrameFiles]
+    folders: _VocFolders, frames: Sequence[FrameFileNames]
 ) -> Iterator[FrameSource]:
     for files in frames:
         annotation: dict[str, object] | None = None
@@ -336,7 +336,7 @@ def _lines(out: OutFrame) -> Iterator[str]:
     yield "</annotation>"
 
 
-def _object(one: ChosenBox, frame: ExportFrame) -> Iterator[str]:
+def _object(one: LabelBox, frame: ExportFrame) -> Iterator[str]:
     given = frame.given.boxes[one.row]
     flags = {
         "pose": given.get("pose", "Unspecified"),

@@ -43,11 +43,11 @@ _LEAST_SIDE: Final = 0.01
 """Pixels; what is thinner would vanish when a format rounds it."""
 
 _LEAST_CUT: Final = 1e-9
-"""Share of a box: what is cut at all is cut by more than nothing."""
+"""The least share of a box that is cut, if any of it is; else rounding could give 0."""
 
 
-class ChosenBox(NamedTuple):
-    """One row of `ChosenBoxes`."""
+class LabelBox(NamedTuple):
+    """One row of `LabelBoxes`."""
 
     row: int
     number: int
@@ -62,8 +62,8 @@ class ChosenBox(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ChosenBoxes:
-    """The M boxes of a frame that are written, in the order they came.
+class LabelBoxes:
+    """The M boxes of a frame that are written, in the order of the frame.
 
     Attributes
     ----------
@@ -88,8 +88,8 @@ class ChosenBoxes:
     def __len__(self) -> int:
         return len(self.row)
 
-    def __getitem__(self, some: BoolArray) -> ChosenBoxes:
-        return ChosenBoxes(
+    def __getitem__(self, some: BoolArray) -> LabelBoxes:
+        return LabelBoxes(
             row=self.row[some],
             number=self.number[some],
             xyxy=self.xyxy[some],
@@ -97,10 +97,10 @@ class ChosenBoxes:
             ignored=self.ignored[some],
         )
 
-    def __iter__(self) -> Iterator[ChosenBox]:
+    def __iter__(self) -> Iterator[LabelBox]:
         columns = (self.row, self.number, self.xyxy, self.cut, self.ignored)
         lists = (column.tolist() for column in columns)
-        return map(ChosenBox, *lists)
+        return map(LabelBox, *lists)
 
 
 @dataclass(frozen=True)
@@ -139,14 +139,14 @@ class OutFrame:
     part : ``train`` or ``val``
     stem : str
         A path without suffix, different for every frame of the export.
-    boxes : ChosenBoxes
+    boxes : LabelBoxes
     """
 
     frame: ExportFrame
     number: int
     part: str
     stem: str
-    boxes: ChosenBoxes
+    boxes: LabelBoxes
 
     @property
     def suffix(self) -> str:
@@ -177,7 +177,8 @@ class ExportContext:
 
     def spool(self) -> Spool:
         """A place for pieces that are written at the end."""
-        return self.stack.enter_context(Spool(self.head.temporary))
+        spool = Spool(self.head.temporary, self.head.buffer_bytes)
+        return self.stack.enter_context(spool)
 
 
 class LabelWriter(Protocol):
@@ -270,7 +271,7 @@ def clipped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
 
 
 class _Run:
-    """One export on its way from frame to frame."""
+    """The state of one export while its frames are written."""
 
     def __init__(
         self, context: ExportContext, writer: LabelWriter, tally: ExportTally
@@ -349,10 +350,10 @@ class _BoxChooser:
         self._tally = tally
         self._traits = traits
 
-    def choose(self, frame: ExportFrame) -> ChosenBoxes:
-        """The boxes of one frame that are written, in the order they came."""
+    def choose(self, frame: ExportFrame) -> LabelBoxes:
+        """The boxes of one frame that are written, in the order of the frame."""
         boxes, options = frame.boxes, self._options
-        number = self._tally.came(frame)
+        number = self._tally.count_boxes(frame)
         crowd = self._crowd(frame)
         wanted, ignorable = self._wanted(boxes, crowd)
         whole, used = _rectangles(boxes, options.boxes)
@@ -361,7 +362,7 @@ class _BoxChooser:
         out = wanted & placed | wanted & self._traits.unplaced
         ignored = ignorable & placed & (options.rejected == "dontcare")
         row = np.flatnonzero(out | ignored)
-        chosen = ChosenBoxes(
+        chosen = LabelBoxes(
             row=row,
             number=number[row],
             xyxy=inside[row],
@@ -397,7 +398,7 @@ class _BoxChooser:
     def _wanted(
         self, boxes: DecidedBoxes, crowd: BoolArray
     ) -> tuple[BoolArray, BoolArray]:
-        """(N,): objects of the export; what else can be a region to ignore."""
+        """(N,) each: objects of the export, and boxes that can be regions to ignore."""
         if self._options.include == "all":
             return ~crowd, crowd
         verdict = self._verdict(boxes)
@@ -448,8 +449,8 @@ def _rectangles(boxes: DecidedBoxes, which: str) -> tuple[BoxesXYXY, NDArray[np.
 def _cut(frame: ExportFrame, row: IntArray) -> FloatArray:
     """(M,): shares of whole rectangles beyond the image; above 0 if anything is.
 
-    The annotation is only asked for boxes that end at the border: what was corrected
-    to lie inside ends there.
+    The annotation is only read for boxes that end at the border: a box that was clamped
+    to the image ends there.
     """
     boxes, (width, height) = frame.boxes, frame.wh
     whole, corrected = boxes.amodal_xyxy[row], boxes.xyxy[row]

@@ -30,12 +30,13 @@ from filter_core.formats.format import (
 )
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
-    FrameFiles,
+    FrameFileNames,
     FrameSet,
     FrameSource,
     ReadOptions,
     band_folders,
     frame_of,
+    holds_boxes,
     match,
     read_columns,
     read_label_text,
@@ -45,8 +46,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.writing import (
     PARTS,
-    ChosenBoxes,
     ExportContext,
+    LabelBoxes,
     OutFrame,
     Traits,
 )
@@ -65,35 +66,11 @@ YOLO: Final = Format(
 )
 
 
-@YOLO.recogniser
+@YOLO.detector
 def _likeness(source: Source) -> Likeness:
     labels = (name for name in source.label_files if name.lower().endswith(".txt"))
-    labelled = any(map(_is_label, labels))
+    labelled = any(map(holds_boxes, labels))
     return "possible" if labelled and _class_list(source.path) else "none"
-
-
-_CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
-
-_TEXTS_AT_THE_TOP: Final = frozenset(
-    {
-        "labelmap.txt",
-        "readme.txt",
-        "requirements.txt",
-        "train.txt",
-        "val.txt",
-        "test.txt",
-    }
-)
-"""Lists of files and notes that lie beside a dataset; deeper down, such a name is a
-frame's."""
-
-
-def _is_label(name: str) -> bool:
-    """Whether a text file, relative to the dataset, holds boxes."""
-    folder, _, base = name.lower().rpartition("/")
-    if folder.split("/")[0] == "imagesets":
-        return False
-    return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
 
 
 _YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
@@ -130,7 +107,9 @@ def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
         default_class=options.default_class,
     )
     skip = [*([tags] if tags else []), *band_folders(root)]
-    labels = (name for name in walk(folders.labels, (".txt",), skip) if _is_label(name))
+    labels = (
+        name for name in walk(folders.labels, (".txt",), skip) if holds_boxes(name)
+    )
     return frame_set("yolo", folders, labels)
 
 
@@ -230,7 +209,7 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
 
 
 def _read_frames(
-    folders: LabelFolders, frames: Sequence[FrameFiles]
+    folders: LabelFolders, frames: Sequence[FrameFileNames]
 ) -> Iterator[FrameSource]:
     for files in frames:
         annotation: dict[str, object] | None = None
@@ -361,11 +340,12 @@ _HALF_UNITS: Final = 10**_DECIMALS // 2
 _LINE: Final = f"%d {' '.join([f'%.{_DECIMALS}f'] * 4)}\n"
 
 
-def _lines(boxes: ChosenBoxes, wh: tuple[int, int]) -> Iterator[str]:
+def _lines(boxes: LabelBoxes, wh: tuple[int, int]) -> Iterator[str]:
     """Centres and extents as shares of the sides, so rounded that edges are exact.
 
     If centre and extent were rounded each by itself, their edges could lie beyond the
-    image by the last digit; who reads and clips them would then write other digits.
+    image by the last digit; reading, clipping and writing them would then change
+    digits.
     """
     edges = np.rint(boxes.xyxy / np.array([*wh, *wh]) * _HALF_UNITS)
     low, high = edges[:, :2], edges[:, 2:]

@@ -1,7 +1,7 @@
 """Corners of 3D boxes in the world, in the order that CARLA gives them.
 
 `boxes3d_vertices` computes them from poses and half sizes as
-``carla.BoundingBox.get_world_vertices`` does; `in_carla_order` puts corners that came
+``carla.BoundingBox.get_world_vertices`` does; `in_carla_order` puts corners that are
 in another order into CARLA's, so that the edges between them are known.
 """
 
@@ -58,7 +58,7 @@ def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
 
 
 def in_carla_order(vertices: ArrayLike) -> FloatArray:
-    """Corners in CARLA's order, whatever order they came in.
+    """Corners in CARLA's order, whatever order they are given in.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ _AT_ONCE: Final = 1 << 20
 def _refuse_surplus(content: bytes) -> None:
     """Inflate the pixels that the header of a PNG names, and refuse what follows them.
 
-    OpenCV would inflate it to its end, a thousand bytes for each of the file.
+    OpenCV would inflate all of it, up to a thousand times the size of the file.
     """
     size = left = read_png(content, whole=False).inflated_bytes
     inflate = zlib_ng.decompressobj()
@@ -172,8 +172,8 @@ def _is_as_large(hw: Sequence[int], header: ImageHeader, flags: int) -> bool:
 
 
 _MOST_BYTES: Final = 1 << 26
-"""Bytes of pixels that are held twice or thrice on the way; OpenCV alone holds them
-once."""
+"""The largest image, in bytes, that is inflated here: that takes two or three copies of
+it in memory, OpenCV alone takes one."""
 
 _CHANNELS: Final = {"rgb": 3, "rgba": 4}
 
@@ -289,10 +289,10 @@ def _block_head(size: int, *, is_last: bool = False) -> bytes:
 
 @dataclass(frozen=True)
 class _Parts:
-    """A PNG whose pixels are sound, and which ends with them.
+    """A PNG with correct checksums, in which only the end follows the pixels.
 
-    OpenCV reads on behind the last pixel, and refuses what is wrong there: any doubt
-    leaves it the whole file.
+    OpenCV also reads what follows the pixels, and refuses faults there; so any other
+    PNG is left to OpenCV as a whole.
     """
 
     head: bytes
@@ -300,7 +300,7 @@ class _Parts:
 
     @classmethod
     def of(cls, content: bytes) -> _Parts | None:
-        """None if there is any doubt."""
+        """None for any other PNG."""
         position, begin, bodies = len(SIGNATURE), 0, list[memoryview]()
         view = memoryview(content)
         while position + AROUND_BODY <= len(content):

@@ -65,7 +65,8 @@ def read_image_header(
         Checked before anything is decoded, so that a header cannot ask for gigabytes.
     whole : bool
         True: what stands between the segments or chunks of the whole file is looked at,
-        so that a decoder finds what the header says, at a price that its size bounds.
+        so that a decoder finds what the header says, in time bounded by the file's
+        size.
         False: only up to the first pixels. For files that are not decoded, or are one's
         own.
 
@@ -91,14 +92,43 @@ def read_image_header(
         raise ImageError(
             f"expected a PNG or JPEG file, found {found if content else 'no bytes'}"
         )
-    if min(header.wh) < 1:
-        raise ImageError(f"the header says {header.width} x {header.height} pixels")
-    if max(header.wh) > max_side:
-        raise ImageTooLarge(
-            f"the header says {header.width} x {header.height} pixels, "
-            f"no side may exceed {max_side}"
-        )
+    _check_sides(header.wh, max_side)
     return header
+
+
+def read_image_size(start: bytes) -> tuple[int, int]:
+    """Width and height, px, of a PNG or JPEG, from its first bytes.
+
+    Of a PNG 24 are enough, of a JPEG those up to its frame header. What else is right
+    or wrong with the file is not looked at.
+
+    Raises
+    ------
+    ImageTooLarge
+        If a side exceeds `MAX_SIDE`.
+    ImageError
+        If it is neither PNG nor JPEG, or these bytes do not say it.
+    """
+    if start[:8] != SIGNATURE:
+        return read_image_header(start, whole=False).wh
+    if start[12:16] != b"IHDR" or len(start) < _PNG_SIZE_ENDS:
+        raise ImageError("PNG: the file ends too early, or has no header")
+    width, height = (int.from_bytes(start[at : at + 4], "big") for at in (16, 20))
+    _check_sides((width, height), MAX_SIDE)
+    return width, height
+
+
+_PNG_SIZE_ENDS: Final = 24
+
+
+def _check_sides(wh: tuple[int, int], max_side: int) -> None:
+    width, height = wh
+    if min(wh) < 1:
+        raise ImageError(f"the header says {width} x {height} pixels")
+    if max(wh) > max_side:
+        raise ImageTooLarge(
+            f"the header says {width} x {height} pixels, no side may exceed {max_side}"
+        )
 
 
 def require_size(

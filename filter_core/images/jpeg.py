@@ -109,7 +109,7 @@ def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
 
 @dataclass
 class _Walk:
-    """What was met so far on the way through the segments."""
+    """What has been found in the segments so far."""
 
     content: bytes | mmap
     header: JpegHeader | None = None

@@ -5,8 +5,8 @@ way `values_of` gives one number per pixel, which can be compared, and a table w
 entry for each of the 2^24 colours gives the code of a colour. Which colour has which
 code is not known here: `filter_core.segmentation.codes` says it.
 
-Counting uses that a segmentation consists of runs, equal pixels side by side, of which
-it has a fiftieth as many as pixels. `run_ends` finds where they end and `run_lengths`
+Counting uses that a segmentation consists of runs, equal pixels side by side, each of
+some fifty pixels on average. `run_ends` finds where they end and `run_lengths`
 how long they are; one pixel of each is looked up and counts for the whole run.
 """
 

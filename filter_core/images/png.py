@@ -18,12 +18,12 @@ from filter_core.errors import ImageError
 SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 
 _MAX_ANCILLARY: Final = 500
-"""Chunks beside the picture itself; programs write one per note, some dozens."""
+"""Chunks besides the picture itself; programs write one per note, some dozens."""
 
 _MAX_ANCILLARY_BYTES: Final = 1 << 24
 
 _MAX_COMPRESSED: Final = 16
-"""Chunks beside the picture whose content is compressed."""
+"""Chunks besides the picture whose content is compressed."""
 
 _MAX_INFLATED_BYTES: Final = 1 << 22
 """Of all these together; a profile of colours has some 500 KB."""
@@ -62,7 +62,7 @@ _ADAM7: Final = (
 )
 """First column and row of each pass, and the steps to the next (W3C, PNG, 8.2)."""
 _ROOM_BYTES: Final = 1 << 16
-"""What compressed pixels may have beside twice their size: blocks that are empty."""
+"""What compressed pixels may have besides twice their size: blocks that are empty."""
 
 _BIT_DEPTHS: Final = {
     0: (1, 2, 4, 8, 16),
@@ -119,7 +119,7 @@ def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
     ------
     ImageError
         It ends too early, is animated, has chunks that are critical and not known, come
-        too often, too late or in between, or more beside its pixels than any program
+        too often, too late or in between, or more besides its pixels than any program
         writes.
     """
     walk = _Walk(content)
@@ -154,7 +154,7 @@ class _Chunk(NamedTuple):
 
 @dataclass
 class _Walk:
-    """What was met so far on the way through the chunks, and the limits on it."""
+    """What has been found in the chunks so far, and the limits on it."""
 
     content: bytes | mmap
     header: PngHeader | None = None

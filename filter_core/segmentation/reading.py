@@ -60,7 +60,7 @@ _FIELDS = ("palette", "encoding", "channel_order", "lossy")
 
 
 class NamesReading(Protocol):
-    """A configuration or a dataset, which says how its segmentations are to be read."""
+    """What says how segmentations are to be read: a configuration or a dataset."""
 
     @property
     def palette(self) -> str: ...

@@ -131,7 +131,7 @@ def recognize(occurring: Iterable[int], named: Named) -> Recognition:
 
 @lru_cache(maxsize=256)
 def _recognized(codes: frozenset[int], named: Named) -> Recognition:
-    """The frames of a recording have few different sets of colours."""
+    """`recognize`, cached: frames of one recording have few sets of colours."""
     return _recognize(codes, named)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -25,7 +25,7 @@ from unghost.capture.simulator import (
 )
 
 _TOP: Final = "sitting"
-"""carlasimu's own spelling of the key that everything stands under."""
+"""carlasimu's spelling of the one key at the top of each file."""
 _LAYERS: Final = {"building": "Buildings"}
 """Layers that have another name in mapLayer.yaml than in CARLA."""
 # Keys of data.yaml, and where their values belong.
@@ -99,7 +99,7 @@ class Conversion:
     notes : list of str
     """
 
-    scenario: dict[str, Any] = field(default_factory=dict)
+    scenario: dict[str, object] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     def as_yaml(self) -> str:
@@ -127,7 +127,7 @@ def convert_carlasimu(folder: Path) -> Conversion:
     return result
 
 
-def _read(path: Path) -> Mapping[str, Any]:
+def _read(path: Path) -> Mapping[str, object]:
     document = read_yaml(path.read_bytes(), path.name)
     inner = document.get(_TOP) if isinstance(document, Mapping) else None
     if not isinstance(inner, Mapping):
@@ -135,7 +135,7 @@ def _read(path: Path) -> Mapping[str, Any]:
     return _mapping(inner, path.name)
 
 
-def _data(given: Mapping[str, Any], result: Conversion) -> None:
+def _data(given: Mapping[str, object], result: Conversion) -> None:
     _refuse_unknown(given, _DATA_KEYS, "data.yaml")
     scenario = result.scenario
     scenario.update(_taken(given, _PLAIN))
@@ -157,7 +157,7 @@ def _data(given: Mapping[str, Any], result: Conversion) -> None:
         result.notes.append("no_rendering is not used: cameras need rendering")
 
 
-def _walkers(given: Mapping[str, Any]) -> dict[str, Any]:
+def _walkers(given: Mapping[str, object]) -> dict[str, object]:
     walkers = _taken(given, _WALKERS)
     if "generationw" in given:
         walkers["generation"] = _number_or_all(given["generationw"])
@@ -167,7 +167,7 @@ def _walkers(given: Mapping[str, Any]) -> dict[str, Any]:
     return {**walkers, **_taken(counts, _GAITS)}
 
 
-def _lights(states: Mapping[str, Any]) -> list[str]:
+def _lights(states: Mapping[str, object]) -> list[str]:
     known = {name.casefold(): name for name in VEHICLE_LIGHTS}
     lower = {name.casefold(): on for name, on in states.items()}
     for name in states:
@@ -184,21 +184,23 @@ def _number_or_all(value: object) -> object:
     return int(text) if text.isdecimal() else text
 
 
-def _sensors(given: Mapping[str, Any], result: Conversion) -> None:
+def _sensors(given: Mapping[str, object], result: Conversion) -> None:
     result.scenario.update(_camera_and_sensors(given, result.notes))
 
 
-def _camera_and_sensors(given: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
-    """`camera` and `sensors` of a scenario, from what stands in sensors.yaml."""
+def _camera_and_sensors(
+    given: Mapping[str, object], notes: list[str]
+) -> dict[str, object]:
+    """`camera` and `sensors` of a scenario, from the content of sensors.yaml."""
     _refuse_unknown(given, frozenset(_NAMES), "sensors.yaml")
-    given = {
+    sensors = {
         name: _mapping(one, f"sensors.yaml: {name}") for name, one in given.items()
     }
-    nothing: Mapping[str, Any] = {}
-    first = next((given[name] for name in _CAMERAS if name in given), nothing)
+    nothing: Mapping[str, object] = {}
+    first = next((sensors[name] for name in _CAMERAS if name in sensors), nothing)
     lens = _lens(first)
     for name in _CAMERAS:
-        other = given.get(name)
+        other = sensors.get(name)
         if other is not None and _geometry(other) != _geometry(first):
             notes.append(
                 f"sensors.yaml: {name} differs from the other cameras; all cameras "
@@ -210,21 +212,21 @@ def _camera_and_sensors(given: Mapping[str, Any], notes: list[str]) -> dict[str,
     return {
         "camera": camera,
         "sensors": {
-            _NAMES[name]: _sensor(name, one, notes) for name, one in given.items()
+            _NAMES[name]: _sensor(name, one, notes) for name, one in sensors.items()
         },
     }
 
 
-def _geometry(camera: Mapping[str, Any]) -> tuple[object, ...]:
+def _geometry(camera: Mapping[str, object]) -> tuple[object, ...]:
     sizes = tuple(camera.get(name) for name in _SHARED)
     return (*sizes, camera.get("location"), _lens(camera))
 
 
-def _lens(camera: Mapping[str, Any]) -> dict[str, Any]:
+def _lens(camera: Mapping[str, object]) -> dict[str, object]:
     return {name: value for name, value in camera.items() if name in LENS_ATTRIBUTES}
 
 
-def _mount(sensor: Mapping[str, Any], name: str) -> dict[str, float]:
+def _mount(sensor: Mapping[str, object], name: str) -> dict[str, float]:
     location = sensor.get("location")
     if location is None:
         return {}
@@ -234,7 +236,9 @@ def _mount(sensor: Mapping[str, Any], name: str) -> dict[str, float]:
     return {"x": _number(location[0], at), "z": _number(location[1], at)}
 
 
-def _sensor(name: str, sensor: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
+def _sensor(
+    name: str, sensor: Mapping[str, object], notes: list[str]
+) -> dict[str, object]:
     if sensor.get("sensor_tick"):
         notes.append(
             f"sensors.yaml: {name}.sensor_tick is not used: it drifts against the "
@@ -252,14 +256,14 @@ def _sensor(name: str, sensor: Mapping[str, Any], notes: list[str]) -> dict[str,
     return {**({"mount": mount} if mount else {}), "attributes": attributes}
 
 
-def _weather(given: Mapping[str, Any], result: Conversion) -> None:
+def _weather(given: Mapping[str, object], result: Conversion) -> None:
     numbers = {
         name: _number(value, f"weather.yaml: {name}") for name, value in given.items()
     }
     result.scenario["weather"] = {"parameters": numbers}
 
 
-def _map_layers(given: Mapping[str, Any], result: Conversion) -> None:
+def _map_layers(given: Mapping[str, object], result: Conversion) -> None:
     known = {**{name: name for name in MAP_LAYERS}, **_LAYERS}
     _refuse_unknown(given, frozenset(known), "mapLayer.yaml")
     # A layer that is there already need not be loaded.
@@ -267,7 +271,7 @@ def _map_layers(given: Mapping[str, Any], result: Conversion) -> None:
     result.scenario["map_layers"] = off
 
 
-def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
+def _boxes(given: Mapping[str, object], result: Conversion) -> None:
     _refuse_unknown(given, _BOX_KEYS, "boundingBox.yaml")
     parts = {
         name: _mapping(given.get(name), f"boundingBox.yaml: {name}")
@@ -285,18 +289,22 @@ def _boxes(given: Mapping[str, Any], result: Conversion) -> None:
     }
     scenario.update(_taken(camera, {"num_image": "frames"}))
     scenario.update(_taken(given, {"time_screen_shot": "interval_s"}))
-    sensors = scenario.setdefault("sensors", {})
-    for part, (name, default) in _RECORDED.items():
-        if not parts[part].get("save_to_file", default):
-            sensors[name] = False
-    sensors["semantic_lidar"] = False
+    unwanted = [
+        name
+        for part, (name, default) in _RECORDED.items()
+        if not parts[part].get("save_to_file", default)
+    ]
+    scenario["sensors"] = {
+        **_mapping(scenario.get("sensors"), "sensors"),
+        **dict.fromkeys([*unwanted, "semantic_lidar"], False),
+    }
     result.notes.append(
         "the thresholds of boundingBox.yaml belong to the filter: "
         "unghost filter --config boundingBox.yaml reads them"
     )
 
 
-def _vehicles(given: Mapping[str, Any], result: Conversion) -> None:
+def _vehicles(given: Mapping[str, object], result: Conversion) -> None:
     named = {
         str(blueprint): name
         for name, blueprints in given.items()
@@ -311,14 +319,14 @@ def _vehicles(given: Mapping[str, Any], result: Conversion) -> None:
         result.scenario["classes"] = own
 
 
-def _colors(given: Mapping[str, Any], result: Conversion) -> None:
+def _colors(given: Mapping[str, object], result: Conversion) -> None:
     result.notes.append(
         f"color_segmentation.yaml is not needed: tags are stored as numbers "
         f"({len(given)} colours left behind)"
     )
 
 
-def _taken(given: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+def _taken(given: Mapping[str, object], names: Mapping[str, str]) -> dict[str, object]:
     """Values under our names; an empty one (`seed:`) is as by default."""
     return {
         ours: given[theirs]
@@ -327,7 +335,7 @@ def _taken(given: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]
     }
 
 
-def _mapping(value: object, at: str) -> Mapping[str, Any]:
+def _mapping(value: object, at: str) -> Mapping[str, object]:
     """Keys and values; none if nothing is given."""
     if value is None:
         return {}
@@ -336,7 +344,7 @@ def _mapping(value: object, at: str) -> Mapping[str, Any]:
     return {str(key): one for key, one in value.items()}
 
 
-def _list(value: object, at: str) -> list[Any]:
+def _list(value: object, at: str) -> list[object]:
     """A list; an empty one if nothing is given."""
     if value is None:
         return []
@@ -352,7 +360,9 @@ def _number(value: object, at: str) -> float:
     return float(value)
 
 
-def _refuse_unknown(given: Mapping[str, Any], known: frozenset[str], at: str) -> None:
+def _refuse_unknown(
+    given: Mapping[str, object], known: frozenset[str], at: str
+) -> None:
     """`ScenarioError` for the first key that carlasimu does not have."""
     for key in given:
         if key not in known:
@@ -366,7 +376,7 @@ def _wrong(at: str, expected: str, value: object) -> ScenarioError:
     return ScenarioError(f"{at}: expected {expected}, found {repr(value)[:60]}")
 
 
-_CONVERTERS: Final[Mapping[str, Callable[[Mapping[str, Any], Conversion], None]]] = {
+_CONVERTERS: Final[Mapping[str, Callable[[Mapping[str, object], Conversion], None]]] = {
     "data.yaml": _data,
     "sensors.yaml": _sensors,
     "weather.yaml": _weather,

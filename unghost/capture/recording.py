@@ -199,12 +199,12 @@ class _Recorder:
 
     @property
     def _ticks_between(self) -> int:
-        """Ticks that are not those of a frame, or of the look after one."""
+        """Ticks between two frames that are not used for either."""
         used = 2 if has_wrong_metadata(self._session.server_version) else 1
         return max(0, self._session.scenario.ticks_per_frame - used)
 
     def _wait(self, ticks: int) -> None:
-        """Ticks that nobody records."""
+        """Let so many ticks pass without recording them."""
         for _ in range(ticks):
             self._stop.check()
             self._last = self._session.tick()

@@ -12,7 +12,7 @@ import json
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeAlias, get_args
+from typing import Annotated, Final, Literal, TypeAlias, get_args
 
 import yaml
 from pydantic import (
@@ -148,7 +148,7 @@ class Weather(Part):
             raise ValueError("preset and presets exclude each other")
         both = sorted(set(self.parameters) & set(self.sweep))
         if both:
-            raise ValueError(f"{both[0]} stands in parameters and in sweep")
+            raise ValueError(f"{both[0]} is in both parameters and sweep")
         return self
 
     @property
@@ -345,14 +345,14 @@ def read_yaml(content: bytes, name: str) -> object:
 
 
 class _UniqueKeys(yaml.SafeLoader):
-    """Refuses a key that stands twice: the first one would be passed over."""
+    """Refuses a key that occurs twice: YAML would ignore the first one."""
 
-    def compose_mapping_node(self, anchor: dict[Any, yaml.Node]) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: dict[object, yaml.Node]) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
         seen: set[str] = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode) and key.value in seen:
-                problem = f"{key.value[:60]!r} stands twice"
+                problem = f"{key.value[:60]!r} occurs twice"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             seen.add(str(key.value))
         return node

@@ -10,15 +10,14 @@ import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from functools import partial
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, get_args
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import DataFolder, ServerOptions, Words, settings_of
+from unghost.cli.options import DataFolder, ServerOptions, settings_of
 from unghost.cli.screen import Refused, refused_on
 from unghost.wire.words import Role
 
@@ -103,7 +102,7 @@ def show_login_page(
         False if there is no browser; then at once.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    # mkstemp makes it for its owner alone, under a name that nobody else has.
+    # mkstemp makes a file with a new name that only its owner can read.
     descriptor, name = tempfile.mkstemp(_PAGE_SUFFIX, _PAGE_PREFIX, folder)
     file = Path(name)
     try:
@@ -129,15 +128,14 @@ class CreateTokenOptions(ServerOptions):
     """Options of `unghost token create`."""
 
     name: Annotated[
-        str, typer.Argument(help="Who will show it; answers carry this name.")
+        str, typer.Argument(help="Who will use it; answers are stored under this name.")
     ]
     role: Annotated[
         Role,
         typer.Option(
-            help="viewer looks, reviewer also answers, uploads and runs, admin also "
-            "deletes and gives tokens."
+            help="What the token allows: viewer to look; reviewer also to answer, to "
+            "upload and to start runs; admin also to delete and to make tokens."
         ),
-        Words(partial(get_args, Role)),
     ] = "reviewer"
     days: Annotated[
         int,
@@ -256,7 +254,6 @@ def _make_token_offline(
     Refused
         There is no such database, or the name is taken.
     """
-    from app import security
     from app.access.service import issue_offline
     from app.errors import AppError
     from app.maintenance.datafolder import CannotMaintain
@@ -266,7 +263,7 @@ def _make_token_offline(
     settings = settings_of(data=options.data)
     with refused_on(CannotMaintain, AppError):
         made, secret = issue_offline(
-            settings, wanted.name, security.Role(wanted.role), wanted.expires_at
+            settings, wanted.name, wanted.role, wanted.expires_at
         )
     token = Token.model_validate(made, from_attributes=True)
     return NewToken.read({**token.model_dump(mode="json"), "token": secret})

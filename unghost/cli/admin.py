@@ -106,7 +106,7 @@ class GarbageOptions(DataOptions):
 
 
 def doctor(options: DoctorOptions) -> None:
-    """Look a data folder over, also while it is served, and say what to do.
+    """Check a data folder, even while it is served, and say what to do.
 
     Exits with 1 if anything is damaged or missing, with 3 if something should be done.
     """

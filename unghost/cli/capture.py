@@ -10,7 +10,7 @@ import typer
 
 from unghost.cli.options import ServerOptions
 from unghost.cli.push import PushOptions, PushReport, ensure_dataset, send
-from unghost.cli.screen import UNAVAILABLE, Refused, partly_done
+from unghost.cli.screen import partly_done
 
 if TYPE_CHECKING:
     from unghost.capture.recording import Recorded
@@ -71,18 +71,6 @@ def capture(options: CaptureOptions) -> None:
     Safe to interrupt and to repeat: the simulator is put back as it was, and the same
     command goes on. Exit code 69 if no simulator answers, or none does any more.
     """
-    from unghost.capture.simulator import CaptureError, SimulatorAway
-
-    try:
-        _capture(options)
-    except SimulatorAway as error:
-        options.screen.note(f"unghost: {error}")
-        raise typer.Exit(UNAVAILABLE) from error
-    except CaptureError as error:
-        raise Refused(str(error)) from error
-
-
-def _capture(options: CaptureOptions) -> None:
     from unghost.capture.plan import plan_of
     from unghost.capture.scenario import read_scenario
     from unghost.capture.simulator import ScenarioError

@@ -9,20 +9,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 from xml.sax.saxutils import escape
 
 import typer
 
-from unghost.cli.options import OutputOptions, Words
+from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Screen, partly_done, refusal
 from unghost.cli.sources import LocalFilterOptions, open_source, read_config
+from unghost.wire.words import EvidenceName
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
-    from filter_core.config.keys import EvidenceName
     from filter_core.evaluation.comparison import EvaluationObject
-    from filter_core.evaluation.scores import ConfusionObject
+    from filter_core.evaluation.scores import ConfusionObject, MeasuredObject
     from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
     from filter_core.local import EvaluationTask, KnownBoxes
 
@@ -50,13 +50,6 @@ _THRESHOLD_COLUMNS: Final = (
 _WIDTH, _ROW, _TITLES = 640, 34, 220
 _TOP, _BOTTOM = 28, 46
 _TICKS: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-Score = Mapping[str, Any]
-
-
-def _channels() -> tuple[EvidenceName, ...]:
-    from filter_core.evaluation.comparison import COMPARED
-
-    return COMPARED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +67,8 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
         ),
     ] = None
     channel: Annotated[
-        list[str] | None,
+        list[EvidenceName] | None,
         typer.Option(help="A channel to compare; may be repeated. Else all."),
-        Words(_channels),
     ] = None
     plot: Annotated[
         Path | None,
@@ -151,19 +143,20 @@ def evaluate(options: EvaluateOptions) -> None:
         _print_evaluation(result, screen)
         thresholds.print_and_write(screen)
     if options.plot is not None:
-        options.plot.write_text(f1_plot(list(result["channels"].items())), "utf-8")
+        scores = [(name, one["f1"]) for name, one in result["channels"].items()]
+        options.plot.write_text(f1_plot(scores), "utf-8")
     if problems:
         raise partly_done(evaluation.frames)
 
 
 def _task(options: EvaluateOptions) -> EvaluationTask:
+    from filter_core.evaluation.comparison import COMPARED
     from filter_core.local import EvaluationTask, read_truth
 
-    known = {str(name): name for name in _channels()}
     return EvaluationTask(
         config=read_config(options.config, options, options.screen),
         truth=None if options.truth is None else read_truth(options.truth),
-        channels=tuple(known[name] for name in options.channel or known),
+        channels=tuple(options.channel or COMPARED),
     )
 
 
@@ -269,9 +262,9 @@ def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
 
 
-def f1_plot(rows: Sequence[tuple[str, Score]]) -> str:
+def f1_plot(scores: Sequence[tuple[str, MeasuredObject | None]]) -> str:
     """F1 of each channel with its 95 % interval, as an SVG document."""
-    known = [(title, score["f1"]) for title, score in rows if score["f1"] is not None]
+    known = [(title, score) for title, score in scores if score is not None]
     lowest = min((score["low"] for _, score in known), default=0.0)
     ticks = [tick for tick in _TICKS if tick >= lowest - 0.1]
     height = _ROW * len(known) + _BOTTOM
@@ -303,8 +296,8 @@ def _plot_tick(tick: float, lowest: float, height: int) -> str:
     )
 
 
-def _plot_row(title: str, score: Mapping[str, float], lowest: float, y: int) -> str:
-    low, high = (_plot_x(score[end], lowest) for end in ("low", "high"))
+def _plot_row(title: str, score: MeasuredObject, lowest: float, y: int) -> str:
+    low, high = _plot_x(score["low"], lowest), _plot_x(score["high"], lowest)
     return (
         f'<text x="{_TITLES - 12}" y="{y + 4}" text-anchor="end" fill="#1d2429">'
         f"{escape(title)}</text>"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import DatasetName, OutputOptions, ServerOptions, Words
+from unghost.cli.options import DatasetName, OutputOptions, ServerOptions, listed
 from unghost.cli.screen import Screen, partly_done, refusal
 from unghost.cli.sources import (
     SegmentationReading,
@@ -18,11 +18,13 @@ from unghost.cli.sources import (
     open_source,
     read_config,
 )
+from unghost.wire.words import ExportFormat
 
 if TYPE_CHECKING:
     from filter_core.formats.export import ExportFrame
     from filter_core.formats.export import ExportOptions as LabelOptions
     from filter_core.formats.reading import FrameSet
+    from filter_core.formats.tally import Counts
     from filter_core.local import LeftOut
     from unghost.client.client import Client
     from unghost.wire import Export
@@ -30,12 +32,6 @@ if TYPE_CHECKING:
 
 _LISTS: Final = ("bands",)
 """Options that take several values, separated by commas."""
-
-
-def _formats() -> Iterable[str]:
-    from filter_core.formats.registry import EXPORT_FORMATS
-
-    return EXPORT_FORMATS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +81,7 @@ class ExportOptions(ServerOptions, FormatOptions):
     dataset: DatasetName
     format: Annotated[
         str,
-        typer.Option("--format", help="{words}."),
-        Words(_formats, checked=False),
+        typer.Option("--format", help=f"{listed(ExportFormat)}."),
     ]
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The file to write.", dir_okay=False)
@@ -174,8 +169,7 @@ class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOp
     ]
     to: Annotated[
         str,
-        typer.Option("--to", metavar="FORMAT", help="{words}."),
-        Words(_formats, checked=False),
+        typer.Option("--to", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
     ]
     output: Annotated[
         Path,
@@ -185,8 +179,8 @@ class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOp
         bool,
         typer.Option(
             "--filter",
-            help="Decide every box by the segmentations, and leave out what is "
-            "rejected; else every box is taken over.",
+            help="Decide every box by the segmentations and leave out those that are "
+            "rejected. Without it, every box is written.",
         ),
     ] = False
     config: Annotated[
@@ -239,7 +233,7 @@ def _label_options(options: ConvertOptions) -> LabelOptions:
 
 def _write_labels(
     options: ConvertOptions, found: FrameSet, progress: _Progress
-) -> Mapping[str, Any]:
+) -> Counts:
     from filter_core.formats.export import ExportHead
     from filter_core.formats.files import folder_sink
     from filter_core.formats.registry import format_of, write_export

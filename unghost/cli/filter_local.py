@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_args
 
 import typer
 
@@ -25,6 +25,7 @@ from unghost.cli.sources import (
     open_source,
     read_config,
 )
+from unghost.wire.words import Verdict
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -89,8 +90,10 @@ def filter_local(options: FilterOptions) -> None:
 
 def _spare_source(options: FilterOptions) -> None:
     """Decisions must not take the place of what they were made from."""
+    from filter_core.formats.manifest import MANIFEST_NAME
+
     source = options.source
-    manifest = source / "manifest.jsonl" if source.is_dir() else source
+    manifest = source / MANIFEST_NAME if source.is_dir() else source
     if options.output.resolve() == manifest.resolve():
         raise typer.BadParameter(f"--output {options.output} is the source itself")
 
@@ -144,7 +147,7 @@ class _Tally:
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
         """Frames and boxes by what became of them; with `--json` what fits no frame."""
         frames = {"decided": self.decided, "failed": self.failed}
-        boxes = {name: self._boxes[name] for name in ("kept", "rejected", "unmeasured")}
+        boxes = {name: self._boxes[name] for name in get_args(Verdict)}
         counts = {**frames, **boxes}
         text = "\t".join(f"{count} {name}" for name, count in counts.items())
         if output == _STDOUT:
@@ -249,7 +252,7 @@ def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
 
 
 def _context() -> BaseContext:
-    """Processes that start from a clean one, where the system can fork; else anew."""
+    """How processes start: forked from a clean one if the system can, else as new."""
     import multiprocessing
     import multiprocessing.util
 
@@ -306,8 +309,8 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
 
 
 @cache
-def _encoder() -> Callable[[dict[str, Any]], bytes]:
+def _encoder() -> Callable[[dict[str, object]], bytes]:
     """What makes the lines: a frame has some 700 values, so the encoder matters."""
     from pydantic import TypeAdapter
 
-    return TypeAdapter(dict[str, Any]).dump_json
+    return TypeAdapter(dict[str, object]).dump_json

@@ -14,19 +14,21 @@ Dataclasses that inherit share their options.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from copy import copy
 from dataclasses import MISSING, dataclass, fields
 from enum import Enum, EnumMeta
-from operator import getitem
+from functools import reduce
+from operator import getitem, or_
 from pathlib import Path
-from types import GenericAlias
+from types import GenericAlias, UnionType
 from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    Literal,
     TypeAlias,
+    Union,
     get_args,
     get_origin,
     get_type_hints,
@@ -179,43 +181,24 @@ def error_context(path: Path | None) -> Iterator[None]:
         raise Refused(f"{path}: {exc.detail}") from exc
 
 
-@dataclass(frozen=True)
-class Words:
-    """The words that an option takes; stands in the option's annotation.
-
-    They are read from the table that owns them, and only when they are needed: to load
-    the library takes most of the time of a command that does little.
-
-    Attributes
-    ----------
-    load : callable
-        Gives the words.
-    checked : bool
-        Whether typer refuses other words, and lists these itself. If not, they are read
-        for the help alone, which has them in place of `{words}`; other words are
-        refused by whoever gets the option.
-    """
-
-    load: Callable[[], Iterable[str]]
-    checked: bool = True
+def listed(words: object) -> str:
+    """The words of a `Literal` as a sentence lists them: "a, b or c"."""
+    *first, last = map(str, get_args(words))
+    return f"{', '.join(first)} or {last}"
 
 
-def build_command(
-    name: str, action: Action, *, with_help: bool
-) -> typer.core.TyperCommand:
-    """Make typer's command of a function of one options dataclass.
+def build_command(name: str, action: Action) -> typer.core.TyperCommand:
+    """Make typer's command of a function of one dataclass of options.
 
     Parameters
     ----------
     name : str
     action : callable
         Its docstring is the help.
-    with_help : bool
-        Also list the words that only help texts name.
     """
     options: type[Any] = get_type_hints(action)["options"]
     hints = {
-        name: _with_words(hint, with_help=with_help)
+        name: _with_choices(hint)
         for name, hint in get_type_hints(options, include_extras=True).items()
     }
 
@@ -235,10 +218,14 @@ def build_command(
     app.command(name)(call)
     built = typer.main.get_command(app)
     assert isinstance(built, typer.core.TyperCommand), "one command makes no group"
+    for parameter in built.params:
+        # No option of ours is read from the environment by typer, some of whose
+        # versions say "(env var: 'None')" of such an option.
+        vars(parameter)["show_envvar"] = False
     return built
 
 
-def _signature(options: type[Any], hints: Mapping[str, Any]) -> inspect.Signature:
+def _signature(options: type[Any], hints: Mapping[str, object]) -> inspect.Signature:
     return inspect.Signature(
         [
             inspect.Parameter(
@@ -254,25 +241,21 @@ def _signature(options: type[Any], hints: Mapping[str, Any]) -> inspect.Signatur
     )
 
 
-def _with_words(hint: Any, *, with_help: bool) -> Any:  # noqa: ANN401  # annotations
-    """The annotation as typer takes it: an enumeration, or a help text with a list."""
-    if get_origin(hint) is not Annotated:
-        return hint
-    kind, *notes = get_args(hint)
-    words = next((each for each in notes if isinstance(each, Words)), None)
-    if words is None or not (words.checked or with_help):
-        return hint
-    listed = tuple(words.load())
-    if words.checked:
-        # What typer offers as choices, in all of its versions.
-        choices = EnumMeta.__call__(Enum, "Word", [(word, word) for word in listed])
-        is_list = any(get_origin(part) is list for part in get_args(kind))
-        kind = (GenericAlias(list, (choices,)) if is_list else choices) | None
-    else:
-        notes[0] = copy(notes[0])
-        listing = f"{', '.join(listed[:-1])} or {listed[-1]}"
-        notes[0].help = notes[0].help.format(words=listing)
-    return getitem(Annotated, (kind, *notes))
+def _with_choices(hint: object) -> object:
+    """The annotation with an enumeration in place of each `Literal`.
+
+    Older versions of typer know no `Literal`, and none knows a list of one.
+    """
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return EnumMeta.__call__(Enum, "Word", [(word, word) for word in args])
+    if origin is Annotated:
+        return getitem(Annotated, (_with_choices(args[0]), *args[1:]))
+    if origin in (Union, UnionType):
+        return reduce(or_, map(_with_choices, args))
+    if origin is list:
+        return GenericAlias(list, (_with_choices(args[0]),))
+    return hint
 
 
 def _plain(value: object) -> object:

@@ -83,9 +83,9 @@ class LazyCommand(TyperCommand):
         action: Action = getattr(import_module(f"unghost.cli.{module}"), name)
         return action
 
-    def build(self, *, with_help: bool = True) -> TyperCommand:
+    def build(self) -> TyperCommand:
         """The command with its options."""
-        return build_command(str(self.name), self.action, with_help=with_help)
+        return build_command(str(self.name), self.action)
 
     def get_short_help_str(self, limit: int = 45) -> str:
         """The first sentence of its help, which needs no options."""
@@ -101,8 +101,7 @@ class LazyCommand(TyperCommand):
     ) -> Context:
         """Read the arguments; from here on the command that was built acts."""
         self.show_help(info_name, args, parent)
-        built = self.build(with_help=False)
-        return built.make_context(info_name, args, parent, **extra)
+        return self.build().make_context(info_name, args, parent, **extra)
 
     def show_help(
         self, info_name: str | None, args: list[str], parent: Context
@@ -216,14 +215,14 @@ def main() -> NoReturn:
         Screen().note("interrupted")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # The reader of our output has gone, as `| head` does: nobody to tell.
+        # The program that reads our output has ended, as `| head` does.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(REFUSED)
     except Exception as error:
         code = exit_code(error)
         if code is None:
             raise
-        for line in explain(error):
+        for line in error_lines(error):
             Screen().note(f"unghost: {line}" if line[:1] != " " else line)
         sys.exit(code)
     sys.exit(0)
@@ -250,12 +249,16 @@ def exit_code(error: Exception) -> int | None:
     refusals = (Refused, ApiError, RunFailed, DamagedDownload, ForeignServer, OSError)
     if isinstance(error, refusals):
         return REFUSED
+    # Last, because both load the library.
     from filter_core.errors import FilterError
+    from unghost.capture.simulator import CaptureError, SimulatorAway
 
-    return REFUSED if isinstance(error, FilterError) else None
+    if isinstance(error, SimulatorAway):
+        return UNAVAILABLE
+    return REFUSED if isinstance(error, FilterError | CaptureError) else None
 
 
-def explain(error: Exception) -> Iterator[str]:
+def error_lines(error: Exception) -> Iterator[str]:
     """What people are told of an error: a sentence, then lines with more about it."""
     import httpx
 

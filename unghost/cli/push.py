@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
 
@@ -21,6 +21,7 @@ from unghost.cli.sources import (
     open_source,
     outgoing,
 )
+from unghost.wire.words import UploadWord, Verdict
 
 if TYPE_CHECKING:
     from filter_core.formats.reading import FrameSet, Unmatched
@@ -33,8 +34,6 @@ _LOOKED_AT: Final = 500
 """Boxes without tags whose classes are named."""
 _LISTED: Final = 20
 """Problems that are listed one by one, of each kind."""
-_OUTCOMES: Final = ("stored", "already_there", "refused")
-_VERDICTS: Final = ("kept", "rejected", "unmeasured")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +128,7 @@ def send(
 
 
 def _note_unmapped(client: Client, options: PushOptions) -> None:
-    """A class that no tag stands for loses all its boxes: mostly a mistake."""
+    """Name classes without tags: all their boxes are rejected, mostly by mistake."""
     count = client.stats(options.dataset).by_reason.get("unmapped_class", 0)
     if not count:
         return
@@ -181,7 +180,7 @@ class PushReport:
 
         self._outcomes[outcome.word] += 1
         if isinstance(outcome, Sent):
-            for verdict in _VERDICTS:
+            for verdict in get_args(Verdict):
                 self._verdicts[verdict] += getattr(outcome.counts, verdict)
         elif isinstance(outcome, NotSent):
             self._changed += isinstance(outcome.error, Conflict)
@@ -214,8 +213,8 @@ class PushReport:
 
     def counts(self) -> dict[str, int]:
         """Frames by outcome, then boxes by verdict."""
-        frames = {word: self._outcomes[word] for word in _OUTCOMES}
-        boxes = {verdict: self._verdicts[verdict] for verdict in _VERDICTS}
+        frames = {word: self._outcomes[word] for word in get_args(UploadWord)}
+        boxes = {verdict: self._verdicts[verdict] for verdict in get_args(Verdict)}
         return frames | boxes
 
     def _print_some(self, lines: Iterable[str], count: int) -> None:

@@ -151,7 +151,7 @@ def most_first(counts: Mapping[str, int]) -> list[tuple[str, int]]:
 
 
 def refusal(key: str, reason: str) -> str:
-    """The line for a frame that was refused; its key stands there once."""
+    """The line for a refused frame: its key, then the reason without the key."""
     rest = reason.removeprefix("frame ").removeprefix(key)
     if rest[:1] in (":", ","):
         reason = rest.lstrip(":, ")

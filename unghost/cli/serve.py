@@ -130,7 +130,7 @@ def demo(options: DemoOptions) -> None:
     folder = options.data
     if folder is None and "UNGHOST_DATA" not in os.environ:
         folder = _DEMO_DATA
-    # One line per request would drown the bars; whoever wants them asks for them.
+    # A log line for each request would hide the bars, so they must be asked for.
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
     with refused_on(startup.CannotServe):
@@ -183,7 +183,7 @@ class _Filling:
 
     def start(self, url: str) -> None:
         """Begin; the server answers from now on."""
-        # A daemon: an interruption does not wait for frames that nobody wants.
+        # A daemon thread: an interruption does not wait for the frames.
         threading.Thread(target=self._run, args=(url,), daemon=True).start()
 
     def raise_if_failed(self) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from unghost.cli.options import Words, error_context
+from unghost.cli.options import error_context, listed
 from unghost.cli.screen import Refused, Screen
+from unghost.wire.words import ChannelOrder, Encoding, Layout, LossyPolicy, Palette
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
@@ -28,31 +28,15 @@ SourceFolder: TypeAlias = Annotated[
 ]
 
 
-def _layouts() -> Iterable[str]:
-    from filter_core.formats.registry import LAYOUTS
-
-    return LAYOUTS
-
-
-def _words_of(key: str) -> Iterable[str]:
-    """What a configuration allows for one of its keys."""
-    from filter_core.config.filter import FilterConfig
-    from filter_core.config.keys import Words as AllowedWords
-    from filter_core.config.keys import keys_of
-
-    allowed = keys_of(FilterConfig)[key].allowed
-    assert isinstance(allowed, AllowedWords), f"{key} takes one of several words"
-    return allowed.words
-
-
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
     """How to read a folder of frames."""
 
     layout: Annotated[
         str,
-        typer.Option(metavar="LAYOUT", help="How the folder is laid out: {words}."),
-        Words(_layouts, checked=False),
+        typer.Option(
+            metavar="LAYOUT", help=f"How the folder is laid out: {listed(Layout)}."
+        ),
     ] = "auto"
     segmentation: Annotated[
         Path | None,
@@ -97,24 +81,20 @@ class SegmentationReading:
     """How segmentations are to be read, where their files do not tell."""
 
     palette: Annotated[
-        str | None,
+        Palette | None,
         typer.Option(help="Tag family of the segmentations."),
-        Words(partial(_words_of, "palette")),
     ] = None
     encoding: Annotated[
-        str | None,
+        Encoding | None,
         typer.Option(help="How they write tags."),
-        Words(partial(_words_of, "encoding")),
     ] = None
     channel_order: Annotated[
-        str | None,
+        ChannelOrder | None,
         typer.Option(help="Order of their colour channels."),
-        Words(partial(_words_of, "channel_order")),
     ] = None
     lossy_segmentation: Annotated[
-        str | None,
+        LossyPolicy | None,
         typer.Option(help="What to do with JPEG segmentations."),
-        Words(partial(_words_of, "lossy_segmentation")),
     ] = None
 
     @property
@@ -177,10 +157,9 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
 
 def _count_lines(source: Path) -> int:
     """Frames of a manifest, for the bar: reading it costs little beside the images."""
-    from filter_core.formats.manifest import MANIFEST_NAME
+    from filter_core.formats.manifest import manifest_of
 
-    manifest = source / MANIFEST_NAME if source.is_dir() else source
-    with manifest.open("rb") as lines:
+    with (manifest_of(source) or source).open("rb") as lines:
         return sum(1 for line in lines if line.strip())
 
 

@@ -30,11 +30,11 @@ from unghost.client.call import (
     read_object,
     result,
 )
-from unghost.client.errors import Json
 from unghost.client.outgoing import OutgoingFrame
 
 if TYPE_CHECKING:
     from unghost.client.outgoing import FileContent
+    from unghost.wire.model import Json
     from unghost.wire.words import Answer, QueueOrder, Role, ThresholdTarget, Truth
 
 T = TypeVar("T")
@@ -53,7 +53,7 @@ def frame_path(dataset: str, key: str) -> str:
 
 
 class DatasetCalls:
-    """Datasets, and the numbers over a whole one."""
+    """Datasets, and counts over all boxes of one."""
 
     @listing
     def datasets(self) -> Listing[wire.Dataset]:
@@ -534,7 +534,7 @@ class AccessCalls:
 
     @endpoint
     def session(self) -> Call[wire.Session]:
-        """Who this client's token stands for."""
+        """Whose token this client has, and its role."""
         return Call("GET", f"{API}/session", result(wire.Session))
 
     @listing

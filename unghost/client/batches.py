@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import h11
 import httpx
@@ -15,7 +15,6 @@ from unghost.client.call import PATIENCE
 from unghost.client.duplex import Duplex, FileChanged
 from unghost.client.errors import (
     Forbidden,
-    Json,
     NotFound,
     Unauthorized,
     Unavailable,
@@ -24,6 +23,9 @@ from unghost.client.errors import (
 )
 from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
 from unghost.client.transport import Attempts, Endpoint, RetryPolicy
+
+if TYPE_CHECKING:
+    from unghost.wire.model import Json
 
 Report: TypeAlias = Callable[[Outcome], object]
 """Called with each frame's outcome as soon as it is known."""
@@ -35,7 +37,7 @@ _MEDIA_TYPE: Final = "application/x-tar"
 
 
 class BatchSender:
-    """Sends batches over one connection; for one thread, but `close` for any."""
+    """Sends batches over one connection. Other threads may only call `close`."""
 
     def __init__(
         self, endpoint: Endpoint, retry: RetryPolicy, pause: Callable[[float], bool]

@@ -18,6 +18,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
 from types import MethodType
 from typing import (
+    TYPE_CHECKING,
     Any,
     Concatenate,
     Final,
@@ -31,7 +32,10 @@ from typing import (
 
 import httpx
 
-from unghost.client.errors import Json, json_object, unexpected
+from unghost.client.errors import json_object, unexpected
+
+if TYPE_CHECKING:
+    from unghost.wire.model import Json
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -51,8 +55,8 @@ PAGE_SIZE: Final = 500
 """Items of a list that are asked for at once."""
 
 PATIENCE: Final = 2
-"""`Call.patience` of one call among many that are a whole together: a server may be
-started anew meanwhile."""
+"""`Call.patience` of a call that is one step of something longer, such as following a
+run: the server may be restarted in between."""
 
 
 class Kind(Protocol[T_co]):
@@ -111,7 +115,7 @@ class Listing(Generic[T]):
     params: Params = field(default_factory=dict)
 
     def page(self, cursor: str | None = None) -> Call[Page[T]]:
-        """The call for the first page, or for the one that a cursor stands for."""
+        """The call for the first page, or for the page that the cursor names."""
         params = {"limit": PAGE_SIZE, **self.params}
         if cursor is not None:
             params["cursor"] = cursor
@@ -176,7 +180,7 @@ class ClientMethod(Generic[P, T_co, AsyncT_co]):
 def endpoint(
     describe: Callable[Concatenate[Any, P], Call[T]],
 ) -> ClientMethod[P, T, Awaitable[T]]:
-    """Make a method of clients that sends the call which the function describes.
+    """Make a method that sends a call, from a function that describes the call.
 
     The function is written as a method, of any class that clients inherit; it makes no
     use of the client.
@@ -194,7 +198,7 @@ def endpoint(
 def listing(
     describe: Callable[Concatenate[Any, P], Listing[T]],
 ) -> ClientMethod[P, Iterator[T], AsyncIterator[T]]:
-    """Make a method of clients that iterates over the list which is described."""
+    """Make a method that iterates over a list, from a function that describes it."""
 
     @wraps(describe)
     def pages(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:

@@ -126,7 +126,7 @@ class Duplex:
                 self._answered = True
 
     def end(self, *, sent: bool) -> None:
-        """The request is over; what was not `sent` ends the connection with it."""
+        """End the request, and the connection if the body was not `sent` whole."""
         # Their state is another one if the server wants to close the connection.
         if sent and self._answered and self._http.their_state is h11.DONE:
             self._http.start_next_cycle()

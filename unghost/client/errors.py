@@ -23,14 +23,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from email.utils import parsedate_to_datetime
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING
 
 import httpx
 
 from unghost import wire
 
-Json: TypeAlias = Mapping[str, Any]
-"""A JSON object as it came."""
+if TYPE_CHECKING:
+    from unghost.wire.model import Json
 
 
 class ApiError(Exception):
@@ -141,7 +141,7 @@ _BY_STATUS: dict[int, type[ApiError]] = {
 
 
 def error_of(response: httpx.Response) -> ApiError:
-    """The exception that a response which is not 2xx stands for; its body is read."""
+    """The exception for a response that is no success, whose body has been read."""
     problem = json_object(response)
     kind = _BY_STATUS.get(response.status_code, ApiError)
     wait_s = retry_after_s(response.headers.get("Retry-After"))
@@ -159,7 +159,7 @@ def error_of(response: httpx.Response) -> ApiError:
 
 
 def error_of_problem(problem: Json) -> ApiError:
-    """The exception that a problem inside an answer stands for."""
+    """The exception for a problem within an answer, such as in a line of a batch."""
     status = problem.get("status")
     status = status if isinstance(status, int) else 500
     return _BY_STATUS.get(status, ApiError)(status, problem)
@@ -172,9 +172,9 @@ def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:
     return UnexpectedAnswer(response.status_code, problem)
 
 
-def run_failed(what: str, state: str, error: Json | None) -> RunFailed:
+def run_failed(what: str, state: str, error: wire.Failure | None) -> RunFailed:
     """The exception for work on the server that ended in another state than done."""
-    why = "" if error is None else f": {error.get('detail') or error}"
+    why = "" if error is None else f": {error.detail or error.code}"
     return RunFailed(f"{what} is {state}{why}")
 
 

@@ -25,7 +25,6 @@ from unghost.client.call import PATIENCE, Call, Kind, read_object, result
 from unghost.client.errors import (
     BadRequest,
     DamagedDownload,
-    Json,
     NotFound,
     Unavailable,
     run_failed,
@@ -51,8 +50,8 @@ class State(Protocol):
         ...
 
     @property
-    def error(self) -> Json | None:
-        """Why it failed, as a problem."""
+    def error(self) -> wire.Failure | None:
+        """Why it failed; None unless it did."""
         ...
 
 
@@ -200,7 +199,13 @@ class _Job(Generic[StateT]):
         return None
 
     def _polled(self, progress: Progress[StateT], timeout_s: float | None) -> StateT:
-        """Its state at the end, asked for ever more rarely; TimeoutError."""
+        """Ask for the state, at growing intervals, until the job is over.
+
+        Raises
+        ------
+        TimeoutError
+            It is not over in time.
+        """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         pause_s = _FIRST_POLL_S
         call = Call("GET", self.path, result(self.kind), patience=PATIENCE)
@@ -327,4 +332,4 @@ def _itself(response: httpx.Response) -> httpx.Response:
 
 
 def _ignore(*_: object) -> None:
-    """Progress that nobody asked for."""
+    """Ignore the progress."""

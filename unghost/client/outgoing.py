@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
 
 from unghost.client.call import Files
-from unghost.client.errors import ApiError, Json
+from unghost.client.errors import ApiError
 
 if TYPE_CHECKING:
     from unghost.wire.datasets import VerdictCounts
+    from unghost.wire.model import Json
     from unghost.wire.words import UploadWord
 
 FileContent: TypeAlias = bytes | str | PathLike[str]

@@ -176,7 +176,7 @@ class _Senders:
         """Outcomes so far; waits until at most so many batches are under way."""
         while self._under_way > most or not self._finished.empty():
             try:
-                # Not for ever: on Windows nothing else lets an interruption through.
+                # With a time-out: on Windows, Ctrl-C ends no wait without one.
                 finished = self._finished.get(timeout=_LISTEN_S)
             except Empty:
                 continue

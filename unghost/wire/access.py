@@ -18,7 +18,7 @@ from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel
 from unghost.wire.words import Role
 
 DEFAULT_DAYS: Final = 90
-"""How long a token lasts for which nobody says otherwise."""
+"""How many days a token lasts, unless the request says otherwise."""
 PRINTABLE: Final = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*[^\s\x00-\x1f\x7f-\x9f]$"
 Secret = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 
@@ -53,7 +53,7 @@ class TokenIn(RequestModel):
         return self
 
     def ends(self, now: datetime) -> datetime | None:
-        """When the token lets nobody in any more; None: never."""
+        """When the token expires; None: never."""
         if self.expires_at is not None or self.expires_in_days is None:
             return self.expires_at
         return now + timedelta(days=self.expires_in_days)

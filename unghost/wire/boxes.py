@@ -14,20 +14,22 @@ from unghost.wire.model import (
     RequestModel,
     ResponseModel,
     SparseModel,
+    never_null,
 )
 from unghost.wire.words import (
     Answer,
     BoxSort,
-    EvidenceKind,
+    EvidenceName,
     FrameSort,
     HistoryKind,
     OcclusionLevel,
     QueueOrder,
+    Reason,
     ReviewState,
     Verdict,
 )
 
-XYXY: TypeAlias = tuple[float, ...]
+XYXY: TypeAlias = tuple[float, float, float, float]
 """Left, top, right, bottom, in pixels; of an edge, its two ends."""
 
 Comment = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
@@ -50,7 +52,7 @@ class AcceptedTag(ResponseModel):
 
     tag: int
     name: str
-    rgb: tuple[int, ...]
+    rgb: tuple[int, int, int]
 
 
 class ReviewMark(ResponseModel):
@@ -74,9 +76,9 @@ class Decision(ResponseModel):
     frame_id: int
     class_name: str = Field(alias="class")
     verdict: Verdict
-    reason: str
+    reason: Reason
     explanation: Annotated[str, IfAbsent("")]
-    evidence: EvidenceKind | None
+    evidence: EvidenceName | None
     match_percent: float | None
     threshold: float | None
     margin: float | None
@@ -178,15 +180,19 @@ class FrameListQuery(BoxSelection):
     cursor: str | None = Field(default=None, max_length=2000)
 
 
-class BoxPage(Page[Decision]):
-    """One page of boxes."""
+class BoxPage(Page[Decision], SparseModel):
+    """One page of boxes; `total` and `snapshot` only with `count=true`."""
 
     total: int | None = Field(
-        description="All boxes of the filter, exactly; with `count=true`."
+        default=None,
+        json_schema_extra=never_null,
+        description="All boxes of the filter, exactly.",
     )
     snapshot: str | None = Field(
-        description="Stands for these boxes as they are now; with `count=true`. One "
-        "answer on all of them names it."
+        default=None,
+        json_schema_extra=never_null,
+        description="Stands for these boxes as they are now: one answer on all of them "
+        "names it.",
     )
 
 
@@ -322,7 +328,7 @@ class HistoryEntry(SparseModel):
     verdict: Verdict | Answer | None = Field(
         description="The filter's or the person's; null where a run's numbers are gone."
     )
-    reason: str | None = None
+    reason: Reason | None = None
     match_percent: float | None = None
     threshold: float | None = None
     activated: bool | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 from pydantic import (
     AwareDatetime,
@@ -13,8 +13,18 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic.config import JsonDict
 
-from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel, never_null
+from unghost.wire.model import (
+    Fault,
+    IfAbsent,
+    Message,
+    RequestModel,
+    ResponseModel,
+    SparseModel,
+    never_null,
+    properties_of,
+)
 from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
 
 ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -65,8 +75,8 @@ class DatasetIn(RequestModel):
 _TAKEN_AWAY_BY_NULL: Final = "ignore_mask"
 
 
-def _values_are_needed(schema: dict[str, Any]) -> None:
-    for name, value in schema["properties"].items():
+def _values_are_needed(schema: JsonDict) -> None:
+    for name, value in properties_of(schema):
         if name != _TAKEN_AWAY_BY_NULL:
             never_null(value)
             value.pop("default", None)
@@ -150,12 +160,21 @@ class Dataset(ResponseModel):
     counts: DatasetCounts
 
 
+class FrameProblem(SparseModel):
+    """Why a frame was refused; `more_errors` only where some are not listed."""
+
+    code: str
+    detail: Annotated[Message, IfAbsent("")]
+    errors: Annotated[tuple[Fault, ...], IfAbsent(())]
+    more_errors: int = 0
+
+
 class RefusedFrame(ResponseModel):
-    """A frame that was sent and refused, with the problem it was refused for."""
+    """A frame that was sent and refused, and why."""
 
     id: int
     key: str
-    error: Json
+    error: FrameProblem
     created_at: AwareDatetime
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal, get_args
 
 from pydantic import AwareDatetime, Field, PrivateAttr
 
@@ -21,7 +21,7 @@ from unghost.wire.model import (
     never_null,
     time_of,
 )
-from unghost.wire.words import EdgeKind, Layer
+from unghost.wire.words import EdgeKind, LayerName, Verdict
 
 
 class FrameSummary(ResponseModel):
@@ -166,7 +166,7 @@ class BatchEnd(SparseModel):
 class CropQuery(RequestModel):
     """How to cut a box out of its frame."""
 
-    layer: Layer = "image"
+    layer: LayerName = "image"
     pad: float = Field(
         default=0.25,
         ge=0,
@@ -177,13 +177,16 @@ class CropQuery(RequestModel):
     height: int = Field(default=256, ge=16, le=2048, description="Most pixels high.")
 
 
+_VERDICT: Final = f"({'|'.join(get_args(Verdict))})"
+
+
 class OverlayQuery(RequestModel):
     """What to draw over a frame."""
 
-    layer: Layer = "image"
+    layer: LayerName = "image"
     boxes: str = Field(
-        default="kept,rejected,unmeasured",
-        pattern=r"^((kept|rejected|unmeasured)(,(kept|rejected|unmeasured))*)?$",
+        default=",".join(get_args(Verdict)),
+        pattern=rf"^({_VERDICT}(,{_VERDICT})*)?$",
         description="Effective verdicts whose boxes are drawn; empty for none.",
     )
     edges: EdgeKind = "2d"

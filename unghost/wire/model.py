@@ -7,7 +7,7 @@ The service builds answers, which checks every value. The client reads them
 from __future__ import annotations
 
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
 from functools import cache
 from typing import (
@@ -16,11 +16,13 @@ from typing import (
     Final,
     Generic,
     NamedTuple,
+    Protocol,
     TypeAlias,
     TypeVar,
     Union,
     get_args,
     get_origin,
+    runtime_checkable,
 )
 
 from pydantic import (
@@ -37,6 +39,7 @@ from pydantic import (
 )
 from pydantic.config import JsonDict
 from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
 
 Json: TypeAlias = Mapping[str, Any]
 """An object of JSON, as `json` reads it."""
@@ -136,10 +139,19 @@ class ResponseModel(BaseModel):
         return type(self) is type(other) and self.__dict__ == other.__dict__
 
 
-def _answered(schema: dict[str, Any]) -> None:
+def properties_of(schema: JsonDict) -> Iterator[tuple[str, JsonDict]]:
+    """The keys of the object that a JSON schema describes, and their schemas."""
+    properties = schema["properties"]
+    assert isinstance(properties, dict)
+    for name, value in properties.items():
+        assert isinstance(value, dict)
+        yield name, value
+
+
+def _answered(schema: JsonDict) -> None:
     _open(schema)
     # A default is what the client takes; it is never sent.
-    for value in schema["properties"].values():
+    for _, value in properties_of(schema):
         value.pop("default", None)
 
 
@@ -149,16 +161,16 @@ class SparseModel(ResponseModel):
     model_config = ConfigDict(json_schema_extra=_answered)
 
     @model_serializer(mode="wrap")
-    def _only_set(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        values: dict[str, Any] = write(self)
+    def _only_set(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
+        values: dict[str, object] = write(self)
         return {key: values[key] for key in values if key in self.model_fields_set}
 
     @classmethod
     def __get_pydantic_json_schema__(
         cls, core_schema: Json, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> JsonSchemaValue:
         # Of the fields; that of the serializer only says that it gives an object.
-        described: Any = dict(core_schema)
+        described = dict(core_schema)
         described.pop("serialization", None)
         return handler(described)
 
@@ -196,12 +208,16 @@ class Fault(ResponseModel):
         return f"{self.pointer}: {self.detail}" if self.pointer else self.detail
 
 
-def never_null(schema: dict[str, Any]) -> None:
+def never_null(schema: JsonDict) -> None:
     """Describe a field of a `SparseModel` that is left out where it would be null."""
-    schema.update(next(one for one in schema.pop("anyOf") if one != {"type": "null"}))
+    forms = schema.pop("anyOf")
+    assert isinstance(forms, list)
+    for form in forms:
+        if isinstance(form, dict) and form != {"type": "null"}:
+            schema.update(form)
 
 
-def _of_an_answer(schema: dict[str, Any]) -> None:
+def _of_an_answer(schema: JsonDict) -> None:
     _answered(schema)
     schema["required"] = list(_IN_EVERY_ANSWER)
 
@@ -245,6 +261,14 @@ class Problem(SparseModel):
         json_schema_extra=never_null,
         description="Of a 409 `count_changed`: how many boxes there are.",
     )
+
+
+@runtime_checkable
+class _Readable(Protocol):
+    """A class whose objects are read from JSON, such as a `ResponseModel`."""
+
+    @classmethod
+    def read(cls, raw: Json, /) -> object: ...
 
 
 _Convert: TypeAlias = Callable[[Any], object]
@@ -317,7 +341,7 @@ def _converter(hint: object) -> _Convert | None:
         return _mapping_of(_converter(args[1]))
     if hint in (datetime, AwareDatetime):
         return time_of
-    if isinstance(hint, type) and issubclass(hint, ResponseModel):
+    if isinstance(hint, type) and issubclass(hint, _Readable):
         return hint.read
     return None
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from unghost.wire.model import IfAbsent, RequestModel, ResponseModel
-from unghost.wire.words import EvidenceKind, ThresholdTarget, Truth, WrongVerdict
+from unghost.wire.words import EvidenceName, ThresholdTarget, Truth, WrongVerdict
 
 
 class QualityQuery(RequestModel):
@@ -184,7 +184,7 @@ class Evaluation(ResponseModel):
     """Every measured channel against the truth, on the same boxes."""
 
     truth: Annotated[Truth, IfAbsent("instances")]
-    not_measured: Annotated[tuple[EvidenceKind, ...], IfAbsent(())]
+    not_measured: Annotated[tuple[EvidenceName, ...], IfAbsent(())]
     frames: int
     boxes: int
     channels: Annotated[Mapping[str, ChannelScore], IfAbsent({})]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import (
     AwareDatetime,
@@ -15,13 +15,21 @@ from pydantic import (
 )
 
 from unghost.wire.datasets import Histogram, VerdictCounts
-from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel, SparseModel
+from unghost.wire.model import (
+    IfAbsent,
+    Json,
+    Message,
+    RequestModel,
+    ResponseModel,
+    SparseModel,
+)
 from unghost.wire.words import (
     FINISHED,
     ExportFormat,
     Images,
     Include,
     JobState,
+    Reason,
     Rectangle,
     RejectedBoxes,
     RunKind,
@@ -35,7 +43,7 @@ MAX_BAND: Final = 100_000
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class FilterConfigIn(RootModel[dict[str, Any]]):
+class FilterConfigIn(RootModel[dict[str, object]]):
     """A configuration written out; the library says what may stand in it."""
 
 
@@ -70,7 +78,7 @@ class FlipSide(ResponseModel):
     """A box's verdict on one side of a change, and its reason."""
 
     verdict: Verdict
-    reason: str
+    reason: Reason
 
 
 class Flip(ResponseModel):
@@ -149,6 +157,13 @@ class RunCounts(VerdictCounts, SparseModel):
     unmeasured: int = 0
 
 
+class Failure(ResponseModel):
+    """Why a run or an export failed: `code` for programs, `detail` for people."""
+
+    code: str
+    detail: Annotated[Message, IfAbsent("")]
+
+
 class Run(ResponseModel):
     """One configuration applied to a dataset: how far it is and what came out."""
 
@@ -162,7 +177,7 @@ class Run(ResponseModel):
     done: int
     changed: int
     counts: Annotated[RunCounts, IfAbsent(RunCounts())]
-    error: Json | None
+    error: Failure | None
     created_by: str
     created_at: AwareDatetime
     started_at: AwareDatetime | None
@@ -222,6 +237,11 @@ class ExportOptions(RequestModel):
         "it.",
     )
 
+    @classmethod
+    def read(cls, raw: Json) -> ExportOptions:
+        """Take the options of an earlier export as they are, without a check."""
+        return cls.model_construct(None, **raw)
+
 
 class ExportIn(RequestModel):
     """Labels to write."""
@@ -242,14 +262,14 @@ class Export(ResponseModel):
     id: int
     dataset: str
     format: ExportFormat
-    options: Json
+    options: ExportOptions
     state: JobState
     total: int = Field(description="Frames.")
     done: int
     size_bytes: int | None
     sha256: str | None
     counts: Json | None
-    error: Json | None
+    error: Failure | None
     created_by: Annotated[str, IfAbsent("")]
     created_at: AwareDatetime
     finished_at: AwareDatetime | None

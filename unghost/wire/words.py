@@ -1,13 +1,13 @@
-"""Every closed set of words that crosses HTTP, as a `Literal`.
+"""Every closed set of words that crosses HTTP or is an option's, as a `Literal`.
 
-Nothing heavy is imported here: the command line checks its options against these words
-at its start. Where the library or the service has a table of the same words, a test
-compares them.
+Nothing heavy is imported here, so that the command line can check its options, and list
+what they take, without loading the library. Where the library or the service has a
+table of the same words, a test compares them.
 """
 
 from __future__ import annotations
 
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias, get_args
 
 # Boxes
 Verdict: TypeAlias = Literal["kept", "rejected", "unmeasured"]
@@ -18,10 +18,27 @@ ReviewState: TypeAlias = Literal[
     "undecided", "decided", "keep", "reject", "unsure", "none", "any"
 ]
 """What a list of boxes can ask of the answers on them."""
-EvidenceKind: TypeAlias = Literal[
+EvidenceName: TypeAlias = Literal[
     "semantic", "ordered", "depth", "depth_center", "instance", "lidar"
 ]
 """What a verdict can rest on."""
+Reason: TypeAlias = Literal[
+    "outside_image",
+    "covers_image",
+    "degenerate",
+    "out_of_range",
+    "unmapped_class",
+    "no_segmentation",
+    "no_visible_pixels",
+    "large_below_threshold",
+    "below_threshold",
+    "explained_by_nearer",
+    "hidden_by_depth",
+    "hidden_by_instance",
+    "too_few_lidar_points",
+    "visible",
+]
+"""The rule that gave a box its verdict."""
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]
 """How much of an object is hidden, as in KITTI; 3: unknown."""
 BoxSort: TypeAlias = Literal[
@@ -42,10 +59,16 @@ FileKind: TypeAlias = Literal[
 """The files of a frame."""
 UploadWord: TypeAlias = Literal["stored", "already_there", "refused"]
 """What became of a frame that was sent."""
-Layer: TypeAlias = Literal["image", "segmentation", "blend"]
+LayerName: TypeAlias = Literal["image", "segmentation", "blend"]
 """What a picture of a frame or of a box shows."""
 EdgeKind: TypeAlias = Literal["2d", "3d"]
 """How a picture outlines boxes."""
+
+# Folders
+Layout: TypeAlias = Literal[
+    "auto", "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "pairs"
+]
+"""How the files of a folder of frames are arranged; `auto`: recognise it."""
 
 # Segmentations
 Palette: TypeAlias = Literal[
@@ -60,9 +83,11 @@ LossyPolicy: TypeAlias = Literal["refuse", "nearest"]
 """What happens to a segmentation whose colours are not exact."""
 
 # Runs and exports
-JobState: TypeAlias = Literal["queued", "running", "done", "failed", "cancelled"]
+FinishedState: TypeAlias = Literal["done", "failed", "cancelled"]
+"""How a run or an export ended."""
+JobState: TypeAlias = Literal["queued", "running", FinishedState]
 """How far a run or an export is."""
-FINISHED: Final[frozenset[JobState]] = frozenset({"done", "failed", "cancelled"})
+FINISHED: Final[frozenset[JobState]] = frozenset(get_args(FinishedState))
 """The states that nothing follows."""
 RunKind: TypeAlias = Literal["decide", "measure"]
 """Whether a run decides by stored numbers, or measures pixels first."""

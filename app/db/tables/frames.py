@@ -59,7 +59,7 @@ class Frame(Base):
     carla_version: Mapped[str | None] = mapped_column(String(200))
     map: Mapped[str | None] = mapped_column(String(200))
     captured_at: Mapped[str | None] = mapped_column(String(64))
-    annotation: Mapped[Any] = mapped_column(JsonText, deferred=True)
+    annotation: Mapped[dict[str, Any]] = mapped_column(JsonText, deferred=True)
     created_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
 
@@ -145,5 +145,5 @@ class Problem(Base):
         Key, ForeignKey("datasets.id", ondelete="CASCADE")
     )
     key: Mapped[str] = mapped_column(String(512))
-    error: Mapped[Any] = mapped_column(JsonText)
+    error: Mapped[dict[str, object]] = mapped_column(JsonText)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

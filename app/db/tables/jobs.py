@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from sqlalchemy import CheckConstraint, ForeignKey, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
@@ -33,7 +34,7 @@ class Chunk(Base):
     frames: Mapped[int] = mapped_column(Key)
     state: Mapped[str] = mapped_column(String(16), default="waiting")
     attempts: Mapped[int] = mapped_column(default=0)
-    error: Mapped[Any | None] = mapped_column(JsonText)
+    error: Mapped[dict[str, object] | None] = mapped_column(JsonText)
     finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
 
 
@@ -72,7 +73,7 @@ class JobRow:
     state: Mapped[str] = mapped_column(String(16), default="queued")
     total: Mapped[int] = mapped_column(Key, default=0)
     done: Mapped[int] = mapped_column(Key, default=0)
-    error: Mapped[Any | None] = mapped_column(JsonText)
+    error: Mapped[dict[str, object] | None] = mapped_column(JsonText)
     created_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
     finished_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
@@ -104,7 +105,7 @@ class Run(JobRow, Base):
     kind: Mapped[str] = mapped_column(String(16))
     activate: Mapped[bool] = mapped_column(default=False)
     changed: Mapped[int] = mapped_column(Key, default=0)
-    counts: Mapped[Any] = mapped_column(JsonText, default=dict)
+    counts: Mapped[dict[str, int]] = mapped_column(JsonText, default=dict)
     started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     last_review_id: Mapped[int | None] = mapped_column(Key)
     """The newest answer when it was done; None of runs of earlier versions."""
@@ -126,9 +127,9 @@ class Export(JobRow, Base):
     )
 
     format: Mapped[str] = mapped_column(String(32))
-    options: Mapped[Any] = mapped_column(JsonText)
+    options: Mapped[dict[str, object]] = mapped_column(JsonText)
     run_id: Mapped[int | None] = mapped_column(Key)
     sha256: Mapped[str | None] = mapped_column(String(64))
     size_bytes: Mapped[int | None] = mapped_column(Key)
     media_type: Mapped[str | None] = mapped_column(String(64))
-    counts: Mapped[Any | None] = mapped_column(JsonText)
+    counts: Mapped[Mapping[str, object] | None] = mapped_column(JsonText)

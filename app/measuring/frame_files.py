@@ -1,7 +1,7 @@
 """The bytes of one frame to numbers: what child processes do with the library.
 
 Strangers choose these bytes, and with them what reading them costs; see
-`app.engine.pixels`. A thread of the service reads only what `is_simple`.
+`app.engine.children`. A thread of the service reads only what `is_simple`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from base64 import b64decode
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from app.engine.pixels import PixelPool
+from app.engine.children import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.config.keys import CHANNELS, files_for
@@ -78,9 +78,9 @@ def measure_files(
     Raises
     ------
     FilterError
-        Whatever is wrong with the frame; `app.engine.pixels.PixelsRefused` if it needs
-        more time or memory than a frame may.
-    app.engine.pixels.GivenUp
+        Whatever is wrong with the frame; `app.engine.children.PixelsRefused` if it
+        needs more time or memory than a frame may.
+    app.engine.children.GivenUp
         `given_up` was set before the child was done.
     """
     # Only what is read there travels: not what came along, to be given back by exports.
@@ -160,20 +160,20 @@ def measure(
 
 
 def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
-    sources: list[Any] = [] if files.ignore_mask is None else [files.ignore_mask]
+    sources = [] if files.ignore_mask is None else [files.ignore_mask]
     if config.ignored is not None:
         picture = config.ignored.get("png")
         sources.append(b64decode(picture) if picture else config.ignored["polygons"])
     if not sources:
         return None
-    with naming(pointer="/ignore_mask"):
+    with error_context(pointer="/ignore_mask"):
         masks = [read_ignore_mask(source, files.image_wh) for source in sources]
     joined: Mask = np.logical_or.reduce(masks)
     return joined
 
 
 @contextmanager
-def naming(key: str = "", pointer: str = "") -> Iterator[None]:
+def error_context(key: str = "", pointer: str = "") -> Iterator[None]:
     """Say which frame, and which part of it, a fault raised within belongs to."""
     try:
         yield
@@ -188,7 +188,7 @@ def naming(key: str = "", pointer: str = "") -> Iterator[None]:
         ) from error
 
 
-def described(error: FilterError) -> dict[str, Any]:
+def described(error: FilterError) -> dict[str, object]:
     """A refusal as it is remembered: the fault, or each of several."""
     problem = problem_of(error)
     told = {key: value for key, value in problem.items() if key != "title"}

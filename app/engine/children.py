@@ -34,7 +34,7 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 from queue import Empty, LifoQueue
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias, TypeVar, cast
 
 import cv2
 
@@ -84,12 +84,23 @@ class _ChildDied(Exception):
     """The process ended before it answered."""
 
 
+class _TooSlow(Exception):
+    """The work took longer than it may."""
+
+
 _REASONS: Final[dict[type[Exception], str]] = {
-    PixelsRefused: "time",
+    _TooSlow: "time",
     _ChildDied: "died",
     GivenUp: "given_up",
 }
 """Why a child has to be replaced, in the words of the metric."""
+
+
+class Subject(NamedTuple):
+    """What a pool reads, and the variable that says how long that may take."""
+
+    name: str
+    seconds_setting: str
 
 
 class PixelPool:
@@ -108,6 +119,8 @@ class PixelPool:
         Address space that a child may use beside that of its program.
     preload : names of modules
         Imported once for all children, where the system can fork.
+    subject : Subject
+        What is read, for errors.
     """
 
     def __init__(
@@ -117,8 +130,10 @@ class PixelPool:
         seconds: float = 30.0,
         memory_bytes: int = 2 * 1024**3,
         preload: Sequence[str] = (),
+        subject: Subject | None = None,
     ) -> None:
         self.children = children
+        self._subject = subject or Subject("the picture", "UNGHOST_MAX_PIXEL_SECONDS")
         self._seconds, self._memory_bytes = seconds, memory_bytes
         self._context = _context(preload)
         # The place that became free last comes first: its child has its caches warm.
@@ -168,7 +183,7 @@ class PixelPool:
             return cast("_Result", self._ask(message, given_up))
         except _ChildDied as died:
             raise PixelsRefused(
-                f"reading the picture ended two processes: the last one {died}"
+                f"reading {self._subject.name} ended two processes: the last one {died}"
             ) from died
 
     def run_here(self, work: Callable[..., _Result], *args: object) -> _Result:
@@ -206,6 +221,11 @@ class PixelPool:
             reason = _MEMORY if kind == _MEMORY else ""
         except tuple(_REASONS) as ended:
             reason = _REASONS[type(ended)]
+            if isinstance(ended, _TooSlow):
+                raise PixelsRefused(
+                    f"reading {self._subject.name} takes longer than the "
+                    f"{self._seconds:g} s that {self._subject.seconds_setting} allows"
+                ) from None
             raise
         finally:
             self._give_back(child, reason)
@@ -214,8 +234,8 @@ class PixelPool:
         if kind == _MEMORY:
             mebibytes = self._memory_bytes // 1024**2
             raise PixelsRefused(
-                f"reading the picture needs more memory than the {mebibytes} MiB that "
-                "UNGHOST_MAX_PIXEL_MEMORY_BYTES allows"
+                f"reading {self._subject.name} needs more memory than the {mebibytes} "
+                "MiB that UNGHOST_MAX_PIXEL_MEMORY_BYTES allows"
             )
         if kind == _FAILED:
             raise ChildFailed(cast("str", result))
@@ -289,7 +309,7 @@ class _Child:
     def ask(
         self, message: bytes, seconds: float, given_up: threading.Event | None
     ) -> tuple[str, object]:
-        """How the work ended, and its result; `_ChildDied`, `GivenUp`."""
+        """How the work ended, and its result; `_ChildDied`, `_TooSlow`, `GivenUp`."""
         try:
             self._pipe.send_bytes(message)
             self._wait(seconds, given_up)
@@ -301,14 +321,14 @@ class _Child:
     def _wait(self, seconds: float, given_up: threading.Event | None) -> None:
         if given_up is None:
             if not self._pipe.poll(seconds):
-                raise _too_slow(seconds)
+                raise _TooSlow
             return
         until = time.monotonic() + seconds
         while not self._pipe.poll(_LOOK_S):
             if given_up.is_set():
                 raise GivenUp
             if time.monotonic() > until:
-                raise _too_slow(seconds)
+                raise _TooSlow
 
     def end(self) -> None:
         """Let it end: it reads the end of its pipe."""
@@ -354,13 +374,6 @@ class _Answers(pickle.Unpickler):
 def _is_value(found: object) -> bool:
     is_named = isinstance(found, type) and issubclass(found, FilterError | Enum | tuple)
     return is_named or (isinstance(found, type) and is_dataclass(found))
-
-
-def _too_slow(seconds: float) -> PixelsRefused:
-    return PixelsRefused(
-        f"reading the picture takes longer than the {seconds:g} s that "
-        "UNGHOST_MAX_PIXEL_SECONDS allows"
-    )
 
 
 def _ending(exitcode: int | None) -> str:
@@ -414,7 +427,7 @@ def _serve(pipe: Connection, memory_bytes: int) -> None:
 
 def _outcome(message: bytes) -> bytes:
     kind: str
-    result: Any
+    result: object
     try:
         work, args = pickle.loads(message)
         kind, result = _DONE, work(*args)

@@ -1,0 +1,177 @@
+"""The route that reads a dropped folder, of which nothing is stored."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import AsyncExitStack
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final
+
+from anyio import CancelScope, CapacityLimiter, to_thread
+from fastapi import Query, Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+from starlette.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from app.context import ServiceContext
+from app.engine.children import GivenUp
+from app.http.bodies import UntilStopped, stopping
+from app.http.deps import AppServices
+from app.http.middleware import BODY_ALLOWANCE
+from app.http.routing import ApiRouter, streamed_up_to
+from app.incoming import HeldBytes
+from app.ingest.batch import OpenBatches
+from app.ingest.folder import (
+    MOST_LONGER,
+    FolderTask,
+    SentFolder,
+    write_answer,
+)
+from app.ingest.routes import (
+    ARCHIVE_BODY,
+    LINES,
+    expect_archive,
+    lines_of,
+    tell_when_left,
+)
+from app.ingest.tar import TarLimits, TarStream
+from app.storage.room import require_room
+from unghost.wire.folders import FolderEnd, FolderFrame, FolderHead, UnmatchedFile
+from unghost.wire.words import Layout
+
+router = ApiRouter(prefix="/api/v1", tag="frames")
+
+
+@router.post(
+    "/folders",
+    response_class=Response,
+    responses=lines_of(
+        FolderHead,
+        FolderFrame,
+        UnmatchedFile,
+        FolderEnd,
+        description="How the folder is laid out, a line per frame, one per file that "
+        "belongs to none, and a last one.",
+    ),
+    openapi_extra={**streamed_up_to("max_folder_bytes"), **ARCHIVE_BODY},
+)
+async def read_folder(
+    request: Request,
+    services: AppServices,
+    layout: Annotated[Layout, Query(description="How it is laid out.")] = "auto",
+) -> Response:
+    """Say which frames a folder holds; nothing is stored.
+
+    The body is a tar of its files: text files as they are, the others without content.
+    """
+    expect_archive(request)
+    settings = services.settings
+    place = services.one(OpenBatches).enter(
+        request.state.principal.token_id,
+        most=settings.max_open_batches,
+        most_of_one=settings.max_open_batches_per_token,
+    )
+    async with AsyncExitStack() as opened:
+        opened.enter_context(place)
+        sent = await run_in_threadpool(_new_folder, services)
+        opened.push_async_callback(_remove, sent)
+        await _receive(request, services, sent)
+        task = FolderTask(
+            root=sent.root,
+            answer=sent.answer,
+            layout=layout,
+            refused=tuple(sent.refused),
+            most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
+        )
+        size = await _in_child(request, services, task)
+        return FolderAnswer(sent.answer, size, opened.pop_all())
+
+
+def _new_folder(services: ServiceContext) -> SentFolder:
+    settings = services.settings
+    require_room(settings, services.storage)
+    return SentFolder(
+        services.storage.temporary_folder(),
+        settings.max_folder_files,
+        int(settings.max_part_bytes),
+    )
+
+
+async def _remove(sent: SentFolder) -> None:
+    with CancelScope(shield=True):
+        await run_in_threadpool(sent.remove)
+
+
+async def _receive(
+    request: Request, services: ServiceContext, sent: SentFolder
+) -> None:
+    """Lay the files of the body into the folder while they come."""
+    settings, stop = services.settings, services.engine.stopping
+    limits = TarLimits(
+        max_archive_bytes=int(settings.max_folder_bytes),
+        max_member_bytes=int(settings.max_part_bytes),
+        # A long name is a member before the one that it names.
+        max_members=2 * settings.max_folder_files,
+    )
+    archive = TarStream(limits, any_name=True)
+    held: HeldBytes = request.scope[BODY_ALLOWANCE].held
+
+    def lay(chunk: bytes) -> None:
+        for member in archive.feed(chunk):
+            sent.add(member)
+
+    pieces = UntilStopped(request.stream(), stop)
+    with stop.telling(pieces.wake):
+        async for chunk in pieces:
+            await run_in_threadpool(lay, chunk)
+            held.hold(archive.size_bytes)
+    archive.close()
+    held.hold(0)
+
+
+async def _in_child(
+    request: Request, services: ServiceContext, task: FolderTask
+) -> int:
+    """The size of the answer that a child process writes; given up with the request."""
+    given_up = threading.Event()
+    watching = asyncio.ensure_future(tell_when_left(request, given_up))
+    places: CapacityLimiter = request.app.state.folders
+    try:
+        return await to_thread.run_sync(
+            partial(services.folders.run, write_answer, task, given_up=given_up),
+            limiter=places,
+        )
+    except GivenUp:
+        raise (ClientDisconnect if given_up.is_set() else stopping)() from None
+    finally:
+        watching.cancel()
+
+
+class FolderAnswer(StreamingResponse):
+    """The answer from its file, which is removed when it is sent or given up."""
+
+    def __init__(self, file: Path, size: int, opened: AsyncExitStack) -> None:
+        super().__init__(
+            _pieces(file), media_type=LINES, headers={"Content-Length": str(size)}
+        )
+        self._opened = opened
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            await self._opened.aclose()
+
+
+_PIECE: Final = 256 * 1024
+
+
+def _pieces(file: Path) -> Iterator[bytes]:
+    with file.open("rb") as stream:
+        while piece := stream.read(_PIECE):
+            yield piece

@@ -1,0 +1,150 @@
+"""Images with their segmentations, and each frame's annotation where a file has it.
+
+A segmentation has the name of its image, in a folder of its own (``seg/1.png``) or
+beside it with an ending (``1_seg.png``). ``1.json`` is the annotation of ``1.png``, as
+an upload takes it; an image without one is a frame without boxes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from filter_core.errors import FilterError, JsonError, LayoutError
+from filter_core.formats.format import Format, Likeness, Source
+from filter_core.formats.reading import (
+    IMAGE_SUFFIXES,
+    FileIndex,
+    FrameSet,
+    FrameSource,
+    ReadOptions,
+    Unmatched,
+    frame_key,
+    holds_boxes,
+    read_label_bytes,
+    segmentation_folder,
+    walk,
+)
+from filter_core.json_text import read_json
+from filter_core.values import shown
+
+PAIRS: Final = Format(
+    name="pairs",
+    title="Images and segmentations",
+    holds=(
+        "images, their segmentations in `seg/` or beside them as `NAME_seg.png`, and "
+        "each frame's [annotation](api.md#a-frames-annotation) as `NAME.json`, where "
+        "there is one"
+    ),
+    recognised_by="images, where there is nothing else",
+)
+
+
+@PAIRS.detector
+def _likeness(source: Source) -> Likeness:
+    root = source.path
+    # Labels of a kind that cannot be told are not to be left out in silence.
+    if root.is_file() or any(map(holds_boxes, source.label_files)):
+        return "none"
+    return "otherwise" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"
+
+
+_ENDING: Final = re.compile(r"[-_. ](seg|segmentation|semantic)$", re.IGNORECASE)
+
+
+@PAIRS.reader
+def read_pairs(root: Path, options: ReadOptions) -> FrameSet:
+    """A frame for each image; an annotation that cannot be read is its problem.
+
+    Label files of other layouts are listed as unmatched.
+    """
+    tags = options.segmentation or segmentation_folder(root)
+    names = list(walk(root, IMAGE_SUFFIXES, [tags] if tags else []))
+    beside = {name for name in names if _ENDING.search(Path(name).stem)}
+    labels = options.labels or root
+    images = FileIndex(name for name in names if name not in beside)
+    folder_tags = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
+    beside_tags = FileIndex(sorted(beside), _key_without_ending)
+    annotations = FileIndex(walk(labels, (".json",)))
+    frames = []
+    for key, image in images:
+        alone = images.is_only_base(key)
+        in_folder = folder_tags.take(key, by_base=alone)
+        by_name = beside_tags.take(key, by_base=alone) if in_folder is None else None
+        annotation = annotations.take(key, by_base=alone)
+        tag = tags / in_folder if tags and in_folder else None
+        frames.append(
+            _Pair(
+                key=key,
+                image=root / image,
+                segmentation=root / by_name if by_name else tag,
+                annotation=annotation,
+            )
+        )
+    unmatched = (
+        *images.unmatched,
+        *folder_tags.left_over(_NO_IMAGE),
+        *beside_tags.left_over(_NO_IMAGE),
+        *annotations.left_over("no image of this name"),
+        *_foreign_labels(labels),
+    )
+    return FrameSet(
+        layout="pairs",
+        frames=lambda: _read_frames(labels, frames),
+        count=len(frames),
+        unmatched=unmatched,
+    )
+
+
+_NO_IMAGE: Final = "no image for this segmentation"
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The files of one frame; the annotation is relative to the labels' folder."""
+
+    key: str
+    image: Path
+    segmentation: Path | None
+    annotation: str | None
+
+
+def _key_without_ending(name: str) -> str:
+    return _ENDING.sub("", frame_key(name))
+
+
+def _foreign_labels(root: Path) -> Iterator[Unmatched]:
+    for name in walk(root, (".txt", ".xml")):
+        if holds_boxes(name):
+            yield Unmatched(name, "labels of another layout are not read with images")
+
+
+def _read_frames(labels: Path, frames: Sequence[_Pair]) -> Iterator[FrameSource]:
+    for one in frames:
+        annotation: dict[str, object] | None = {"boxes": []}
+        problem: FilterError | None = None
+        if one.annotation is not None:
+            try:
+                annotation = _annotation(labels / one.annotation, one.annotation)
+            except FilterError as exc:
+                annotation, problem = None, exc
+        yield FrameSource(
+            key=one.key,
+            annotation=annotation,
+            image=one.image,
+            segmentation=one.segmentation,
+            problem=problem,
+        )
+
+
+def _annotation(path: Path, name: str) -> dict[str, object]:
+    try:
+        value = read_json(read_label_bytes(path, name), halves=True)
+    except JsonError as exc:
+        raise LayoutError(f"{name}: {exc.detail}") from exc
+    if not isinstance(value, dict):
+        raise LayoutError(f"{name}: expected one JSON object, found {shown(value)}")
+    return value
