@@ -8,19 +8,30 @@ skipped() {
     exit 0
 }
 
+# Fetch what the package in this folder needs, once.
+fetched() {
+    [ node_modules/.package-lock.json -nt package-lock.json ] ||
+        npm ci --no-audit --no-fund --loglevel=error || skipped "npm could not fetch its tools" "types"
+}
+
 command -v node >/dev/null 2>&1 || skipped "Node is not installed" "types and behaviour"
 node -e 'process.exit(process.versions.node.split(".")[0] < 18 ? 1 : 0)' ||
     skipped "Node $(node --version) is older than 18" "types and behaviour"
 
 cd "$(dirname "$0")/../tests/js"
-if ! report=$(node --test unit/*.test.js 2>&1); then
+if ! report=$(node --test */*.test.js 2>&1); then
     echo "$report"
     exit 1
 fi
 echo "The page's JavaScript: $(echo "$report" | sed -n 's/^[#ℹ] pass //p') tests passed."
 command -v npm >/dev/null 2>&1 || skipped "npm is not installed" "types"
-if [ ! node_modules/.package-lock.json -nt package-lock.json ]; then
-    npm ci --no-audit --no-fund --loglevel=error || skipped "npm could not fetch its tools" "types"
-fi
+fetched
 npm run --silent types
-echo "The page's JavaScript: types are sound."
+cd ../../tools/page_types
+fetched
+if ! report=$(npm run --silent check 2>&1); then
+    echo "$report"
+    echo "static/js/core/openapi.d.ts is not what the API says of itself: cd tools/page_types && npm run write"
+    exit 1
+fi
+echo "The page's JavaScript: types are sound, and those of the API are current."

@@ -55,7 +55,7 @@ class Command(Protocol):
         """The first sentence of its help."""
 
 
-_BINDING: Final = re.compile(r'keys: \[(.*?)\], help: "(.*?)"')
+_BINDING: Final = re.compile(r'keys: \[(.*?)\], help: "(.*?)", group: "(.*?)"')
 DOCS: Final = Path(__file__).resolve().parents[1] / "docs"
 
 
@@ -137,11 +137,12 @@ def key_table() -> Iterator[str]:
     """Every key of the review page, from the table that the page itself reads."""
     yield "| keys | what they do |"
     yield "|---|---|"
-    for keys, text in _BINDING.findall(
+    for keys, text, group in _BINDING.findall(
         (static_dir() / "js" / "core" / "keymap.js").read_text()
     ):
         names = " ".join(f"`{key}`" for key in re.findall(r'"([^"]+)"', keys))
-        yield f"| {names} | {text} |"
+        where = f"{group}: " if group == "In the grid" else ""
+        yield f"| {names} | {where}{text} |"
 
 
 def number_table() -> Iterator[str]:

@@ -3,40 +3,32 @@
 # the others while it waits for a server, a browser or a disk. The command in CHECK, if
 # any, runs beside them, and what it found is said first. What tells most about the
 # database is run on PostgreSQL as well; with UNGHOST_TEST_DATABASE everything is, and
-# only there. The output of a group comes when it is complete. A test that fails beside
-# so much else is run once more, with the machine to itself: what fails then is wrong and
-# not merely late. Both reports are printed.
+# only there. The output of a group comes when it is complete.
 set -u
 work=$(mktemp -d)
 trap 'kill $(cat "$work"/*.pid 2>/dev/null) 2>/dev/null; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 
-# What needs a service and is left to another group, to make all equally long. The
-# server that speaks S3 takes as long to start as many tests: only one group needs it.
-BESIDE_BROWSER=tests/api/replicas
-BESIDE_OTHERS=tests/api/s3
-
-# What a group consists of, for pytest.
+# What a group consists of, for pytest; each collects its own folders only.
 paths() {
     case $1 in
-    browser) echo tests/browser $BESIDE_BROWSER ;;
-    service)
-        echo tests/api tests/hostile
-        printf ' --ignore=%s' $BESIDE_BROWSER $BESIDE_OTHERS
-        ;;
+    browser) echo tests/browser tests/replicas ;;
+    service) echo tests/api tests/durability tests/hostile ;;
     others)
-        echo tests --ignore=tests/browser --ignore=tests/hostile
-        for one in tests/api/test_*.py tests/api/*/; do
-            [ "${one%/}" = $BESIDE_OTHERS ] || echo "--ignore=${one%/}"
+        for folder in tests/*/; do
+            case ${folder%/} in
+            tests/browser | tests/replicas) ;;
+            tests/api | tests/durability | tests/hostile) ;;
+            tests/__pycache__ | tests/data | tests/support) ;;
+            *) echo "${folder%/}" ;;
+            esac
         done
         ;;
     postgres)
-        for one in runs export_jobs statistics box_selection ids; do
-            echo "tests/unit/app/test_$one.py"
-        done
-        for one in queue_order batches_like_uploads; do
-            echo "tests/property/app/test_$one.py"
-        done
+        echo tests/unit/app/runs/test_runs.py tests/unit/app/exports
+        echo tests/unit/app/boxes/test_statistics.py tests/unit/app/db/test_ids.py
+        echo tests/unit/app/boxes/test_box_selection.py
+        echo tests/property/app/review tests/property/app/ingest
         echo tests/api/test_main_path.py
         ;;
     esac
@@ -57,7 +49,7 @@ run() {
 groups="others service browser"
 if [ -n "${UNGHOST_TEST_DATABASE:-}" ]; then
     echo "All tests on PostgreSQL."
-elif database=$("$1" -m tests.databases); then
+elif database=$("$1" -m tests.support.databases); then
     groups="$groups postgres"
 elif [ -n "${CI:-}" ]; then
     exit 1
@@ -91,20 +83,7 @@ if [ -n "${CHECK:-}" ] && ! end check; then
     echo "The checks have failed; the tests go on."
     outcome=1
 fi
-failed=
 for group in $groups; do
-    end "$group"
-    status=$?
-    # Status 1 is failed tests; any other is a run that did not get so far as to name them.
-    case $status in
-    0) ;;
-    1) failed="$failed $group" ;;
-    *) exit "$status" ;;
-    esac
-done
-
-for group in $failed; do
-    echo "Once more, alone: what failed beside the other tests ($group)."
-    (run "$group" "$@" --last-failed --last-failed-no-failures=none) || outcome=1
+    end "$group" || outcome=$?
 done
 exit "$outcome"

@@ -1,7 +1,7 @@
 // @ts-check
 // The API described for people: the server's own page, shown to whoever is signed in.
 
-import { ApiError, request, send, showSession } from "./core/api.js";
+import { ApiError, send, showSession } from "./core/api.js";
 import { createSession } from "./core/connection.js";
 
 /** @param {string} words @param {string} [href] */
@@ -22,7 +22,7 @@ async function show() {
   // A link shows no session either: the document is handed over as it is.
   const machine = document.querySelector('a[href="/openapi.json"]');
   if (machine instanceof HTMLAnchorElement) {
-    const text = JSON.stringify(await request("/openapi.json"), null, 1);
+    const text = JSON.stringify(await (await send("/openapi.json")).json(), null, 1);
     machine.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
     machine.download = "openapi.json";
   }

@@ -1,14 +1,15 @@
 // @ts-check
 // Puts the page together: app, boxes, answers, uploads, shell. Nothing else looks up an element by id.
 
+import { createBoxes } from "./boxes/store.js";
 import { NO_TOKEN_LINKS } from "./boxes/wording.js";
-import { api } from "./core/api.js";
 import { createApp } from "./core/app.js";
 import { h, render } from "./core/html.js";
 import { watchKeys } from "./core/keymap.js";
 import { watchTheme } from "./core/prefs.js";
 import { loginOf } from "./core/router.js";
 import { createAnswers } from "./review/answers.js";
+import { nameThisTab } from "./review/outbox.js";
 import { Shell } from "./shell/shell.js";
 import { createUploads, uploadCalls } from "./upload/sender.js";
 
@@ -37,8 +38,8 @@ async function signIn({ kind, secret }) {
 
 const first = takeLogin();
 
-const core = createApp(api, localStorage);
-const app = { ...core, ...(await createAnswers(core, localStorage)), uploads: createUploads(uploadCalls, core.isSignedIn) };
+const core = createApp(localStorage);
+const app = { ...core, ...createAnswers(core, createBoxes(), localStorage, await nameThisTab()), uploads: createUploads(uploadCalls, core.isSignedIn) };
 
 const linkError = first ? await signIn(first) : "";
 

@@ -1,15 +1,20 @@
 // @ts-check
 // What an answer makes of a decision, and what may be seen of it before one has answered.
 
-/** @typedef {import("../core/types.js").Answer} Answer */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Verdict} Verdict */
+/** @typedef {import("../core/openapi.js").Decision} StoredDecision */
+/** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's word; clear takes it back */
+/** @typedef {StoredDecision["verdict"] | "veiled"} Verdict  the filter's word; veiled: not to be seen before the answer, never travels */
+/** @typedef {Omit<StoredDecision, "verdict" | "effective_verdict" | "reason"> & {verdict: Verdict, effective_verdict: Verdict, reason: StoredDecision["reason"] | "veiled"}} Decision  a box as the page may show it */
+/** @typedef {NonNullable<Decision["xyxy"]>} Xyxy  image px, half-open: x_min y_min x_max y_max */
 
 /** @param {Decision} box @returns {Exclude<Answer, "clear"> | null} the person's answer in force */
 export function answerOf(box) {
   const verdict = box.review?.verdict;
   return verdict && verdict !== "clear" ? verdict : null;
 }
+
+/** The answer on a box as it would be given again: clear when there is none. @param {Decision} box @returns {{boxId: number, verdict: Answer, comment: string}} */
+export const answerTo = ({ box_id, review }) => ({ boxId: box_id, verdict: review?.verdict ?? "clear", comment: review?.comment ?? "" });
 
 /** @param {Decision} box */
 export const isUndecided = (box) => answerOf(box) === null;
@@ -25,19 +30,18 @@ function effectiveAfter(box, answer) {
 }
 
 /**
- * The box as it will be once the answer is stored; its revision stays the server's.
- * @param {Decision} box @param {Answer} answer @param {string} [comment]
+ * The box with an answer. As long as that is not stored, its revision stays the server's.
+ * @param {Decision} box @param {Answer} answer @param {string} [comment] @param {number} [revision]
  * @returns {Decision}
  */
-export function withAnswer(box, answer, comment = "") {
-  const revision = seenRevision(box);
+export function withAnswer(box, answer, comment = "", revision = seenRevision(box)) {
   const review = answer === "clear" ? null : { verdict: answer, reviewer: "", revision, comment };
   return { ...box, revision, review, effective_verdict: effectiveAfter(box, answer) };
 }
 
 /**
  * The box as the server has stored it.
- * @param {Decision} box @param {import("../core/types.js").StoredReview} stored
+ * @param {Decision} box @param {import("../core/openapi.js").Review} stored
  * @returns {Decision}
  */
 export function withStored(box, stored) {
@@ -57,7 +61,7 @@ export function veiled(box) {
     ...box,
     verdict: /** @type {const} */ ("veiled"),
     effective_verdict: /** @type {const} */ ("veiled"),
-    reason: "veiled",
+    reason: /** @type {const} */ ("veiled"),
     explanation: "",
     evidence: null,
     match_percent: null,

@@ -1,13 +1,12 @@
 // @ts-check
 // Crops: fetched few at a time, kept, placed in a square, drawn. For grid, queue strip and flips alike.
 
-import { ApiError, urlOf } from "../core/api.js";
+import { ApiError, blob, url } from "../core/api.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Xyxy} Xyxy */
+/** @typedef {import("./box.js").Decision} Decision */
+/** @typedef {import("./box.js").Xyxy} Xyxy */
 /** @typedef {{src: string, width: number, height: number}} Crop */
 /** @typedef {{state: "shown", crop: Crop} | {state: "none" | "failed", crop: null}} CropAnswer */
 /** @typedef {{url: string, tell: (answer: CropAnswer) => void}} Wish */
@@ -117,7 +116,7 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
 /** @typedef {ReturnType<typeof createCrops>} Crops */
 
 /** @param {number} boxId @param {{pad: number, height: number}} how */
-export const cropUrl = (boxId, { pad, height }) => urlOf(`/boxes/${boxId}/crop`, { pad, height });
+export const cropUrl = (boxId, how) => url("/api/v1/boxes/{box_id}/crop", { path: { box_id: boxId }, query: how });
 
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{left: number, top: number, width: number, height: number}} Place  px in the cell */
@@ -217,21 +216,12 @@ const shapeOf = ({ left, top, right, bottom }) => (right - left) / Math.max(1, b
 /** Equal but for the rounding of either side to whole pixels. @param {number} a @param {number} b @param {Size} natural */
 const isLike = (a, b, { width, height }) => Math.abs(a / b - 1) <= 1.5 / Math.min(width, height);
 
-/** @type {WeakMap<import("../core/app.js").App, Crops>} */
-const caches = new WeakMap();
+/** Of the whole page. */
+const crops = createCrops(load, { discard: ({ src }) => URL.revokeObjectURL(src) });
 
-/** @param {import("../core/app.js").App} app */
-export function cropsOf(app) {
-  const known = caches.get(app);
-  if (known) return known;
-  const crops = createCrops((url, signal) => load(app, url, signal), { onError: app.notice, discard: ({ src }) => URL.revokeObjectURL(src) });
-  caches.set(app, crops);
-  return crops;
-}
-
-/** @param {import("../core/app.js").App} app @param {string} url @param {AbortSignal} signal */
-async function load(app, url, signal) {
-  const src = URL.createObjectURL(await app.api.blob(url, signal));
+/** @param {string} address @param {AbortSignal} signal */
+async function load(address, signal) {
+  const src = URL.createObjectURL(await blob(address, signal));
   const image = new Image();
   image.src = src;
   await image.decode();
@@ -240,9 +230,8 @@ async function load(app, url, signal) {
 
 /** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
 
-/** A crop as long as its cell is on show. @param {import("../core/app.js").App} app @param {string} url @returns {SeenCrop} */
-export function useCrop(app, url) {
-  const crops = cropsOf(app);
+/** A crop as long as its cell is on show. @param {string} url @returns {SeenCrop} */
+export function useCrop(url) {
   const [seen, setSeen] = useState(/** @type {SeenCrop | null} */ (null));
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
@@ -264,12 +253,12 @@ const NEAR = "400px";
 
 /**
  * A picture that is asked for when it comes near the screen, and given up when it leaves.
- * @param {{app: import("../core/app.js").App, url: string, children?: unknown}} props  `children`: what stands there when there is none
+ * @param {{url: string, children?: unknown}} props  `children`: what stands there when there is none
  */
-export function NearPicture({ app, url, children }) {
+export function NearPicture({ url, children }) {
   const place = useRef(/** @type {HTMLImageElement | null} */ (null));
   const [isNear, setNear] = useState(false);
-  const { state, crop } = useCrop(app, isNear ? url : "");
+  const { state, crop } = useCrop(isNear ? url : "");
   const isMissing = isNear && (state === "none" || state === "failed");
   useEffect(() => {
     const watcher = new IntersectionObserver((entries) => setNear(entries.at(-1)?.isIntersecting ?? false), { rootMargin: NEAR });
@@ -279,11 +268,11 @@ export function NearPicture({ app, url, children }) {
   return isMissing && children ? children : html`<img ref=${place} src=${crop?.src} alt="" decoding="async" draggable=${false} />`;
 }
 
-/** @param {{app: App, box: Decision, size: number, frameSize: Size | null}} props */
-export function Picture({ app, box, size, frameSize }) {
+/** @param {{box: Decision, size: number, frameSize: Size | null}} props */
+export function Picture({ box, size, frameSize }) {
   const { xyxy, box_id } = box;
   const ask = xyxy ? cropRequest(xyxy, size, devicePixelRatio || 1) : null;
-  const { state, crop } = useCrop(app, ask ? cropUrl(box_id, ask) : "");
+  const { state, crop } = useCrop(ask ? cropUrl(box_id, ask) : "");
   const places = useMemo(
     () => (xyxy && ask && crop ? placed(xyxy, ask.pad, size, crop, frameSize) : null),
     [crop, size, frameSize, ask?.pad, box_id],

@@ -1,10 +1,12 @@
 // @ts-check
 // Which boxes: in the address, as a question to the server, as a test of one box, as the bar of controls.
 
+import { linkTo } from "../core/router.js";
 import { answerOf, isUndecided } from "./box.js";
 import { REASONS } from "./wording.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("./box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").BoxSelection} BoxSelection */
 /** @typedef {import("../core/router.js").Query} Query */
 
 /** The filters that live in the address; a list of frames and a frame share them. */
@@ -97,23 +99,30 @@ export const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS
 
 export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, ...MORE_KEYS]);
 
-/** @type {readonly {value: string, text: string}[]} */
-export const SORTS = [
+export const SORTS = /** @type {const} */ ([
   { value: "doubt", text: "Most doubtful first" },
   { value: "match_percent", text: "Lowest match first" },
   { value: "-match_percent", text: "Highest match first" },
   { value: "crowding", text: "Most crowded first" },
   { value: "id", text: "As they came in" },
-];
+]);
 
 /** @param {Query} query */
-export const sortOf = (query) => (SORTS.some(({ value }) => value === query.sort) ? (query.sort ?? "") : "doubt");
+export const sortOf = (query) => SORTS.find(({ value }) => value === query.sort)?.value ?? "doubt";
 
-/** What of the address selects boxes, as the server takes it; nonsense is left out. @param {Query} query @returns {Record<string, string | number | boolean>} */
+const VERDICTS = /** @type {const} */ (["kept", "rejected", "unmeasured"]);
+const REVIEWS = /** @type {const} */ (["undecided", "decided", "keep", "reject", "unsure", "none", "any"]);
+
+/** What of the address selects boxes, as the server takes it; nonsense is left out. @param {Query} query @returns {BoxSelection} */
 export function selectionOf(query) {
-  /** @type {Record<string, string | number | boolean>} */
+  /** @type {BoxSelection} */
   const found = {};
-  for (const key of FILTER_KEYS) if (query[key]) found[key] = query[key] ?? "";
+  const verdict = VERDICTS.find((one) => one === query.verdict);
+  const review = REVIEWS.find((one) => one === query.review);
+  if (verdict) found.verdict = verdict;
+  if (query.reason) found.reason = query.reason;
+  if (query.class) found.class = query.class;
+  if (review) found.review = review;
   for (const key of FLAGS) if (query[key] === "true") found[key] = true;
   for (const key of NUMBERS) {
     const value = numberOf(query[key]);
@@ -159,3 +168,12 @@ export const VERDICT_CHOICES = [
 ];
 
 export const REASON_CHOICES = Object.entries(REASONS).map(([value, text]) => ({ value, text }));
+
+/** Shows kept, rejected or all boxes, in turn. @param {import("../core/app.js").App} app */
+export function cycleVerdict(app) {
+  const { name, params, query } = app.router.route.get();
+  const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));
+  const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
+  app.router.replace(linkTo(name, params, { ...query, verdict }));
+  app.announcement.set(`Showing ${verdict || "all"} boxes`);
+}

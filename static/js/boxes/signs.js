@@ -6,8 +6,8 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { answerOf } from "./box.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").FrameCounts} FrameCounts */
+/** @typedef {import("./box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").FrameCounts} FrameCounts */
 
 const SIGNS = { keep: "check", reject: "cross", unsure: "question" };
 

@@ -3,8 +3,8 @@
 
 import { metresText, percentText } from "../core/numbers.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Verdict} Verdict */
+/** @typedef {import("./box.js").Decision} Decision */
+/** @typedef {import("./box.js").Verdict} Verdict */
 
 /** @type {Record<string, string>} */
 export const REASONS = {

@@ -1,32 +1,34 @@
 // @ts-check
-// What every view is given: calls, address, preferences, keys, messages, who is signed in. It knows
+// What every view is given: address, preferences, keys, messages, who is signed in. It knows
 // no room: what rooms keep for the whole page, main.js adds.
 
-import { ApiError } from "./api.js";
+import { get, post, remove, whenSignedOut } from "./api.js";
 import { SESSION_KEY, createSession, endedText } from "./connection.js";
 import { loadKeys, saveKeys } from "./keymap.js";
-import { createToasts } from "./messages.js";
 import { createValue } from "./observable.js";
 import { createPrefs } from "./prefs.js";
 import { createRouter } from "./router.js";
 
-/** @typedef {import("./types.js").Credential} Credential */
-/** @typedef {import("./types.js").NewSession} NewSession */
-/** @typedef {Record<string, () => void>} Actions */
+/** @typedef {import("./openapi.js").LogIn} Credential */
+/** @typedef {import("./openapi.js").NewSession} NewSession */
+/** @typedef {Record<string, (press?: import("./keymap.js").KeyPress) => void>} Actions */
+/** @typedef {{text: string, href?: string, run?: () => void}} ToastAction  a way to go, or something to do */
+/** @typedef {{id: number, kind: "info" | "error", text: string, action?: ToastAction}} Toast */
+
+const SESSION = "/api/v1/session";
 
 /**
- * @param {import("./api.js").Api} api
  * @param {Storage} storage
  * @param {() => void} [startAnew]  another person is signed in now: nothing of this page is theirs
  */
-export function createApp(api, storage, startAnew = () => location.reload()) {
+export function createApp(storage, startAnew = () => location.reload()) {
   const session = createSession(storage);
   const toasts = createToasts();
   const isSignedIn = createValue(session.current.get() !== null);
   /** Why one is not any more; empty for whoever never was. */
   const ended = createValue("");
   /** Whose answers these are. */
-  const person = createValue(/** @type {import("./types.js").Person | null} */ (session.current.get()));
+  const person = createValue(/** @type {import("./openapi.js").Session | null} */ (session.current.get()));
   session.current.observe(person.set);
   /** Whom a login link would sign in instead, until that is answered. */
   const newcomer = createValue(/** @type {NewSession | null} */ (null));
@@ -44,13 +46,21 @@ export function createApp(api, storage, startAnew = () => location.reload()) {
   const enter = (next) => {
     const before = session.current.get()?.session;
     const isMine = session.keep(next);
-    if (before && before !== next.session) void api.signOut(before).catch(() => {});
+    if (before && before !== next.session) void signOut(before).catch(() => {});
     settle(isMine);
   };
+  /** @param {string} secret  of the session that ends */
+  const signOut = (secret) => remove(SESSION, { session: secret });
+  /** A session that exists already has no part in this. @param {Credential} body */
+  const signIn = (body) => post(SESSION, { body, session: "" });
+  // Signed out is a state of the page, not an error of a view.
+  whenSignedOut(({ problem }) => {
+    ended.set(endedText(problem.code));
+    settle(session.end());
+  });
   addEventListener("storage", ({ key }) => (key === SESSION_KEY || key === null) && settle(session.follow()));
 
   return {
-    api,
     router: createRouter(),
     prefs: createPrefs(storage),
     toasts,
@@ -73,24 +83,17 @@ export function createApp(api, storage, startAnew = () => location.reload()) {
     startAnew,
 
     /** Ask the server who this is. */
-    greet: () => api.whoAmI().then(person.set, () => {}),
+    greet: () => get(SESSION).then(person.set, () => {}),
 
     /** The server does not take the session any more. */
     endSession: () => settle(session.end()),
 
-    /** Signed out is a state of the page, not an error of a view. @param {unknown} error */
-    notice(error) {
-      if (!(error instanceof ApiError) || error.status !== 401) return;
-      ended.set(endedText(error.problem.code));
-      settle(session.end());
-    },
-
     /** @param {Credential} credential */
-    signIn: async (credential) => enter(await api.signIn(credential)),
+    signIn: async (credential) => enter(await signIn(credential)),
 
     /** By a link: whoever is signed in is asked before another person is. @param {Credential} credential */
     async signInByLink(credential) {
-      const next = await api.signIn(credential);
+      const next = await signIn(credential);
       const now = session.current.get();
       if (now && now.name !== next.name) newcomer.set(next);
       else enter(next);
@@ -105,14 +108,46 @@ export function createApp(api, storage, startAnew = () => location.reload()) {
       newcomer.set(null);
       if (!next) return;
       if (isWanted) enter(next);
-      else await api.signOut(next.session).catch(() => {});
+      else await signOut(next.session).catch(() => {});
     },
 
     async signOut() {
-      await api.signOut(session.current.get()?.session ?? "");
+      await signOut(session.current.get()?.session ?? "");
       settle(session.end());
     },
   };
 }
 
 /** @typedef {ReturnType<typeof createApp>} App */
+
+const SHOWN_MS = { info: 4000, error: 12000 };
+
+/** Long enough to read what was done, and to reach the button that undoes it. */
+const WITH_ACTION_MS = 9000;
+const MOST = 3;
+
+function createToasts() {
+  const list = createValue(/** @type {readonly Toast[]} */ ([]));
+  let lastId = 0;
+
+  /** @param {number} id */
+  const dismiss = (id) => list.set(list.get().filter((toast) => toast.id !== id));
+
+  /** @returns {number} its id @param {string} text @param {{kind?: "info" | "error", action?: ToastAction}} [how] */
+  function show(text, { kind = "info", action } = {}) {
+    const id = ++lastId;
+    const others = list.get().filter((toast) => toast.text !== text);
+    list.set([...others, { id, kind, text, action }].slice(-MOST));
+    setTimeout(() => dismiss(id), Math.max(SHOWN_MS[kind], action ? WITH_ACTION_MS : 0));
+    return id;
+  }
+
+  return {
+    list,
+    dismiss,
+    show,
+
+    /** Say why something failed. @param {Error} error */
+    fail: (error) => void show(error.message, { kind: "error" }),
+  };
+}

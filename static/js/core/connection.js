@@ -5,7 +5,7 @@
 import { showSession } from "./api.js";
 import { createValue } from "./observable.js";
 
-/** @typedef {import("./types.js").NewSession} NewSession */
+/** @typedef {import("./openapi.js").NewSession} NewSession */
 
 export const SESSION_KEY = "unghost.session.v1";
 

@@ -1,35 +1,109 @@
 // @ts-check
 // A form out of the description that the API gives of itself: export options, configuration keys, dataset settings.
 
+import { send } from "./api.js";
+import { useLoaded } from "./hooks.js";
 import { html, useState } from "./html.js";
-import { splitText } from "./numbers.js";
+import { NumberField } from "./parts.js";
 
-/** @typedef {{value: string, text: string, help: string}} Choice */
-/** @typedef {{key: string, kind: "choice" | "switch" | "number" | "numbers", text: string, help: string, initial: unknown, choices: Choice[], min?: number, max?: number}} Field */
-/** @typedef {{formats: Choice[], fields: Field[]}} ExportForm */
 /** @typedef {Record<string, any>} Schema */
+/** @typedef {{value: string, text: string}} Choice */
+
+/**
+ * @typedef {object} Field
+ * @property {string} key
+ * @property {"choice" | "switch" | "number" | "numbers" | "text"} kind
+ * @property {string} text  its name for people
+ * @property {string} help  a sentence
+ * @property {unknown} initial  what holds where nothing is given
+ * @property {readonly Choice[]} choices
+ * @property {number} min
+ * @property {number} max  of a text: characters
+ * @property {string} unit  as it is written behind a number
+ * @property {boolean} isWhole
+ * @property {boolean} isEmptyAllowed  no number is an answer, too
+ * @property {boolean} isShare  a number from 0 to 1
+ * @property {(share: number) => string} shown  how a share is said
+ * @property {boolean} needsPixels  of a configuration's key: stored numbers do not tell what a change does
+ * @property {readonly string[]} evidence  of a configuration's key: whose rules read it; none: all of them
+ */
+
+/** Words for people, where there are better ones than the keys and values. @typedef {{fields?: Record<string, string>, choices?: Record<string, Record<string, string>>, shares?: Record<string, (share: number) => string>}} Words */
+
+/** @type {Promise<Schema> | null} */
+let description = null;
+
+/** The API in its own words, asked for once. @returns {Promise<Schema>} */
+export function describeApi() {
+  description ??= send("/openapi.json").then((answer) => answer.json());
+  description.catch(() => (description = null));
+  return description;
+}
+
+/** What an object of the API consists of, as fields. @param {string} name  of the object @param {Words} [words] */
+export const useFields = (name, words) => useLoaded(async () => fieldsOf(await describeApi(), name, words), [name]);
+
+/** Those fields of an object that the page can ask for. @param {Schema} openapi @param {string} name @param {Words} [words] @returns {Field[]} */
+export const fieldsOf = (openapi, name, words = {}) =>
+  Object.entries(openapi.components?.schemas?.[name]?.properties ?? {}).flatMap(([key, schema]) => fieldOf(key, schema, words) ?? []);
+
+/** @type {Record<string, string>} */
+const UNITS = { percent: "%", pixels: "px", metres: "m" };
+
+/** @param {number} share */
+const percentOf = (share) => `${Math.round(100 * share)} %`;
+
+/** @param {string} key @param {Schema} schema @param {Words} words @returns {Field | null} */
+function fieldOf(key, schema, { fields = {}, choices = {}, shares = {} }) {
+  const kind = kindOf(schema);
+  if (kind === null) return null;
+  const { minimum: min = -Infinity, maximum: max = schema.maxLength ?? Infinity, "x-unit": unit = "" } = schema;
+  /** @type {string[]} */
+  const values = schema.enum ?? (schema.const === undefined ? [] : [schema.const]);
+  const name = key.replaceAll("_", " ");
+  return {
+    key,
+    kind,
+    text: fields[key] ?? `${name[0]?.toUpperCase()}${name.slice(1)}`,
+    help: schema.description ?? "",
+    initial: schema.default,
+    choices: values.map((value) => ({ value, text: choices[key]?.[value] ?? value })),
+    min,
+    max,
+    unit: UNITS[unit] ?? unit,
+    isWhole: typesOf(schema).includes("integer"),
+    isEmptyAllowed: typesOf(schema).includes("null"),
+    isShare: kind === "number" && min === 0 && max === 1,
+    shown: shares[key] ?? percentOf,
+    needsPixels: schema["x-needs-pixels"] === true,
+    evidence: schema["x-evidence"] ?? [],
+  };
+}
 
 /** @param {Schema} schema @returns {string[]} */
-export const valuesOf = (schema) => schema.enum ?? (schema.const === undefined ? [] : [schema.const]);
+const typesOf = (schema) => [schema.type ?? []].flat();
 
-/** @typedef {{fields: Record<string, string>, choices: Record<string, Record<string, string>>}} Words  for people, where there are better ones than the keys and values */
-
-/** @param {string} key @param {Schema} schema @param {Words} known @returns {Field | null} null: nothing that the page could ask for */
-export function fieldOf(key, schema, known) {
-  const words = { key, text: known.fields[key] ?? key.replaceAll("_", " "), help: schema.description ?? "", initial: schema.default };
-  const values = valuesOf(schema);
-  if (values.length > 0) {
-    return { ...words, kind: "choice", choices: values.map((value) => ({ value, text: known.choices[key]?.[value] ?? value, help: "" })) };
-  }
-  const limits = { min: schema.minimum, max: schema.maximum, choices: [] };
-  if (schema.type === "boolean") return { ...words, ...limits, kind: "switch" };
-  if (schema.type === "number" || schema.type === "integer") return { ...words, ...limits, kind: "number" };
-  const isNumbers = schema.type === "array" && ["number", "integer"].includes(schema.items?.type);
-  return isNumbers ? { ...words, ...limits, kind: "numbers" } : null;
+/** @param {Schema} schema @returns {Field["kind"] | null} null: nothing that the page could ask for */
+function kindOf(schema) {
+  if (schema.enum || schema.const !== undefined) return "choice";
+  const types = typesOf(schema);
+  if (types.includes("boolean")) return "switch";
+  if (isNumeric(types)) return "number";
+  if (types.includes("array")) return isNumeric(typesOf(schema.items ?? {})) ? "numbers" : null;
+  return types.includes("string") ? "text" : null;
 }
+
+/** @param {readonly string[]} types */
+const isNumeric = (types) => types.includes("number") || types.includes("integer");
 
 /** What is sent: every option as it stands. @param {readonly Field[]} fields @param {Record<string, unknown>} chosen */
 export const optionsOf = (fields, chosen) => Object.fromEntries(fields.map(({ key, initial }) => [key, key in chosen ? chosen[key] : initial]));
+
+/** What was typed, as the field allows it; null when it does not. @param {Pick<Field, "min" | "max" | "isWhole">} field @param {string} text */
+export function parseNumber({ min, max, isWhole }, text) {
+  const number = Number(text.trim() || NaN);
+  return number >= min && number <= max && (!isWhole || Number.isInteger(number)) ? number : null;
+}
 
 /** "50, 100" as numbers; null when it is something else. @param {string} text */
 export function parseNumbers(text) {
@@ -38,31 +112,45 @@ export function parseNumbers(text) {
   return numbers.every((number) => Number.isFinite(number)) ? numbers : null;
 }
 
-/** @param {{field: Field, value: unknown, onChange: (value: unknown) => void}} props */
+/** @typedef {{field: Field, value: unknown, onChange: (value: unknown) => void}} Asked */
+
+/** A control with its name. @param {Asked} props */
 export function AskField({ field, value, onChange }) {
-  const { kind, text, help, choices } = field;
-  if (kind === "switch") {
-    return html`<label class="switch" title=${help}><input type="checkbox" checked=${value === true} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => onChange(event.currentTarget.checked)} /><span>${text}</span></label>`;
-  }
-  if (kind === "choice") {
-    return html`<label class="ask__row" title=${help}><span>${text}</span><span class="select"><select value=${String(value)} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
-      ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
-    </select></span></label>`;
-  }
-  return kind === "numbers" ? html`<${Numbers} field=${field} value=${value} onChange=${onChange} />` : html`<${Share} field=${field} value=${Number(value)} onChange=${onChange} />`;
+  const { kind, text, help } = field;
+  const control = html`<${Control} field=${field} value=${value} onChange=${onChange} />`;
+  if (kind === "switch") return html`<label class="switch" title=${help}>${control}<span>${text}</span></label>`;
+  return html`<label class="ask__row" title=${help}><span>${text}</span>${control}</label>`;
 }
 
-/** @param {{field: Field, value: number, onChange: (value: unknown) => void}} props */
-function Share({ field, value, onChange }) {
-  const { key, text, help, min, max } = field;
-  const isShare = key === "split";
-  return html`<label class="ask__row" title=${help}><span>${text}</span>
-    <span class="ask__number"><input type=${isShare ? "range" : "number"} class=${isShare ? "slider" : "num"} min=${min} max=${max} step=${isShare ? 0.05 : "any"} value=${value} onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => onChange(Number(event.currentTarget.value))} />
-      ${isShare && html`<output class="num">${value >= 1 ? "no split" : splitText(value)}</output>`}</span></label>`;
+/** @typedef {{currentTarget: HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement}} Given */
+
+/** What a field is asked by. @param {Asked & {label?: string, isSet?: boolean}} props  `label`: its name, where none stands beside it; `isSet`: it was changed */
+export function Control({ field, value, onChange, label = field.text, isSet = false }) {
+  const { key, kind, choices, min, max, unit, isWhole, isEmptyAllowed, isShare, shown } = field;
+  const onGiven = (/** @type {Given} */ { currentTarget }) => onChange(currentTarget.value);
+  switch (kind) {
+    case "switch":
+      return html`<input type="checkbox" name=${key} checked=${value === true} onChange=${() => onChange(value !== true)} />`;
+    case "choice":
+      return html`<span class="select"><select name=${key} aria-label=${label} value=${String(value)} onChange=${onGiven}>
+        ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
+      </select></span>`;
+    case "text":
+      return html`<textarea name=${key} aria-label=${label} rows="2" maxlength=${max} value=${String(value ?? "")} onInput=${onGiven}></textarea>`;
+    case "numbers":
+      return html`<${Numbers} label=${label} value=${value} onChange=${onChange} />`;
+    default:
+      if (isShare) {
+        return html`<span class="ask__number"><input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05" value=${Number(value)} onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />
+          <output class="num">${shown(Number(value))}</output></span>`;
+      }
+      return html`<${NumberField} label=${label} unit=${unit} step=${isWhole || unit !== "%" ? 1 : 0.5} isEmptyAllowed=${isEmptyAllowed} isSet=${isSet}
+        value=${typeof value === "number" ? value : null} parse=${(/** @type {string} */ text) => parseNumber(field, text)} onChange=${onChange} />`;
+  }
 }
 
-/** @param {{field: Field, value: unknown, onChange: (value: unknown) => void}} props */
-function Numbers({ field, value, onChange }) {
+/** @param {{label: string, value: unknown, onChange: (value: unknown) => void}} props */
+function Numbers({ label, value, onChange }) {
   const [text, setText] = useState(Array.isArray(value) ? value.join(", ") : "");
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => {
@@ -70,6 +158,5 @@ function Numbers({ field, value, onChange }) {
     const numbers = parseNumbers(currentTarget.value);
     if (numbers) onChange(numbers);
   };
-  return html`<label class="ask__row" title=${field.help}><span>${field.text}</span>
-    <span class="search"><input class="num" type="text" inputmode="numeric" value=${text} placeholder="none, or 50, 100, 200" aria-invalid=${parseNumbers(text) === null} onInput=${onInput} /></span></label>`;
+  return html`<span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" aria-invalid=${parseNumbers(text) === null} onInput=${onInput} /></span>`;
 }

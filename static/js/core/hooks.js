@@ -1,5 +1,5 @@
 // @ts-check
-// How a view reads: useValue, useLoaded, usePages, useTask, useActions, useHead.
+// How a view reads: useValue, useLoaded, usePages, useTask, useActions, useClosing, useHead.
 
 import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
 import { linkTo } from "./router.js";
@@ -24,12 +24,11 @@ export function useValue(value) {
 /**
  * Load when `deps` change; what was asked for before is abandoned.
  * @template T
- * @param {import("./app.js").App} app
  * @param {(signal: AbortSignal) => Promise<T>} load
  * @param {readonly unknown[]} deps
  * @returns {Loaded<T>}
  */
-export function useLoaded(app, load, deps) {
+export function useLoaded(load, deps) {
   const [attempt, setAttempt] = useState(0);
   const [found, setFound] = useState(/** @type {{value: T | null, error: Error | null, done: boolean}} */ ({ value: null, error: null, done: false }));
   useEffect(() => {
@@ -37,11 +36,7 @@ export function useLoaded(app, load, deps) {
     setFound((last) => ({ ...last, error: null, done: false }));
     load(stop.signal).then(
       (value) => !stop.signal.aborted && setFound({ value, error: null, done: true }),
-      (error) => {
-        if (stop.signal.aborted) return;
-        app.notice(error);
-        setFound((last) => ({ ...last, error, done: true }));
-      },
+      (error) => !stop.signal.aborted && setFound((last) => ({ ...last, error, done: true })),
     );
     return () => stop.abort();
   }, [...deps, attempt]);
@@ -49,6 +44,28 @@ export function useLoaded(app, load, deps) {
   const { value, error, done } = found;
   if (error) return { state: "error", value, error, reload };
   return done && value !== null ? { state: "ready", value, error: null, reload } : { state: "loading", value, error: null, reload };
+}
+
+/**
+ * Something that a person asks for: is it under way, and why did it fail?
+ * @template {unknown[]} A
+ * @param {(...given: A) => Promise<unknown>} act
+ * @param {(error: Error) => void} [tell]  says why; without it the view shows `error` itself
+ */
+export function useTask(act, tell) {
+  const [state, setState] = useState({ isBusy: false, error: /** @type {Error | null} */ (null) });
+  /** @param {A} given */
+  const run = async (...given) => {
+    setState({ isBusy: true, error: null });
+    await act(...given).then(
+      () => setState({ isBusy: false, error: null }),
+      (error) => {
+        setState({ isBusy: false, error });
+        tell?.(error);
+      },
+    );
+  };
+  return { ...state, run };
 }
 
 /** Offer actions to the keys while the view is on show, from the moment on at which it is: nobody waits for the paint. @param {import("./app.js").App} app @param {import("./app.js").Actions} actions */
@@ -78,6 +95,27 @@ export function useTyped(value, onChange, pauseMs) {
     /** @param {{currentTarget: HTMLInputElement}} event */
     onInput: ({ currentTarget }) => setTyped(currentTarget.value),
   };
+}
+
+/** An open menu closes by Escape and by a click beside it. @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
+export function useClosing(root, isOpen, close) {
+  useEffect(() => {
+    if (!isOpen) return;
+    /** @param {Event} event */
+    const onEvent = (event) => {
+      const isInside = event.target instanceof Node && root.current?.contains(event.target);
+      if (event instanceof KeyboardEvent && event.key === "Escape") {
+        event.preventDefault();
+        close();
+      } else if (!(event instanceof KeyboardEvent) && !isInside) close();
+    };
+    addEventListener("pointerdown", onEvent);
+    addEventListener("keydown", onEvent, { capture: true });
+    return () => {
+      removeEventListener("pointerdown", onEvent);
+      removeEventListener("keydown", onEvent, { capture: true });
+    };
+  }, [isOpen]);
 }
 
 /** @typedef {{text: string, href?: string}} Crumb  one step of the path to a view; the last one has no address */
@@ -114,12 +152,11 @@ const left = new Map();
 
 /**
  * @template T
- * @param {import("./app.js").App} app
  * @param {string} key  what makes it another list
  * @param {number} size  of a page
- * @param {(limit: number, cursor: string | undefined) => Promise<import("./types.js").Page<T>>} load
+ * @param {(limit: number, cursor: string | undefined) => Promise<{items: readonly T[], next_cursor: string | null}>} load
  */
-export function usePages(app, key, size, load) {
+export function usePages(key, size, load) {
   const [pages, setPages] = useState(/** @type {Pages<T>} */ ({ items: [], cursor: null, isDone: false, error: null }));
   const isBusy = useRef(false);
   const back = useRef(left.get(key));
@@ -130,15 +167,11 @@ export function usePages(app, key, size, load) {
     if (isBusy.current || pages.isDone) return;
     isBusy.current = true;
     const limit = pages.items.length ? size : Math.min(Math.max(size, back.current?.shown ?? 0), MOST_AT_ONCE);
-    try {
-      const page = await load(limit, pages.cursor ?? undefined);
-      setPages({ items: [...pages.items, ...page.items], cursor: page.next_cursor, isDone: page.next_cursor === null, error: null });
-    } catch (error) {
-      app.notice(error);
-      setPages({ ...pages, error: error instanceof Error ? error : new Error(String(error)) });
-    } finally {
-      isBusy.current = false;
-    }
+    await load(limit, pages.cursor ?? undefined).then(
+      ({ items, next_cursor: cursor }) => setPages({ items: [...pages.items, ...items], cursor, isDone: cursor === null, error: null }),
+      (error) => setPages({ ...pages, error }),
+    );
+    isBusy.current = false;
   }, [pages]);
 
   useEffect(() => void more(), []);

@@ -2,14 +2,15 @@
 // One table of keys: the listener, hints on buttons, the help in which they are re-bound.
 
 import { useValue } from "./hooks.js";
-import { html, useEffect, useRef, useState } from "./html.js";
+import { html, useState } from "./html.js";
 import { Icon } from "./icons.js";
+import { Dialog, useDialog } from "./parts.js";
 
 /** @typedef {import("./app.js").App} App */
 
 /**
- * @typedef {"Answer" | "Move" | "Look" | "Page"} Group
- * @typedef {{action: string, keys: readonly string[], help: string, group: Group}} Binding
+ * @typedef {"Answer" | "Look" | "Move" | "In the grid" | "Page"} Group
+ * @typedef {{action: string, keys: readonly string[], help: string, group: Group, where?: string}} Binding  `where`: the only view in which the row holds; there its keys go before those of other rows
  * @typedef {{off: boolean, keys: Record<string, readonly string[]>}} KeySettings
  * @typedef {{key: string, shiftKey: boolean, ctrlKey: boolean, metaKey: boolean, altKey: boolean}} KeyPress
  */
@@ -19,7 +20,6 @@ export const KEYMAP = [
   { action: "keep", keys: ["A", "K"], help: "Keep the box", group: "Answer" },
   { action: "reject", keys: ["X", "R"], help: "Reject the box", group: "Answer" },
   { action: "unsure", keys: ["Space", "U"], help: "Unsure: flag it and leave the filter's verdict", group: "Answer" },
-  { action: "clear", keys: ["Delete"], help: "In the grid: take the answers back", group: "Answer" },
   { action: "undo", keys: ["Z", "Backspace"], help: "Take back your last answer", group: "Answer" },
   { action: "comment", keys: ["E"], help: "Write a comment", group: "Answer" },
   { action: "next", keys: ["J", "ArrowRight"], help: "Next box", group: "Move" },
@@ -28,6 +28,17 @@ export const KEYMAP = [
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from there, frames", group: "Move" },
+  { action: "select", keys: ["Space", "Enter"], help: "Select the box, or let go of it", group: "In the grid", where: "grid" },
+  { action: "selectAll", keys: ["Ctrl+A"], help: "Select all that the filters select", group: "In the grid", where: "grid" },
+  { action: "clear", keys: ["Delete"], help: "Take the answers back", group: "In the grid", where: "grid" },
+  { action: "left", keys: ["ArrowLeft"], help: "Left; with Shift, arrows select as well", group: "In the grid", where: "grid" },
+  { action: "right", keys: ["ArrowRight"], help: "Right", group: "In the grid", where: "grid" },
+  { action: "up", keys: ["ArrowUp"], help: "Up", group: "In the grid", where: "grid" },
+  { action: "down", keys: ["ArrowDown"], help: "Down", group: "In the grid", where: "grid" },
+  { action: "pageUp", keys: ["PageUp"], help: "One screen up", group: "In the grid", where: "grid" },
+  { action: "pageDown", keys: ["PageDown"], help: "One screen down", group: "In the grid", where: "grid" },
+  { action: "first", keys: ["Home"], help: "First box", group: "In the grid", where: "grid" },
+  { action: "last", keys: ["End"], help: "Last box", group: "In the grid", where: "grid" },
   { action: "mask", keys: ["M"], help: "Segmentation over the image", group: "Look" },
   { action: "opacityDown", keys: ["["], help: "Segmentation fainter", group: "Look" },
   { action: "opacityUp", keys: ["]"], help: "Segmentation stronger", group: "Look" },
@@ -49,6 +60,7 @@ export const DEFAULT_SETTINGS = { off: false, keys: {} };
 /** How a key press is written in the table. @param {KeyPress} press */
 export function nameOf(press) {
   const key = press.key === " " ? "Space" : press.key;
+  if (press.ctrlKey || press.metaKey) return `Ctrl+${key.toUpperCase()}`;
   if (/^\p{L}$/u.test(key)) return `${press.shiftKey ? "Shift+" : ""}${key.toUpperCase()}`;
   return key;
 }
@@ -58,15 +70,27 @@ export function boundKeys(settings) {
   return KEYMAP.map((row) => ({ ...row, keys: settings.keys[row.action] ?? row.keys }));
 }
 
+/** The rows that hold in a view, each with the keys that are its own there. @param {KeySettings} settings @param {string} view @returns {Binding[]} */
+export function keysIn(settings, view) {
+  const rows = boundKeys(settings).filter(({ where }) => where === undefined || where === view);
+  const taken = new Set(rows.flatMap(({ where, keys }) => (where ? keys : [])));
+  return rows.map((row) => (row.where ? row : { ...row, keys: row.keys.filter((key) => !taken.has(key)) }));
+}
+
+/** The rows that hold in the view on show. @param {App} app */
+export const useKeys = (app) => keysIn(useValue(app.keys), useValue(app.router.route).name);
+
 /**
- * The action of a key press, or null. Browser shortcuts (Ctrl, Alt, Cmd) are never taken.
- * @param {KeyPress} press @param {KeySettings} settings
+ * The action of a key press in a view, or null. Browser shortcuts (Ctrl, Alt, Cmd) are left to the browser, but for those of the table.
+ * @param {KeyPress} press @param {KeySettings} settings @param {string} [view]
  */
-export function actionOf(press, settings) {
-  if (press.ctrlKey || press.metaKey || press.altKey) return null;
+export function actionOf(press, settings, view = "") {
+  if (press.altKey) return null;
   const name = nameOf(press);
-  if (settings.off && isCharacter(name)) return null;
-  return boundKeys(settings).find(({ keys }) => keys.includes(name))?.action ?? null;
+  const row = keysIn(settings, view).find(({ keys }) => keys.includes(name));
+  // What holds in one view only is the way through its list, as in any list.
+  if (!row || (settings.off && isCharacter(name) && !row.where)) return null;
+  return row.action;
 }
 
 /** Character keys can be switched off (WCAG 2.1.4); arrows and Escape stay. @param {string} name */
@@ -79,8 +103,9 @@ const isCharacter = (name) => name === "Space" || [...name.replace(/^Shift\+/, "
 export function rebind(settings, action, name) {
   /** @type {Record<string, readonly string[]>} */
   const keys = { ...settings.keys };
+  const { where } = KEYMAP.find((row) => row.action === action) ?? {};
   for (const row of boundKeys(settings)) {
-    if (row.keys.includes(name)) keys[row.action] = row.keys.filter((key) => key !== name);
+    if (row.where === where && row.keys.includes(name)) keys[row.action] = row.keys.filter((key) => key !== name);
   }
   keys[action] = [name];
   return { ...settings, keys };
@@ -111,15 +136,15 @@ const STORAGE_KEY = "unghost.keys.v1";
 export function watchKeys(app) {
   addEventListener("keydown", (event) => {
     if (event.defaultPrevented || event.isComposing || isTyping(event)) return;
-    const action = actionOf(event, app.keys.get());
-    if (action && perform(app, action)) event.preventDefault();
+    const action = actionOf(event, app.keys.get(), app.router.route.get().name);
+    if (action && perform(app, action, event)) event.preventDefault();
   });
 }
 
-/** @param {import("./app.js").App} app @param {string} action @returns {boolean} did anybody do it? */
-export function perform(app, action) {
+/** @param {import("./app.js").App} app @param {string} action @param {KeyPress} [press]  by which it was asked for @returns {boolean} did anybody do it? */
+export function perform(app, action, press) {
   const run = app.actions.get().findLast((offered) => offered[action])?.[action];
-  run?.();
+  run?.(press);
   return run !== undefined;
 }
 
@@ -129,67 +154,65 @@ export function isTyping({ target, key }) {
   if (target.closest("dialog[open]")) return true;
   if (target.matches("textarea, select, input:not([type=checkbox]):not([type=range])")) return key !== "Escape";
   if (target.matches("input[type=range]")) return key.startsWith("Arrow") || key.startsWith("Page");
+  if (key === "Enter") return target.closest("button, a, summary") !== null;
   return key === " " && target.matches("button, a, summary, input, [role=option], [role=menuitemradio]");
 }
 
-const GROUPS = /** @type {const} */ (["Answer", "Move", "Look", "Page"]);
+const GROUPS = /** @type {const} */ (["Answer", "Look", "Move", "In the grid", "Page"]);
 
 /** @param {{app: App, onClose: () => void}} props */
 export function HelpDialog({ app, onClose }) {
-  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  const dialog = useDialog();
   const settings = useValue(app.keys);
   const [changing, setChanging] = useState("");
   const [taken, setTaken] = useState("");
-  useEffect(() => dialog.current?.showModal(), []);
 
   /** @param {KeyboardEvent} event */
   const onKeyDown = (event) => {
-    if (!changing) return event.key === "?" ? dialog.current?.close() : undefined;
-    if (["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key)) return undefined;
+    if (!changing) return event.key === "?" ? dialog.close() : undefined;
+    if (["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key) || event.ctrlKey || event.metaKey || event.altKey) return undefined;
     event.preventDefault();
     if (event.key !== "Escape") {
-      const loser = boundKeys(settings).find(({ action, keys }) => action !== changing && keys.includes(nameOf(event)));
+      const { where } = KEYMAP.find(({ action }) => action === changing) ?? {};
+      const loser = boundKeys(settings).find((row) => row.action !== changing && row.where === where && row.keys.includes(nameOf(event)));
       setTaken(loser ? `${shownKey(nameOf(event))} no longer stands for: ${loser.help}` : "");
       app.keys.set(rebind(settings, changing, nameOf(event)));
     }
     return setChanging("");
   };
 
-  const rows = boundKeys(settings);
-  return html`<dialog class="dialog" ref=${dialog} aria-labelledby="help-title" onClose=${onClose} onKeyDown=${onKeyDown}
-    onClick=${(/** @type {MouseEvent} */ event) => event.target === dialog.current && dialog.current?.close()}>
-    <div class="dialog__body">
-      <header class="dialog__head">
-        <h2 id="help-title">Keys</h2>
-        <button class="button button--quiet button--icon" aria-label="Close" onClick=${() => dialog.current?.close()}><${Icon} name="cross" /></button>
-      </header>
-      <div class="help">
-        ${GROUPS.map(
-          (group) => html`<section class="help__group">
-            <h3>${group}</h3>
-            <dl>
-              ${rows.filter((row) => row.group === group).map((row) => html`<${Row} key=${row.action} app=${app} row=${row} changing=${changing} onChange=${setChanging} />`)}
-            </dl>
-          </section>`,
-        )}
-      </div>
-      <p class="help__taken" role="status">${taken}</p>
-      <footer class="dialog__foot">
-        <label class="switch">
-          <input type="checkbox" checked=${!settings.off} onChange=${() => app.keys.set({ ...settings, off: !settings.off })} />
-          <span>Single-key shortcuts</span>
-        </label>
-        <button class="button" onClick=${() => (setTaken(""), app.keys.set(DEFAULT_SETTINGS))}>Back to the defaults</button>
-      </footer>
+  const here = app.router.route.get().name;
+  /** @param {Binding} row */
+  const isHere = ({ action, where }) => (where ? where === here : action === "help" || app.actions.get().some((offered) => offered[action]));
+  const held = new Map(keysIn(settings, here).map((row) => [row.action, row]));
+  const rows = boundKeys(settings).map((row) => (isHere(row) ? { row: held.get(row.action) ?? row, isOff: false } : { row, isOff: true }));
+  return html`<${Dialog} dialog=${dialog} id="help-title" title="Keys" isLight=${true} onClose=${onClose} onKeyDown=${onKeyDown}>
+    <div class="help">
+      ${GROUPS.map(
+        (group) => html`<section class="help__group">
+          <h3>${group}</h3>
+          <dl>
+            ${rows.filter(({ row }) => row.group === group).map(({ row, isOff }) => html`<${Row} key=${row.action} app=${app} row=${row} isOff=${isOff} changing=${changing} onChange=${setChanging} />`)}
+          </dl>
+        </section>`,
+      )}
     </div>
-  </dialog>`;
+    <p class="help__taken" role="status">${taken}</p>
+    <footer class="dialog__foot">
+      <label class="switch">
+        <input type="checkbox" checked=${!settings.off} onChange=${() => app.keys.set({ ...settings, off: !settings.off })} />
+        <span>Single-key shortcuts</span>
+      </label>
+      <button class="button" onClick=${() => (setTaken(""), app.keys.set(DEFAULT_SETTINGS))}>Back to the defaults</button>
+    </footer>
+  <//>`;
 }
 
-/** @param {{app: App, row: Binding, changing: string, onChange: (action: string) => void}} props */
-function Row({ app, row, changing, onChange }) {
+/** @param {{app: App, row: Binding, isOff: boolean, changing: string, onChange: (action: string) => void}} props  `isOff`: the view on show has no use for it */
+function Row({ app, row, isOff, changing, onChange }) {
   const isChanging = changing === row.action;
-  return html`<div class="help__row">
-    <dt>${row.help}</dt>
+  return html`<div class="help__row ${isOff ? "is-off" : ""}">
+    <dt>${row.help}${isOff && html`<span class="sr-only"> (not in this view)</span>`}</dt>
     <dd>
       <span class="sr-only">${row.keys.join(" or ") || "no key"}</span>
       <${Keys} app=${app} keys=${row.keys} />
@@ -213,7 +236,7 @@ export const keepFocus = (event) => event.preventDefault();
 
 /** @param {{app: App, action: string, icon: string, isOn?: boolean, run: (() => void) | undefined}} props */
 export function Toggle({ app, action, icon, isOn, run }) {
-  const row = boundKeys(useValue(app.keys)).find((binding) => binding.action === action);
+  const row = useKeys(app).find((binding) => binding.action === action);
   const title = `${row?.help ?? action}${row?.keys[0] ? ` (${row.keys[0]})` : ""}`;
   return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${row?.help ?? action} title=${title} onMouseDown=${keepFocus} onClick=${run}>
     <${Icon} name=${icon} />

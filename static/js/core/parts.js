@@ -1,7 +1,7 @@
 // @ts-check
 // Page, Dialog, Menu, Notice, Failure, Segments, Select, NumberField, Copy, FileList: controls that know no domain.
 
-import { html, useState } from "./html.js";
+import { html, useEffect, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
 import { countText } from "./numbers.js";
 import { linkTo } from "./router.js";
@@ -29,14 +29,45 @@ export function Failure({ error, onRetry }) {
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
 export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));
 
-/** A command to copy. @param {{text: string}} props */
-export function Command({ text }) {
+/** Copies a text, and says so for a moment. @param {string} text */
+export function useCopy(text) {
   const [isCopied, setCopied] = useState(false);
   const copy = async () => {
     await navigator.clipboard?.writeText(text);
     setCopied(true);
     setTimeout(() => setCopied(false), 1500);
   };
+  return { isCopied, copy };
+}
+
+/** A dialog that opens as soon as it is drawn. */
+export function useDialog() {
+  const ref = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  useEffect(() => ref.current?.showModal(), []);
+  return { ref, close: () => ref.current?.close() };
+}
+
+/**
+ * A window over the page, with a title and a cross.
+ * @param {{dialog: ReturnType<typeof useDialog>, id: string, title: string, kind?: string, isLight?: boolean, children?: unknown,
+ *   onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props  `isLight`: a click beside it closes it, for nothing is lost
+ */
+export function Dialog({ dialog: { ref, close }, id, title, kind = "", isLight = false, children, onClose, onKeyDown }) {
+  return html`<dialog class="dialog ${kind && `dialog--${kind}`}" ref=${ref} aria-labelledby=${id} onClose=${onClose} onKeyDown=${onKeyDown}
+    onClick=${(/** @type {MouseEvent} */ event) => isLight && event.target === ref.current && close()}>
+    <div class="dialog__body">
+      <header class="dialog__head">
+        <h2 id=${id}>${title}</h2>
+        <button class="button button--quiet button--icon" aria-label="Close" onClick=${close}><${Icon} name="cross" /></button>
+      </header>
+      ${children}
+    </div>
+  </dialog>`;
+}
+
+/** A command to copy. @param {{text: string}} props */
+export function Command({ text }) {
+  const { isCopied, copy } = useCopy(text);
   return html`<div class="command">
     <code>${text}</code>
     <button class="button button--quiet button--icon" onClick=${copy} aria-label=${`Copy: ${text}`} title="Copy">
@@ -50,7 +81,7 @@ export function Command({ text }) {
 export function Segments({ label, value, choices, onChange }) {
   return html`<div class="segments" role="group" aria-label=${label}>
     ${choices.map(
-      (choice) => html`<button class="segments__item" aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
+      (choice) => html`<button type="button" class="segments__item" aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
         ${choice.text}
       </button>`,
     )}

@@ -1,26 +1,35 @@
 // @ts-check
 // Pictures, fetched with the session and decoded; the one that is likely next, ahead of time.
 
-import { api } from "./api.js";
+import { blob, url } from "./api.js";
 
-/** The picture that is likely to be wanted next. @type {{url: string, coming: Promise<HTMLImageElement>} | null} */
+/** @param {import("./openapi.js").Frame} frame @param {"image" | "segmentation"} kind */
+export const fileUrl = ({ id, files }, kind) => files[kind]?.url ?? url("/api/v1/frames/{frame_id}/{kind}", { path: { frame_id: id, kind } });
+
+/** The segmentation painted in its palette, whatever its file's encoding. @param {number} id */
+export const paintedUrl = (id) => url("/api/v1/frames/{frame_id}/overlay", { path: { frame_id: id }, query: { layer: "segmentation", boxes: "" } });
+
+/** @param {number} id  of a frame */
+export const thumbnailUrl = (id) => url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } });
+
+/** The picture that is likely to be wanted next. @type {{address: string, coming: Promise<HTMLImageElement>} | null} */
 let ahead = null;
 
-/** Fetch and decode a picture before it is asked for. @param {string} url */
-export function fetchAhead(url) {
-  if (ahead?.url === url) return;
-  ahead = { url, coming: imageFrom(url) };
+/** Fetch and decode a picture before it is asked for. @param {string} address */
+export function fetchAhead(address) {
+  if (ahead?.address === address) return;
+  ahead = { address, coming: imageFrom(address) };
   ahead.coming.catch(() => (ahead = null));
 }
 
-/** @param {string} url @param {AbortSignal} [signal] @returns {Promise<HTMLImageElement>} */
-export const imageAt = (url, signal) => (ahead?.url === url ? ahead.coming : imageFrom(url, signal));
+/** @param {string} address @param {AbortSignal} [signal] @returns {Promise<HTMLImageElement>} */
+export const imageAt = (address, signal) => (ahead?.address === address ? ahead.coming : imageFrom(address, signal));
 
-/** @param {string} url @param {AbortSignal} [signal] */
-async function imageFrom(url, signal) {
+/** @param {string} address @param {AbortSignal} [signal] */
+async function imageFrom(address, signal) {
   const image = new Image();
   // By fetch, which shows the session; what is decoded needs its address no longer.
-  image.src = URL.createObjectURL(await api.blob(url, signal));
+  image.src = URL.createObjectURL(await blob(address, signal));
   try {
     await image.decode();
   } finally {

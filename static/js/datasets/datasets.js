@@ -3,22 +3,24 @@
 
 import { NearPicture } from "../boxes/crops.js";
 import { ReviewProgress, StrokeSwatch, VerdictBar } from "../boxes/signs.js";
+import { get } from "../core/api.js";
 import { useHead, useLoaded, useValue } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Command, Failure, Notice } from "../core/parts.js";
+import { thumbnailUrl } from "../core/pictures.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
 /** @typedef {import("../upload/sender.js").UploadApp} App */
-/** @typedef {import("../core/types.js").Dataset} Dataset */
+/** @typedef {import("../core/openapi.js").Dataset} Dataset */
 
 /** @param {{app: App}} props */
 export function DatasetsView({ app }) {
   useHead(app, { title: "Datasets", crumbs: [] });
   const uploads = useValue(app.uploads.ended);
-  const loaded = useLoaded(app, (signal) => app.api.datasets({ limit: 500 }, signal), [uploads]);
+  const loaded = useLoaded((signal) => get("/api/v1/datasets", { query: { limit: 500 }, signal }), [uploads]);
   const datasets = loaded.value?.items;
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
       ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
@@ -41,7 +43,7 @@ function Card({ app, dataset }) {
   const { name, description, counts, thumbnail_frame_id: thumbnail } = dataset;
   return html`<a class="card" href=${linkTo("frames", { dataset: name })}>
     <div class="card__picture">
-      ${thumbnail ? html`<${NearPicture} app=${app} url=${app.api.thumbnailUrl(thumbnail)} />` : html`<${Icon} name="image" class="card__none" />`}
+      ${thumbnail ? html`<${NearPicture} url=${thumbnailUrl(thumbnail)} />` : html`<${Icon} name="image" class="card__none" />`}
     </div>
     <div class="card__body">
       <h2 class="card__title">${name}</h2>
@@ -55,7 +57,7 @@ function Card({ app, dataset }) {
   </a>`;
 }
 
-/** @param {{counts: import("../core/types.js").FrameCounts}} props */
+/** @param {{counts: import("../core/openapi.js").FrameCounts}} props */
 export function Legend({ counts }) {
   return html`<div class="legend">
     <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>

@@ -2,18 +2,20 @@
 // Frames of a dataset, page by page.
 
 import { NearPicture } from "../boxes/crops.js";
-import { FILTER_KEYS, REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES } from "../boxes/filters.js";
+import { FILTER_KEYS, REASON_CHOICES, REVIEW_CHOICES, VERDICT_CHOICES, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
+import { get } from "../core/api.js";
 import { useHead, useLoaded, usePages, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, Notice, Segments, Select } from "../core/parts.js";
+import { thumbnailUrl } from "../core/pictures.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
 
 /** @typedef {import("../upload/sender.js").UploadApp} App */
-/** @typedef {import("../core/types.js").FrameItem} FrameItem */
+/** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
 /** @typedef {import("../core/router.js").Query} Query */
 
 const PAGE_SIZE = 60;
@@ -24,7 +26,7 @@ export function FramesView({ app, route }) {
   useHead(app, { title: name, dataset: name });
   const uploads = useValue(app.uploads.ended);
   const [isOpen, setOpen] = useState(false);
-  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name, uploads]);
+  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, uploads]);
   const counts = dataset.value?.counts;
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));
@@ -47,14 +49,14 @@ export function FramesView({ app, route }) {
 }
 
 /** @param {Query} query */
-const apiParams = (query) => Object.fromEntries(FRAME_FILTERS.map((key) => [key, query[key]]));
+const apiParams = (query) => ({ ...selectionOf(filtersOf(query)), key: query.key });
 
 const FRAME_FILTERS = /** @type {const} */ ([...FILTER_KEYS, "key"]);
 
 /** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
 function FrameGrid({ app, dataset, query, total, onClear }) {
-  const { items, isDone, error, more } = usePages(app, `${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
-    app.api.frames(dataset, { ...apiParams(query), limit, cursor }),
+  const { items, isDone, error, more } = usePages(`${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
+    get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { ...apiParams(query), limit, cursor } }),
   );
   const isFiltered = FRAME_FILTERS.some((key) => query[key]);
   if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
@@ -93,7 +95,7 @@ function Thumb({ app, frame, query }) {
   const waiting = counts.to_review ? `${countText(counts.to_review)} to review` : !counts.boxes ? "no boxes" : counts.reviewed ? "all answered" : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
-      ${has_image ? html`<${NearPicture} app=${app} url=${app.api.thumbnailUrl(id)} />` : html`<${Icon} name="image" />`}
+      ${has_image ? html`<${NearPicture} url=${thumbnailUrl(id)} />` : html`<${Icon} name="image" />`}
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
     <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>

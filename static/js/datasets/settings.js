@@ -1,82 +1,73 @@
 // @ts-check
 // How segmentations are read, what was refused, the end of a dataset.
 
-import { datasetCalls } from "../core/api.js";
-import { useLoaded, useValue } from "../core/hooks.js";
-import { html, useEffect, useRef, useState } from "../core/html.js";
-import { Icon } from "../core/icons.js";
+import { get, patch, remove } from "../core/api.js";
+import { Control, useFields } from "../core/form.js";
+import { useLoaded, useTask, useValue } from "../core/hooks.js";
+import { html, useState } from "../core/html.js";
 import { countOf } from "../core/numbers.js";
-import { FileList } from "../core/parts.js";
+import { Dialog, FileList, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").Dataset} Dataset */
+/** @typedef {import("../core/openapi.js").Dataset} Dataset */
+/** @typedef {import("../core/form.js").Field} Field */
 
-/** How segmentations are read; a change measures every frame again. */
-const READING = /** @type {const} */ ([
-  { key: "palette", text: "Palette", values: ["auto", "carla-0.9.0", "carla-0.9.10", "carla-0.9.14", "paper-table1"] },
-  { key: "encoding", text: "Encoding", values: ["auto", "palette", "raw"] },
-  { key: "channel_order", text: "Channel order", values: ["auto", "rgb", "bgr"] },
-  { key: "lossy_segmentation", text: "JPEG segmentations", values: ["refuse", "nearest"] },
-]);
+/** @type {import("../core/form.js").Words} */
+const WORDS = { fields: { lossy_segmentation: "JPEG segmentations" } };
 
 /** @param {{app: App, dataset: Dataset, onClose: () => void, onChanged: () => void}} props */
 export function DatasetDialog({ app, dataset, onClose, onChanged }) {
-  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
-  useEffect(() => dialog.current?.showModal(), []);
-  const close = () => dialog.current?.close();
-  return html`<dialog class="dialog dialog--upload" ref=${dialog} aria-labelledby="dataset-title" onClose=${onClose}>
-    <div class="dialog__body settings">
-      <header class="dialog__head">
-        <h2 id="dataset-title">${dataset.name}</h2>
-        <button class="button button--quiet button--icon" aria-label="Close" onClick=${close}><${Icon} name="cross" /></button>
-      </header>
+  const dialog = useDialog();
+  return html`<${Dialog} dialog=${dialog} id="dataset-title" title=${dataset.name} kind="upload" onClose=${onClose}>
+    <div class="settings">
       <${Problems} app=${app} dataset=${dataset} />
-      <${Reading} app=${app} dataset=${dataset} onDone=${() => (onChanged(), close())} />
+      <${Changes} app=${app} dataset=${dataset} onDone=${() => (onChanged(), dialog.close())} />
       <${Removal} app=${app} dataset=${dataset} />
     </div>
-  </dialog>`;
+  <//>`;
 }
 
 /** Frames that were refused and have not come in since. @param {{app: App, dataset: Dataset}} props */
 function Problems({ app, dataset }) {
-  const loaded = useLoaded(app, (signal) => datasetCalls.problems(dataset.name, signal), [dataset.name]);
+  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/problems", { path: { dataset: dataset.name }, query: { limit: 200 }, signal }), [dataset.name]);
   if (loaded.state === "error") return html`<p class="upload__fault" role="alert">${loaded.error.message}</p>`;
-  const items = (loaded.value?.items ?? []).map(({ key, error }) => ({ name: key, why: error.detail ?? error.title ?? "refused" }));
+  const items = (loaded.value?.items ?? []).map(({ key, error }) => ({ name: key, why: error.detail }));
   if (loaded.value && items.length === 0) return html`<p class="faint">No frame was refused.</p>`;
   return html`<${FileList} title="Refused frames" items=${items} isOpen=${true} />`;
 }
 
-/** @param {{app: App, dataset: Dataset, onDone: () => void}} props */
-function Reading({ app, dataset, onDone }) {
-  const [error, setError] = useState("");
-  /** @param {SubmitEvent & {currentTarget: HTMLFormElement}} event */
-  const submit = async (event) => {
+/** What can be changed of a dataset: its description, and how its segmentations are read. @param {{app: App, dataset: Dataset, onDone: () => void}} props */
+function Changes({ app, dataset, onDone }) {
+  const fields = useFields("DatasetPatch", WORDS);
+  const [chosen, setChosen] = useState(/** @type {Record<string, any>} */ ({}));
+  /** @type {Readonly<Record<string, unknown>>} */
+  const stored = dataset;
+  const { run, isBusy, error } = useTask(async () => {
+    const body = Object.fromEntries(Object.entries(chosen).filter(([key, value]) => stored[key] !== value));
+    if (Object.keys(body).length === 0) return onDone();
+    const changed = await patch("/api/v1/datasets/{dataset}", { path: { dataset: dataset.name }, body });
+    // The answer is a run where every frame is measured again.
+    if ("state" in changed) app.toasts.show("Every frame is measured again.", { action: { text: "Show the run", href: linkTo("runs", { dataset: dataset.name }) } });
+    else app.toasts.show("Saved.");
+    return onDone();
+  });
+  /** @param {SubmitEvent} event */
+  const submit = (event) => {
     event.preventDefault();
-    const given = [...new FormData(event.currentTarget)].map(([key, value]) => [key, String(value)]);
-    const changes = Object.fromEntries(given.filter(([key = "", value]) => /** @type {any} */ (dataset)[key] !== value));
-    if (Object.keys(changes).length === 0) return onDone();
-    try {
-      const isMeasured = await datasetCalls.change(dataset.name, changes);
-      app.toasts.show(isMeasured ? "Every frame is measured again." : "Saved.", isMeasured ? { action: { text: "Show the run", href: linkTo("runs", { dataset: dataset.name }) } } : {});
-      return onDone();
-    } catch (fault) {
-      app.notice(fault);
-      return setError(fault instanceof Error ? fault.message : String(fault));
-    }
+    void run();
   };
+  /** @param {Field} field */
+  const ask = (field) => html`<label class="field" title=${field.help}><span>${field.text}</span>
+    <${Control} field=${field} value=${chosen[field.key] ?? stored[field.key]} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} /></label>`;
+  if (fields.state === "error") return html`<p class="upload__fault" role="alert">${fields.error.message} <button class="button button--small" onClick=${fields.reload}>Try again</button></p>`;
+  if (!fields.value) return html`<div class="bone bone--tall shimmer"></div>`;
   return html`<form class="upload" onSubmit=${submit}>
-    <label class="field"><span>Description</span><textarea name="description" rows="2" maxlength="2000" defaultValue=${dataset.description}>${dataset.description}</textarea></label>
-    <div class="settings__grid">
-      ${READING.map(
-        ({ key, text, values }) => html`<label class="field"><span>${text}</span>
-          <select name=${key}>${values.map((value) => html`<option value=${value} selected=${dataset[key] === value}>${value}</option>`)}</select>
-        </label>`,
-      )}
-    </div>
+    ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
+    <div class="settings__grid">${fields.value.filter(({ kind }) => kind !== "text").map(ask)}</div>
     <p class="faint">A change in how segmentations are read measures ${countOf(dataset.counts.frames, "frame")} again; answers stay.</p>
-    <p class="field__error" role="alert">${error}</p>
-    <div><button class="button button--primary">Save</button></div>
+    <p class="field__error" role="alert">${error?.message}</p>
+    <div><button class="button button--primary" disabled=${isBusy}>Save</button></div>
   </form>`;
 }
 
@@ -84,20 +75,19 @@ function Reading({ app, dataset, onDone }) {
 function Removal({ app, dataset }) {
   const person = useValue(app.person);
   const [typed, setTyped] = useState("");
-  const [error, setError] = useState("");
+  const { run, isBusy, error } = useTask(async () => {
+    await remove("/api/v1/datasets/{dataset}", { path: { dataset: dataset.name }, query: { confirm: dataset.name } });
+    app.toasts.show(`${dataset.name} is deleted.`);
+    app.router.go(linkTo("datasets"));
+  });
   if (person?.role !== "admin") return null;
-  const remove = () =>
-    datasetCalls.remove(dataset.name).then(
-      () => (app.toasts.show(`${dataset.name} is deleted.`), app.router.go(linkTo("datasets"))),
-      (/** @type {Error} */ fault) => (app.notice(fault), setError(fault.message)),
-    );
   return html`<details class="settings__end">
     <summary>Delete this dataset</summary>
     <p>Its frames, boxes and all answers are gone for good. Type <b>${dataset.name}</b> to go on.</p>
     <div class="settings__confirm">
       <label class="field"><span class="sr-only">Name of the dataset</span><input value=${typed} autocomplete="off" spellcheck=${false} onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} /></label>
-      <button class="button button--danger" disabled=${typed !== dataset.name} onClick=${remove}>Delete</button>
+      <button class="button button--danger" disabled=${isBusy || typed !== dataset.name} onClick=${run}>Delete</button>
     </div>
-    <p class="field__error" role="alert">${error}</p>
+    <p class="field__error" role="alert">${error?.message}</p>
   </details>`;
 }

@@ -5,15 +5,14 @@ import { seen } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
 import { AnswerSign, StrokeSwatch } from "../boxes/signs.js";
 import { matchText, reasonText, spokenText } from "../boxes/wording.js";
-import { useValue } from "../core/hooks.js";
-import { Component, html, useEffect, useLayoutEffect, useRef, useState } from "../core/html.js";
+import { useActions, useValue } from "../core/hooks.js";
+import { Component, html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { isTyping } from "../core/keymap.js";
-import { HEAD_PX, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
+import { HEAD_PX, WAYS, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./layout.js").Layout} Layout */
 /** @typedef {import("../boxes/crops.js").Size} Size */
 
@@ -41,7 +40,7 @@ export function GridCells({ app, place, frameSize, actions }) {
   useMeasures(host, place, now, setView);
   useEffect(() => pager.want(sight.first * layout.columns, sight.end * layout.columns), [sight.first, sight.end, layout.columns, pager]);
 
-  useKeysOfGrid(host, { place, now, actions });
+  useKeysOfGrid(app, host, { place, now, actions });
   useLasso(host, { place, now, setLasso });
 
   const [{ onPick, onOpen }] = useState(() => createPicking(place, actions));
@@ -115,15 +114,15 @@ function useMeasures(host, place, now, setView) {
 }
 
 /**
- * Keys of the grid as a widget; what answers is in the keymap.
- * @param {{current: HTMLDivElement | null}} host
+ * The way through the grid, offered to the keymap.
+ * @param {App} app @param {{current: HTMLDivElement | null}} host
  * @param {{place: import("./pager.js").Place, now: Now, actions: import("./grid.js").GridActions}} grid
  */
-function useKeysOfGrid(host, { place, now, actions }) {
-  useEffect(() => {
+function useKeysOfGrid(app, host, { place, now, actions }) {
+  const byName = useMemo(() => {
     const { pager, selection } = place;
-    /** @param {number} index @param {boolean} isSpan */
-    const go = (index, isSpan) => {
+    /** @param {number} index @param {boolean} [isSpan] */
+    const go = (index, isSpan = false) => {
       const element = /** @type {HTMLDivElement} */ (host.current);
       const { layout, view } = now.current;
       const before = selection.get();
@@ -131,22 +130,17 @@ function useKeysOfGrid(host, { place, now, actions }) {
       const offset = offsetAt(layout, element.scrollTop, view.height);
       element.scrollTop = scrollTopFor(layout, offsetToShow(layout, index, offset, view.height), view.height);
     };
-    /** @param {KeyboardEvent} event */
-    const onKeyDown = (event) => {
-      if (event.defaultPrevented || event.altKey || isTyping(event) || isPressing(event)) return;
+    /** @param {import("./layout.js").Way} way */
+    const to = (way) => (/** @type {{shiftKey: boolean} | undefined} */ press) => {
       const { layout, view } = now.current;
-      const { focus } = selection.get();
-      const target = moved(layout, focus, event.key, Math.max(1, Math.floor(view.height / layout.pitch)));
-      if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "a") actions.all();
-      else if (event.key === " " || event.key === "Enter") actions.toggle(focus);
-      else if (target === null) return;
-      else go(target, event.shiftKey);
-      event.preventDefault();
+      const page = Math.max(1, Math.floor(view.height / layout.pitch));
+      go(moved(layout, selection.get().focus, way, page), press?.shiftKey);
     };
-    // Before the keymap's listener: here Space selects.
-    addEventListener("keydown", onKeyDown, { capture: true });
-    return () => removeEventListener("keydown", onKeyDown, { capture: true });
-  }, [place]);
+    place.show = go;
+    const ways = Object.fromEntries(WAYS.map((way) => [way, to(way)]));
+    return { ...ways, select: () => actions.toggle(selection.get().focus), selectAll: actions.all };
+  }, [place, actions]);
+  useActions(app, byName);
 }
 
 /**
@@ -171,9 +165,6 @@ function useLasso(host, { place, now, setLasso }) {
     });
   }, [place]);
 }
-
-/** Enter on a button or a link is theirs. @param {KeyboardEvent} event */
-const isPressing = ({ key, target }) => key === "Enter" && target instanceof HTMLElement && target.closest("button, a, summary") !== null;
 
 /** Below this there is no room for two things on one line. */
 const SMALL_PX = 112;
@@ -216,7 +207,7 @@ class Cell extends Component {
       onClick=${(/** @type {MouseEvent} */ event) => onPick(event, index)} onDblClick=${() => onOpen(index)}>
       <span class="sr-only">${box ? spokenText(box) : box === null ? "Loading" : "Not found by the filters any more"}</span>
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
-        ${box && html`<${Picture} app=${app} box=${box} size=${size} frameSize=${frameSize} />`}
+        ${box && html`<${Picture} box=${box} size=${size} frameSize=${frameSize} />`}
         ${box === null && html`<div class="cell__none shimmer" />`}
         ${box === undefined && html`<div class="cell__none">gone from this list</div>`}
         ${box && html`<${Marks} box=${box} isWaiting=${isWaiting} onOpen=${() => onOpen(index)} />`}

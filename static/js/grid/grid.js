@@ -1,9 +1,10 @@
 // @ts-check
 // The view: filters, status, acts that wait, bar for the selected.
 
-import { REVIEW_CHOICES, SORTS, VERDICT_CHOICES, VERDICT_CYCLE, countOfMore, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
+import { REVIEW_CHOICES, SORTS, VERDICT_CHOICES, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
-import { useActions, useHead, useLoaded, useTyped, useValue } from "../core/hooks.js";
+import { get } from "../core/api.js";
+import { useActions, useClosing, useHead, useLoaded, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -11,10 +12,10 @@ import { Failure, Notice, Segments, Select } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { GridBar } from "../review/acts.js";
 import { GridCells } from "./cells.js";
-import { leave, listBoxes, placeOf } from "./pager.js";
+import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("./pager.js").Pager} Pager */
 /** @typedef {import("../core/router.js").Query} Query */
@@ -24,7 +25,7 @@ import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 export function GridView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Grid · ${name}`, dataset: name });
-  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("grid", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
@@ -84,10 +85,7 @@ function usePlace(app, dataset, query) {
 function usePager(app, { pager }) {
   const [version, setVersion] = useState(0);
   useEffect(() => {
-    const change = () => {
-      app.notice(pager.error());
-      setVersion((n) => n + 1);
-    };
+    const change = () => setVersion((n) => n + 1);
     const stop = pager.observe(change);
     const stopActs = app.outbox.open.observe(change);
     pager.want(0, 1);
@@ -102,7 +100,7 @@ function usePager(app, { pager }) {
 
 /** Frames of a dataset are of one size, nearly always. @param {App} app @param {string} dataset */
 function useFrameSize(app, dataset) {
-  const frames = useLoaded(app, (signal) => app.api.frames(dataset, { limit: 1 }, signal), [dataset]);
+  const frames = useLoaded((signal) => get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { limit: 1 }, signal }), [dataset]);
   const frame = frames.value?.items[0];
   return useMemo(() => (frame?.width && frame.height ? { width: frame.width, height: frame.height } : null), [frame]);
 }
@@ -116,9 +114,9 @@ function Nothing({ query, inAll, onQuery }) {
   <//>`;
 }
 
-/** How many boxes a filter selects, and what stands for them as they are now. @param {string} dataset @param {Record<string, string | number | boolean>} filter @returns {Promise<{total: number, snapshot: string} | null>} */
-export async function countBoxes(dataset, filter) {
-  const { total, snapshot } = await listBoxes(dataset, filter, { limit: 1, count: true });
+/** How many boxes a filter selects, and what stands for them as they are now. @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter */
+async function countBoxes(dataset, filter) {
+  const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
   return typeof total === "number" && snapshot ? { total, snapshot } : null;
 }
 
@@ -147,10 +145,12 @@ export function createGridActions(app, dataset, page) {
   }
 
   function undo() {
-    const last = app.undo.peek();
-    if (!last) return app.toasts.show("Nothing to take back.");
-    if (last.batchId) return void app.acts.undo(last.batchId);
-    app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
+    app.undo((box) => {
+      const { place } = page();
+      const index = place.pager.indexOf(box.box_id);
+      if (index >= 0) place.show(index);
+      else app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
+    });
   }
 
   /** @param {number} index */
@@ -189,13 +189,7 @@ export function createGridActions(app, dataset, page) {
       clear: () => answer("clear"),
       undo,
       crop: open,
-      cycleVerdict() {
-        const { query } = now();
-        const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));
-        const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
-        app.router.replace(linkTo("grid", { dataset }, { ...query, verdict }));
-        app.announcement.set(`Showing ${verdict || "all"} boxes`);
-      },
+      cycleVerdict: () => cycleVerdict(app),
       blind: () => app.prefs.change({ blind: !app.prefs.get().blind }),
       grid: () => app.router.go(linkTo("frames", { dataset }, now().query)),
       escape: () => select(nothing(now().selection)),
@@ -271,39 +265,18 @@ function More({ query, onChange }) {
   </div>`;
 }
 
-/** @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
-function useClosing(root, isOpen, close) {
-  useEffect(() => {
-    if (!isOpen) return;
-    /** @param {Event} event */
-    const onEvent = (event) => {
-      const isInside = event.target instanceof Node && root.current?.contains(event.target);
-      if (event instanceof KeyboardEvent && event.key === "Escape") {
-        event.preventDefault();
-        close();
-      } else if (!(event instanceof KeyboardEvent) && !isInside) close();
-    };
-    addEventListener("pointerdown", onEvent);
-    addEventListener("keydown", onEvent, { capture: true });
-    return () => {
-      removeEventListener("pointerdown", onEvent);
-      removeEventListener("keydown", onEvent, { capture: true });
-    };
-  }, [isOpen]);
-}
-
 /** @param {{text: string, unit: string, keys: [string, string], most?: number, query: Query, onChange: (query: Query) => void}} props */
 function Range({ text, unit, keys, most, query, onChange }) {
   return html`<fieldset class="range">
     <legend>${text}</legend>
-    ${keys.map((key, i) => html`<${NumberField} key=${key} label=${`${text}, ${i ? "at most" : "at least"}`} hint=${i ? "to" : "from"} most=${most} value=${query[key] ?? ""}
+    ${keys.map((key, i) => html`<${RangeEnd} key=${key} label=${`${text}, ${i ? "at most" : "at least"}`} hint=${i ? "to" : "from"} most=${most} value=${query[key] ?? ""}
       onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`)}
     <span class="faint">${unit}</span>
   </fieldset>`;
 }
 
 /** @param {{label: string, hint: string, most?: number, value: string, onChange: (value: string) => void}} props */
-function NumberField({ label, hint, most, value, onChange }) {
+function RangeEnd({ label, hint, most, value, onChange }) {
   const { shown, onInput } = useTyped(value, onChange, TYPING_PAUSE_MS);
   return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label} placeholder=${hint} value=${shown} onInput=${onInput} />`;
 }
@@ -339,7 +312,7 @@ function ReportLine({ app, report }) {
 
 /** @param {{app: App, id: number}} props */
 function BoxLink({ app, id }) {
-  const box = app.stores.find(id);
+  const box = app.boxes.get(id);
   if (!box) return html`<span class="strip__box num">${id}</span>`;
   return html`<a class="strip__box" href=${linkTo("frame", { id: box.frame_id }, { box: String(id) })}>${box.class} ${box.id}</a>`;
 }
@@ -370,16 +343,11 @@ const sentence = (text) => (text ? `${text[0]?.toUpperCase()}${text.slice(1).rep
 
 /** The number that one agrees to is the one that is shown. @param {App} app @param {import("../review/outbox.js").Act} act */
 async function acceptNow(app, act) {
-  try {
-    const list = await countBoxes(act.dataset, act.filter ?? {});
-    if (list === null) return;
-    app.outbox.giveUp(act.key);
-    app.acts.sweeps.set(app.acts.sweeps.get() + 1);
-    app.toasts.show(`${countOf(list.total, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
-      action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.acts.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
-    });
-  } catch (error) {
-    app.notice(error);
-    app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
-  }
+  const list = await countBoxes(act.dataset, act.filter ?? {}).catch(app.toasts.fail);
+  if (!list) return;
+  app.outbox.giveUp(act.key);
+  app.acts.sweeps.set(app.acts.sweeps.get() + 1);
+  app.toasts.show(`${countOf(list.total, "box", "boxes")} by now, ${countText(act.count)} when you looked.`, {
+    action: { text: `${WILL[act.verdict]} all ${countText(list.total)}`, run: () => app.acts.answerAll(act.dataset, act.verdict, act.filter ?? {}, list) },
+  });
 }

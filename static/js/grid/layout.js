@@ -86,26 +86,21 @@ function spanned(a, b, length, pitch, most) {
 /** @param {number} a @param {number} n */
 const mod = (a, n) => ((a % n) + n) % n;
 
+export const WAYS = /** @type {const} */ (["left", "right", "up", "down", "pageUp", "pageDown", "first", "last"]);
+
+/** @typedef {(typeof WAYS)[number]} Way  by the names of the keymap */
+
 /**
- * Where an arrow leads from a cell.
- * @param {Layout} layout @param {number} index @param {string} key @param {number} page rows of one
+ * Where a key leads from a cell.
+ * @param {Layout} layout @param {number} index @param {Way} way @param {number} page rows of one
  */
-export function moved({ count, columns }, index, key, page) {
-  const steps = /** @type {Record<string, number>} */ ({
-    ArrowRight: 1,
-    ArrowLeft: -1,
-    ArrowDown: columns,
-    ArrowUp: -columns,
-    PageDown: columns * page,
-    PageUp: -columns * page,
-  });
-  if (key === "Home") return 0;
-  if (key === "End") return Math.max(0, count - 1);
-  const step = steps[key];
-  if (step === undefined) return null;
+export function moved({ count, columns }, index, way, page) {
+  if (way === "first") return 0;
+  if (way === "last") return Math.max(0, count - 1);
+  const step = { right: 1, left: -1, down: columns, up: -columns, pageDown: columns * page, pageUp: -columns * page }[way];
   const next = index + step;
   if (Math.abs(step) === 1 || (next >= 0 && next < count)) return Math.max(0, Math.min(next, count - 1));
-  if (key.startsWith("Page")) return next < 0 ? index % columns : Math.max(0, count - 1);
+  if (way.startsWith("page")) return next < 0 ? index % columns : Math.max(0, count - 1);
   // From the last full row down into one that ends earlier; at an edge, stay.
   const isAboveLast = Math.floor(index / columns) < Math.floor((count - 1) / columns);
   return step > 0 && isAboveLast ? count - 1 : index;

@@ -3,11 +3,11 @@
 
 import { seenRevision } from "../boxes/box.js";
 import { selectionOf, sortOf } from "../boxes/filters.js";
-import { request, urlOf } from "../core/api.js";
+import { get } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { NOTHING } from "./selection.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 
 /**
  * @typedef {object} Part  boxes that one request brought, in their order
@@ -15,10 +15,11 @@ import { NOTHING } from "./selection.js";
  * @property {readonly number[]} ids
  * @property {readonly number[]} revisions  of these boxes, as they were shown
  * @property {string | undefined} cursor  that brings them again
- * @property {ReadonlyMap<number, Decision> | null} boxes  null: let go of
+ * @property {ReadonlySet<number> | null} found  those that came when it was read last; null: let go of
+ * @property {() => void} giveBack  they are held no longer
  */
 
-/** @typedef {{items: Decision[], next_cursor: string | null, total?: number | null, snapshot?: string | null}} BoxPage */
+/** @typedef {Pick<import("../core/openapi.js").BoxPage, "items" | "next_cursor"> & {total?: number | null, snapshot?: string | null}} BoxPage */
 /** @typedef {{limit: number, cursor: string | undefined, count: boolean}} BoxRequest */
 
 const PAGE = 200;
@@ -30,11 +31,13 @@ const FIRST_SIGHT = 60;
 /** Boxes kept in memory besides those in sight. */
 const KEPT = 6000;
 
-/** @param {(request: BoxRequest) => Promise<BoxPage>} load */
-export function createPager(load) {
+/** @param {import("../boxes/store.js").Boxes} boxes @param {(request: BoxRequest) => Promise<BoxPage>} load */
+export function createPager(boxes, load) {
   /** @type {Part[]} in order, without gaps */
   const parts = [];
-  /** Answered on this page: what a page read before says of them is old. @type {Map<number, Decision>} */
+  /** Of this list. @type {Set<number>} */
+  const listed = new Set();
+  /** Boxes that are others by now than when they were listed, and how they are given back. @type {Map<number, () => void>} */
   const changed = new Map();
   /** @type {Set<() => void>} */
   const observers = new Set();
@@ -49,6 +52,11 @@ export function createPager(load) {
   const known = () => (parts.at(-1)?.start ?? 0) + (parts.at(-1)?.ids.length ?? 0);
   const isWhole = () => next === null;
   const tell = () => [...observers].forEach((notify) => notify());
+  const stop = boxes.observe((others) => {
+    const mine = [...others].filter((id) => listed.has(id));
+    for (const id of mine) if (!changed.has(id)) changed.set(id, boxes.hold([id]));
+    if (mine.length > 0) tell();
+  });
 
   /** @param {number} index */
   function partAt(index) {
@@ -71,19 +79,18 @@ export function createPager(load) {
     if (isBusy) return;
     isBusy = true;
     error = null;
-    try {
-      while (await step());
-    } catch (fault) {
-      error = fault instanceof Error ? fault : new Error(String(fault));
-    } finally {
-      isBusy = false;
-      tell();
-    }
+    await steps().catch((fault) => (error = fault));
+    isBusy = false;
+    tell();
+  }
+
+  async function steps() {
+    while (await step());
   }
 
   /** One request, if something in sight is missing. @returns {Promise<boolean>} was there one? */
   async function step() {
-    const missing = parts.find((part) => part.boxes === null && isInSight(part));
+    const missing = parts.find((part) => part.found === null && isInSight(part));
     if (missing) await again(missing);
     else if (!isWhole() && wanted.end > known()) await further();
     else return false;
@@ -103,8 +110,9 @@ export function createPager(load) {
     }
     next = page.next_cursor;
     if (page.items.length > 0) {
-      const ids = page.items.map(({ box_id }) => box_id);
-      parts.push({ start: known(), ids, revisions: page.items.map(seenRevision), cursor, boxes: byId(page.items) });
+      const ids = boxes.receive(page.items);
+      for (const id of ids) listed.add(id);
+      parts.push({ start: known(), ids, revisions: page.items.map(seenRevision), cursor, found: new Set(ids), giveBack: boxes.hold(ids) });
     }
     if (next === null) total = known();
   }
@@ -112,34 +120,27 @@ export function createPager(load) {
   /** @param {Part} part */
   async function again(part) {
     const page = await load({ limit: part.ids.length, cursor: part.cursor, count: false });
-    const boxes = byId(page.items);
-    const revisions = part.ids.map((id, i) => seenRevision(boxes.get(id) ?? { revision: part.revisions[i] }));
-    parts[parts.indexOf(part)] = { ...part, revisions, boxes };
+    const ids = boxes.receive(page.items);
+    const found = new Set(ids);
+    const revisions = part.ids.map((id, i) => seenRevision((found.has(id) && boxes.get(id)) || { revision: part.revisions[i] }));
+    parts[parts.indexOf(part)] = { ...part, revisions, found, giveBack: boxes.hold(ids) };
   }
 
   /** Forget the boxes farthest away; their ids and cursors stay. */
   function letGo() {
     const middle = (wanted.first + wanted.end) / 2;
-    const full = parts.filter((part) => part.boxes && !isInSight(part));
+    const full = parts.filter((part) => part.found && !isInSight(part));
     full.sort((a, b) => Math.abs(b.start - middle) - Math.abs(a.start - middle));
     let held = full.reduce((sum, part) => sum + part.ids.length, 0);
     for (const part of full) {
       if (held <= KEPT) return;
       held -= part.ids.length;
-      parts[parts.indexOf(part)] = { ...part, boxes: null };
+      part.giveBack();
+      parts[parts.indexOf(part)] = { ...part, found: null };
     }
   }
 
-  /** @param {number} boxId */
-  function get(boxId) {
-    const own = changed.get(boxId);
-    if (own) return own;
-    for (const { boxes } of parts) if (boxes?.has(boxId)) return boxes.get(boxId);
-    return undefined;
-  }
-
   return {
-    get,
     known,
     isWhole,
     total: () => total,
@@ -158,12 +159,19 @@ export function createPager(load) {
       return part?.ids[index - part.start];
     },
 
+    /** The place of a box; -1: it is not in this list, as far as that is read. @param {number} boxId */
+    indexOf(boxId) {
+      const part = listed.has(boxId) ? parts.find(({ ids }) => ids.includes(boxId)) : undefined;
+      return part ? part.start + part.ids.indexOf(boxId) : -1;
+    },
+
     /** The box at a place; null: still to come; undefined: the filter does not find it any more. @param {number} index @returns {Decision | null | undefined} */
     at(index) {
       const part = partAt(index);
       if (!part) return null;
       const id = /** @type {number} */ (part.ids[index - part.start]);
-      return changed.get(id) ?? (part.boxes ? part.boxes.get(id) : null);
+      if (changed.has(id) || part.found?.has(id)) return boxes.get(id);
+      return part.found ? undefined : null;
     },
 
     /** Ids of places that were reached, both ends included. @param {number} a @param {number} b */
@@ -177,7 +185,7 @@ export function createPager(load) {
     /** The revision of every box that was shown, those that are not kept in memory included. */
     revisions() {
       const shown = new Map(parts.flatMap(({ ids, revisions }) => ids.map((id, i) => /** @type {const} */ ([id, revisions[i] ?? 0]))));
-      for (const box of changed.values()) shown.set(box.box_id, seenRevision(box));
+      for (const box of boxes.all([...changed.keys()])) shown.set(box.box_id, seenRevision(box));
       return shown;
     },
 
@@ -192,14 +200,15 @@ export function createPager(load) {
 
     retry: () => void work(),
 
-    /** A box's next state. @param {Decision} box */
-    apply(box) {
-      changed.set(box.box_id, box);
-      tell();
-    },
+    /** Boxes that are others by now than when they were listed: answered, mostly. */
+    changed: () => boxes.all([...changed.keys()]),
 
-    /** Boxes that were answered here. */
-    changed: () => [...changed.values()],
+    /** Nobody looks at this list any more. */
+    end() {
+      stop();
+      for (const { giveBack } of parts) giveBack();
+      for (const giveBack of changed.values()) giveBack();
+    },
 
     /** @param {() => void} notify @returns {() => void} stop observing */
     observe(notify) {
@@ -211,15 +220,6 @@ export function createPager(load) {
 
 /** @typedef {ReturnType<typeof createPager>} Pager */
 
-/** @param {readonly Decision[]} items */
-const byId = (items) => new Map(items.map((box) => [box.box_id, box]));
-
-/** @param {string} dataset @param {Record<string, string | number | boolean>} filter @param {{sort?: string, limit: number, cursor?: string, count?: boolean}} page @param {AbortSignal} [signal] @returns {Promise<BoxPage>} */
-export const listBoxes = (dataset, filter, { sort, limit, cursor, count }, signal) =>
-  request(urlOf("/boxes", { dataset, ...texts(filter), sort, limit, cursor, count: count ? "true" : undefined }), { signal });
-
-/** @param {Record<string, string | number | boolean>} filter */
-const texts = (filter) => Object.fromEntries(Object.entries(filter).map(([key, value]) => [key, String(value)]));
 
 /**
  * @typedef {object} Place
@@ -227,7 +227,7 @@ const texts = (filter) => Object.fromEntries(Object.entries(filter).map(([key, v
  * @property {Pager} pager
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down, and when one left
- * @property {() => void} end
+ * @property {(index: number) => void} show  moves the focus there and into sight; given by the view that shows the place
  */
 
 const KEPT_PLACES = 4;
@@ -247,10 +247,10 @@ export function placeOf(app, dataset, query, key) {
     return known;
   }
   leave(key);
-  const filter = selectionOf(query);
-  const pager = createPager((page) => listBoxes(dataset, filter, { ...page, sort: sortOf(query) }));
+  const filter = { ...selectionOf(query), sort: sortOf(query) };
+  const pager = createPager(app.boxes, (page) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page } }));
   const scroll = { offset: 0, seen: Date.now() };
-  const place = { key, pager, selection: createValue(NOTHING), scroll, end: app.stores.lend(pager) };
+  const place = { key, pager, selection: createValue(NOTHING), scroll, show: () => {} };
   places.set(key, place);
   for (const old of [...places.keys()].slice(0, -KEPT_PLACES)) leave(old);
   return place;
@@ -258,6 +258,6 @@ export function placeOf(app, dataset, query, key) {
 
 /** Forget a list: it is read anew when it is wanted. @param {string} key */
 export function leave(key) {
-  places.get(key)?.end();
+  places.get(key)?.pager.end();
   places.delete(key);
 }

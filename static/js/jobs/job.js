@@ -1,14 +1,15 @@
 // @ts-check
 // A run or an export while somebody looks: told by events, drawn as bar and badge, started, cancelled.
 
-import { ApiError, jobs, send } from "../core/api.js";
+import { ApiError, get, post, send, url } from "../core/api.js";
+import { useTask } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/types.js").JobState} JobState */
-/** @typedef {import("../core/types.js").Run} Run */
+/** @typedef {import("../core/openapi.js").Run["state"]} JobState */
+/** @typedef {import("../core/openapi.js").Run} Run */
 
 const STATES = {
   queued: { icon: "clock", text: "queued" },
@@ -35,37 +36,54 @@ export function JobBar({ job, label }) {
   </div>`;
 }
 
-/** A run as it is now, for as long as somebody looks. @param {Run | null} run @param {(run: Run) => void} [onOver] @returns {Run | null} */
-export function useWatched(run, onOver) {
-  const [seen, setSeen] = useState(run);
+/**
+ * A job as it is now, for as long as somebody looks.
+ * @template {Job & {id: number}} J
+ * @param {(id: number) => Watched<J>} watchedOf @param {J | null} job @param {(job: J) => void} [onOver]
+ * @returns {J | null}
+ */
+export function useWatched(watchedOf, job, onOver) {
+  const [seen, setSeen] = useState(job);
   useEffect(() => {
-    setSeen(run);
-    if (!run || isOver(run)) return undefined;
-    return watchRun(run.id, (next) => {
+    setSeen(job);
+    if (!job || isOver(job)) return undefined;
+    return watchJob(watchedOf(job.id), (next) => {
       setSeen(next);
       if (isOver(next)) onOver?.(next);
     });
-  }, [run]);
-  return seen && run && seen.id === run.id ? seen : run;
+  }, [job]);
+  return seen && job && seen.id === job.id ? seen : job;
+}
+
+const LOOK_AGAIN_MS = 5000;
+
+/** Others start jobs, too: look now and then, and at once when somebody comes back. @param {() => void} reload */
+export function useLookAgain(reload) {
+  useEffect(() => {
+    const look = () => document.visibilityState === "visible" && reload();
+    const timer = setInterval(look, LOOK_AGAIN_MS);
+    document.addEventListener("visibilitychange", look);
+    return () => {
+      clearInterval(timer);
+      document.removeEventListener("visibilitychange", look);
+    };
+  }, [reload]);
 }
 
 /** @param {{app: import("../core/app.js").App, run: Run}} props */
-export const CancelButton = ({ app, run }) => html`<${Canceller} app=${app} what=${`run ${run.id}`} cancel=${() => jobs.cancelRun(run.id)} />`;
+export const CancelButton = ({ app, run }) => html`<${Canceller} app=${app} what=${`run ${run.id}`} cancel=${() => post("/api/v1/runs/{run_id}/cancel", { path: { run_id: run.id } })} />`;
 
 /** Asked for once; the state of the job says when it is so. @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props */
 export function Canceller({ app, what, cancel }) {
   const [isAsked, setAsked] = useState(false);
-  const ask = async () => {
+  const { run } = useTask(async () => {
     setAsked(true);
-    try {
-      await cancel();
-    } catch (error) {
-      app.notice(error);
-      app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
-      setAsked(false);
-    }
-  };
-  return html`<button class="button button--small" disabled=${isAsked} onClick=${ask}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
+    await cancel();
+  }, (error) => {
+    app.toasts.fail(error);
+    setAsked(false);
+  });
+  return html`<button class="button button--small" disabled=${isAsked} onClick=${run}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
 }
 
 /** States, as an EventSource numbers them. */
@@ -173,11 +191,11 @@ function wordsOf(run) {
     case "cancelled":
       return `Run ${run.id} was cancelled. What was active still is.`;
     default:
-      return `Run ${run.id} failed: ${run.error?.detail ?? run.error?.title ?? "no reason was given"}`;
+      return `Run ${run.id} failed: ${run.error?.detail ?? "no reason was given"}`;
   }
 }
 
-/** @typedef {{state: import("../core/types.js").JobState}} Job */
+/** @typedef {{state: import("../core/openapi.js").Run["state"]}} Job */
 
 const OVER = new Set(["done", "failed", "cancelled"]);
 
@@ -192,16 +210,31 @@ export function percentDone({ state, done = 0, total = 0 }) {
   return total > 0 ? Math.min(100, Math.floor((100 * done) / total)) : 0;
 }
 
+/** @template {Job} J @typedef {{events: string, load: () => Promise<J>}} Watched  where a job is told of, and how it is asked for where it is not */
+
+/** @param {number} id @returns {Watched<Run>} */
+export const runEvents = (id) => ({
+  events: url("/api/v1/runs/{run_id}/events", { path: { run_id: id } }),
+  load: () => get("/api/v1/runs/{run_id}", { path: { run_id: id } }),
+});
+
+/** @param {number} id @returns {Watched<import("../core/openapi.js").Export>} */
+export const exportEvents = (id) => ({
+  events: url("/api/v1/exports/{export_id}/events", { path: { export_id: id } }),
+  load: () => get("/api/v1/exports/{export_id}", { path: { export_id: id } }),
+});
+
 /**
- * Tell of a run until it is over. `onRun` may be told the same state twice.
- * @param {number} id
- * @param {(run: Run) => void} onRun
- * @param {{open?: (url: string) => EventStream, load?: (id: number) => Promise<Run>, pauseMs?: number}} [how]
+ * Tell of a job until it is over. `onJob` may be told the same state twice.
+ * @template {Job} J
+ * @param {Watched<J>} watched
+ * @param {(job: J) => void} onJob
+ * @param {{open?: (address: string) => EventStream, pauseMs?: number}} [how]
  * @returns {() => void} stop watching
  */
-export function watchRun(id, onRun, { open = (url) => new EventStream(url), load = jobs.run, pauseMs = ASK_AGAIN_MS } = {}) {
+export function watchJob({ events, load }, onJob, { open = (address) => new EventStream(address), pauseMs = ASK_AGAIN_MS } = {}) {
   let isStopped = false;
-  const source = open(jobs.eventsUrl(id));
+  const source = open(events);
   const stop = () => {
     isStopped = true;
     source.close();
@@ -209,9 +242,9 @@ export function watchRun(id, onRun, { open = (url) => new EventStream(url), load
   /** @param {Event} event */
   const hear = (event) => {
     if (isStopped || !(event instanceof MessageEvent) || !event.data) return;
-    const run = JSON.parse(event.data);
-    if (isOver(run)) stop();
-    onRun(run);
+    const job = JSON.parse(event.data);
+    if (isOver(job)) stop();
+    onJob(job);
   };
   source.addEventListener("progress", hear);
   source.addEventListener("end", hear);
@@ -223,10 +256,10 @@ export function watchRun(id, onRun, { open = (url) => new EventStream(url), load
   const ask = async () => {
     while (!isStopped) {
       try {
-        const run = await load(id);
+        const job = await load();
         if (isStopped) return;
-        if (isOver(run)) stop();
-        onRun(run);
+        if (isOver(job)) stop();
+        onJob(job);
       } catch (error) {
         if (error instanceof ApiError && !error.isTemporary) return stop();
       }

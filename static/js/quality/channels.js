@@ -3,22 +3,22 @@
 
 import { listQuery } from "../boxes/filters.js";
 import { CHANNELS, channelText } from "../boxes/wording.js";
-import { jobs, loadEvaluation, startEvaluation } from "../core/api.js";
-import { useLoaded } from "../core/hooks.js";
+import { get, post } from "../core/api.js";
+import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
 import { bandText } from "./measures.js";
 
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").ChannelScore} ChannelScore */
-/** @typedef {import("../core/types.js").Evaluation} Evaluation */
-/** @typedef {import("../core/types.js").Run} Run */
-/** @typedef {import("../core/types.js").Score} Score */
+/** @typedef {import("../core/openapi.js").ChannelScore} ChannelScore */
+/** @typedef {import("../core/openapi.js").Evaluation} Evaluation */
+/** @typedef {import("../core/openapi.js").Run} Run */
+/** @typedef {import("../core/openapi.js").Score} Score */
 
 const TRUTHS = [
   { value: "instances", text: "Instances" },
@@ -31,9 +31,9 @@ const BY = [
   { value: "distance", text: "Distance" },
 ];
 
-/** @param {{app: App, dataset: string, active: string, truth: string, onTruth: (truth: string) => void, onMeasured: () => void}} props */
+/** @param {{app: App, dataset: string, active: string, truth: Evaluation["truth"], onTruth: (truth: string) => void, onMeasured: () => void}} props */
 export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
-  const loaded = useLoaded(app, (signal) => loadEvaluation(dataset, truth, signal), [dataset, truth]);
+  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/evaluations", { path: { dataset }, query: { truth }, signal }), [dataset, truth]);
   const measuring = useMeasuring(app, dataset, () => (loaded.reload(), onMeasured()));
   const [by, setBy] = useState("all");
   const found = loaded.value;
@@ -80,17 +80,16 @@ const MeasureButton = ({ measuring: { start, isBusy } }) => html`<button class="
 /** The run that measures: asked for here, or already at work when one comes. @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring} */
 function useMeasuring(app, dataset, onDone) {
   const [asked, setAsked] = useState(/** @type {Run | null} */ (null));
-  const [isSending, setSending] = useState(false);
   /** @param {Run} run */
   const settle = (run) => {
     if (run.state === "done") setAsked(null);
     onDone();
   };
-  const run = useWatched(asked, settle);
+  const run = useWatched(runEvents, asked, settle);
   useEffect(() => {
     const stop = new AbortController();
     const look = async () => {
-      const { items } = await jobs.runs(dataset, { limit: 5 }, stop.signal);
+      const { items } = await get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: 5 }, signal: stop.signal });
       const open = items.find((one) => one.kind === "measure" && !isOver(one));
       if (open) setAsked((now) => now ?? open);
     };
@@ -98,19 +97,13 @@ function useMeasuring(app, dataset, onDone) {
     look().catch(() => {});
     return () => stop.abort();
   }, [dataset]);
-  const start = async () => {
-    setSending(true);
-    try {
-      const started = await startEvaluation(dataset);
-      if (isOver(started)) settle(started);
-      else setAsked(started);
-    } catch (error) {
-      app.notice(error);
-      app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
-    }
-    setSending(false);
-  };
-  return { run, isBusy: isSending || (run !== null && !isOver(run)), start: () => void start(), close: () => setAsked(null) };
+  /** Measure every channel that the frames' files allow. */
+  const start = useTask(async () => {
+    const started = await post("/api/v1/datasets/{dataset}/evaluations", { path: { dataset } });
+    if (isOver(started)) settle(started);
+    else setAsked(started);
+  }, app.toasts.fail);
+  return { run, isBusy: start.isBusy || (run !== null && !isOver(run)), start: () => void start.run(), close: () => setAsked(null) };
 }
 
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */

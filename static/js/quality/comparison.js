@@ -8,9 +8,9 @@ import { Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CELLS, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
 
-/** @typedef {import("../core/types.js").Confusion} Confusion */
-/** @typedef {import("../core/types.js").Measure} Measure */
-/** @typedef {import("../core/types.js").Truth} Truth */
+/** @typedef {import("../core/openapi.js").Confusion} Confusion */
+/** @typedef {import("../core/openapi.js").Measure} Measure */
+/** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 const MEASURES = /** @type {const} */ ([
   { key: "precision", text: "Precision" },
@@ -81,7 +81,7 @@ const CHOICES = [
   { value: "distance", text: "Distance" },
 ];
 
-/** @param {{dataset: string, quality: import("../core/types.js").Quality}} props */
+/** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
   const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(({ confusion }) => answersIn(confusion) > 0);
@@ -96,13 +96,13 @@ export function PerGroup({ dataset, quality }) {
   </section>`;
 }
 
-/** @param {import("../core/types.js").Quality} quality @returns {Group[]} */
+/** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
 const classGroups = ({ by_class }) => Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
 
-/** @param {import("../core/types.js").Quality} quality @returns {Group[]} */
+/** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
 const bandGroups = ({ by_distance }) => by_distance.map((confusion) => ({ key: confusion.band, text: bandText(confusion.band), confusion, query: bandQuery(confusion.band) }));
 
-/** @param {{dataset: string, truth: import("../core/types.js").Truth, group: Group}} props */
+/** @param {{dataset: string, truth: import("../core/openapi.js").Quality["truth"], group: Group}} props */
 function Row({ dataset, truth, group }) {
   const { confusion, text, query } = group;
   /** @type {Record<string, string>} */

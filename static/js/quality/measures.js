@@ -4,9 +4,9 @@
 import { countOf } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/types.js").Cell} Cell */
-/** @typedef {import("../core/types.js").Measure} Measure */
-/** @typedef {import("../core/types.js").Truth} Truth */
+/** @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell  the filter's word, then a person's */
+/** @typedef {import("../core/openapi.js").Measure} Measure */
+/** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 /** With fewer answers than this an interval is wider than most differences. */
 export const FEW_ANSWERS = 100;

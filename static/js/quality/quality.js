@@ -1,7 +1,7 @@
 // @ts-check
 // The view, and people against people.
 
-import { jobs, loadQuality } from "../core/api.js";
+import { get } from "../core/api.js";
 import { useHead, useLoaded } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -13,7 +13,7 @@ import { ConfusionPanel, PerGroup } from "./comparison.js";
 import { FEW_ANSWERS, TRUTHS, WORDS, answersIn, kappaText } from "./measures.js";
 import { Suggestions } from "./suggestions.js";
 
-/** @typedef {import("../core/types.js").Agreement} Agreement */
+/** @typedef {import("../core/openapi.js").Agreement} Agreement */
 /** @typedef {import("../core/app.js").App} App */
 
 /** Where answers are given. @param {string} dataset @param {Record<string, string>} [query] */
@@ -30,8 +30,11 @@ function QualityOf({ app, route }) {
   const against = route.query.against === "instances" ? "instances" : "people";
   /** @param {Record<string, string>} some  an empty value is the usual one, which links leave out */
   const change = (some) => app.router.replace(linkTo("quality", { dataset: name }, { ...route.query, ...some }));
-  const loaded = useLoaded(app, async (signal) => {
-    const [quality, active] = await Promise.all([loadQuality(name, { truth: against, target }, signal), jobs.activeConfig(name, signal)]);
+  const loaded = useLoaded(async (signal) => {
+    const [quality, active] = await Promise.all([
+      get("/api/v1/datasets/{dataset}/quality", { path: { dataset: name }, query: { truth: against, target }, signal }),
+      get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }),
+    ]);
     return { quality, active };
   }, [name, target, against]);
   const quality = loaded.value?.quality;

@@ -1,8 +1,9 @@
 // @ts-check
 // Better thresholds, how sure that is, their curves.
 
-import { jobs } from "../core/api.js";
+import { post } from "../core/api.js";
 import { drawChart } from "../core/chart.js";
+import { useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { percentText } from "../core/numbers.js";
@@ -12,9 +13,9 @@ import { classPath, queryOf, withEdits } from "../tuning/config.js";
 import { FEW_ANSWERS, WORDS, shareText, worthTrying } from "./measures.js";
 
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").ConfigVersion} ConfigVersion */
+/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("../core/chart.js").Ink} Ink */
-/** @typedef {import("../core/types.js").Suggestion} Suggestion */
+/** @typedef {import("../core/openapi.js").Suggestion} Suggestion */
 /** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
 
 /** @param {readonly Suggestion[]} suggested */
@@ -26,7 +27,7 @@ const TARGETS = [
 ];
 
 /**
- * @param {{app: App, dataset: string, truth: import("../core/types.js").Truth, suggested: readonly Suggestion[], active: ConfigVersion, target: string, onTarget: (target: string) => void}} props
+ * @param {{app: App, dataset: string, truth: import("../core/openapi.js").Quality["truth"], suggested: readonly Suggestion[], active: ConfigVersion, target: string, onTarget: (target: string) => void}} props
  */
 export function Suggestions({ app, dataset, truth, suggested, active, target, onTarget }) {
   const words = WORDS[truth];
@@ -67,19 +68,11 @@ function Card({ app, dataset, active, suggestion, known, isBetter }) {
 
 /** @param {{app: App, dataset: string, active: ConfigVersion, suggested: readonly Suggestion[], text: string, isLarge?: boolean}} props */
 function SaveButton({ app, dataset, active, suggested, text, isLarge = false }) {
-  const [isBusy, setBusy] = useState(false);
-  const save = async () => {
-    setBusy(true);
-    try {
-      const { digest } = await jobs.saveConfig(dataset, withEdits(active.config, editsFor(suggested)));
-      const query = queryOf(editsFor(suggested));
-      app.toasts.show(`Saved as version ${digest.slice(0, 8)}; it decides nothing before it is applied.`, { action: { text: "Look at it", href: linkTo("thresholds", { dataset }, query) } });
-    } catch (error) {
-      app.notice(error);
-      app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
-    }
-    setBusy(false);
-  };
+  const { run: save, isBusy } = useTask(async () => {
+    const { digest } = await post("/api/v1/datasets/{dataset}/configs", { path: { dataset }, body: withEdits(active.config, editsFor(suggested)) });
+    const query = queryOf(editsFor(suggested));
+    app.toasts.show(`Saved as version ${digest.slice(0, 8)}; it decides nothing before it is applied.`, { action: { text: "Look at it", href: linkTo("thresholds", { dataset }, query) } });
+  }, app.toasts.fail);
   return html`<button class="button ${isLarge ? "" : "button--small"}" disabled=${isBusy} onClick=${save}>${text}</button>`;
 }
 

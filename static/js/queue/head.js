@@ -81,14 +81,14 @@ export function QueueStrip({ app, sitting, line, isHidden, onShow }) {
   const here = currentOf(line);
   useEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }), [here]);
   const ids = [...line.ids.slice(Math.max(0, line.at - BEHIND), line.at), ...(here === null ? [] : [here]), ...ahead(line, AHEAD)];
-  const boxes = ids.flatMap((id) => sitting.store.get(id) ?? []);
+  const boxes = ids.flatMap((id) => app.boxes.get(id) ?? []);
   return html`<ol class="strip-list" ref=${list} aria-label="Boxes before and after">
     ${boxes.map((box) => {
       const isCovered = isHidden && !verdicts.has(box.box_id);
       return html`<li key=${box.box_id}>
         <button class="strip-list__box ${isCovered ? "is-covered" : ""}" aria-current=${box.box_id === here ? "true" : undefined} aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
           title=${`${box.class} ${box.id}`} onClick=${() => onShow(lookedAt(line, box.box_id))}>
-          <${Picture} app=${app} box=${isCovered ? veiled(box) : box} size=${SIZE_PX} frameSize=${null} />
+          <${Picture} box=${isCovered ? veiled(box) : box} size=${SIZE_PX} frameSize=${null} />
           ${!isCovered && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`}
         </button>
       </li>`;

@@ -3,8 +3,8 @@
 
 import { answerOf } from "../boxes/box.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/router.js").Query} Query */
 
 /**

@@ -2,9 +2,10 @@
 // The view: stage, panel, and the states in which there is no box.
 
 import { answerOf, veiled } from "../boxes/box.js";
-import { VERDICT_CYCLE, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
+import { get } from "../core/api.js";
 import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -12,7 +13,7 @@ import { countOf, countText, metresText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { AnswerBar } from "../review/acts.js";
+import { AnswerBar, ConflictNotice } from "../review/acts.js";
 import { Inspector } from "../review/inspector.js";
 import { createMedia } from "../stage/media.js";
 import { QueueStage, createLookActions } from "../stage/view.js";
@@ -20,7 +21,7 @@ import { QueueHead, QueueStrip } from "./head.js";
 import { again, ahead, currentOf, isBlind, lookedAt, nextOpen, passed, stepped } from "./line.js";
 import { sittingOf, touch } from "./session.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("../core/router.js").Query} Query */
 /** @typedef {import("./session.js").Sitting} Sitting */
@@ -32,7 +33,7 @@ const RENEW_MS = 4 * 60_000;
 export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Queue · ${name}`, dataset: name });
-  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
+  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
   const sitting = sittingOf(app, name, route.query);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));
@@ -48,7 +49,7 @@ export function QueueView({ app, route }) {
 
 /** @param {{app: App, sitting: Sitting, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
 function Sitter({ app, sitting, query, isEmpty, onQuery }) {
-  const media = useMemo(() => createMedia(app), [app]);
+  const media = useMemo(() => createMedia(), []);
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [view] = useState(() => createValue(/** @type {"crop" | "frame"} */ ("crop")));
@@ -67,12 +68,12 @@ function Sitter({ app, sitting, query, isEmpty, onQuery }) {
   useActions(app, actions.byName);
   useSupply(app, sitting, media);
 
-  useBoxes(sitting.store);
   const line = useValue(sitting.line);
+  useBoxes(app.boxes, line.ids);
   const { waiting } = useValue(app.outbox.state);
   const prefs = useValue(app.prefs);
   const verdicts = useValue(sitting.tally).verdicts;
-  const box = sitting.store.get(currentOf(line) ?? 0) ?? null;
+  const box = app.boxes.get(currentOf(line) ?? 0) ?? null;
   const isHidden = box !== null && isBlind(query, prefs) && !verdicts.has(box.box_id);
   const shown = isHidden && box ? veiled(box) : box;
   const isWaiting = box !== null && waiting.has(box.box_id);
@@ -107,17 +108,14 @@ function useSupply(app, sitting, media) {
   const { lit, mask } = useValue(app.prefs);
   useEffect(() => {
     void sitting.refill();
-    sitting.showWaiting();
-    const giveBack = app.stores.lend(sitting.store, { takesAnswers: true });
     const renewing = setInterval(() => document.visibilityState === "visible" && void sitting.renew(), RENEW_MS);
     return () => {
-      giveBack();
       clearInterval(renewing);
       touch(app);
     };
   }, [sitting]);
   useEffect(() => {
-    const frames = new Set(ahead(line, AHEAD).flatMap((id) => sitting.store.get(id)?.frame_id ?? []));
+    const frames = new Set(ahead(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []));
     for (const frame of frames) (lit || mask ? media.wantAll(frame) : media.want(frame)).catch(() => {});
   }, [line, lit, mask]);
 }
@@ -128,8 +126,8 @@ function useSupply(app, sitting, media) {
  *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
  */
 export function createQueueActions(app, sitting, page) {
-  const { store, line } = sitting;
-  const current = () => store.get(currentOf(line.get()) ?? 0) ?? null;
+  const { line } = sitting;
+  const current = () => app.boxes.get(currentOf(line.get()) ?? 0) ?? null;
 
   function say() {
     const box = current();
@@ -157,21 +155,11 @@ export function createQueueActions(app, sitting, page) {
     say();
   }
 
-  async function undo() {
-    const last = app.undo.peek();
-    if (!last) return app.toasts.show("Nothing to take back.");
-    if (last.batchId) return void app.acts.undo(last.batchId);
-    page.view.set("crop");
-    const box = await sitting.takeBack(last).catch((error) => (app.notice(error), app.toasts.show(error.message, { kind: "error" }), null));
-    if (box) app.announcement.set(`${box.class} ${box.id}: taken back`);
-  }
-
-  function cycleVerdict() {
-    const { query, params } = app.router.route.get();
-    const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));
-    const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
-    app.router.replace(linkTo("queue", params, { ...query, verdict }));
-    app.announcement.set(`Showing ${verdict || "all"} boxes`);
+  function undo() {
+    app.undo((box) => {
+      page.view.set("crop");
+      sitting.takenBack(box);
+    });
   }
 
   /** The box, the whole frame, the box again; after a pan, first back to the box. */
@@ -197,14 +185,14 @@ export function createQueueActions(app, sitting, page) {
       keep: () => answer("keep"),
       reject: () => answer("reject"),
       unsure: () => answer("unsure"),
-      undo: () => void undo(),
+      undo,
       comment: () => current() && page.openComment(),
       next: () => show(stepped(line.get(), 1)),
       previous: () => show(stepped(line.get(), -1)),
       nextUndecided: () => show(nextOpen(line.get())),
       grid: () => app.router.go(linkTo("grid", { dataset: sitting.dataset }, { ...sitting.query, order: "", blind: "" })),
       ...createLookActions(app, page.stage),
-      cycleVerdict,
+      cycleVerdict: () => cycleVerdict(app),
       blind() {
         const { query, params } = app.router.route.get();
         app.router.replace(linkTo("queue", params, { ...query, blind: page.isBlind() ? "off" : "on" }));
@@ -221,7 +209,7 @@ export function createQueueActions(app, sitting, page) {
 
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
-/** @param {{box: import("../core/types.js").Decision, sitting: import("./session.js").Sitting, onSee: () => void}} props */
+/** @param {{box: import("../boxes/box.js").Decision, sitting: import("./session.js").Sitting, onSee: () => void}} props */
 export function BlindPanel({ box, sitting, onSee }) {
   const last = useValue(sitting.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
@@ -279,22 +267,15 @@ function doneText(verdicts) {
 /** Somebody was first: their answer stands, and one goes on where one is. @param {{app: App, sitting: Sitting, onShow: (line: import("./line.js").Line) => void}} props */
 export function Conflicts({ app, sitting, onShow }) {
   const conflicts = [...useValue(app.conflicts).values()].flatMap((item) => {
-    const box = sitting.store.get(item.boxId);
+    const box = sitting.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;
     return box ? [{ item, box }] : [];
   });
   if (conflicts.length === 0) return null;
   return html`<div class="queue__conflicts">
-    ${conflicts.map(({ item, box }) => {
-      const { reviewer = "", verdict = "clear" } = box.review ?? {};
-      const theirs = verdict === "clear" ? "took the answer back" : `answered ${verdict}`;
-      return html`<section key=${box.box_id} class="conflict" role="alert">
-        <p><${Icon} name="warn" /> ${box.class} ${box.id}: <b>${reviewer || "somebody else"} ${theirs}</b> while you answered ${item.verdict}. Yours is not stored.</p>
-        <div class="conflict__actions">
-          <button class="button button--small" onClick=${() => app.settle(box.box_id)}>Leave it</button>
-          <button class="button button--small" onClick=${() => app.insist(box, item)}>Use mine: ${item.verdict}</button>
-          <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(sitting.line.get(), box.box_id))}>Look at it</button>
-        </div>
-      </section>`;
-    })}
+    ${conflicts.map(
+      ({ item, box }) => html`<${ConflictNotice} key=${box.box_id} app=${app} box=${box} item=${item} isNamed=${true}>
+        <button class="button button--small button--quiet" onClick=${() => onShow(lookedAt(sitting.line.get(), box.box_id))}>Look at it</button>
+      <//>`,
+    )}
   </div>`;
 }

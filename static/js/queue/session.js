@@ -1,20 +1,17 @@
 // @ts-check
 // One session at the queue: supply, place, counts, pace; lives on while one looks elsewhere.
 
-import { isUndecided, withAnswer } from "../boxes/box.js";
+import { isUndecided } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
-import { LOCAL, REMOTE, UNDO, createStore } from "../boxes/store.js";
 import { REASONS } from "../boxes/wording.js";
-import { ApiError, post, segment } from "../core/api.js";
+import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { EMPTY, ahead, answered, compared, inHand, joined, takenBack } from "./line.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./line.js").Line} Line */
-/** @typedef {import("../core/api.js").QueueOut} QueueOut */
-/** @typedef {import("../core/api.js").QueueRequest} QueueRequest */
 
 /**
  * @typedef {object} Counts
@@ -40,11 +37,13 @@ const REFILL_BELOW = 6;
 const MOST_EXCLUDED = 1000;
 
 /** @param {import("../core/router.js").Query} query */
-export const orderOf = (query) => (ORDERS.some(({ value }) => value === query.order) ? (query.order ?? "") : "doubt");
+export const orderOf = (query) => ORDERS.find(({ value }) => value === query.order)?.value ?? "doubt";
 
 /** @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query */
 export function createSitting(app, dataset, query) {
-  const store = createStore([]);
+  const { boxes } = app;
+  /** @type {(() => void)[]} */
+  const held = [];
   const line = createValue(EMPTY);
   const counts = createValue(/** @type {Counts} */ ({ left: null, unsure: 0, elsewhere: 0 }));
   const supply = createValue(/** @type {Supply} */ ({ state: "loading", error: null, isEnd: false }));
@@ -54,7 +53,6 @@ export function createSitting(app, dataset, query) {
   const order = orderOf(query);
   const listed = listedOf(query);
   let isAsking = false;
-  store.observe((change) => (app.undo.notice(change), app.outbox.notice(change)));
 
   async function refill() {
     if (isAsking || supply.get().isEnd || ahead(line.get(), REFILL_BELOW).length >= REFILL_BELOW) return;
@@ -67,20 +65,24 @@ export function createSitting(app, dataset, query) {
     supply.set({ ...supply.get(), state: "loading", error: null });
     const waiting = app.outbox.state.get().waiting;
     const exclude = [...new Set([...waiting, ...inHand(line.get(), MOST_EXCLUDED)])].slice(-MOST_EXCLUDED);
-    try {
-      const out = await (listed.length > 0
-        ? listedBoxes(app.api, listed)
-        : nextBoxes(dataset, { order, filters: { reason: LOOKABLE, ...selectionOf(query) }, limit, exclude }));
-      store.add(out.items);
-      line.set(joined(line.get(), out.items.map(({ box_id }) => box_id)));
-      counts.set({ left: Math.max(0, out.remaining - unsent()), unsure: out.unsure, elsewhere: out.claimed_by_others });
-      supply.set({ state: "ready", error: null, isEnd: out.items.length === 0 || listed.length > 0 });
-    } catch (error) {
-      app.notice(error);
-      supply.set({ state: "error", error: error instanceof Error ? error : new Error(String(error)), isEnd: false });
-    } finally {
-      isAsking = false;
-    }
+    const filters = { reason: LOOKABLE, ...selectionOf(query) };
+    const coming = listed.length > 0 ? listedBoxes(listed) : post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
+    await coming.then(receive, (error) => supply.set({ state: "error", error, isEnd: false }));
+    isAsking = false;
+  }
+
+  /** @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others"> & {items: readonly Decision[]}} out */
+  function receive({ items, remaining, unsure, claimed_by_others: elsewhere }) {
+    line.set(joined(line.get(), take(items)));
+    counts.set({ left: Math.max(0, remaining - unsent()), unsure, elsewhere });
+    supply.set({ state: "ready", error: null, isEnd: items.length === 0 || listed.length > 0 });
+  }
+
+  /** Boxes of this session, kept as long as it lasts. @param {readonly Decision[]} items @returns {number[]} their ids */
+  function take(items) {
+    const ids = boxes.receive(items);
+    held.push(boxes.hold(ids));
+    return ids;
   }
 
   /** Answers that the server did not have yet when it counted. */
@@ -100,7 +102,6 @@ export function createSitting(app, dataset, query) {
     query,
     order,
     listed,
-    store,
     line,
     counts,
     supply,
@@ -116,33 +117,27 @@ export function createSitting(app, dataset, query) {
 
     /** @param {Decision} box @param {Answer} verdict @param {string} comment @param {boolean} isBlindly */
     answer(box, verdict, comment, isBlindly) {
-      app.settle(box.box_id);
       const comparison = isBlindly ? compared(box, verdict) : null;
       if (comparison) comparisons.set([...comparisons.get(), comparison]);
       const isFirst = !tally.get().verdicts.has(box.box_id);
       tally.set({ times: [...tally.get().times, Date.now()], verdicts: new Map([...tally.get().verdicts, [box.box_id, verdict]]) });
       if (isFirst) countDown(-1);
-      store.apply(withAnswer(box, verdict, comment), LOCAL);
+      app.answer(box.box_id, verdict, comment);
       this.show(answered(line.get(), box.box_id));
     },
 
     /** A comment alone leaves one where one is. @param {Decision} box @param {Answer} verdict @param {string} comment */
-    comment: (box, verdict, comment) => store.apply(withAnswer(box, verdict, comment), LOCAL),
+    comment: (box, verdict, comment) => app.answer(box.box_id, verdict, comment),
 
-    /** @param {import("../review/answers.js").UndoStep} step @returns {Promise<Decision | null>} */
-    async takeBack(step) {
-      if (!store.get(step.boxId)) store.add([await app.api.box(step.boxId)]);
-      const box = store.get(step.boxId);
-      if (!box) return null;
-      app.undo.take();
-      comparisons.set(comparisons.get().filter(({ boxId }) => boxId !== step.boxId));
+    /** The answer on a box was taken back: it is looked at again. @param {Decision} box */
+    takenBack(box) {
+      const { box_id: id } = box;
+      held.push(boxes.hold([id]));
+      comparisons.set(comparisons.get().filter(({ boxId }) => boxId !== id));
       const verdicts = new Map(tally.get().verdicts);
-      if (verdicts.delete(step.boxId)) countDown(1);
+      if (verdicts.delete(id)) countDown(1);
       tally.set({ times: tally.get().times.slice(0, -1), verdicts });
-      const after = withAnswer(box, step.verdict, step.comment);
-      store.apply(after, UNDO);
-      line.set(takenBack(line.get(), step.boxId));
-      return after;
+      line.set(takenBack(line.get(), id));
     },
 
     /** Look again what there is: others may have let go of theirs. */
@@ -154,14 +149,8 @@ export function createSitting(app, dataset, query) {
     /** Keep the claims on what is in hand. */
     renew: () => (isAsking || supply.get().isEnd ? Promise.resolve() : ask(1)),
 
-    /** What this browser has answered and the server does not know yet. */
-    showWaiting() {
-      for (const id of line.get().ids) {
-        const box = store.get(id);
-        const item = box && app.outbox.waitingFor(box.frame_id).find(({ boxId }) => boxId === id);
-        if (box && item) store.apply(withAnswer(box, item.verdict, item.comment), REMOTE);
-      }
-    },
+    /** Its boxes are needed no longer. */
+    end: () => held.splice(0).forEach((giveBack) => giveBack()),
   };
 }
 
@@ -178,6 +167,7 @@ export function sittingOf(app, dataset, query) {
   const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
   const last = sittings.get(app);
   if (last?.key === key && Date.now() - last.seen < PAUSE_MS) return last.sitting;
+  last?.sitting.end();
   const sitting = createSitting(app, dataset, query);
   sittings.set(app, { key, sitting, seen: Date.now() });
   return sitting;
@@ -189,12 +179,12 @@ export function touch(app) {
   if (last) last.seen = Date.now();
 }
 
-/** @param {string} dataset @param {QueueRequest} wanted @returns {Promise<QueueOut>} */
-export const nextBoxes = (dataset, wanted) => post(`/datasets/${segment(dataset)}/queue`, wanted);
+/** @param {number} id */
+const boxOf = (id) => get("/api/v1/boxes/{box_id}", { path: { box_id: id } });
 
-/** Boxes by their ids, claimed for nobody; those that are gone are left out. @param {typeof import("../core/api.js").api} api @param {readonly number[]} ids */
-export async function listedBoxes(api, ids) {
-  const found = await Promise.all(ids.map((id) => api.box(id).catch(ignoreMissing)));
+/** Boxes by their ids, claimed for nobody; those that are gone are left out. @param {readonly number[]} ids */
+async function listedBoxes(ids) {
+  const found = await Promise.all(ids.map((id) => boxOf(id).catch(ignoreMissing)));
   const items = found.filter((box) => box !== null);
   return { items, remaining: items.filter(isUndecided).length, unsure: 0, claimed_by_others: 0 };
 }

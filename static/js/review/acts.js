@@ -2,15 +2,14 @@
 // What a person can do with the chosen boxes by the keymap, the bar that shows it, and the notice of a conflict.
 
 import { answerOf } from "../boxes/box.js";
-import { useValue } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, boundKeys, keepFocus } from "../core/keymap.js";
+import { Keys, keepFocus, useKeys } from "../core/keymap.js";
 import { countText } from "../core/numbers.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 
 /** @type {readonly {action: string, answer: string, icon: string, text: string}[]} */
 const ANSWERS = [
@@ -21,7 +20,7 @@ const ANSWERS = [
 
 /** @param {{app: App, box: Decision | null, isWaiting: boolean, actions: Actions}} props */
 export function AnswerBar({ app, box, isWaiting, actions }) {
-  const rows = boundKeys(useValue(app.keys));
+  const rows = useKeys(app);
   /** @param {string} action */
   const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
   const given = box ? answerOf(box) : null;
@@ -38,26 +37,40 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
 }
 
 const ANSWERS_TO_MANY = /** @type {const} */ ([
-  { action: "keep", icon: "check", text: "Keep", key: 0 },
-  { action: "reject", icon: "cross", text: "Reject", key: 0 },
-  { action: "unsure", icon: "question", text: "Unsure", key: 1 },
-  { action: "clear", icon: "undo", text: "Clear", key: 0 },
+  { action: "keep", icon: "check", text: "Keep" },
+  { action: "reject", icon: "cross", text: "Reject" },
+  { action: "unsure", icon: "question", text: "Unsure" },
+  { action: "clear", icon: "undo", text: "Clear" },
 ]);
 
 /** @param {{app: import("../core/app.js").App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
 export function GridBar({ app, selected, isAll, actions, onNone }) {
-  const rows = boundKeys(useValue(app.keys));
+  const rows = useKeys(app);
   if (selected === 0) return null;
-  /** @param {string} action @param {number} at  of its keys; in the grid Space selects */
-  const keysOf = (action, at) => rows.find((row) => row.action === action)?.keys.slice(at, at + 1) ?? [];
+  /** @param {string} action */
+  const keysOf = (action) => rows.find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
   return html`<div class="bar bar--answer bar--grid" role="toolbar" aria-label="Answer for the selected boxes">
     <span class="bar__count"><b class="num">${countText(selected)}</b> ${isAll ? "of this filter" : "selected"}</span>
     ${ANSWERS_TO_MANY.map(
-      ({ action, icon, text, key }) => html`<button class="answer answer--${action}" onClick=${actions[action]}>
-        <${Icon} name=${icon} /><span>${text}</span><${Keys} app=${app} keys=${keysOf(action, key)} />
+      ({ action, icon, text }) => html`<button class="answer answer--${action}" onClick=${actions[action]}>
+        <${Icon} name=${icon} /><span>${text}</span><${Keys} app=${app} keys=${keysOf(action)} />
       </button>`,
     )}
     <span class="bar__rule" aria-hidden="true"></span>
     <button class="answer" aria-label="Select none" title="Select none (Esc)" onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
+}
+
+/** Somebody else has answered meanwhile: nothing was overwritten, and this person may insist. @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").QueuedAnswer, isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show */
+export function ConflictNotice({ app, box, item, isNamed = false, children }) {
+  const { reviewer = "", verdict = "clear" } = box.review ?? {};
+  const theirs = verdict === "clear" ? "took the answer back" : `answered ${verdict}`;
+  return html`<section class="conflict" role="alert">
+    <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Yours is not stored.</p>
+    <div class="conflict__actions">
+      <button class="button button--small" onClick=${() => app.settle(box.box_id)}>Leave it</button>
+      <button class="button button--small button--primary" onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
+      ${children}
+    </div>
+  </section>`;
 }

@@ -1,16 +1,16 @@
 // @ts-check
 // The only one who changes what people said: answer one, answer many, undo, insist, give up.
 
-import { seenRevision, withAnswer, withStored } from "../boxes/box.js";
-import { LOCAL, createFrames, createOpenStores } from "../boxes/store.js";
-import { ApiError, api } from "../core/api.js";
+import { answerTo, seenRevision, withAnswer, withStored } from "../boxes/box.js";
+import { createFrames } from "../boxes/store.js";
+import { ApiError, get, post } from "../core/api.js";
 import { countOf } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
-import { createOutbox, createSender, nameThisTab, own, sendBulk, undoBulk, unowned } from "./outbox.js";
+import { createOutbox, createSender, own, sendBulk, undoBulk, unowned } from "./outbox.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
-/** @typedef {import("../boxes/store.js").Change} Change */
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
+/** @typedef {import("../boxes/store.js").Boxes} Boxes */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./outbox.js").QueuedAnswer} QueuedAnswer */
 /** @typedef {{text: string, boxes: readonly number[]}} Report  boxes that an act or an undo left alone */
 
@@ -24,28 +24,46 @@ const MOST_LOOKS = 20;
 const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", clear: "without an answer again" };
 
 /**
- * What people's answers need for the whole page: unsent ones, acts on many boxes, undo, conflicts, and the boxes that are on show.
- * @param {import("../core/app.js").App} app @param {Storage} storage
+ * What people's answers need for the whole page: giving and taking back answers, those that wait, and conflicts.
+ * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
+ * @param {{tab: string, openTabs: ReadonlySet<string>}} tabs  this one, and all that are open: another one sends its answers itself
  */
-export async function createAnswers(app, storage) {
-  const { toasts, notice } = app;
-  const { tab, openTabs } = await nameThisTab();
+export function createAnswers(app, boxes, storage, { tab, openTabs }) {
+  const { toasts } = app;
   const items = createOutbox(storage, tab, app.owner);
-  const frames = createFrames(app.api);
-  const stores = createOpenStores(() => frames.current()?.store);
-  const undo = createUndo();
+  const frames = createFrames();
+  const steps = createSteps(boxes);
+  /** Boxes that were answered last: what was read of them before is older, and may still come. @type {(() => void)[]} */
+  const answered = [];
+
+  /** @param {readonly number[]} ids */
+  function remember(ids) {
+    answered.push(boxes.hold(ids));
+    if (answered.length > DEPTH) answered.shift()?.();
+  }
   /** Answers that met somebody else's. */
   const conflicts = createValue(/** @type {ReadonlyMap<number, QueuedAnswer>} */ (new Map()));
-  const acts = createActs({ stores, frames, toasts, undo, notice, start: (act, key) => sender.start(act, key) });
-  const sender = createSender(items, { answer: app.api.review, act: sendBulk }, {
-    onStored(stored, isLatest) {
-      frames.forget(frames.current()?.frame.id);
-      if (isLatest) stores.tell(stored.box_id, (box) => withStored(box, stored));
+
+  /** Others have answered these boxes: shown as they are now. @param {readonly number[]} boxIds */
+  async function lookAgain(boxIds) {
+    if (boxIds.length > MOST_LOOKS) return acts.sweeps.set(acts.sweeps.get() + 1);
+    for (const id of boxIds) {
+      const box = await get("/api/v1/boxes/{box_id}", { path: { box_id: id } }).catch(() => null);
+      if (box) boxes.receive([box]);
+    }
+  }
+
+  const acts = createActs({ boxes, frames, toasts, steps, remember, lookAgain, start: (act, key) => sender.start(act, key) });
+  const sender = createSender(items, { answer: (boxId, body, key) => post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key }), act: sendBulk }, {
+    onStored(stored) {
+      const box = boxes.get(stored.box_id);
+      frames.forget(box?.frame_id);
+      if (box) boxes.receive([withStored(box, stored)]);
     },
     onConflict(item, current) {
-      undo.forget(item.boxId);
+      steps.forget(item.boxId);
       conflicts.set(new Map(conflicts.get()).set(item.boxId, item));
-      if (current) stores.tell(item.boxId, () => current);
+      if (current) boxes.receive([current]);
       // The box on show says it itself, and so does the queue.
       const { name, query } = app.router.route.get();
       if (name === "queue" || query.box === String(item.boxId)) return;
@@ -55,15 +73,16 @@ export async function createAnswers(app, storage) {
       });
     },
     onRefused(item, error) {
-      undo.forget(item.boxId);
+      steps.forget(item.boxId);
       toasts.show(`Not stored: ${error.message}`, { kind: "error" });
-      void frames.refresh(item.boxId);
+      void lookAgain([item.boxId]);
     },
     onDone: acts.done,
     onGivenUp: acts.givenUp,
-    onActFailed: notice,
     onSignedOut: app.endSession,
   });
+  // Whatever changes in the outbox, it says so by its state.
+  sender.state.observe(() => boxes.layOver(items.given()));
   sender.adopt(openTabs);
 
   /** Send what waits. */
@@ -86,18 +105,34 @@ export async function createAnswers(app, storage) {
 
   /** @param {number} boxId */
   function settle(boxId) {
+    if (!conflicts.get().has(boxId)) return;
     const rest = new Map(conflicts.get());
     rest.delete(boxId);
     conflicts.set(rest);
   }
 
+  /** @param {Decision} box @param {Answer} verdict @param {string} comment */
+  function give(box, verdict, comment) {
+    settle(box.box_id);
+    remember([box.box_id]);
+    sender.answer({ boxId: box.box_id, frameId: box.frame_id, verdict, comment, seenRevision: seenRevision(box) });
+  }
+
+  /** An answer on one box, shown at once and sent when that is possible. @param {number} boxId @param {Answer} verdict @param {string} [comment] */
+  function answer(boxId, verdict, comment = "") {
+    const box = boxes.get(boxId);
+    if (!box) return;
+    steps.push({ before: [answerTo(box)] });
+    give(box, verdict, comment);
+  }
+
   return {
+    boxes,
     frames,
-    stores,
     outbox: sender,
     acts,
-    undo,
     conflicts,
+    answer,
     offerUnowned,
     resume,
     /** How many answers of each person wait in this browser. */
@@ -105,36 +140,41 @@ export async function createAnswers(app, storage) {
     /** A conflict that the person has seen. */
     settle,
 
-    /** An answer that lost against another one, given again on top of it. @param {Decision} box @param {QueuedAnswer} item */
-    insist(box, item) {
-      settle(box.box_id);
-      stores.answering(box.box_id)?.apply(withAnswer(box, item.verdict, item.comment), LOCAL);
+    /** An answer that lost against another one, given again on top of it. @param {QueuedAnswer} item */
+    insist: ({ boxId, verdict, comment }) => answer(boxId, verdict, comment),
+
+    /** Take back what this person did last. @param {(box: Decision) => void} show  the box whose answer it was; not called for an act on many boxes */
+    undo(show) {
+      const last = steps.last();
+      if (!last) return void toasts.show("Nothing to take back.");
+      if (last.batchId) return void acts.undo(last.batchId);
+      const [{ boxId, verdict, comment } = { boxId: 0, verdict: /** @type {Answer} */ ("clear"), comment: "" }] = last.before;
+      const box = boxes.get(boxId);
+      steps.drop(last);
+      if (!box) return;
+      give(box, verdict, comment);
+      show(boxes.get(boxId) ?? box);
+      app.announcement.set(`${box.class} ${box.id}: taken back`);
     },
   };
 }
 
-/** @typedef {import("../core/app.js").App & Awaited<ReturnType<typeof createAnswers>>} ReviewApp  what views are given in which people answer */
+/** @typedef {import("../core/app.js").App & ReturnType<typeof createAnswers>} ReviewApp  what views are given in which people answer */
 
 /**
  * Acts on many boxes as the person sees them: shown at once, told when they are stored, taken back as one.
- * @param {{stores: import("../boxes/store.js").OpenStores, frames: import("../boxes/store.js").Frames, toasts: import("../core/messages.js").Toasts,
- *   undo: Undo, notice: (error: unknown) => void, start: (act: import("./outbox.js").WantedAct, key?: string) => void}} page
+ * @param {{boxes: Boxes, frames: import("../boxes/store.js").Frames, toasts: import("../core/app.js").App["toasts"], steps: Steps,
+ *   remember: (boxIds: readonly number[]) => void, lookAgain: (boxIds: readonly number[]) => Promise<void>,
+ *   start: (act: import("./outbox.js").WantedAct, key: string) => void}} page
  */
-function createActs({ stores, frames, toasts, undo, notice, start }) {
-  /** Boxes as they were before an act that this page has begun. @type {Map<string, readonly Decision[]>} */
+function createActs({ boxes, frames, toasts, steps, remember, lookAgain, start }) {
+  /** What was said of its boxes before an act that is not stored. @type {Map<string, readonly Given[]>} */
   const before = new Map();
-  /** Of a batch that was stored: its act, and the message that offers to undo it. @type {Map<number, {key: string, toast: number}>} */
-  const stored = new Map();
+  /** The messages that offer to undo an act, by its batch. @type {Map<number, number>} */
+  const offers = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
   /** Counts what has changed on the server by acts on a whole filter: lists are read again. */
   const sweeps = createValue(0);
-
-  /** Boxes as they were before an act. @param {string} key @param {{but?: ReadonlySet<number>, isUndo?: boolean}} [how]  an undo is an answer more */
-  function putBack(key, { but = new Set(), isUndo = false } = {}) {
-    for (const box of before.get(key) ?? []) {
-      if (!but.has(box.box_id)) stores.tell(box.box_id, (now) => (isUndo ? { ...box, revision: seenRevision(now) + 1 } : box));
-    }
-  }
 
   /** Whatever boxes were left out, and why. @param {number[]} skipped @param {number[]} stale @returns {Report | null} */
   function leftOut(skipped, stale) {
@@ -144,37 +184,37 @@ function createActs({ stores, frames, toasts, undo, notice, start }) {
     return why.length ? { text: why.join(" "), boxes: [...stale, ...skipped] } : null;
   }
 
-  /** Others have answered these boxes: shown as they are now. @param {readonly number[]} boxIds */
-  async function lookAgain(boxIds) {
-    if (boxIds.length > MOST_LOOKS) return sweeps.set(sweeps.get() + 1);
-    for (const id of boxIds) {
-      const box = await api.box(id).catch(notice);
-      if (box) stores.tell(id, () => box);
-    }
+  /** The server has stored one more answer on each of these boxes. @param {readonly Given[]} given @param {readonly number[]} but  of which it has not */
+  function stored(given, but) {
+    const left = new Set(but);
+    remember(given.map(({ boxId }) => boxId));
+    boxes.receive(
+      given.flatMap(({ boxId, verdict, comment, revision }) => {
+        const box = left.has(boxId) ? undefined : boxes.get(boxId);
+        return box ? [withAnswer(box, verdict, comment, (revision ?? seenRevision(box)) + 1)] : [];
+      }),
+    );
   }
 
-  /** @param {number} batchId @returns {Promise<boolean>} was it taken back? */
-  async function takeBack(batchId) {
+  /** @param {Step} step @returns {Promise<void>} */
+  async function takeBack(step) {
+    const { batchId = 0 } = step;
     try {
-      undone(batchId, await undoBulk(batchId));
-      undo.forgetBatch(batchId);
-      return true;
+      undone(step, await undoBulk(batchId));
+      steps.drop(step);
     } catch (error) {
-      notice(error);
-      if (!(error instanceof ApiError) || !NEVER_UNDONE.has(error.problem.code ?? "")) return false;
-      undo.forgetBatch(batchId);
+      if (!(error instanceof ApiError)) return void toasts.show("Not taken back: the server could not be asked.", { kind: "error" });
+      if (NEVER_UNDONE.has(error.problem.code ?? "")) steps.drop(step);
       toasts.show(error.message, { kind: "error" });
-      return false;
     }
   }
 
-  /** @param {number} batchId @param {import("./outbox.js").UndoOut} out */
-  function undone(batchId, { undone: count, skipped }) {
-    const { key = "", toast = 0 } = stored.get(batchId) ?? {};
-    toasts.dismiss(toast);
-    putBack(key, { but: new Set(skipped), isUndo: true });
+  /** @param {Step} step @param {import("./outbox.js").UndoOut} out */
+  function undone({ batchId = 0, before: given }, { undone: count, skipped }) {
+    toasts.dismiss(offers.get(batchId) ?? 0);
+    stored(given, skipped);
     frames.forgetAll();
-    if (!before.get(key)?.length) sweeps.set(sweeps.get() + 1);
+    if (given.length === 0) sweeps.set(sweeps.get() + 1);
     toasts.show(`${countOf(count, "answer")} taken back`);
     report.set(skipped.length ? { text: `${countOf(skipped.length, "answer was", "answers were")} left as ${skipped.length === 1 ? "it is" : "they are"}: somebody has answered since.`, boxes: skipped } : null);
   }
@@ -185,95 +225,81 @@ function createActs({ stores, frames, toasts, undo, notice, start }) {
 
     /** It is stored. @param {import("./outbox.js").DoneAct} done */
     done({ batchId, act, skipped, stale }) {
-      undo.noticeBatch(batchId);
       frames.forgetAll();
+      const left = new Set([...stale, ...skipped]);
+      const step = { batchId, before: (before.get(act.key) ?? []).filter(({ boxId }) => !left.has(boxId)) };
+      before.delete(act.key);
+      steps.push(step);
+      stored((act.boxIds ?? []).map((boxId, i) => ({ boxId, verdict: act.verdict, comment: "", revision: act.seen?.[i] ?? 0 })), [...left]);
       if (act.filter) sweeps.set(sweeps.get() + 1);
-      before.set(act.key, (before.get(act.key) ?? []).filter((box) => !stale.includes(box.box_id)));
       void lookAgain(stale);
       const toast = toasts.show(`${countOf(act.count - skipped.length - stale.length, "box", "boxes")} ${DONE[act.verdict]}`, {
-        action: { text: "Undo", run: () => void takeBack(batchId) },
+        action: { text: "Undo", run: () => void takeBack(step) },
       });
-      stored.set(batchId, { key: act.key, toast });
+      offers.set(batchId, toast);
       report.set(leftOut(skipped, stale));
     },
 
     /** It will not be stored. @param {import("./outbox.js").Act} act */
-    givenUp: (act) => putBack(act.key),
+    givenUp: (act) => void before.delete(act.key),
 
     /** One answer on these boxes, shown at once. @param {string} dataset @param {Answer} verdict @param {readonly number[]} boxIds @param {ReadonlyMap<number, number>} revisions  as the person saw them */
     answer(dataset, verdict, boxIds, revisions) {
-      const boxes = boxIds.flatMap((id) => stores.find(id) ?? []);
       const key = crypto.randomUUID();
-      before.set(key, boxes);
-      for (const box of boxes) stores.tell(box.box_id, () => ({ ...withAnswer(box, verdict), revision: seenRevision(box) + 1 }));
+      before.set(key, boxes.all(boxIds).map(answerTo));
       start({ dataset, verdict, boxIds: [...boxIds], seen: boxIds.map((id) => revisions.get(id) ?? 0), count: boxIds.length }, key);
     },
 
     /** One answer on all that a filter selected when the list was read. @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter @param {{total: number, snapshot: string}} list */
-    answerAll: (dataset, verdict, filter, { total, snapshot }) => start({ dataset, verdict, filter, snapshot, count: total }),
+    answerAll: (dataset, verdict, filter, { total, snapshot }) => start({ dataset, verdict, filter, snapshot, count: total }, crypto.randomUUID()),
 
-    /** Take back the last act, one on many boxes. @param {number} batchId */
+    /** Take back an act, all of it. @param {number} batchId */
     async undo(batchId) {
-      await takeBack(batchId);
-      if (undo.peek()?.batchId === batchId) toasts.show("Not taken back: the server could not be asked.", { kind: "error" });
+      const step = steps.ofBatch(batchId);
+      if (step) await takeBack(step);
     },
   };
 }
 
-/**
- * @typedef {object} UndoStep
- * @property {number} boxId
- * @property {number} frameId
- * @property {Answer} verdict  the answer to post again; clear when there was none
- * @property {string} comment
- * @property {number} [batchId]  of a bulk act, which is taken back as one
- */
+/** @typedef {{boxId: number, verdict: Answer, comment: string, revision?: number}} Given  an answer; `revision`: that it has seen, where the box on show may have another */
+/** @typedef {{before: readonly Given[], batchId?: number}} Step  what was said of boxes before; `batchId`: of an act on many boxes, which is taken back as one */
 
 const DEPTH = 500;
 
-export function createUndo() {
-  /** @type {UndoStep[]} */
+/** What this person can take back, the newest last; its boxes are kept. @param {Boxes} boxes */
+export function createSteps(boxes) {
+  /** @type {{step: Step, giveBack: () => void}[]} */
   const steps = [];
 
-  /** @param {UndoStep} step */
-  function push(step) {
-    steps.push(step);
-    if (steps.length > DEPTH) steps.shift();
+  /** @param {(step: Step) => boolean} isMeant */
+  function remove(isMeant) {
+    for (let i = steps.length - 1; i >= 0; i--) {
+      const one = steps[i];
+      if (!one || !isMeant(one.step)) continue;
+      steps.splice(i, 1);
+      one.giveBack();
+    }
   }
 
   return {
-    /** @param {Change} change */
-    notice({ origin, before }) {
-      if (origin !== LOCAL) return;
-      push({
-        boxId: before.box_id,
-        frameId: before.frame_id,
-        verdict: before.review?.verdict ?? "clear",
-        comment: before.review?.comment ?? "",
-      });
+    /** @param {Step} step */
+    push(step) {
+      steps.push({ step, giveBack: boxes.hold(step.before.map(({ boxId }) => boxId)) });
+      if (steps.length > DEPTH) steps.shift()?.giveBack();
     },
 
-    /** One answer on many boxes is one step. @param {number} batchId */
-    noticeBatch: (batchId) => push({ boxId: 0, frameId: 0, verdict: "clear", comment: "", batchId }),
+    /** The one to take back next. @returns {Step | null} */
+    last: () => steps.at(-1)?.step ?? null,
 
     /** @param {number} batchId */
-    forgetBatch(batchId) {
-      const at = steps.findIndex((step) => step.batchId === batchId);
-      if (at >= 0) steps.splice(at, 1);
-    },
+    ofBatch: (batchId) => steps.find(({ step }) => step.batchId === batchId)?.step ?? null,
 
-    /** The step to take back next, without taking it. */
-    peek: () => steps.at(-1) ?? null,
+    /** @param {Step} step */
+    drop: (step) => remove((one) => one === step),
 
-    take: () => steps.pop() ?? null,
-
-    /** Someone else's answer stands now: what this person did to the box is no longer theirs to undo. @param {number} boxId */
-    forget(boxId) {
-      for (let i = steps.length - 1; i >= 0; i--) if (steps[i]?.boxId === boxId) steps.splice(i, 1);
-    },
-
-    size: () => steps.length,
+    /** Somebody else's answer stands now: what this person said of the box is no longer theirs to take back. @param {number} boxId */
+    forget: (boxId) => remove(({ batchId, before }) => batchId === undefined && before.some((one) => one.boxId === boxId)),
   };
 }
 
-/** @typedef {ReturnType<typeof createUndo>} Undo */
+/** @typedef {ReturnType<typeof createSteps>} Steps */

@@ -8,7 +8,7 @@ import { Component, html, useEffect, useRef } from "../core/html.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Segments, Select } from "../core/parts.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/router.js").Query} Query */
 
 /**

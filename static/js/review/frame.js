@@ -1,9 +1,9 @@
 // @ts-check
 // One frame: stage in the middle, list on its left, the selected box on its right.
 
-import { isUndecided, seen, withAnswer } from "../boxes/box.js";
-import { VERDICT_CYCLE, filtersOf, isShown, neighbour, nextUndecided, shownBoxes } from "../boxes/filters.js";
-import { LOCAL, REMOTE, UNDO, useBoxes, useSeen } from "../boxes/store.js";
+import { isUndecided, seen } from "../boxes/box.js";
+import { cycleVerdict, filtersOf, isShown, neighbour, nextUndecided, shownBoxes } from "../boxes/filters.js";
+import { useBoxes, useHeld, useSeen } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
 import { useActions, useHead, useLoaded, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
@@ -15,16 +15,15 @@ import { AnswerBar } from "./acts.js";
 import { BoxList } from "./boxlist.js";
 import { Inspector } from "./inspector.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("./answers.js").ReviewApp} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Frame} Frame */
-/** @typedef {import("../boxes/store.js").Store} Store */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").Frame} Frame */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function FrameView({ app, route }) {
   const id = Number(route.params.id);
-  const loaded = useLoaded(app, (signal) => app.frames.load(id, signal), [id]);
+  const loaded = useLoaded((signal) => app.frames.load(id, signal), [id]);
   const frame = loaded.value?.id === id ? loaded.value : null;
   if (loaded.state === "error" && !frame) {
     return html`<${NoFrame} app=${app} error=${loaded.error} onRetry=${loaded.reload} />`;
@@ -54,7 +53,7 @@ function FrameReview({ app, frame, query }) {
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [tab, setTab] = useState("box");
-  const { store } = useMemo(() => openWithWaiting(app, frame), [app, frame]);
+  const ids = useHeld(app.boxes, useMemo(() => visibleFirst(frame.boxes), [frame]));
   const actions = useMemo(() => {
     const openComment = () => {
       // At once, or the next keys would still be shortcuts. Again only if the panel was hidden:
@@ -64,14 +63,13 @@ function FrameReview({ app, frame, query }) {
       setTab("box");
       if (!isReached) setTimeout(() => comment.current?.focus());
     };
-    return createFrameActions(app, frame, store, { stage: () => stage.current, openComment });
-  }, [app, frame, store]);
+    return createFrameActions(app, frame, ids, { stage: () => stage.current, openComment });
+  }, [app, frame, ids]);
   useActions(app, actions.byName);
-  useEffect(() => store.observe((change) => (app.undo.notice(change), app.outbox.notice(change))), [app, store]);
   useEffect(() => app.frames.fetchAhead(frame.next_id), [app, frame]);
   useArrival(app, actions, query);
 
-  const answered = useBoxes(store);
+  const answered = useBoxes(app.boxes, ids);
   const boxes = useSeen(app, answered);
   const { waiting } = useValue(app.outbox.state);
   const shown = useMemo(() => boxes.filter((_, i) => isShown(/** @type {Decision} */ (answered[i]), query)), [boxes, ...Object.values(filtersOf(query)), Object.keys(filtersOf(query)).join()]);
@@ -92,24 +90,13 @@ function FrameReview({ app, frame, query }) {
     </main>`;
 }
 
-/** Open the frame with what this browser has answered and the server does not know yet. @param {App} app @param {Frame} frame */
-function openWithWaiting(app, frame) {
-  const open = app.frames.open(frame);
-  for (const item of app.outbox.waitingFor(frame.id)) {
-    const box = open.store.get(item.boxId);
-    if (box) open.store.apply(withAnswer(box, item.verdict, item.comment), REMOTE);
-  }
-  return open;
-}
+/** In the sender's order, but what cannot be looked at comes last. @param {readonly Decision[]} boxes */
+const visibleFirst = (boxes) => [...boxes.filter((box) => box.xyxy), ...boxes.filter((box) => !box.xyxy)];
 
-/** The address may ask for "the first box" or for an undo here: do it once and write the result. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
+/** The address may ask for "the first box": do it once and write the result. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
 function useArrival(app, actions, query) {
   useEffect(() => {
-    if (query.undo) {
-      const { undo, ...rest } = query;
-      app.router.replace(linkTo("frame", app.router.route.get().params, rest));
-      actions.byName.undo();
-    } else if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
+    if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
   }, [actions]);
 }
 
@@ -133,17 +120,19 @@ function Skeleton({ app, last }) {
 }
 
 /**
- * @param {App} app @param {Frame} frame @param {Store} store
+ * @param {App} app @param {Frame} frame @param {readonly number[]} ids  of its boxes, in the order of the list
  * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void}} page
  */
-export function createFrameActions(app, frame, store, page) {
+export function createFrameActions(app, frame, ids, page) {
   const query = () => app.router.route.get().query;
   const selectedId = () => Number(query().box) || null;
-  const selected = () => store.get(selectedId() ?? 0) ?? null;
+  const boxes = () => app.boxes.all(ids);
+  const known = new Set(ids);
+  const selected = () => (known.has(selectedId() ?? 0) ? (app.boxes.get(selectedId() ?? 0) ?? null) : null);
 
   /** @param {number | null} boxId */
   function select(boxId) {
-    const box = boxId === null ? undefined : store.get(boxId);
+    const box = boxId === null || !known.has(boxId) ? undefined : app.boxes.get(boxId);
     app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), box: box ? String(boxId) : "" }));
     app.announcement.set(box ? spokenText(seen(box, app.prefs.get().blind)) : "");
   }
@@ -154,8 +143,7 @@ export function createFrameActions(app, frame, store, page) {
     if (!box) return app.toasts.show("Select a box first.");
     const words = comment ?? box.review?.comment ?? "";
     if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return;
-    app.settle(box.box_id);
-    store.apply(withAnswer(box, verdict, words), LOCAL);
+    app.answer(box.box_id, verdict, words);
     app.announcement.set(`${box.class} ${box.id}: ${verdict}`);
   }
 
@@ -167,28 +155,16 @@ export function createFrameActions(app, frame, store, page) {
 
   /** @param {1 | -1} step */
   function step(step) {
-    const box = neighbour(store.all(), query(), selectedId(), step);
+    const box = neighbour(boxes(), query(), selectedId(), step);
     if (box) select(box.box_id);
     else goToFrame(step > 0 ? frame.next_id : frame.previous_id, step > 0 ? "first" : "last");
   }
 
   function undo() {
-    const last = app.undo.peek();
-    if (!last) return app.toasts.show("Nothing to take back.");
-    if (last.batchId) return void app.acts.undo(last.batchId);
-    const box = store.get(last.boxId);
-    if (!box) return app.router.go(linkTo("frame", { id: last.frameId }, { box: String(last.boxId), undo: "1" }));
-    app.undo.take();
-    store.apply(withAnswer(box, last.verdict, last.comment), UNDO);
-    select(box.box_id);
-    app.announcement.set(`${box.class} ${box.id}: taken back`);
-  }
-
-  function cycleVerdict() {
-    const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query().verdict ?? ""));
-    const verdict = VERDICT_CYCLE[(at + 1) % VERDICT_CYCLE.length] ?? "";
-    app.router.replace(linkTo("frame", { id: frame.id }, { ...query(), verdict }));
-    app.announcement.set(`Showing ${verdict || "all"} boxes`);
+    app.undo((box) => {
+      if (known.has(box.box_id)) select(box.box_id);
+      else app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
+    });
   }
 
   /** Crop stays on from box to box, and from frame to frame, until it is switched off. */
@@ -210,7 +186,7 @@ export function createFrameActions(app, frame, store, page) {
 
     /** What the address asks for instead of a box's number. @param {string} which @returns {number | null} */
     resolve(which) {
-      const shown = shownBoxes(store.all(), query());
+      const shown = shownBoxes(boxes(), query());
       if (which === "first") return shown[0]?.box_id ?? null;
       if (which === "last") return shown.at(-1)?.box_id ?? null;
       return (shown.find(isUndecided) ?? shown[0])?.box_id ?? null;
@@ -226,7 +202,7 @@ export function createFrameActions(app, frame, store, page) {
       next: () => step(1),
       previous: () => step(-1),
       nextUndecided() {
-        const box = nextUndecided(store.all(), query(), selectedId());
+        const box = nextUndecided(boxes(), query(), selectedId());
         if (box) select(box.box_id);
         else goToFrame(frame.next_id, "undecided");
       },
@@ -235,7 +211,7 @@ export function createFrameActions(app, frame, store, page) {
       grid: () => app.router.go(linkTo("grid", { dataset: frame.dataset }, { ...query(), box: "" })),
       ...createLookActions(app, page.stage),
       blind: () => app.prefs.change({ blind: !app.prefs.get().blind }),
-      cycleVerdict,
+      cycleVerdict: () => cycleVerdict(app),
       crop,
       fit,
       escape: () => select(null),
@@ -245,7 +221,7 @@ export function createFrameActions(app, frame, store, page) {
 
 /** @typedef {ReturnType<typeof createFrameActions>} FrameActions */
 
-/** @param {{frame: import("../core/types.js").Frame, query: import("../core/router.js").Query}} props */
+/** @param {{frame: import("../core/openapi.js").Frame, query: import("../core/router.js").Query}} props */
 export function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
     <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />

@@ -4,18 +4,20 @@
 import { answerOf, isVeiled, seenRevision } from "../boxes/box.js";
 import { AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, channelText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
+import { get } from "../core/api.js";
 import { useLoaded, useValue } from "../core/hooks.js";
 import { html, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { Keys, boundKeys } from "../core/keymap.js";
+import { Keys, useKeys } from "../core/keymap.js";
 import { agoText, countOf, countText, metresText, percentText, unbroken } from "../core/numbers.js";
 import { overlapping } from "../stage/geometry.js";
+import { ConflictNotice } from "./acts.js";
 
 /** @typedef {import("./answers.js").ReviewApp} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Frame} Frame */
-/** @typedef {import("../core/types.js").HistoryItem} HistoryItem */
-/** @typedef {import("../core/types.js").Rgb} Rgb */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").Frame} Frame */
+/** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
+/** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
 
 /**
  * @param {{app: App, frame: Frame, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
@@ -31,12 +33,13 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
 
 /** @param {{app: App, box: Decision, boxes: readonly Decision[], isWaiting: boolean, actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props */
 function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
+  const mine = useValue(app.conflicts).get(box.box_id);
   return html`
     <header class="inspector__head">
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
       <${VerdictBadge} verdict=${box.verdict} />
     </header>
-    <${Conflict} app=${app} box=${box} />
+    ${mine && html`<${ConflictNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
     <p class="inspector__sentence">${isVeiled(box) ? "Blind re-check: what the filter says is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
     <${MatchBar} box=${box} />
@@ -45,21 +48,6 @@ function BoxDetails({ app, box, boxes, isWaiting, actions, commentRef }) {
     <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
     <${Numbers} box=${box} />
     ${!isVeiled(box) && html`<${History} app=${app} box=${box} />`}`;
-}
-
-/** Two people answered: nothing was overwritten, and this one may insist. @param {{app: App, box: Decision}} props */
-function Conflict({ app, box }) {
-  const mine = useValue(app.conflicts).get(box.box_id);
-  if (!mine) return null;
-  const { reviewer = "", verdict = "clear" } = box.review ?? {};
-  const theirs = verdict === "clear" ? "took the answer back" : `answered ${verdict}`;
-  return html`<section class="conflict" role="alert">
-    <p><b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${mine.verdict}. Yours is not stored.</p>
-    <div class="conflict__actions">
-      <button class="button" onClick=${() => app.settle(box.box_id)}>Leave it</button>
-      <button class="button button--primary" onClick=${() => app.insist(box, mine)}>Use mine: ${mine.verdict}</button>
-    </div>
-  </section>`;
 }
 
 /** @param {{box: Decision, isWaiting: boolean}} props */
@@ -122,7 +110,7 @@ function HiddenBy({ box }) {
 function FrameDetails({ app, frame, boxes, onStart }) {
   const undecided = boxes.filter((box) => answerOf(box) === null).length;
   const { segmentation } = frame;
-  const keys = boundKeys(useValue(app.keys)).find(({ action }) => action === "nextUndecided")?.keys ?? [];
+  const keys = useKeys(app).find(({ action }) => action === "nextUndecided")?.keys ?? [];
   const facts = [
     ["Size", frame.width && frame.height ? `${frame.width} × ${frame.height}` : "unknown"],
     ["Map", frame.map],
@@ -211,9 +199,9 @@ export function Comment({ box, onSave, fieldRef }) {
   </div>`;
 }
 
-/** @param {{app: import("../core/app.js").App, box: import("../core/types.js").Decision}} props */
+/** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
 export function History({ app, box }) {
-  const loaded = useLoaded(app, (signal) => app.api.history(box.box_id, signal), [box.box_id, seenRevision(box), box.run]);
+  const loaded = useLoaded((signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: box.box_id }, signal }), [box.box_id, seenRevision(box), box.run]);
   const items = loaded.value?.items ?? [];
   return html`<section class="history" aria-busy=${loaded.state === "loading"}>
     <h3>History</h3>
@@ -225,23 +213,23 @@ export function History({ app, box }) {
 
 const SIGNS = /** @type {Record<string, string>} */ ({ keep: "check", reject: "cross", unsure: "question", clear: "undo" });
 
-/** @param {{item: HistoryItem}} props */
+/** @param {{item: HistoryEntry}} props */
 function ReviewLine({ item }) {
-  return html`<span class="sign sign--${item.verdict}"><${Icon} name=${SIGNS[item.verdict] ?? "question"} /></span>
+  return html`<span class="sign sign--${item.verdict}"><${Icon} name=${SIGNS[item.verdict ?? ""] ?? "question"} /></span>
     <div>
-      <p><b>${item.reviewer}</b> ${ANSWER_TEXT[item.verdict] ?? item.verdict} <${When} at=${item.at} /></p>
+      <p><b>${item.reviewer}</b> ${ANSWER_TEXT[item.verdict ?? ""] ?? item.verdict} <${When} at=${item.at} /></p>
       ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
     </div>`;
 }
 
-/** @param {{item: HistoryItem}} props */
+/** @param {{item: HistoryEntry}} props */
 function DecisionLine({ item }) {
-  const { verdict, reason = "", match_percent: match, threshold, run } = item;
+  const { verdict, reason, match_percent: match, threshold, run } = item;
   // Without a threshold the share decided nothing.
   const isByShare = typeof match === "number" && typeof threshold === "number";
   const numbers = isByShare ? ` · ${percentText(match)} of ${percentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
-    <div><p>Run ${run}: <b>${verdict}</b>, ${reasonText(reason)}${unbroken(numbers)} <${When} at=${item.at} /></p></div>`;
+    <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its numbers are gone"} <${When} at=${item.at} /></p></div>`;
 }
 
 /** @param {{at: string}} props */

@@ -3,14 +3,12 @@
 // line, kept in localStorage, sent one after the other in the order in which they were given.
 
 import { seenRevision } from "../boxes/box.js";
-import { REMOTE } from "../boxes/store.js";
 import { ApiError, NoAnswer, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
-/** @typedef {import("../core/types.js").Answer} Answer */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").StoredReview} StoredReview */
-/** @typedef {import("../boxes/store.js").Change} Change */
+/** @typedef {import("../boxes/box.js").Answer} Answer */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").Review} StoredReview */
 
 /**
  * @typedef {object} QueuedAnswer  on one box
@@ -26,7 +24,7 @@ import { createValue } from "../core/observable.js";
  * @property {boolean} attempted  may have reached the server: to be repeated word for word
  */
 
-/** @typedef {Record<string, string | number | boolean>} Filter */
+/** @typedef {import("../core/openapi.js").BoxSelection} Filter */
 
 /**
  * @typedef {object} Act  one answer on many boxes
@@ -77,8 +75,16 @@ export function createOutbox(storage, tab, who, newKey = () => crypto.randomUUID
     /** What this person said in this tab, in the order in which it was said. */
     items: mine,
 
-    /** The answers on single boxes among them. @returns {QueuedAnswer[]} */
-    answers: () => mine().flatMap((item) => (isAct(item) ? [] : [item])),
+    /** What was said of each box last. Of an act on a whole filter nobody knows here which boxes it selects. @returns {Map<number, {verdict: Answer, comment: string}>} */
+    given() {
+      /** @type {Map<number, {verdict: Answer, comment: string}>} */
+      const last = new Map();
+      for (const item of mine()) {
+        if (!isAct(item)) last.set(item.boxId, { verdict: item.verdict, comment: item.comment });
+        else for (const boxId of item.boxIds ?? []) last.set(boxId, { verdict: item.verdict, comment: "" });
+      }
+      return last;
+    },
 
     /** The acts on many boxes among them. @returns {Act[]} */
     acts: () => mine().filter(isAct),
@@ -200,17 +206,16 @@ function holdLock(name) {
 
 /**
  * @typedef {object} SenderCalls
- * @property {(boxId: number, answer: {verdict: string, comment: string, seen_revision: number}, key: string) => Promise<StoredReview>} answer
+ * @property {(boxId: number, answer: {verdict: Answer, comment: string, seen_revision: number}, key: string) => Promise<StoredReview>} answer
  * @property {(act: Act) => Promise<BulkOut>} act
  */
 
 /**
  * @typedef {object} SenderEvents
- * @property {(stored: StoredReview, isLatest: boolean) => void} onStored
- * @property {(item: QueuedAnswer, current: Decision | undefined) => void} onConflict  somebody else was first
+ * @property {(stored: StoredReview) => void} onStored
+ * @property {(item: QueuedAnswer, current: Decision | null) => void} onConflict  somebody else was first
  * @property {(item: QueuedAnswer, error: Error) => void} onRefused  will never be stored
  * @property {(done: DoneAct) => void} onDone
- * @property {(error: unknown) => void} onActFailed
  * @property {(act: Act) => void} onGivenUp
  * @property {() => void} onSignedOut  the server takes nothing before somebody signs in
  */
@@ -298,7 +303,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     const stored = await calls.answer(boxId, { verdict, comment, seen_revision }, item.key);
     outbox.remove(item);
     outbox.rebase(item, boxId, stored.revision);
-    events.onStored(stored, !stateNow("saving").waiting.has(boxId));
+    events.onStored(stored);
   }
 
   /** @param {Act} act */
@@ -312,7 +317,6 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
 
   /** @param {Item} item @param {unknown} error @returns {boolean} go on with the next? */
   function settle(item, error) {
-    if (isAct(item)) events.onActFailed(error);
     if (error instanceof NoAnswer) return waitAndRetry("offline", retryS, "the server does not answer");
     if (!(error instanceof ApiError)) throw error;
     if (error.status === 401) {
@@ -327,7 +331,7 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
       leftOut(item);
       return true;
     }
-    const current = error.status === 412 ? error.problem.current : undefined;
+    const current = error.status === 412 ? (error.problem.current ?? null) : null;
     if (current && isOwn(item, current)) {
       outbox.again(item, seenRevision(current));
       return true;
@@ -385,12 +389,9 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     open,
     resume,
 
-    /** An answer that a person has given. @param {Change} change */
-    notice({ origin, before, after }) {
-      if (origin === REMOTE) return;
-      const verdict = after.review?.verdict ?? "clear";
-      const comment = after.review?.comment ?? "";
-      outbox.add({ boxId: after.box_id, frameId: after.frame_id, verdict, comment, seenRevision: seenRevision(before) });
+    /** An answer that a person has given. @param {Parameters<Outbox["add"]>[0]} answer */
+    answer(answer) {
+      outbox.add(answer);
       more();
     },
 
@@ -420,9 +421,6 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
     /** Boxes of acts that are not stored. */
     waitingIds: () => new Set(open.get().flatMap(({ act }) => act.boxIds ?? [])),
 
-    /** What waits for a frame's boxes, so that a reloaded page still shows it. @param {number} frameId */
-    waitingFor: (frameId) => outbox.answers().filter((item) => item.frameId === frameId),
-
     /** Take up what this person has left behind, in this tab or in closed ones; `resume` sends it. @param {ReadonlySet<string>} openTabs */
     adopt(openTabs) {
       outbox.adopt(openTabs);
@@ -439,11 +437,11 @@ export function createSender(outbox, calls, events, later = (run, delayMs) => vo
 /** One answer on many boxes, as they were seen. @param {Act} act @returns {Promise<BulkOut>} */
 export function sendBulk({ key, dataset, verdict, boxIds, seen, filter, snapshot }) {
   const which = boxIds ? { box_ids: boxIds, seen_revisions: seen } : { filter, snapshot };
-  return post("/reviews/bulk", { dataset, verdict, ...which }, key);
+  return post("/api/v1/reviews/bulk", { body: { dataset, verdict, ...which }, key });
 }
 
 /** The same key for the same batch: a repeated request undoes once. @param {number} batchId @returns {Promise<UndoOut>} */
-export const undoBulk = (batchId) => post(`/review-batches/${batchId}/undo`, {}, `undo-batch-${batchId}`);
+export const undoBulk = (batchId) => post("/api/v1/review-batches/{batch_id}/undo", { path: { batch_id: batchId }, key: `undo-batch-${batchId}` });
 
 /** @typedef {{name: string, item: {person?: string}}} Kept */
 

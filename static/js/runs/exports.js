@@ -1,35 +1,31 @@
 // @ts-check
 // Exports: ask, watch, download, check; words for formats and options.
 
-import { jobs } from "../core/api.js";
-import { AskField, fieldOf, optionsOf, valuesOf } from "../core/form.js";
-import { useLoaded } from "../core/hooks.js";
-import { html, useEffect, useState } from "../core/html.js";
+import { get, post } from "../core/api.js";
+import { AskField, describeApi, fieldsOf, optionsOf } from "../core/form.js";
+import { useLoaded, useTask } from "../core/hooks.js";
+import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
-import { Canceller, JobBar, StateBadge, isOver, percentDone } from "../jobs/job.js";
+import { useCopy } from "../core/parts.js";
+import { Canceller, JobBar, StateBadge, exportEvents, isOver, percentDone, useLookAgain, useWatched } from "../jobs/job.js";
 
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").Export} Export */
-/** @typedef {import("../core/form.js").ExportForm} ExportForm */
+/** @typedef {import("../core/openapi.js").Export} Export */
+/** @typedef {Export["format"]} Format */
+/** @typedef {{formats: {value: Format, text: string, help: string}[], fields: Field[]}} ExportForm */
 /** @typedef {import("../core/form.js").Field} Field */
 /** @typedef {import("../core/form.js").Schema} Schema */
 
 const SHOWN = 50;
-const ASK_AGAIN_MS = 800;
 
 /** @param {{app: App, dataset: string}} props */
 export function Exports({ app, dataset }) {
-  const loaded = useLoaded(app, (signal) => jobs.exports(dataset, { limit: SHOWN }, signal), [dataset]);
-  const form = useLoaded(app, async (signal) => exportForm(await jobs.description(signal)), []);
+  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/exports", { path: { dataset }, query: { limit: SHOWN }, signal }), [dataset]);
+  const form = useLoaded(async () => exportForm(await describeApi()), []);
   const [isAsking, setAsking] = useState(false);
   const items = loaded.value?.items;
-  const isOpen = items?.some((one) => !isOver(one)) ?? false;
-  useEffect(() => {
-    if (!isOpen) return undefined;
-    const timer = setInterval(loaded.reload, ASK_AGAIN_MS);
-    return () => clearInterval(timer);
-  }, [isOpen]);
+  useLookAgain(loaded.reload);
   const onMade = () => {
     setAsking(false);
     loaded.reload();
@@ -39,47 +35,44 @@ export function Exports({ app, dataset }) {
       <h2 id="exports-title">Exports</h2>
       <span class="panelbox__tools"><button class="button button--primary" aria-expanded=${isAsking} onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
     </header>
-    ${isAsking && form.value && html`<${ExportAsk} app=${app} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`}
+    ${isAsking && form.value && html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`}
     ${isAsking && form.state === "error" && html`<p class="problem" role="alert">${form.error.message}</p>`}
     ${loaded.state === "error" && !items && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
     ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Labels are written from what people answered, else from what the filter decided.</p>`}
     <ul class="runs">
-      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} fields=${form.value?.fields ?? []} /></li>`)}
+      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} listed=${one} fields=${form.value?.fields ?? []} onOver=${loaded.reload} /></li>`)}
     </ul>
   </section>`;
 }
 
-/** @param {{app: App, item: Export, fields: readonly import("../core/form.js").Field[]}} props */
-function ExportRow({ app, item, fields }) {
+/** @param {{app: App, listed: Export, fields: readonly Field[], onOver: () => void}} props */
+function ExportRow({ app, listed, fields, onOver }) {
+  const item = useWatched(exportEvents, listed, onOver) ?? listed;
   const about = optionsText(item.options, fields);
+  const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
     <div class="run__what"><span class="run__name">${formatText(item.format)}</span><${StateBadge} state=${item.state} /></div>
     <p class="run__about faint">Export ${item.id} · ${agoText(item.created_at)}${about && ` · ${about}`}</p>
     <div class="run__how">
       ${!isOver(item) && html`<${JobBar} job=${item} label=${`Export ${item.id}`} /><p class="faint num">${item.total ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %` : "being written"}</p>`}
       ${item.state === "cancelled" && html`<p class="faint">Stopped; nothing was written.</p>`}
-      ${item.state === "failed" && html`<p class="run__error"><strong>${item.error?.title ?? "Failed"}.</strong> ${item.error?.detail ?? ""}</p>`}
+      ${item.state === "failed" && html`<p class="run__error"><strong>Failed.</strong> ${item.error?.detail ?? ""}</p>`}
       ${item.state === "done" && html`<${Books} counts=${item.counts ?? {}} /><${Sum} sum=${item.sha256 ?? ""} />`}
     </div>
     <div class="run__actions">
-      ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => jobs.cancelExport(item.id)} />`}
-      ${item.state === "done" && html`<button class="button button--small" onClick=${() => download(app, item.id)}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
+      ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => post("/api/v1/exports/{export_id}/cancel", { path: { export_id: item.id } })} />`}
+      ${item.state === "done" && html`<button class="button button--small" disabled=${isBusy} onClick=${run}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
     </div>
   </article>`;
 }
 
-/** By the browser itself, however large it is: nothing of it passes through the page. @param {App} app @param {number} id */
-async function download(app, id) {
-  try {
-    const { url } = await jobs.downloadLink(id);
-    const link = document.createElement("a");
-    link.href = url;
-    link.download = "";
-    link.click();
-  } catch (error) {
-    app.notice(error);
-    app.toasts.show(/** @type {Error} */ (error).message, { kind: "error" });
-  }
+/** By the browser itself, however large it is: nothing of it passes through the page. @param {number} id */
+async function download(id) {
+  const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: id } });
+  const link = document.createElement("a");
+  link.href = url;
+  link.download = "";
+  link.click();
 }
 
 /** What the archive's own manifest counts; what there is none of is not said. @param {{counts: Record<string, unknown>}} props */
@@ -99,12 +92,7 @@ function Books({ counts }) {
 
 /** @param {{sum: string}} props */
 function Sum({ sum }) {
-  const [isCopied, setCopied] = useState(false);
-  const copy = async () => {
-    await navigator.clipboard?.writeText(sum);
-    setCopied(true);
-    setTimeout(() => setCopied(false), 1500);
-  };
+  const { isCopied, copy } = useCopy(sum);
   return html`<p class="sum faint">sha256 <code title=${sum}>${sum.slice(0, 16)}…</code>
     <button class="button button--quiet button--icon button--small" aria-label=${isCopied ? "Copied" : "Copy the SHA-256"} title="Copy" onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
 }
@@ -123,33 +111,32 @@ const FORMAT_WORDS = {
   "decisions-parquet": ["Decisions, Parquet", "for dataframes"],
 };
 
-/** @type {Record<string, string>} */
-const FIELD_WORDS = {
-  include: "Boxes that go in",
-  include_unmeasured: "Unmeasured boxes, too",
-  rejected: "Rejected boxes",
-  boxes: "Rectangle",
-  images: "Images",
-  split: "Share for training",
-  bands: "Labels per distance, metres",
-};
-
-/** @type {Record<string, Record<string, string>>} */
-const CHOICE_WORDS = {
-  include: { effective: "kept, people's answers first", kept: "kept by the filter", all: "all, rejected ones too" },
-  rejected: { drop: "left out", dontcare: "marked as to be ignored" },
-  boxes: { visible: "what is inside the image", amodal: "whole, beyond the image", tight: "tight around the pixels" },
-  images: { copy: "copied into the archive", none: "left out, labels alone" },
+/** @type {import("../core/form.js").Words} */
+const OPTION_WORDS = {
+  fields: {
+    include: "Boxes that go in",
+    include_unmeasured: "Unmeasured boxes, too",
+    rejected: "Rejected boxes",
+    boxes: "Rectangle",
+    split: "Share for training",
+    bands: "Labels per distance, metres",
+  },
+  choices: {
+    include: { effective: "kept, people's answers first", kept: "kept by the filter", all: "all, rejected ones too" },
+    rejected: { drop: "left out", dontcare: "marked as to be ignored" },
+    boxes: { visible: "what is inside the image", amodal: "whole, beyond the image", tight: "tight around the pixels" },
+    images: { copy: "copied into the archive", none: "left out, labels alone" },
+  },
+  shares: { split: (share) => (share >= 1 ? "no split" : splitText(share)) },
 };
 
 /** @param {Schema} openapi @returns {ExportForm} */
 export function exportForm(openapi) {
-  const schemas = openapi.components?.schemas ?? {};
-  const formats = valuesOf(schemas.ExportIn?.properties?.format ?? {});
-  const options = Object.entries(schemas.ExportOptions?.properties ?? {});
+  /** @type {Format[]} */
+  const formats = openapi.components?.schemas?.ExportIn?.properties?.format?.enum ?? [];
   return {
     formats: formats.map((value) => ({ value, text: FORMAT_WORDS[value]?.[0] ?? value, help: FORMAT_WORDS[value]?.[1] ?? "" })),
-    fields: options.flatMap(([key, schema]) => fieldOf(key, schema, { fields: FIELD_WORDS, choices: CHOICE_WORDS }) ?? []),
+    fields: fieldsOf(openapi, "ExportOptions", OPTION_WORDS),
   };
 }
 
@@ -194,25 +181,19 @@ export function booksOf(counts) {
   return { lines: lines.filter(({ count }) => count > 0), classes };
 }
 
-/** @param {{app: import("../core/app.js").App, dataset: string, form: import("../core/form.js").ExportForm, onMade: () => void, onClose: () => void}} props */
-export function ExportAsk({ app, dataset, form, onMade, onClose }) {
-  const [format, setFormat] = useState(form.formats[0]?.value ?? "");
+/** @param {{dataset: string, form: ExportForm, onMade: () => void, onClose: () => void}} props */
+function ExportAsk({ dataset, form, onMade, onClose }) {
+  const [format, setFormat] = useState(form.formats[0]?.value);
   const [chosen, setChosen] = useState(/** @type {Record<string, unknown>} */ ({}));
-  const [error, setError] = useState(/** @type {Error | null} */ (null));
-  const [isBusy, setBusy] = useState(false);
+  const { run, isBusy, error } = useTask(async () => {
+    if (!format) return;
+    await post("/api/v1/datasets/{dataset}/exports", { path: { dataset }, body: { format, options: optionsOf(form.fields, chosen) } });
+    onMade();
+  });
   /** @param {Event} event */
-  const onSubmit = async (event) => {
+  const onSubmit = (event) => {
     event.preventDefault();
-    setBusy(true);
-    setError(null);
-    try {
-      await jobs.createExport(dataset, { format, options: optionsOf(form.fields, chosen) });
-      onMade();
-    } catch (failure) {
-      app.notice(failure);
-      setError(failure instanceof Error ? failure : new Error(String(failure)));
-      setBusy(false);
-    }
+    void run();
   };
   return html`<form class="ask" onSubmit=${onSubmit}>
     <fieldset class="ask__formats">

@@ -2,13 +2,13 @@
 // The view: runs, and what lies between two of them.
 
 import { VerdictBar } from "../boxes/signs.js";
-import { jobs } from "../core/api.js";
+import { get } from "../core/api.js";
 import { useHead, useLoaded, usePages } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
 import { Failure } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { CancelButton, JobBar, StateBadge, isOver, percentDone, useWatched } from "../jobs/job.js";
+import { CancelButton, JobBar, StateBadge, isOver, percentDone, runEvents, useLookAgain, useWatched } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
 import { FlipGrid, WayTabs, wayOf } from "../tuning/flips.js";
 import { DiffTable } from "../tuning/versions.js";
@@ -16,12 +16,11 @@ import { Exports } from "./exports.js";
 
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/router.js").Route} Route */
-/** @typedef {import("../core/types.js").Run} Run */
-/** @typedef {import("../core/types.js").RunDiff} RunDiff */
+/** @typedef {import("../core/openapi.js").Run} Run */
+/** @typedef {import("../core/openapi.js").Diff} RunDiff */
 
 const FIRST = 25;
 const MOST = 1000;
-const LOOK_AGAIN_MS = 5000;
 
 /** @param {{app: App, route: Route}} props */
 export const RunsView = ({ app, route }) => html`<${RunsOf} key=${route.params.dataset} app=${app} route=${route} />`;
@@ -31,8 +30,8 @@ function RunsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Runs and exports · ${name}`, dataset: name });
   const [limit, setLimit] = useState(FIRST);
-  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
-  const runs = useLoaded(app, (signal) => jobs.runs(name, { limit }, signal), [name, limit]);
+  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const runs = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset: name }, query: { limit }, signal }), [name, limit]);
   const reload = () => (runs.reload(), dataset.reload());
   useLookAgain(runs.reload);
   const failed = [dataset, runs].find((loaded) => loaded.state === "error" && !loaded.value);
@@ -43,27 +42,11 @@ function RunsOf({ app, route }) {
         ? html`<${Failure} error=${failed.error} onRetry=${reload} />`
         : html`${run && html`<${RunDiffPanel} key=${`${run} ${against}`} app=${app} dataset=${name} run=${Number(run)} against=${Number(against) || null} runs=${runs.value?.items ?? []} />`}
             <div class="jobs">
-              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${activeRun(dataset.value)} shown=${Number(run) || null} onOver=${reload} />
+              <${Runs} app=${app} dataset=${name} runs=${runs.value?.items ?? null} active=${dataset.value?.active_run ?? null} shown=${Number(run) || null} onOver=${reload} />
               <${Exports} app=${app} dataset=${name} />
             </div>
             ${runs.value?.next_cursor && limit < MOST && html`<p class="more"><button class="button" onClick=${() => setLimit(MOST)}>Older runs</button></p>`}`}
     </main>`;
-}
-
-/** @param {import("../core/types.js").Dataset | null} dataset */
-const activeRun = (dataset) => /** @type {{active_run?: number} | null} */ (dataset)?.active_run ?? null;
-
-/** Others start runs, too: look now and then, and at once when somebody comes back. @param {() => void} reload */
-function useLookAgain(reload) {
-  useEffect(() => {
-    const look = () => document.visibilityState === "visible" && reload();
-    const timer = setInterval(look, LOOK_AGAIN_MS);
-    document.addEventListener("visibilitychange", look);
-    return () => {
-      clearInterval(timer);
-      document.removeEventListener("visibilitychange", look);
-    };
-  }, [reload]);
 }
 
 /** @param {{app: App, dataset: string, runs: readonly Run[] | null, active: number | null, shown: number | null, onOver: () => void}} props */
@@ -85,9 +68,15 @@ function Runs({ app, dataset, runs, active, shown, onOver }) {
 
 const PAGE = 60;
 
+/** @param {number} run @param {{against: number | null, limit: number, cursor?: string}} query @param {AbortSignal} [signal] */
+const diffOf = (run, query, signal) => get("/api/v1/runs/{run_id}/diff", { path: { run_id: run }, query, signal });
+
+/** @param {string} digest @param {AbortSignal} signal */
+const configOf = (digest, signal) => get("/api/v1/configs/{digest}", { path: { digest }, signal });
+
 /** @param {{app: App, dataset: string, run: number, against: number | null, runs: readonly Run[]}} props */
 export function RunDiffPanel({ app, dataset, run, against, runs }) {
-  const loaded = useLoaded(app, (signal) => jobs.diff(run, { against: against ?? undefined, limit: 1 }, signal), [run, against]);
+  const loaded = useLoaded((signal) => diffOf(run, { against, limit: 1 }, signal), [run, against]);
   const diff = loaded.value;
   return html`<section class="panelbox rundiff" aria-labelledby="diff-title" aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head">
@@ -140,7 +129,7 @@ function PerClass({ diff }) {
 /** Which keys the two configurations differ in. @param {{app: App, diff: RunDiff, runs: readonly Run[]}} props */
 function Keys({ app, diff, runs }) {
   const [before, after] = [diff.against, diff.run].map((id) => runs.find((run) => run.id === id)?.config);
-  const loaded = useLoaded(app, async (signal) => (before && after ? Promise.all([jobs.config(before, signal), jobs.config(after, signal)]) : null), [before, after]);
+  const loaded = useLoaded(async (signal) => (before && after ? Promise.all([configOf(before, signal), configOf(after, signal)]) : null), [before, after]);
   if (!loaded.value) return null;
   const rows = differences(loaded.value[0].config, loaded.value[1].config);
   return rows.length === 0
@@ -151,13 +140,13 @@ function Keys({ app, diff, runs }) {
 /** @param {{app: App, diff: RunDiff}} props */
 function Boxes({ app, diff }) {
   const [way, setWay] = useState("");
-  const { items, isDone, error, more } = usePages(app, `diff ${diff.run} ${diff.against}`, PAGE, (limit, cursor) =>
-    jobs.diff(diff.run, { against: diff.against ?? undefined, limit, cursor }),
+  const { items, isDone, error, more } = usePages(`diff ${diff.run} ${diff.against}`, PAGE, (limit, cursor) =>
+    diffOf(diff.run, { against: diff.against, limit, cursor }),
   );
   const shown = items.filter((flip) => !way || wayOf(flip) === way);
   return html`<div class="rundiff__boxes">
     <${WayTabs} way=${way} lost=${diff.kept_to_rejected} won=${diff.rejected_to_kept} onChange=${setWay} />
-    <div class="rundiff__flips"><${FlipGrid} app=${app} items=${shown} />
+    <div class="rundiff__flips"><${FlipGrid} items=${shown} />
       ${error && html`<p role="alert">${error.message}</p>`}
       ${!isDone && items.length > 0 && html`<p class="flippanel__more"><span class="faint">${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span><button class="button button--small" onClick=${more}>Show more</button></p>`}
     </div>
@@ -168,7 +157,7 @@ const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again"
 
 /** @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean, onOver: () => void}} props */
 export function RunRow({ app, dataset, run: loaded, isActive, isShown, onOver }) {
-  const run = useWatched(loaded, onOver) ?? loaded;
+  const run = useWatched(runEvents, loaded, onOver) ?? loaded;
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">
       <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />
@@ -192,7 +181,7 @@ function tookOf(run) {
 
 /** @param {{run: Run}} props */
 function How({ run }) {
-  if (run.state === "failed") return html`<p class="run__error"><strong>${run.error?.title ?? "Failed"}.</strong> ${run.error?.detail ?? "No reason was given."}</p>`;
+  if (run.state === "failed") return html`<p class="run__error"><strong>Failed.</strong> ${run.error?.detail ?? "No reason was given."}</p>`;
   if (run.state === "cancelled") return html`<p class="faint">Stopped at ${countText(run.done)} of ${countOf(run.total, "frame")}; nothing was changed.</p>`;
   if (!isOver(run)) {
     return html`<${JobBar} job=${run} label=${`Run ${run.id}`} />

@@ -2,7 +2,7 @@
 // The frame around every view: routes to views (the large ones fetched when asked for), messages, sign-in.
 
 import { NO_TOKEN_LINKS } from "../boxes/wording.js";
-import { useActions, useHead, useTitle, useValue } from "../core/hooks.js";
+import { useActions, useHead, useTask, useTitle, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
@@ -30,6 +30,30 @@ const LATER = {
   runs: async () => (await import("../runs/runs.js")).RunsView,
   quality: async () => (await import("../quality/quality.js")).QualityView,
 };
+
+/** Their styles, once they are wanted. @type {Promise<unknown> | null} */
+let styles = null;
+
+/** Fetch the styles of these views: they stand in the page in their order, disabled until then. */
+function fetchStyles() {
+  /** @type {NodeListOf<HTMLLinkElement>} */
+  const links = document.querySelectorAll("link[disabled]");
+  styles ??= Promise.all([...links].map(enabled));
+  styles.catch(() => (styles = null));
+  return styles;
+}
+
+/** @param {HTMLLinkElement} link @returns {Promise<unknown>} */
+function enabled(link) {
+  return new Promise((done, fail) => {
+    link.onload = done;
+    link.onerror = () => {
+      link.disabled = true;
+      fail(new Error("The styles of this view could not be loaded."));
+    };
+    link.disabled = false;
+  });
+}
 
 /** @param {{app: App, linkError: string}} props */
 export function Shell({ app, linkError }) {
@@ -85,7 +109,8 @@ function LateView({ app, route }) {
   const [, setArrived] = useState("");
   const fetchView = () => {
     setError(null);
-    LATER[name]?.().then((view) => ((arrived[name] = view), setArrived(name)), setError);
+    const coming = LATER[name]?.();
+    if (coming) Promise.all([coming, fetchStyles()]).then(([view]) => ((arrived[name] = view), setArrived(name)), setError);
   };
   useEffect(() => void (arrived[name] ?? fetchView()), [name]);
   const View = arrived[name];
@@ -136,20 +161,18 @@ export function SignIn({ app, linkError }) {
   useTitle("Sign in");
   const kept = [...app.kept()];
   const ended = useValue(app.ended);
-  const [error, setError] = useState(linkError);
-  const [isBusy, setBusy] = useState(false);
+  const { run, isBusy, error } = useTask(async (/** @type {string} */ text) => {
+    if (!text) throw new Error("Paste the token or the link first.");
+    const credential = credentialIn(text);
+    if (!credential) throw new Error(NO_TOKEN_LINKS);
+    await app.signIn(credential);
+  });
+  const refusal = error?.message ?? (isBusy ? "" : linkError);
 
   /** @param {SubmitEvent & {currentTarget: HTMLFormElement}} event */
-  const submit = async (event) => {
+  const submit = (event) => {
     event.preventDefault();
-    const text = String(new FormData(event.currentTarget).get("token") ?? "").trim();
-    if (!text) return setError("Paste the token or the link first.");
-    const credential = credentialIn(text);
-    if (!credential) return setError(NO_TOKEN_LINKS);
-    setBusy(true);
-    setError("");
-    await app.signIn(credential).catch((refusal) => setError(refusal.message));
-    setBusy(false);
+    void run(String(new FormData(event.currentTarget).get("token") ?? "").trim());
   };
 
   return html`<main id="main" class="signin" tabindex="-1">
@@ -161,16 +184,16 @@ export function SignIn({ app, linkError }) {
       ${kept.map(([name, count]) => html`<p key=${name} class="signin__note" role="status">${countOf(count, "answer")} of ${name} kept in this browser will be saved once ${name} is in.</p>`)}
       <label class="field">
         <span>Token or login link</span>
-        <input name="token" type="password" autocomplete="current-password" spellcheck=${false} aria-invalid=${error !== ""} aria-describedby="token-error" autofocus />
+        <input name="token" type="password" autocomplete="current-password" spellcheck=${false} aria-invalid=${refusal !== ""} aria-describedby="token-error" autofocus />
       </label>
-      <p id="token-error" class="field__error" role="alert">${error}</p>
+      <p id="token-error" class="field__error" role="alert">${refusal}</p>
       <button class="button button--primary" disabled=${isBusy}>${isBusy ? "Signing in…" : "Sign in"}</button>
       <p class="faint">A link works once, within ten minutes.</p>
     </form>
   </main>`;
 }
 
-/** People paste the whole link, too; null: one of those that are no longer used. @param {string} text @returns {import("../core/types.js").Credential | null} */
+/** People paste the whole link, too; null: one of those that are no longer used. @param {string} text @returns {import("../core/openapi.js").LogIn | null} */
 function credentialIn(text) {
   const login = loginOf(text.slice(Math.max(0, text.indexOf("#"))));
   if (login?.kind === "token") return null;

@@ -2,8 +2,8 @@
 // Where one is, whether all is saved, tabs of the dataset, menu. Drawn once, told by useHead.
 
 import { filtersOf } from "../boxes/filters.js";
-import { useValue } from "../core/hooks.js";
-import { html, useEffect, useLayoutEffect, useRef, useState } from "../core/html.js";
+import { useClosing, useValue } from "../core/hooks.js";
+import { html, useLayoutEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { perform } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
@@ -70,20 +70,7 @@ const THEMES = /** @type {const} */ ([
 function Menu({ app }) {
   const [isOpen, setOpen] = useState(false);
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
-  useEffect(() => {
-    if (!isOpen) return;
-    /** @param {Event} event */
-    const close = (event) => {
-      const isInside = event.target instanceof Node && root.current?.contains(event.target);
-      if (event instanceof KeyboardEvent ? event.key === "Escape" : !isInside) setOpen(false);
-    };
-    addEventListener("pointerdown", close);
-    addEventListener("keydown", close);
-    return () => {
-      removeEventListener("pointerdown", close);
-      removeEventListener("keydown", close);
-    };
-  }, [isOpen]);
+  useClosing(root, isOpen, () => setOpen(false));
   return html`<div class="menu" ref=${root}>
     <button class="button button--quiet button--icon" aria-expanded=${isOpen} aria-label="Settings" title="Settings" onClick=${() => setOpen(!isOpen)}>
       <${Icon} name="dots" class="icon--bold" />
@@ -105,7 +92,7 @@ function MenuPanel({ app, close }) {
       )}
     </div>
     <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}><${Icon} name="keyboard" />Keys<kbd aria-hidden="true">?</kbd></button>
-    <button class="menu__item" onClick=${() => app.signOut().catch((error) => app.toasts.show(error.message, { kind: "error" }))}>
+    <button class="menu__item" onClick=${() => app.signOut().catch(app.toasts.fail)}>
       <${Icon} name="exit" />Sign out
     </button>
   </div>`;

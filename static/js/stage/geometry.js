@@ -1,7 +1,7 @@
 // @ts-check
 // Pure geometry: view transform, hit test, stacks, overlaps.
 
-/** @typedef {import("../core/types.js").Xyxy} Xyxy */
+/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{x: number, y: number}} Point */
 /** @typedef {{scale: number, x: number, y: number}} View  stage = image * scale + (x, y) */

@@ -1,10 +1,11 @@
 // @ts-check
 // Frames with picture and segmentation, fetched ahead, the last eight kept.
 
-import { imageAt } from "../core/pictures.js";
+import { blob, get } from "../core/api.js";
+import { fileUrl, imageAt, paintedUrl } from "../core/pictures.js";
 import { canvasOf, isPaintedAlready } from "./pixels.js";
 
-/** @typedef {import("../core/types.js").Frame} Frame */
+/** @typedef {import("../core/openapi.js").Frame} Frame */
 
 /**
  * @typedef {object} Media
@@ -15,8 +16,7 @@ import { canvasOf, isPaintedAlready } from "./pixels.js";
 
 const KEPT = 8;
 
-/** @param {import("../core/app.js").App} app */
-export function createMedia(app) {
+export function createMedia() {
   /** The one used last comes last. @type {Map<number, {ready: Media | null, coming: Promise<Media>}>} */
   const known = new Map();
   /** @type {Map<number, Promise<HTMLCanvasElement | null>>} */
@@ -24,8 +24,8 @@ export function createMedia(app) {
 
   /** @param {number} frameId @returns {Promise<Media>} */
   async function load(frameId) {
-    const frame = await app.api.frame(frameId);
-    const picture = frame.has_image ? await imageAt(app.api.fileUrl(frame, "image")).catch(() => null) : null;
+    const frame = await get("/api/v1/frames/{frame_id}", { path: { frame_id: frameId } });
+    const picture = frame.has_image ? await imageAt(fileUrl(frame, "image")).catch(() => null) : null;
     return { frame, picture, segmentation: null };
   }
 
@@ -56,7 +56,7 @@ export function createMedia(app) {
     if (!frame.has_segmentation || !frame.segmentation) return null;
     const known = segmentations.get(frameId);
     if (known) return known;
-    const coming = app.api.blob(app.api.fileUrl(frame, "segmentation")).then(canvasOf);
+    const coming = blob(fileUrl(frame, "segmentation")).then(canvasOf);
     segmentations.set(frameId, coming);
     coming.catch(() => segmentations.delete(frameId));
     return coming;
@@ -80,7 +80,7 @@ export function createMedia(app) {
     /** The segmentation as a picture in its palette's colours. @param {Media} media @returns {Promise<CanvasImageSource | null>} */
     async mask({ frame, segmentation: canvas }) {
       if (!frame.has_segmentation || !frame.segmentation) return null;
-      return isPaintedAlready(frame.segmentation) ? canvas : imageAt(app.api.paintedUrl(frame.id));
+      return isPaintedAlready(frame.segmentation) ? canvas : imageAt(paintedUrl(frame.id));
     },
 
     /** A frame that could not be loaded may be there now. @param {number} frameId */

@@ -6,9 +6,9 @@ import { labelText } from "../boxes/wording.js";
 import { areaOf, isOnStage, toStage } from "./geometry.js";
 import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./shapes.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Verdict} Verdict */
-/** @typedef {import("../core/types.js").Xyxy} Xyxy */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Verdict} Verdict */
+/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
 /** @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo: string, edge: string, dim: string, unsure: string, font: string}} Inks */
 
 /**

@@ -3,10 +3,10 @@
 
 import { pixelBounds } from "./geometry.js";
 
-/** @typedef {import("../core/types.js").AcceptedTag} AcceptedTag */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Rgb} Rgb */
-/** @typedef {import("../core/types.js").SegmentationReport} SegmentationReport */
+/** @typedef {import("../core/openapi.js").AcceptedTag} AcceptedTag */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
+/** @typedef {import("../core/openapi.js").SegmentationReport} SegmentationReport */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
 /** @typedef {{canvas: HTMLCanvasElement, bounds: Bounds, count: number}} Lit */
 

@@ -4,8 +4,8 @@
 import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 
 /** @typedef {import("./paint.js").Inks} Inks */
-/** @typedef {import("../core/types.js").Verdict} Verdict */
-/** @typedef {import("../core/types.js").Xyxy} Xyxy */
+/** @typedef {import("../boxes/box.js").Verdict} Verdict */
+/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
 /** @typedef {{color: string, casing: string, dash: readonly number[]}} Pen  whole px; dash: on, off */
 /** @typedef {{across: ImageBitmap, down: ImageBitmap}} Strips */
 
@@ -189,10 +189,10 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
   }
 }
 
-/** Measured once per box: a pan asks for hundreds of them, frame after frame. @type {WeakMap<import("../core/types.js").Decision, {text: string, width: number, font: string}>} */
+/** Measured once per box: a pan asks for hundreds of them, frame after frame. @type {WeakMap<import("../boxes/box.js").Decision, {text: string, width: number, font: string}>} */
 const shortLabels = new WeakMap();
 
-/** @param {CanvasRenderingContext2D} ctx @param {import("../core/types.js").Decision} box */
+/** @param {CanvasRenderingContext2D} ctx @param {import("../boxes/box.js").Decision} box */
 function shortLabel(ctx, box) {
   const known = shortLabels.get(box);
   if (known?.font === ctx.font) return known;
@@ -216,7 +216,7 @@ const DENSITY = 3;
 /** @type {Map<string, HTMLCanvasElement>} */
 const signs = new Map();
 
-/** On the top right corner. @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {import("../core/types.js").Xyxy} rect @param {Inks} inks */
+/** On the top right corner. @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {import("../boxes/box.js").Xyxy} rect @param {Inks} inks */
 export function paintMark(ctx, answer, [, y0, x1], inks) {
   if (!answer) return;
   ctx.imageSmoothingEnabled = true;

@@ -5,10 +5,10 @@ import { boxesAt, clampView, cropView, fitView, nextOfStack, overlapping, panBy,
 import { listen } from "./input.js";
 import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
-/** @typedef {import("../core/types.js").Decision} Decision */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./geometry.js").Point} Point */
 /** @typedef {import("./geometry.js").View} View */
-/** @typedef {import("../core/types.js").Xyxy} Xyxy */
+/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
 
 /**
  * @typedef {object} Snapshot  everything that is drawn

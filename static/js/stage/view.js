@@ -3,21 +3,22 @@
 
 import { isVeiled } from "../boxes/box.js";
 import { spokenText } from "../boxes/wording.js";
+import { blob } from "../core/api.js";
 import { useValue } from "../core/hooks.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Toggle } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
 import { Failure, Notice } from "../core/parts.js";
+import { fileUrl, imageAt, paintedUrl } from "../core/pictures.js";
 import { onThemeChange } from "../core/prefs.js";
 import { clamp } from "./geometry.js";
-import { imageAt } from "../core/pictures.js";
 import { canvasOf, isPaintedAlready, litPixels } from "./pixels.js";
 import { createStage } from "./stage.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").Decision} Decision */
-/** @typedef {import("../core/types.js").Frame} Frame */
+/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @typedef {import("../core/openapi.js").Frame} Frame */
 /** @typedef {import("./media.js").Media} Media */
 
 /**
@@ -27,7 +28,7 @@ import { createStage } from "./stage.js";
 export function StageView({ app, frame, shown, selected, onSelect, stageRef }) {
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const prefs = useValue(app.prefs);
-  const picture = usePicture(frame.has_image ? app.api.fileUrl(frame, "image") : null);
+  const picture = usePicture(frame.has_image ? fileUrl(frame, "image") : null);
   const wantsPixels = frame.has_segmentation && (prefs.mask || (prefs.lit && selected !== null && !isVeiled(selected)));
   const segmentation = useSegmentation(app, frame, wantsPixels);
   const mask = useMask(app, frame, prefs.mask, segmentation.canvas);
@@ -92,13 +93,9 @@ function useSegmentation(app, frame, isWanted) {
   useEffect(() => {
     if (!isWanted || found.canvas) return;
     const stop = new AbortController();
-    app.api.blob(app.api.fileUrl(frame, "segmentation"), stop.signal).then(canvasOf).then(
+    blob(fileUrl(frame, "segmentation"), stop.signal).then(canvasOf).then(
       (canvas) => !stop.signal.aborted && setFound({ canvas, error: "" }),
-      (error) => {
-        if (stop.signal.aborted) return;
-        app.notice(error);
-        setFound({ canvas: null, error: error.message });
-      },
+      (error) => !stop.signal.aborted && setFound({ canvas: null, error: error.message }),
     );
     return () => stop.abort();
   }, [isWanted]);
@@ -111,7 +108,7 @@ function useMask(app, frame, isOn, segmentation) {
   const [painted, setPainted] = useState(/** @type {HTMLImageElement | null} */ (null));
   useEffect(() => {
     if (!isOn || isPainted || !frame.has_segmentation || painted) return;
-    imageAt(app.api.paintedUrl(frame.id)).then(setPainted, () => app.toasts.show("The segmentation could not be painted.", { kind: "error" }));
+    imageAt(paintedUrl(frame.id)).then(setPainted, () => app.toasts.show("The segmentation could not be painted.", { kind: "error" }));
   }, [isOn]);
   if (!isOn) return null;
   return isPainted ? segmentation : painted;
@@ -139,7 +136,7 @@ export function createLookActions(app, stage) {
   };
 }
 
-/** @param {{app: import("../core/app.js").App, frame: import("../core/types.js").Frame, mode: string, isBlind: boolean, actions: import("../core/app.js").Actions}} props */
+/** @param {{app: import("../core/app.js").App, frame: import("../core/openapi.js").Frame, mode: string, isBlind: boolean, actions: import("../core/app.js").Actions}} props */
 export function QueueLook({ app, frame, mode, isBlind, actions }) {
   const { mask, lit } = useValue(app.prefs);
   return html`<div class="bar bar--look" role="toolbar" aria-label="View">
@@ -210,7 +207,7 @@ export function QueueStage({ app, box, media, view, isBlind, actions, stageRef }
 /** Twice what it is wide on the page, for sharp screens. */
 const MINIMAP_PX = 336;
 
-/** Where in its frame the box is. @param {{frame: import("../core/types.js").Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
+/** Where in its frame the box is. @param {{frame: import("../core/openapi.js").Frame, picture: HTMLImageElement | null, box: Decision, mode: string, onClick: (() => void) | undefined}} props */
 function Minimap({ frame, picture, box, mode, onClick }) {
   const { width, height } = frame;
   if (!width || !height || !box.xyxy || !picture || mode === "frame") return null;
@@ -283,7 +280,7 @@ function useMeasure(boxId, isHere) {
   }, [boxId, isHere]);
 }
 
-/** @param {{app: App, frame: import("../core/types.js").Frame, actions: Actions}} props */
+/** @param {{app: App, frame: import("../core/openapi.js").Frame, actions: Actions}} props */
 export function LookBar({ app, frame, actions }) {
   const { mask, opacity, lit, edges, blind, crop } = useValue(app.prefs);
   const hasEdges = frame.boxes.some((box) => box.edges?.length);

@@ -18,10 +18,10 @@ const SCALES = [
   { value: "linear", text: "Linear" },
 ];
 
-/** @param {import("../core/types.js").ConfigBody} config @param {string} name */
+/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name */
 const hasOwn = (config, name) => valueOf(config, classPath(name)) !== undefined;
 
-/** @param {import("../core/types.js").ConfigBody} config @param {string} name */
+/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name */
 const thresholdOf = (config, name) => Number(appliesTo(config, name) ?? 0);
 
 /** @param {{app: App, tuning: Tuning, scale: string, selected: string}} props */
@@ -117,7 +117,7 @@ function ClassCounts({ tuning, name }) {
 
 /** @param {{tuning: import("./preview.js").Tuning, selected: string}} props */
 export function Reasons({ tuning, selected }) {
-  /** @param {import("../core/types.js").Preview | null} preview @returns {Record<string, number>} */
+  /** @param {import("../core/openapi.js").Preview | null} preview @returns {Record<string, number>} */
   const of = (preview) => (selected ? preview?.reasons_by_class?.[selected] : preview?.by_reason) ?? {};
   const before = of(tuning.baseline);
   const after = of(tuning.preview);

@@ -1,9 +1,9 @@
 // @ts-check
 // A configuration that is tried: edits, differences, link, YAML. Pure.
 
-/** @typedef {import("../core/types.js").ClassOverrides} ClassOverrides */
-/** @typedef {import("../core/types.js").ConfigBody} ConfigBody */
-/** @typedef {import("../core/types.js").ConfigValue} ConfigValue */
+/** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
+/** @typedef {string | number | null | readonly (string | number)[]} ConfigValue */
+/** @typedef {Readonly<Record<string, ConfigValue | undefined>>} Values  by their keys */
 /** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined takes a class's own value away */
 /** @typedef {{path: string, before: ConfigValue | undefined, after: ConfigValue | undefined}} Difference */
 
@@ -21,8 +21,11 @@ const canonical = (name) => ALIASES[name] ?? name;
 /** @param {string} name @param {string} [key] */
 export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.${key}`;
 
-/** @param {ConfigBody} config @returns {ClassOverrides} */
-const overridesOf = (config) => /** @type {ClassOverrides} */ (config.classes ?? {});
+/** What holds for all classes. @param {ConfigBody} config @returns {Values} */
+const globalsOf = ({ classes: _, ...values }) => values;
+
+/** What single classes do differently, by their names. @param {ConfigBody} config @returns {Readonly<Record<string, Values>>} */
+const overridesOf = ({ classes }) => classes ?? {};
 
 /** Class names may have dots, keys have none. @param {string} path @returns {{name: string | null, key: string}} */
 function parsePath(path) {
@@ -33,8 +36,13 @@ function parsePath(path) {
 /** @param {ConfigBody} config @param {string} path @returns {ConfigValue | undefined} undefined: not set for this class */
 export function valueOf(config, path) {
   const { name, key } = parsePath(path);
-  if (name === null) return /** @type {ConfigValue | undefined} */ (config[key]);
-  return overridesOf(config)[name]?.[key];
+  return (name === null ? globalsOf(config) : overridesOf(config)[name])?.[key];
+}
+
+/** The value of a key; a version from before there was such a key has its default. @param {ConfigBody} config @param {{key: string, initial: unknown}} field @returns {ConfigValue | undefined} */
+export function keyValue(config, { key, initial }) {
+  const own = valueOf(config, key);
+  return own === undefined ? /** @type {ConfigValue} */ (initial) : own;
 }
 
 /** What holds for a class: its own, or the one for all. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
@@ -45,7 +53,8 @@ export function appliesTo(config, name, key = THRESHOLD) {
 
 /** @param {ConfigBody} config @param {Edits} edits @returns {ConfigBody} */
 export function withEdits(config, edits) {
-  const changed = { ...config };
+  /** @type {Record<string, ConfigValue | undefined>} */
+  const changed = { ...globalsOf(config) };
   const classes = { ...overridesOf(config) };
   for (const [path, value] of Object.entries(edits)) {
     const { name, key } = parsePath(path);
@@ -57,7 +66,7 @@ export function withEdits(config, edits) {
     classes[name] = value === undefined ? rest : { ...rest, [key]: value };
     if (Object.keys(classes[name]).length === 0) delete classes[name];
   }
-  return { ...changed, classes };
+  return /** @type {ConfigBody} */ ({ ...changed, classes });
 }
 
 /** Only what really differs. @param {ConfigBody} config @param {Edits} edits @returns {Edits} */
@@ -78,7 +87,7 @@ export function differences(before, after) {
 /** @param {ConfigBody} config @returns {string[]} */
 function pathsOf(config) {
   const own = Object.entries(overridesOf(config)).flatMap(([name, keys]) => Object.keys(keys).map((key) => `classes.${name}.${key}`));
-  return [...Object.keys(config).filter((key) => key !== "classes"), ...own];
+  return [...Object.keys(globalsOf(config)), ...own];
 }
 
 /** From one configuration to another, as edits. @param {ConfigBody} before @param {ConfigBody} after @returns {Edits} */
@@ -117,13 +126,12 @@ export function valueText(value) {
 
 /** The whole configuration as a file one can keep. @param {ConfigBody} config */
 export function toYaml(config) {
-  const rows = Object.entries(config).filter(([key]) => key !== "classes");
-  const lines = rows.map(([key, value]) => `${key}: ${yamlValue(/** @type {ConfigValue} */ (value))}`);
+  const lines = Object.entries(globalsOf(config)).map(([key, value]) => `${key}: ${yamlValue(value ?? null)}`);
   const classes = Object.entries(overridesOf(config));
   if (classes.length === 0) return [...lines, "classes: {}", ""].join("\n");
   const own = classes.flatMap(([name, keys]) => [
     `  ${yamlValue(name)}:`,
-    ...Object.entries(keys).map(([key, value]) => `    ${key}: ${yamlValue(value)}`),
+    ...Object.entries(keys).map(([key, value]) => `    ${key}: ${yamlValue(value ?? null)}`),
   ]);
   return [...lines, "classes:", ...own, ""].join("\n");
 }

@@ -1,20 +1,20 @@
 // @ts-check
 // Boxes that change sides: counts, tabs, cards. Runs shows them, too.
 
-import { NearPicture } from "../boxes/crops.js";
+import { NearPicture, cropUrl } from "../boxes/crops.js";
 import { reasonText } from "../boxes/wording.js";
-import { jobs } from "../core/api.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").Flip} Flip */
+/** @typedef {import("../core/openapi.js").Flip} Flip */
 /** @typedef {import("./preview.js").Tuning} Tuning */
 /** @typedef {"lost" | "won"} WayOf */
 
-const CROP_PX = 144;
+/** With some of what is around the box. */
+const CROP = { height: 144, pad: 0.6 };
 
 export const WAYS = /** @type {const} */ ({
   lost: { text: "kept → rejected", spoken: "from kept to rejected" },
@@ -40,19 +40,19 @@ export function WayTabs({ way, lost, won, onChange }) {
   </div>`;
 }
 
-/** @param {{app: App, items: readonly Flip[]}} props */
-export const FlipGrid = ({ app, items }) => html`<ul class="flips">
-  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} app=${app} flip=${flip} /></li>`)}
+/** @param {{items: readonly Flip[]}} props */
+export const FlipGrid = ({ items }) => html`<ul class="flips">
+  ${items.map((flip) => html`<li key=${flip.box_id}><${FlipCard} flip=${flip} /></li>`)}
 </ul>`;
 
-/** @param {{app: App, flip: Flip}} props */
-function FlipCard({ app, flip }) {
+/** @param {{flip: Flip}} props */
+function FlipCard({ flip }) {
   const way = wayOf(flip);
   const match = flip.match_percent === null ? "no match" : percentText(flip.match_percent);
   return html`<a class="flip flip--${way}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(flip.box_id) })}
     title=${`${flip.class}, ${match}: ${reasonText(flip.before.reason)} → ${reasonText(flip.after.reason)}`}>
     <span class="flip__picture">
-      <${NearPicture} app=${app} url=${jobs.cropUrl(flip.box_id, CROP_PX)}><${Icon} name="image" /><//>
+      <${NearPicture} url=${cropUrl(flip.box_id, CROP)}><${Icon} name="image" /><//>
       <${Way} way=${way} />
     </span>
     <span class="flip__text"><span class="flip__class">${flip.class}</span><span class="num">${match}</span></span>
@@ -77,14 +77,14 @@ export function FlipPanel({ app, tuning, selected, way, onWay }) {
   </aside>`;
 }
 
-/** @param {{app: App, tuning: Tuning, items: readonly import("../core/types.js").Flip[], wanted: number}} props */
+/** @param {{app: App, tuning: Tuning, items: readonly import("../core/openapi.js").Flip[], wanted: number}} props */
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
   if (!preview) return html`<div class="flippanel__list"><${Bones} /></div>`;
   if (wanted === 0) return html`<p class="panelbox__empty">No box changes sides. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
     ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${Bones} />`)}
-    <${FlipGrid} app=${app} items=${items} />
+    <${FlipGrid} items=${items} />
     <${More} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }

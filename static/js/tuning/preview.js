@@ -2,14 +2,14 @@
 // What the server says of it: one question at a time, the address follows.
 
 import { FILTER_KEYS } from "../boxes/filters.js";
-import { jobs } from "../core/api.js";
+import { post } from "../core/api.js";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { linkTo } from "../core/router.js";
 import { configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
 
-/** @typedef {import("../core/types.js").ConfigVersion} ConfigVersion */
+/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("./config.js").Edits} Edits */
-/** @typedef {import("../core/types.js").Preview} Preview */
+/** @typedef {import("../core/openapi.js").Preview} Preview */
 
 /** How long nothing may move before boxes are listed and the address is written. */
 const SETTLE_MS = 220;
@@ -34,7 +34,7 @@ export function useTuning(app, dataset, active, query) {
   const [showsMany, setShowsMany] = useState(false);
   const tried = useMemo(() => withEdits(active.config, edits), [active, edits]);
   useAddress(app, dataset, query, active, edits, setEdits);
-  const asked = usePreviews(app, dataset, active, tried, showsMany || query.class ? MANY : FEW);
+  const asked = usePreviews(dataset, active, tried, showsMany || query.class ? MANY : FEW);
 
   const change = useCallback(
     (/** @type {Edits} */ some) => setEdits((held) => effectiveEdits(active.config, { ...held, ...some })),
@@ -70,17 +70,23 @@ function useAddress(app, dataset, query, active, edits, setEdits) {
   }, [wanted, here]);
 }
 
-/** @typedef {{config: import("../core/types.js").ConfigBody, limit: number}} Question */
+/** @typedef {{config: import("../core/openapi.js").FilterConfigIn, limit: number}} Question */
+
+/** Half a percent each: the step of a threshold. */
+const BINS = 200;
+
+/** @param {string} dataset @param {Question} question @param {AbortSignal} signal */
+const previewOf = (dataset, question, signal) => post("/api/v1/datasets/{dataset}/preview", { path: { dataset }, body: { ...question, bins: BINS }, signal });
 
 /**
  * Counts at once, the list of flips when nothing moves any more.
- * @param {import("../core/app.js").App} app @param {string} dataset @param {ConfigVersion} active
- * @param {import("../core/types.js").ConfigBody} tried @param {number} limit
+ * @param {string} dataset @param {ConfigVersion} active
+ * @param {import("../core/openapi.js").FilterConfigIn} tried @param {number} limit
  */
-function usePreviews(app, dataset, active, tried, limit) {
+function usePreviews(dataset, active, tried, limit) {
   const [baseline, setBaseline] = useState(/** @type {Preview | null} */ (null));
   const [preview, setPreview] = useState(/** @type {Preview | null} */ (null));
-  const [counted, setCounted] = useState(/** @type {import("../core/types.js").ConfigBody | null} */ (null));
+  const [counted, setCounted] = useState(/** @type {import("../core/openapi.js").FilterConfigIn | null} */ (null));
   const [listed, setListed] = useState(/** @type {Preview | null} */ (null));
   const [error, setError] = useState(/** @type {Error | null} */ (null));
   const [isBusy, setBusy] = useState(false);
@@ -88,7 +94,7 @@ function usePreviews(app, dataset, active, tried, limit) {
   const ask = useMemo(
     () =>
       createLatest(
-        (/** @type {Question} */ question, signal) => jobs.preview(dataset, question, signal),
+        (/** @type {Question} */ question, signal) => previewOf(dataset, question, signal),
         {
           onAnswer: (answer, { config, limit: most }) => {
             setPreview(answer);
@@ -96,10 +102,7 @@ function usePreviews(app, dataset, active, tried, limit) {
             setError(null);
             if (most > 0) setListed(answer);
           },
-          onError: (failure) => {
-            app.notice(failure);
-            setError(failure instanceof Error ? failure : new Error(String(failure)));
-          },
+          onError: setError,
           onBusy: setBusy,
         },
       ),
@@ -108,7 +111,7 @@ function usePreviews(app, dataset, active, tried, limit) {
   useEffect(() => () => ask.stop(), [ask]);
   useEffect(() => {
     const stop = new AbortController();
-    jobs.preview(dataset, { config: active.config, limit: 0 }, stop.signal).then(
+    previewOf(dataset, { config: active.config, limit: 0 }, stop.signal).then(
       (answer) => !stop.signal.aborted && setBaseline(answer),
       () => {},
     );
@@ -130,7 +133,7 @@ function usePreviews(app, dataset, active, tried, limit) {
 /**
  * @template Q, A
  * @param {(question: Q, signal: AbortSignal) => Promise<A>} ask
- * @param {{onAnswer: (answer: A, question: Q) => void, onError: (error: unknown) => void, onBusy?: (isBusy: boolean) => void}} told
+ * @param {{onAnswer: (answer: A, question: Q) => void, onError: (error: Error) => void, onBusy?: (isBusy: boolean) => void}} told
  */
 export function createLatest(ask, { onAnswer, onError, onBusy = () => {} }) {
   const stop = new AbortController();
@@ -144,12 +147,10 @@ export function createLatest(ask, { onAnswer, onError, onBusy = () => {} }) {
     while (waiting && !stop.signal.aborted) {
       const { question } = waiting;
       waiting = null;
-      try {
-        const answer = await ask(question, stop.signal);
-        if (!stop.signal.aborted) onAnswer(answer, question);
-      } catch (error) {
-        if (!stop.signal.aborted) onError(error);
-      }
+      await ask(question, stop.signal).then(
+        (answer) => !stop.signal.aborted && onAnswer(answer, question),
+        (error) => !stop.signal.aborted && onError(error),
+      );
     }
     isBusy = false;
     if (!stop.signal.aborted) onBusy(false);

@@ -2,24 +2,25 @@
 // The view and its summary.
 
 import { StrokeSwatch, VerdictBar } from "../boxes/signs.js";
-import { jobs } from "../core/api.js";
+import { get } from "../core/api.js";
+import { useFields } from "../core/form.js";
 import { useHead, useLoaded } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { RunStrip, isOver, useWatched } from "../jobs/job.js";
+import { RunStrip, isOver, runEvents, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
-import { THRESHOLD, effectiveEdits, valueOf, valueText } from "./config.js";
+import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
 import { Delta, FlipPanel, Way } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
 /** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/types.js").ConfigVersion} ConfigVersion */
+/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("../core/router.js").Route} Route */
-/** @typedef {import("../core/types.js").Run} Run */
+/** @typedef {import("../core/openapi.js").Run} Run */
 /** @typedef {import("./preview.js").Tuning} Tuning */
 
 /** @param {{app: App, route: Route}} props */
@@ -29,8 +30,8 @@ export const ThresholdsView = ({ app, route }) => html`<${ThresholdsOf} key=${ro
 function ThresholdsOf({ app, route }) {
   const name = route.params.dataset ?? "";
   useHead(app, { title: `Thresholds · ${name}`, dataset: name });
-  const dataset = useLoaded(app, (signal) => app.api.dataset(name, signal), [name]);
-  const active = useLoaded(app, (signal) => jobs.activeConfig(name, signal), [name]);
+  const dataset = useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name]);
+  const active = useLoaded((signal) => get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }), [name]);
   const failed = [dataset, active].find((loaded) => loaded.state === "error");
   const counts = dataset.value?.counts;
   return html`<main id="main" class="page page--tuning" tabindex="-1" aria-busy=${!active.value}>
@@ -52,10 +53,11 @@ function ThresholdsOf({ app, route }) {
 function Tuner({ app, route, dataset, active, onApplied }) {
   const { class: selected = "", scale = "", flips: way = "" } = route.query;
   const tuning = useTuning(app, dataset, active, route.query);
+  const keys = useFields("FilterConfigIn");
   const [isSaving, setSaving] = useState(false);
   const [saved, setSaved] = useState(0);
   const [started, setStarted] = useState(/** @type {Run | null} */ (null));
-  const run = useWatched(started, (over) => over.state === "done" && over.activate && onApplied());
+  const run = useWatched(runEvents, started, (over) => over.state === "done" && over.activate && onApplied());
   const isRunning = run !== null && !isOver(run);
   useOpenRun(dataset, setStarted);
   // What has become active is no longer a change.
@@ -71,25 +73,25 @@ function Tuner({ app, route, dataset, active, onApplied }) {
   return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
     ${run && html`<${RunStrip} app=${app} dataset=${dataset} run=${run} onClose=${() => setStarted(null)} />`}
     ${tuning.error && html`<p class="problem" role="alert">${tuning.error.message} <button class="button button--small" onClick=${tuning.retry}>Try again</button></p>`}
-    ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} />`}
+    ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
     <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
       <div class="tuning__main">
         ${!isUnknown && html`<${AllClasses} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
           <${ClassCards} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
           <${Reasons} tuning=${tuning} selected=${selected} />`}
         <${Versions} app=${app} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${setStarted} />
-        <${ConfigPanel} tuning=${tuning} />
+        <${ConfigPanel} tuning=${tuning} keys=${keys} />
       </div>
       ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} way=${way} onWay=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>
-    ${isSaving && html`<${SaveDialog} app=${app} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} />`}`;
+    ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${setStarted} />`}`;
 }
 
 /** Somebody may have started a run before. @param {string} dataset @param {(run: Run) => void} onFound */
 function useOpenRun(dataset, onFound) {
   useEffect(() => {
     const stop = new AbortController();
-    jobs.runs(dataset, { limit: 1 }, stop.signal).then(
+    get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: 1 }, signal: stop.signal }).then(
       ({ items: [newest] }) => newest && !isOver(newest) && onFound(newest),
       () => {},
     );
@@ -105,23 +107,13 @@ const Skeleton = () => html`<div aria-hidden="true">
   </div>
   <p class="sr-only" role="status">Loading thresholds</p>`;
 
-/** @type {Record<string, readonly string[]>} the keys that its rule reads */
-const OWN_KEYS = {
-  ordered: ["ordered_min_pixels", "min_visible_pixels"],
-  depth: ["min_visible_pixels", "depth_tolerance"],
-  depth_center: ["depth_tolerance"],
-  instance: ["min_visible_pixels"],
-  lidar: ["lidar_min_points"],
-  auto: ["min_visible_pixels", "depth_tolerance", "ordered_min_pixels"],
-};
-
-/** @param {{config: import("../core/types.js").ConfigBody}} props */
-export function ChannelLine({ config }) {
-  const channel = String(config.evidence);
-  const keys = OWN_KEYS[channel];
-  if (!keys) return null;
-  return html`<p class="tuning__channel">The channel <code>${channel}</code> decides, by ${keys.map(
-    (key, at) => html`${at > 0 ? (at === keys.length - 1 ? " and " : ", ") : ""}<code>${key}</code> (${valueText(valueOf(config, key))})`,
+/** Which keys decide where the segmentation does not. @param {{config: import("../core/openapi.js").FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props */
+function ChannelLine({ config, keys }) {
+  const channel = config.evidence ?? "semantic";
+  const own = keys.filter(({ evidence }) => evidence.includes(channel));
+  if (channel === "semantic" || own.length === 0) return null;
+  return html`<p class="tuning__channel">The channel <code>${channel}</code> decides, by ${own.map(
+    (field, at) => html`${at > 0 ? (at === own.length - 1 ? " and " : ", ") : ""}<code>${field.key}</code> (${valueText(keyValue(config, field))})`,
   )}; match thresholds only decide boxes that it has no number for.</p>`;
 }
 
@@ -148,7 +140,7 @@ function NeedsPixels() {
     What it would decide cannot be told from the stored numbers. Applying it measures every frame anew, in the background.</span></p>`;
 }
 
-/** @param {{counts: import("../core/types.js").VerdictCounts | null, before: import("../core/types.js").VerdictCounts | null}} props */
+/** @param {{counts: import("../core/openapi.js").VerdictCounts | null, before: import("../core/openapi.js").VerdictCounts | null}} props */
 function Counts({ counts, before }) {
   const all = counts ? counts.kept + counts.rejected + counts.unmeasured : 0;
   return html`<div class="summary__verdicts">
@@ -170,7 +162,7 @@ function Figure({ verdict, count, before }) {
   </div>`;
 }
 
-/** @param {{flips: import("../core/types.js").FlipCounts & {total: number} | null}} props */
+/** @param {{flips: import("../core/openapi.js").FlipCounts & {total: number} | null}} props */
 function Flips({ flips }) {
   return html`<div class="figures figures--flips">
     <div class="figure" data-figure="lost">

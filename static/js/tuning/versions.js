@@ -1,39 +1,34 @@
 // @ts-check
 // Every key of the configuration, the stored versions, what differs, the dialog that saves.
 
-import { jobs } from "../core/api.js";
-import { useLoaded } from "../core/hooks.js";
-import { html, useEffect, useRef, useState } from "../core/html.js";
+import { get, post, put } from "../core/api.js";
+import { Control } from "../core/form.js";
+import { useLoaded, useTask } from "../core/hooks.js";
+import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
-import { NumberField, Words } from "../core/parts.js";
-import { differences, editsBetween, toYaml, valueOf, valueText } from "./config.js";
+import { Dialog, Words, useCopy, useDialog } from "../core/parts.js";
+import { differences, editsBetween, keyValue, toYaml, valueOf, valueText } from "./config.js";
 
-/** @typedef {import("../core/types.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/types.js").Run} Run */
+/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
+/** @typedef {import("../core/openapi.js").Run} Run */
+/** @typedef {import("./config.js").ConfigValue} ConfigValue */
+/** @typedef {import("../core/form.js").Field} Field */
 /** @typedef {import("./preview.js").Tuning} Tuning */
 
 const SHOWN = 50;
 
+/** Make a version the active one, through a run. @param {string} dataset @param {string} digest */
+const activate = (dataset, digest) => put("/api/v1/datasets/{dataset}/config", { path: { dataset }, body: { digest } });
+
 /**
  * @param {{app: import("../core/app.js").App, dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
- *   onRun: (run: import("../core/types.js").Run) => void}} props
+ *   onRun: (run: import("../core/openapi.js").Run) => void}} props
  */
 export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
   const { active } = tuning;
-  const loaded = useLoaded(app, (signal) => jobs.configs(dataset, { limit: SHOWN }, signal), [dataset, active.digest, saved]);
-  const [asked, setAsked] = useState("");
-  /** @param {string} digest */
-  const apply = async (digest) => {
-    setAsked(digest);
-    try {
-      onRun(await jobs.activate(dataset, digest));
-    } catch (error) {
-      app.notice(error);
-      app.toasts.show(error instanceof Error ? error.message : String(error), { kind: "error" });
-    }
-    setAsked("");
-  };
+  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/configs", { path: { dataset }, query: { limit: SHOWN }, signal }), [dataset, active.digest, saved]);
+  const { run: apply, isBusy } = useTask(async (/** @type {string} */ digest) => onRun(await activate(dataset, digest)), app.toasts.fail);
   return html`<section class="panelbox" aria-labelledby="versions-title">
     <header class="panelbox__head"><h2 id="versions-title">Versions</h2><span class="faint">${loaded.value ? countOf(loaded.value.items.length, "version") : ""}</span></header>
     ${loaded.state === "error" && html`<p class="panelbox__empty" role="alert">${loaded.error.message} <button class="button button--small" onClick=${loaded.reload}>Try again</button></p>`}
@@ -46,7 +41,7 @@ export function Versions({ app, dataset, tuning, saved, isRunning, onRun }) {
           ${version.digest !== active.digest &&
           html`<span class="version__actions">
             <button class="button button--small" onClick=${() => tuning.setEdits(editsBetween(active.config, version.config))}>Try</button>
-            <button class="button button--small" disabled=${isRunning || asked !== ""} onClick=${() => apply(version.digest)}>Apply</button>
+            <button class="button button--small" disabled=${isRunning || isBusy} onClick=${() => apply(version.digest)}>Apply</button>
           </span>`}
         </li>`,
       )}
@@ -64,37 +59,17 @@ function differenceText(active, version) {
   return rows.length > 1 ? `${words}, and ${countOf(rows.length - 1, "more key")}` : words;
 }
 
-/** @type {Record<string, {text: string, unit?: string, step?: number, most?: number, isEmptyAllowed?: boolean, isWhole?: boolean}>} */
-const KEYS = {
-  threshold_small_box: { text: "share of pixels that must match", unit: "%", most: 100 },
-  size_big_box: { text: "share of the image above which a box is large", unit: "%", most: 100 },
-  threshold_big_box: { text: "share that must match in a large box", unit: "%", most: 100 },
-  min_visible_pixels: { text: "fewest matching pixels that must be seen of a box", unit: "px", step: 1, isWhole: true },
-  min_distance: { text: "nearest distance that is kept", unit: "m", step: 1, isEmptyAllowed: true },
-  max_distance: { text: "farthest distance that is kept", unit: "m", step: 1, isEmptyAllowed: true },
-  profile: { text: "how pixels of a box are counted" },
-  evidence: { text: "what is compared with the threshold" },
-  projection: { text: "how 3D boxes become rectangles" },
-  depth_tolerance: { text: "slack in front of and behind a box, metres" },
-  ordered_min_pixels: { text: "pixels that nearer boxes must leave over", unit: "px", step: 1, isWhole: true },
-  lidar_min_points: { text: "LiDAR points that must hit a box", unit: "points", step: 1, isWhole: true },
-  palette: { text: "colours of the segmentation" },
-  encoding: { text: "colours or raw tags" },
-  channel_order: { text: "order of the colour channels" },
-  lossy_segmentation: { text: "what to do with JPEG segmentations" },
-};
-
-/** @param {{tuning: Tuning}} props */
-export function ConfigPanel({ tuning }) {
+/** @param {{tuning: Tuning, keys: import("../core/hooks.js").Loaded<Field[]>}} props */
+export function ConfigPanel({ tuning, keys }) {
   const { tried, active } = tuning;
-  const keys = Object.keys(tried).filter((key) => key !== "classes");
   const ofClasses = differences({ ...tried, classes: {} }, tried);
   return html`<section class="panelbox" aria-labelledby="config-title">
     <header class="panelbox__head"><h2 id="config-title">Configuration</h2><span class="faint">all keys; what can be answered from stored numbers can be changed here</span></header>
-    <div class="tablewrap"><table class="table table--keys">
+    ${keys.error && html`<p class="panelbox__empty" role="alert">${keys.error.message} <button class="button button--small" onClick=${keys.reload}>Try again</button></p>`}
+    <div class="tablewrap"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
       <tbody>
-        ${keys.map((key) => html`<tr key=${key}><th scope="row"><code><${Words} text=${key} /></code></th><td><${Value} tuning=${tuning} name=${key} /></td><td class="num faint">${valueText(valueOf(active.config, key))}</td><td class="table__text faint">${KEYS[key]?.text ?? ""}</td></tr>`)}
+        ${keys.value?.map((field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th><td><${Value} tuning=${tuning} field=${field} /></td><td class="num faint">${valueText(keyValue(active.config, field))}</td><td class="table__text faint">${field.help}</td></tr>`)}
         ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">this class alone</td></tr>`)}
       </tbody>
     </table></div>
@@ -102,29 +77,17 @@ export function ConfigPanel({ tuning }) {
   </section>`;
 }
 
-/** @param {{tuning: Tuning, name: string}} props */
-function Value({ tuning, name }) {
-  const spec = KEYS[name];
-  const value = valueOf(tuning.tried, name);
-  if (!spec?.unit) return html`<span class="num">${valueText(value)}</span>`;
-  /** @param {string} text */
-  const parse = (text) => {
-    const number = Number(text.trim() || NaN);
-    const isRight = Number.isFinite(number) && number >= 0 && number <= (spec.most ?? Infinity) && (!spec.isWhole || Number.isInteger(number));
-    return isRight ? number : null;
-  };
-  return html`<${NumberField} label=${name} unit=${spec.unit} step=${spec.step ?? 0.5} isEmptyAllowed=${spec.isEmptyAllowed} isSet=${name in tuning.edits}
-    value=${value === null ? null : Number(value)} parse=${parse} onChange=${(/** @type {number | null} */ number) => tuning.change({ [name]: number })} />`;
+/** @param {{tuning: Tuning, field: Field}} props */
+function Value({ tuning, field }) {
+  const { key, needsPixels, unit } = field;
+  const value = keyValue(tuning.tried, field);
+  if (needsPixels) return html`<span class="num">${valueText(value)}${unit && `\u00a0${unit}`}</span>`;
+  return html`<${Control} field=${field} label=${key} value=${value} isSet=${key in tuning.edits} onChange=${(/** @type {ConfigValue} */ given) => tuning.change({ [key]: given })} />`;
 }
 
 /** @param {{text: string}} props */
 function Yaml({ text }) {
-  const [isCopied, setCopied] = useState(false);
-  const copy = async () => {
-    await navigator.clipboard?.writeText(text);
-    setCopied(true);
-    setTimeout(() => setCopied(false), 1500);
-  };
+  const { isCopied, copy } = useCopy(text);
   return html`<details class="yaml">
     <summary>As YAML</summary>
     <div class="yaml__body">
@@ -135,51 +98,32 @@ function Yaml({ text }) {
 }
 
 /**
- * @param {{app: import("../core/app.js").App, dataset: string, tuning: Tuning, onClose: () => void, onSaved: (digest: string) => void, onRun: (run: Run) => void}} props
+ * @param {{dataset: string, tuning: Tuning, onClose: () => void, onSaved: (digest: string) => void, onRun: (run: Run) => void}} props
  */
-export function SaveDialog({ app, dataset, tuning, onClose, onSaved, onRun }) {
-  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
-  const [isBusy, setBusy] = useState(false);
-  const [error, setError] = useState(/** @type {Error | null} */ (null));
-  useEffect(() => dialog.current?.showModal(), []);
+export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun }) {
+  const dialog = useDialog();
   const digest = tuning.counted === tuning.tried ? (tuning.preview?.config ?? "") : "";
 
-  /** @param {boolean} isApplied */
-  const save = async (isApplied) => {
-    setBusy(true);
-    setError(null);
-    try {
-      const version = await jobs.saveConfig(dataset, tuning.tried);
-      onSaved(version.digest);
-      if (isApplied) onRun(await jobs.activate(dataset, version.digest));
-      dialog.current?.close();
-    } catch (failure) {
-      app.notice(failure);
-      setError(failure instanceof Error ? failure : new Error(String(failure)));
-      setBusy(false);
-    }
-  };
+  const { run: save, isBusy, error } = useTask(async (/** @type {boolean} */ isApplied) => {
+    const version = await post("/api/v1/datasets/{dataset}/configs", { path: { dataset }, body: tuning.tried });
+    onSaved(version.digest);
+    if (isApplied) onRun(await activate(dataset, version.digest));
+    dialog.close();
+  });
 
-  return html`<dialog class="dialog" ref=${dialog} aria-labelledby="save-title" onClose=${onClose}
-    onClick=${(/** @type {MouseEvent} */ event) => event.target === dialog.current && dialog.current?.close()}>
-    <div class="dialog__body">
-      <header class="dialog__head">
-        <h2 id="save-title">Save as new config version</h2>
-        <button class="button button--quiet button--icon" aria-label="Close" onClick=${() => dialog.current?.close()}><${Icon} name="cross" /></button>
-      </header>
-      <p class="savedialog__digest">Version <code title=${digest}>${digest ? digest.slice(0, 16) : "…"}</code> <span class="faint">differs from the active <code>${tuning.active.digest.slice(0, 8)}</code> in:</span></p>
-      <${DiffTable} rows=${differences(tuning.active.config, tuning.tried)} />
-      <p class="savedialog__what">${whatText(tuning)}</p>
-      ${error && html`<p class="problem" role="alert">${error.message}</p>`}
-      <footer class="dialog__foot">
-        <span class="faint">Versions are never changed or deleted.</span>
-        <span class="savedialog__buttons">
-          <button class="button" disabled=${isBusy} onClick=${() => save(false)}>Save only</button>
-          <button class="button button--primary" disabled=${isBusy} onClick=${() => save(true)}>Save and apply</button>
-        </span>
-      </footer>
-    </div>
-  </dialog>`;
+  return html`<${Dialog} dialog=${dialog} id="save-title" title="Save as new config version" isLight=${true} onClose=${onClose}>
+    <p class="savedialog__digest">Version <code title=${digest}>${digest ? digest.slice(0, 16) : "…"}</code> <span class="faint">differs from the active <code>${tuning.active.digest.slice(0, 8)}</code> in:</span></p>
+    <${DiffTable} rows=${differences(tuning.active.config, tuning.tried)} />
+    <p class="savedialog__what">${whatText(tuning)}</p>
+    ${error && html`<p class="problem" role="alert">${error.message}</p>`}
+    <footer class="dialog__foot">
+      <span class="faint">Versions are never changed or deleted.</span>
+      <span class="savedialog__buttons">
+        <button class="button" disabled=${isBusy} onClick=${() => save(false)}>Save only</button>
+        <button class="button button--primary" disabled=${isBusy} onClick=${() => save(true)}>Save and apply</button>
+      </span>
+    </footer>
+  <//>`;
 }
 
 /** @param {Tuning} tuning */

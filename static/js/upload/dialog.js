@@ -1,18 +1,32 @@
 // @ts-check
-// What the server found in the names and labels, and where it shall go.
+// What the server found in the names and labels of a drop, and the dataset that it shall go to.
 
+import { ApiError, get } from "../core/api.js";
 import { useLoaded } from "../core/hooks.js";
-import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, sizeText } from "../core/numbers.js";
-import { Command, FileList, Segments } from "../core/parts.js";
-import { LAYOUT_NAMES, layoutsOf, readLayout, visibleEntries } from "./layouts.js";
-import { baseOf } from "./matching.js";
+import { Command, Dialog, FileList, Segments, useDialog } from "../core/parts.js";
+import { hasImages, readFolder, topOf, visibleEntries } from "./folder.js";
 
 /** @typedef {import("./sender.js").UploadApp} App */
-/** @typedef {import("./matching.js").Entry} Entry */
-/** @typedef {import("./layouts.js").Layout} Layout */
-/** @typedef {import("./layouts.js").Plan} Plan */
+/** @typedef {import("./folder.js").Entry} Entry */
+/** @typedef {import("./folder.js").Plan} Plan */
+/** @typedef {import("./folder.js").Reading} Reading */
+
+/** @type {Record<string, string>} */
+const LAYOUT_NAMES = {
+  manifest: "Manifest",
+  carlasimu: "carlasimu folder",
+  yolo: "YOLO folder",
+  voc: "Pascal VOC folder",
+  kitti: "KITTI folder",
+  coco: "COCO folder",
+  pairs: "Images and segmentations",
+};
+
+/** @param {string} layout */
+const layoutName = (layout) => LAYOUT_NAMES[layout] ?? layout;
 
 /** From here on the command line is the better way. */
 const MANY_FRAMES = 2000;
@@ -23,75 +37,109 @@ const NAME_RULE = "Small letters, digits, dots, dashes and underscores; it begin
 
 /** @param {{app: App, dropped: Promise<Entry[]>}} props */
 export function UploadDialog({ app, dropped }) {
-  const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  const dialog = useDialog();
+  const { close } = dialog;
   const found = useFound(dropped);
-  useEffect(() => dialog.current?.showModal(), []);
-  return html`<dialog class="dialog dialog--upload" ref=${dialog} aria-labelledby="upload-title" onClose=${() => app.uploads.dropped.set(null)}>
-    <div class="dialog__body">
-      <header class="dialog__head">
-        <h2 id="upload-title">Upload</h2>
-        <button class="button button--quiet button--icon" aria-label="Close" onClick=${() => dialog.current?.close()}><${Icon} name="cross" /></button>
-      </header>
-      ${found.error && html`<p class="upload__fault" role="alert">${found.error}</p>`}
-      ${!found.plan && !found.error && html`<p class="upload__reading" role="status"><span class="spinner" aria-hidden="true"></span>${found.entries ? `Reading labels: ${countText(found.read)}` : "Looking at the files"}</p>`}
-      ${found.entries && found.layouts.length === 0 && html`<${NoLayout} entries=${found.entries} />`}
-      ${found.plan && html`<${Review} app=${app} found=${found} plan=${found.plan} close=${() => dialog.current?.close()} />`}
-    </div>
-  </dialog>`;
+  const { plan, error } = found;
+  /** What was typed stays when the files are read as another layout. */
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null));
+  return html`<${Dialog} dialog=${dialog} id="upload-title" title="Upload" kind="upload" onClose=${() => app.uploads.dropped.set(null)}>
+  ${error ? html`<${NotRead} found=${found} error=${error} close=${close} />` : plan ? html`<${Review} app=${app} found=${found} plan=${plan} typed=${typed} setTyped=${setTyped} close=${close} />` : html`<${Progress} found=${found} close=${close} />`}
+  <//>`;
 }
 
 /**
  * @typedef {object} Found
  * @property {Entry[] | null} entries
  * @property {string} top  the name of the one folder, or ""
- * @property {Layout[]} layouts
- * @property {Layout | null} layout
  * @property {Plan | null} plan
- * @property {number} read
- * @property {string} error
- * @property {(layout: Layout) => void} choose
+ * @property {Reading | null} reading
+ * @property {Error | null} error
+ * @property {(layout: import("./folder.js").Layout) => void} read  once more, as this layout
+ * @property {() => void} retry
  */
 
 /** @param {Promise<Entry[]>} dropped @returns {Found} */
 function useFound(dropped) {
   const [files, setFiles] = useState(/** @type {{entries: Entry[], top: string} | null} */ (null));
-  const [chosen, choose] = useState(/** @type {Layout | null} */ (null));
+  const [wanted, setWanted] = useState(/** @type {{layout: import("./folder.js").Layout}} */ ({ layout: "auto" }));
   const [plan, setPlan] = useState(/** @type {Plan | null} */ (null));
-  const [read, setRead] = useState(0);
-  const [error, setError] = useState("");
-  const fail = (/** @type {unknown} */ fault) => setError(fault instanceof Error ? fault.message : String(fault));
-  useEffect(() => void dropped.then((all) => setFiles({ entries: visibleEntries(all), top: topOf(all) }), fail), [dropped]);
-  const layouts = useMemo(() => layoutsOf(files?.entries ?? []), [files]);
-  const layout = chosen ?? layouts[0] ?? null;
+  const [reading, setReading] = useState(/** @type {Reading | null} */ (null));
+  const [error, setError] = useState(/** @type {Error | null} */ (null));
   useEffect(() => {
-    if (!files || !layout) return;
-    let isCurrent = true;
-    let count = 0;
+    dropped.then((all) => {
+      const entries = visibleEntries(all);
+      if (entries.length === 0) throw new Error("There is nothing in it.");
+      setFiles({ entries, top: topOf(entries) });
+    }).catch(setError);
+  }, [dropped]);
+  useEffect(() => {
+    if (!files) return;
+    const stop = new AbortController();
     setPlan(null);
-    setError("");
-    const tick = () => void (++count % 50 === 0 && isCurrent && setRead(count));
-    readLayout(files.entries, layout, tick).then((next) => isCurrent && setPlan(next), (fault) => isCurrent && fail(fault));
-    return () => void (isCurrent = false);
-  }, [files, layout]);
-  return { entries: files?.entries ?? null, top: files?.top ?? "", layouts, layout, plan, read, error, choose };
+    setError(null);
+    const tell = (/** @type {Reading} */ now) => stop.signal.aborted || setReading(now);
+    readFolder(files.entries, wanted.layout, stop.signal, tell).then(
+      (next) => stop.signal.aborted || setPlan(next),
+      (fault) => stop.signal.aborted || setError(fault),
+    );
+    return () => stop.abort();
+  }, [files, wanted]);
+  return {
+    entries: files?.entries ?? null,
+    top: files?.top ?? "",
+    plan,
+    reading,
+    error,
+    read: (layout) => setWanted({ layout }),
+    retry: () => setWanted({ ...wanted }),
+  };
 }
 
-/** @param {readonly Entry[]} entries */
-const topOf = (entries) => (entries[0]?.path.includes("/") ? (entries[0].path.split("/")[0] ?? "") : "");
-
-/** @param {{entries: readonly Entry[]}} props */
-function NoLayout({ entries }) {
-  return html`<p role="alert">${entries.length ? `None of these ${countText(entries.length)} files is an image, a label or a manifest.` : "There is nothing in it."}</p>
-    <p class="faint">Expected a manifest.jsonl, a carlasimu folder, YOLO labels with a data.yaml or classes.txt, Pascal VOC, or images with their segmentations. KITTI and COCO: use <code>unghost push</code>.</p>`;
+/** @param {{found: Found, close: () => void}} props */
+function Progress({ found: { entries, reading }, close }) {
+  const share = reading?.of ? Math.floor((100 * reading.done) / reading.of) : null;
+  return html`<p class="upload__reading" role="status"><span class="spinner" aria-hidden="true"></span>${progressText(entries, reading)}</p>
+    ${share !== null && html`<div class="progress__track" role="progressbar" aria-label="Read" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${share}><span class="progress__fill" style=${{ width: `${share}%` }} /></div>`}
+    <footer class="dialog__foot"><button type="button" class="button" onClick=${close}>Cancel</button></footer>`;
 }
 
-/** @param {{app: App, found: Found, plan: Plan, close: () => void}} props */
-function Review({ app, found, plan, close }) {
-  const datasets = useLoaded(app, (signal) => app.api.datasets({ limit: 500 }, signal), []);
+/** @param {readonly Entry[] | null} entries @param {Reading | null} reading */
+function progressText(entries, reading) {
+  if (!entries || !reading) return "Looking at the files";
+  const files = countOf(entries.length, "file");
+  if (reading.step === "labels") return `Collecting the labels of ${files}`;
+  if (reading.step === "waiting") return `The server reads ${files}; nothing is stored yet`;
+  return `${countOf(reading.done, "frame")} found`;
+}
+
+/** Why nothing was read, and what can be done. @param {{found: Found, error: Error, close: () => void}} props */
+function NotRead({ found: { entries, top, read, retry }, error, close }) {
+  const isUnknown = error instanceof ApiError && error.problem.code === "bad_layout";
+  const isTooLarge = error instanceof ApiError && error.status === 413;
+  return html`<div class="upload">
+    ${isUnknown
+      ? html`<p role="alert">No frames were recognised in ${entries?.length === 1 ? "this file" : `these ${countOf(entries?.length ?? 0, "file")}`}.</p><p class="faint">${error.message}</p>`
+      : html`<p class="upload__fault" role="alert">${error.message}</p>`}
+    ${isTooLarge && html`<p>The command line takes folders of any size:</p><${Command} text=${commandOf(top, "")} />`}
+    <footer class="dialog__foot">
+      <button type="button" class="button" onClick=${close}>Cancel</button>
+      ${isUnknown && hasImages(entries ?? []) && html`<button type="button" class="button button--primary" onClick=${() => read("pairs")}>Take the images alone</button>`}
+      ${entries && !isUnknown && html`<button type="button" class="button button--primary" onClick=${retry}>Try again</button>`}
+    </footer>
+  </div>`;
+}
+
+/** @param {string} top @param {string} name */
+const commandOf = (top, name) => `unghost push ${top || "FOLDER"} --dataset ${name || "NAME"}`;
+
+/** @param {{app: App, found: Found, plan: Plan, typed: string | null, setTyped: (name: string) => void, close: () => void}} props */
+function Review({ app, found, plan, typed, setTyped, close }) {
+  const datasets = useLoaded((signal) => get("/api/v1/datasets", { query: { limit: 500 }, signal }), []);
   const known = datasets.value?.items ?? [];
   // Until then nobody knows whether the name is that of a dataset which is there.
   const isKnown = datasets.state !== "loading";
-  const [name, setName] = useState(() => app.head.get().dataset || slugOf(found.top));
+  const name = typed ?? (app.head.get().dataset || slugOf(found.top));
   const [lossy, setLossy] = useState(false);
   const [replace, setReplace] = useState(false);
   const [refusal, setRefusal] = useState("");
@@ -106,24 +154,23 @@ function Review({ app, found, plan, close }) {
     event.preventDefault();
     if (!NAME.test(name)) return setRefusal(name ? NAME_RULE : "Give the dataset a name.");
     setBusy(true);
-    /** @type {Record<string, string>} */
+    /** @type {import("./sender.js").Order["reading"]} */
     const reading = lossy ? { lossy_segmentation: "nearest" } : {};
     const order = { dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace };
     return app.uploads.start(order).then(close, (error) => {
-      app.notice(error);
       setRefusal(error.message);
       setBusy(false);
     });
   };
 
   return html`<form class="upload" onSubmit=${submit} novalidate>
-    ${found.layouts.length > 1 && html`<${Segments} label="Layout" value=${plan.layout} choices=${found.layouts.map((value) => ({ value, text: LAYOUT_NAMES[value] }))} onChange=${found.choose} />`}
-    <p class="upload__sum"><b>${LAYOUT_NAMES[plan.layout]}</b> · ${summary(plan)}</p>
+    ${plan.layouts.length > 1 && html`<${Segments} label="Layout" value=${plan.layout} choices=${plan.layouts.map((value) => ({ value, text: layoutName(value) }))} onChange=${found.read} />`}
+    <p class="upload__sum"><b>${layoutName(plan.layout)}</b> · ${summary(plan)}</p>
     ${count > 0 && html`<${PlanTable} plan=${plan} />`}
     <label class="field">
       <span>Dataset</span>
       <input ref=${field} name="dataset" list="upload-datasets" value=${name} spellcheck=${false} autocomplete="off" maxlength="100" aria-invalid=${refusal !== ""} aria-describedby="upload-where upload-error"
-        onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setName(event.currentTarget.value.trim()), setRefusal(""))} />
+        onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => (setTyped(event.currentTarget.value.trim()), setRefusal(""))} />
       <datalist id="upload-datasets">${known.map((dataset) => html`<option value=${dataset.name} />`)}</datalist>
     </label>
     <p id="upload-where" class="faint">${!isKnown ? "Looking which datasets there are …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. What is there already is not stored twice.` : "A new dataset is made."}</p>
@@ -145,11 +192,10 @@ function Review({ app, found, plan, close }) {
 function Hints({ plan, name, top }) {
   const bare = plan.frames.filter(({ files }) => !files.segmentation).length;
   const empty = plan.frames.filter(({ annotation }) => !(/** @type {unknown[]} */ (annotation.boxes)?.length)).length;
-  const command = `unghost push ${top || "FOLDER"} --dataset ${name || "NAME"}`;
   return html`
     ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: nothing can be measured there, the boxes will be unmeasured.</p>`}
     ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without a box.</p>`}
-    ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and goes on where it stopped:</p><${Command} text=${command} />`}`;
+    ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and goes on where it stopped:</p><${Command} text=${commandOf(top, name)} />`}`;
 }
 
 /** @param {Plan} plan */
@@ -167,7 +213,7 @@ const slugOf = (text) => text.toLowerCase().replace(/[^a-z0-9._-]+/g, "-").repla
 
 const MOST_ROWS = 4;
 
-/** The first frames, as they will be sent. @param {{plan: import("./layouts.js").Plan}} props */
+/** The first frames, as they will be sent. @param {{plan: import("./folder.js").Plan}} props */
 export function PlanTable({ plan }) {
   const rest = plan.frames.length - MOST_ROWS;
   return html`<div class="upload__table"><table>
@@ -184,5 +230,5 @@ export function PlanTable({ plan }) {
   </table></div>`;
 }
 
-/** @param {{entry: import("./matching.js").Entry | undefined}} props */
-const Cell = ({ entry }) => (entry ? html`<td title=${entry.path}>${baseOf(entry.path)}</td>` : html`<td class="faint">none</td>`);
+/** @param {{entry: import("./folder.js").Entry | undefined}} props */
+const Cell = ({ entry }) => (entry ? html`<td title=${entry.path}>${entry.path.slice(entry.path.lastIndexOf("/") + 1)}</td>` : html`<td class="faint">none</td>`);

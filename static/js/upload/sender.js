@@ -1,11 +1,11 @@
 // @ts-check
 // Frames sent a few at a time: pause, cancel, go on, try the refused again.
 
-import { ApiError, NoAnswer, post, segment, send, urlOf } from "../core/api.js";
+import { ApiError, NoAnswer, ask, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
-/** @typedef {import("./matching.js").Entry} Entry */
-/** @typedef {import("./manifest.js").ReadFrame} ReadFrame */
+/** @typedef {import("./folder.js").Entry} Entry */
+/** @typedef {import("./folder.js").ReadFrame} ReadFrame */
 /** @typedef {"sending" | "paused" | "offline" | "busy" | "signed-out" | "done" | "stopped"} Phase */
 /** @typedef {{key: string, why: string, more: readonly string[]}} Refusal */
 
@@ -57,20 +57,19 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
 
   /** @param {ReadFrame} frame */
   async function sendOne(frame) {
-    try {
-      const isNew = await put(frame, stop.signal);
-      retryS = FIRST_RETRY_S;
-      const { stored, same } = state.get();
-      change(isNew ? { stored: stored + 1 } : { same: same + 1 });
-    } catch (error) {
-      if (!stop.signal.aborted) settle(frame, error);
-    } finally {
-      active--;
-      fill();
-    }
+    await put(frame, stop.signal).then(count, (error) => stop.signal.aborted || settle(frame, error));
+    active--;
+    fill();
   }
 
-  /** @param {ReadFrame} frame @param {unknown} error */
+  /** @param {boolean} isNew */
+  function count(isNew) {
+    retryS = FIRST_RETRY_S;
+    const { stored, same } = state.get();
+    change(isNew ? { stored: stored + 1 } : { same: same + 1 });
+  }
+
+  /** @param {ReadFrame} frame @param {Error} error */
   function settle(frame, error) {
     if (error instanceof NoAnswer) return again(frame, "offline", retryS);
     if (error instanceof ApiError) {
@@ -124,9 +123,9 @@ export function createSender(frames, put, later = (run, delayMs) => void setTime
 
 /** @typedef {ReturnType<typeof createSender>} Sender */
 
-/** @param {ReadFrame} frame @param {unknown} error @returns {Refusal} */
+/** @param {ReadFrame} frame @param {Error} error @returns {Refusal} */
 function refusalOf({ key }, error) {
-  if (!(error instanceof ApiError)) return { key, why: error instanceof Error ? error.message : String(error), more: [] };
+  if (!(error instanceof ApiError)) return { key, why: error.message, more: [] };
   const faults = (error.problem.errors ?? []).map(({ pointer = "", detail = "" }) => [pointer, detail].filter(Boolean).join(": "));
   const others = error.problem.more_errors ?? 0;
   if (others > 0) faults.push(`and ${others} more`);
@@ -140,13 +139,10 @@ export const doneOf = ({ stored, same, refused }) => stored + same + refused.len
 /** @param {Phase} phase */
 export const isOver = (phase) => phase === "done" || phase === "stopped";
 
-/** Slashes stay: they are part of a key. @param {string} key */
-const keyPath = (key) => key.split("/").map(segment).join("/");
-
-/** A file as it is now; one that has gone or changed since it was picked is refused here, not by the network. @param {import("./matching.js").Entry} entry */
-async function contentOf({ blob, path }) {
+/** A file as it is now; one that has gone or changed since it was picked is refused here, not by the network. @param {import("./folder.js").Entry} entry */
+export async function contentOf({ blob, path }) {
   try {
-    return new Blob([await blob.arrayBuffer()]);
+    return new Uint8Array(await blob.arrayBuffer());
   } catch {
     throw new Error(`${path} can no longer be read: it was changed or taken away`);
   }
@@ -158,28 +154,28 @@ async function formOf({ annotation, files }) {
   form.append("annotation", new Blob([JSON.stringify(annotation)], { type: "application/json" }), "annotation.json");
   for (const kind of FILE_KINDS) {
     const entry = files[kind];
-    if (entry) form.append(kind, await contentOf(entry), kind);
+    if (entry) form.append(kind, new Blob([await contentOf(entry)]), kind);
   }
   return form;
 }
 
 export const uploadCalls = {
-  /** @param {{name: string, classes?: string[]} & Record<string, unknown>} dataset @returns {Promise<import("../core/types.js").Dataset>} */
-  createDataset: (dataset) => post("/datasets", dataset),
+  /** @param {import("../core/openapi.js").DatasetIn} dataset */
+  createDataset: (dataset) => post("/api/v1/datasets", { body: dataset }),
 
   /**
    * @param {string} dataset @param {ReadFrame} frame @param {boolean} replace  other content becomes the next revision
    * @param {AbortSignal} signal @returns {Promise<boolean>} true: stored now; false: it was there already
    */
   async putFrame(dataset, frame, replace, signal) {
-    const url = urlOf(`/datasets/${segment(dataset)}/frames/${keyPath(frame.key)}`, { replace: replace ? "true" : undefined });
-    return (await send(url, { method: "PUT", body: await formOf(frame), signal })).status === 201;
+    const body = await formOf(frame);
+    return (await ask("put", "/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset, key: frame.key }, query: { replace }, body, signal })).status === 201;
   },
 };
 
 /** @typedef {typeof uploadCalls} UploadCalls */
 /** @typedef {{dataset: string, sender: Sender}} Job */
-/** @typedef {{dataset: string, isNew: boolean, classes: string[] | null, reading: Record<string, string>, frames: readonly ReadFrame[], replace: boolean}} Order */
+/** @typedef {{dataset: string, isNew: boolean, classes: string[] | null, reading: Partial<import("../core/openapi.js").DatasetIn>, frames: readonly ReadFrame[], replace: boolean}} Order */
 
 /**
  * @param {UploadCalls} calls

@@ -10,7 +10,7 @@ import { linkTo } from "../core/router.js";
 import { doneOf, isOver } from "./sender.js";
 
 /** @typedef {import("./sender.js").UploadApp} App */
-/** @typedef {import("./matching.js").Entry} Entry */
+/** @typedef {import("./folder.js").Entry} Entry */
 /** @typedef {import("./sender.js").Progress} Progress */
 
 /** What uploads show over whatever view is on. @param {{app: App}} props */
@@ -64,7 +64,7 @@ function LateDialog({ app, dropped }) {
   return late && html`<${late.UploadDialog} app=${app} dropped=${dropped} />`;
 }
 
-/** One at a time: what runs is not thrown away by a second drop. @param {App} app @param {Promise<import("./matching.js").Entry[]>} files */
+/** One at a time: what runs is not thrown away by a second drop. @param {App} app @param {Promise<import("./folder.js").Entry[]>} files */
 function offer(app, files) {
   if (app.uploads.isRunning()) app.toasts.show("An upload is going on. Wait for it, or cancel it first.");
   else app.uploads.take(files);
