@@ -26,9 +26,9 @@ from pathlib import Path
 from benchmarks.bench_batch import Scene, send
 from benchmarks.bench_upload import cpu_seconds
 from benchmarks.street import street
-from tests.api.long_streets import OTHER_PIXELS
-from tests.api.resources import Api
-from tests.cluster.nodes import children, cluster
+from tests.support.api import Api
+from tests.support.cluster import children, cluster
+from tests.support.long_streets import OTHER_PIXELS
 from tests.support.servers import RunningServer, running_server
 
 DATASET = "bench"

@@ -14,7 +14,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import partial
 
 import numpy as np
@@ -25,8 +25,9 @@ from filter_core.formats.export import (
     ExportOptions,
     GivenAnnotation,
 )
+from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
-from filter_core.types import DecidedBoxes, Reason
+from filter_core.types import DecidedBoxes, DecisionColumns, Reason
 
 FEW, MANY = 1_000, 10_000
 BOXES = 30
@@ -79,8 +80,7 @@ def written(name: str, frames: int) -> dict[str, float]:
     head = ExportHead(CLASSES, expected_boxes=frames * BOXES)
     options = ExportOptions.from_mapping(images)
     started = time.process_time()
-    whole = "decisions" in FORMATS[name].needs
-    write_export(name, street(frames, whole=whole), swallow, head, options)
+    write_export(name, street(frames, FORMATS[name].needs), swallow, head, options)
     spent = time.process_time() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"us_per_box": spent * 1e6 / (frames * BOXES), "peak_mib": peak / MIB}
@@ -91,7 +91,7 @@ def swallow(_file: str, pieces: Iterable[bytes]) -> None:
         pass
 
 
-def street(frames: int, *, whole: bool) -> Iterator[ExportFrame]:
+def street(frames: int, needs: Collection[Need]) -> Iterator[ExportFrame]:
     """A third of the boxes is rejected, so that the books grow as well."""
     for number in range(frames):
         boxes = boxes_of(number)
@@ -102,7 +102,8 @@ def street(frames: int, *, whole: bool) -> Iterator[ExportFrame]:
             boxes=boxes,
             given=GivenAnnotation(partial(dict, given), WH),
             map="Town10HD",
-            decisions=decisions_of(boxes) if whole else (),
+            decisions=decisions_of(boxes) if "decisions" in needs else (),
+            columns=columns_of(boxes) if "decision_columns" in needs else None,
         )
 
 
@@ -141,6 +142,25 @@ def decisions_of(boxes: DecidedBoxes) -> list[dict[str, object]]:
         }
         for row, box_id in enumerate(boxes.ids)
     ]
+
+
+def columns_of(boxes: DecidedBoxes) -> DecisionColumns:
+    numbers, absent = np.full(BOXES, 50.0), [None] * BOXES
+    return DecisionColumns(
+        threshold=numbers,
+        margin=numbers,
+        toss_up=boxes.lossy,
+        large=boxes.lossy,
+        matched_pixels=np.arange(BOXES),
+        box_pixels=np.arange(BOXES),
+        area_percent=numbers,
+        crowding=numbers,
+        explained_by=absent,
+        hidden_by=[()] * BOXES,
+        reviewer=absent,
+        comment=absent,
+        config="0" * 64,
+    )
 
 
 if __name__ == "__main__":

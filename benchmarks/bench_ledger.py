@@ -156,6 +156,7 @@ def drive(context: ServiceContext, chunks: int) -> None:
         engine=Instant(1),
         pixels=context.pixels,
         drawers=context.drawers,
+        folders=context.folders,
     )
     config = FilterConfig()
     wanted = NewDataset(DatasetReading("chunks"), "", None, config, "benchmark")

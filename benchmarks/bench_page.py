@@ -36,7 +36,7 @@ from benchmarks.bench_runs import opened
 from benchmarks.million import BOXES_PER_FRAME, NAME, fill
 from benchmarks.page_trace import milliseconds_per_frame
 from benchmarks.street import HEIGHT, WIDTH, street
-from tests.browser.conftest import ARGUMENTS, CHROMIUM
+from tests.support.page.windows import ARGUMENTS, CHROMIUM
 from tests.support.servers import RunningServer, running_server
 
 PICTURES: Final = 24

@@ -24,7 +24,7 @@ import numpy as np
 from playwright.sync_api import Page, StorageState, ViewportSize, sync_playwright
 
 from benchmarks.street import HEIGHT, WIDTH, street
-from tests.browser.conftest import ARGUMENTS, CHROMIUM
+from tests.support.page.windows import ARGUMENTS, CHROMIUM
 from tests.support.servers import RunningServer, running_server
 
 DATASET: Final = "queue"

@@ -19,7 +19,7 @@ from playwright.sync_api import Locator, Page, sync_playwright
 
 from benchmarks.bench_runs import opened, prepare, quantile
 from benchmarks.million import NAME
-from tests.browser.conftest import ARGUMENTS, CHROMIUM, WIDE
+from tests.support.page.windows import ARGUMENTS, CHROMIUM, WIDE
 from tests.support.servers import RunningServer, running_server
 
 SWEEPS = 4

@@ -36,7 +36,7 @@ from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
 from app.runs.queries import BOXES_PER_ROW, pack_flips
-from app.security import Principal, Role
+from app.security import Principal
 from app.settings import Settings
 from benchmarks.million import BOXES_PER_FRAME, MadeRows, Wanted, make, rows_of
 from filter_core.config.filter import FilterConfig
@@ -47,7 +47,7 @@ SIZES = (1, 2, 4, 8, 16, 32, 64, 256, 1_000, 10_000)
 ROWS_PER_SIZE = 10_000
 REPEATS = 3
 UPLOADED = 400
-ADA = Principal(1, "ada", Role.REVIEWER)
+ADA = Principal(1, "ada", "reviewer")
 """Frames that are stored as the service does it: pixels and all."""
 WIDTH, HEIGHT = 1280, 720
 GROWING = ("frames", "frame_files", "blobs", "boxes", "evidence", "decisions")

@@ -21,7 +21,7 @@ from pathlib import Path
 from benchmarks.bench_local import annotation
 from benchmarks.bench_upload import photograph
 from benchmarks.street import street
-from tests.api import frames as tiny
+from tests.support import frames as tiny
 from tests.support.servers import RunningServer, running_server
 
 MOST_GROWTH = 1.1

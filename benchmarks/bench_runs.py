@@ -20,7 +20,8 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import Selection, to_filter
-from app.boxes.reader import PageRequest, list_boxes
+from app.boxes.queries import PageRequest
+from app.boxes.reader import list_boxes
 from app.context import ServiceContext
 from app.datasets.service import statistics as dataset_statistics
 from app.db.engine import Database
@@ -31,7 +32,7 @@ from app.measuring.columns import ColumnCache
 from app.measuring.queries import DatasetRepository
 from app.memory import settle
 from app.package import migrations_dir
-from app.process.lifespan import pixel_pool, register_kinds
+from app.process.lifespan import folder_pool, pixel_pool, register_kinds
 from app.runs.flips import PreviewLimits, preview
 from app.runs.service import RunRequest, request_run
 from app.settings import Settings
@@ -78,6 +79,7 @@ def opened(folder: Path) -> ServiceContext:
         engine=LocalEngine(settings.workers),
         pixels=pixel_pool(settings, settings.workers),
         drawers=pixel_pool(settings, 1),
+        folders=folder_pool(settings),
     )
 
 

@@ -58,7 +58,7 @@ def write_page(found: dict[str, Any]) -> None:
     (DOCS / "evaluation.md").write_text(page, "utf-8")
     (DOCS / PICTURE).parent.mkdir(exist_ok=True)
     (DOCS / PICTURE).write_text(
-        f1_plot([(title, score) for title, score, _ in rows]), "utf-8"
+        f1_plot([(title, score["f1"]) for title, score, _ in rows]), "utf-8"
     )
 
 

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests import databases
-from tests.s3_server import KEYS, S3Server, s3_server
-from tests.support.servers import RunningServer, running_server
+from tests.support import databases
+from tests.support.api import Api
+from tests.support.s3_server import KEYS, S3Server, s3_server
+from tests.support.servers import RunningServer, StartServer, running_server
 
 # Few, because every run tries others; `make test-long` tries more.
 settings.register_profile(
@@ -30,7 +31,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background: what the tests start is to be interrupted all the same.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-StartServer = Callable[..., RunningServer]
+StartApi = Callable[..., tuple[RunningServer, Api]]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -103,5 +104,19 @@ def start_server(data_dir: Path) -> Iterator[StartServer]:
 
         def start(**settings: str) -> RunningServer:
             return started.enter_context(running_server(data_dir, settings))
+
+        yield start
+
+
+@pytest.fixture
+def start_api(start_server: StartServer) -> Iterator[StartApi]:
+    """`start_server`, and a client of it that is an admin."""
+    with ExitStack() as opened:
+
+        def start(**settings: str) -> tuple[RunningServer, Api]:
+            server = start_server(**settings)
+            api = Api.at(server.url, server.headers)
+            opened.enter_context(api.http)
+            return server, api
 
         yield start

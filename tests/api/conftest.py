@@ -9,18 +9,17 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.security import Role, hash_secret, new_token
-from tests.api import frames as scene
-from tests.api.live import Live, live
-from tests.api.resources import Api
-from tests.conftest import StartServer
+from app.security import hash_secret, new_token
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.live import Live, live
 from tests.support.servers import RunningServer
+from unghost.wire.words import Role
 
 LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
 LIMITS |= {"max_batch_bytes": 1_000_000}
 Serve = Callable[..., Live]
 AsRole = Callable[[Role], httpx.Client]
-StartApi = Callable[..., tuple[RunningServer, Api]]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +64,7 @@ def as_role(service: Live) -> Iterator[AsRole]:
             token = new_token()
             digest = hash_secret(token)
             with service.app.state.database.write() as session:
-                session.add(Token(name=digest[:20], role=role.value, hash=digest))
+                session.add(Token(name=digest[:20], role=role, hash=digest))
             return opened.enter_context(service.client(Authorization=f"Bearer {token}"))
 
         yield client
@@ -77,20 +76,6 @@ def api(server: RunningServer) -> Iterator[Api]:
     opened = Api.at(server.url, server.headers)
     with opened.http:
         yield opened
-
-
-@pytest.fixture
-def start_api(start_server: StartServer) -> Iterator[StartApi]:
-    """`start_server`, and a client of it that is an admin."""
-    with ExitStack() as opened:
-
-        def start(**settings: str) -> tuple[RunningServer, Api]:
-            server = start_server(**settings)
-            api = Api.at(server.url, server.headers)
-            opened.enter_context(api.http)
-            return server, api
-
-        yield start
 
 
 @pytest.fixture

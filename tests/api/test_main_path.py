@@ -8,9 +8,9 @@ import zipfile
 
 import pytest
 
-from tests.api import frames as scene
-from tests.api.archives import frame, lines_of, packed
-from tests.api.resources import BASE
+from tests.support import frames as scene
+from tests.support.api import BASE
+from tests.support.archives import frame, lines_of, packed
 
 FRAMES = 24
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}

@@ -7,7 +7,7 @@ import re
 import sys
 from importlib import metadata
 
-from tests.architecture.sources import PRODUCT, python_sources
+from tests.support.sources import PRODUCT, python_sources
 
 MODULE_OF = {
     "opencv-python-headless": "cv2",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import PurePath
 
-from tests.architecture.sources import page_sources, python_sources
+from tests.support.sources import page_sources, python_sources
 
 EMPTY_NAMES = frozenset(
     {"util", "utils", "helper", "helpers", "common", "misc", "manager", "managers"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 
-from tests.architecture.sources import CHECKOUT, python_sources
+from tests.support.sources import CHECKOUT, python_sources
 
 CLIENTS = {
     *("aiohttp", "ftplib", "http", "httpx", "requests", "smtplib", "telnetlib"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 from typing import Final
 
-from tests.architecture.sources import python_sources
+from tests.support.sources import python_sources
 
 LEVELS: Final = (
     {"__main__"},

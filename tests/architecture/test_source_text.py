@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from tests.architecture.sources import (
+from tests.support.sources import (
     PRODUCT,
     Source,
     page_sources,
@@ -22,7 +22,7 @@ UNSAFE_PYTHON = {
     "eval runs what it is given": r"(?<![\w.])(eval|exec)\(",
     "xml.etree expands entities": r"^\s*(import xml|from xml\.(?!sax\.saxutils))",
 }
-READS_ITS_OWN = "app/engine/pixels.py"
+READS_ITS_OWN = "app/engine/children.py"
 """Its processes' answers are read by a list of names: see test_pixel_pool.py."""
 UNSAFE_PAGE = {
     "markup from strings is how scripts get in": r"\.(inner|outer)HTML\b(?!\s*[=!]==)",

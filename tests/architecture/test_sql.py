@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 
-from tests.architecture.sources import Source, python_sources
+from tests.support.sources import Source, python_sources
 
 # Opening, passing on and closing; nothing with which a statement could be written.
 HARMLESS = {"URL", "Connection", "Engine", "Session", "event", "exc", "make_url"}

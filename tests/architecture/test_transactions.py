@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 
-from tests.architecture.sources import python_sources
+from tests.support.sources import python_sources
 
 ENDS = {"commit", "rollback"}
 OPENS = {"read", "write", "write_beside"}

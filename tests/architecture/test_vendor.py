@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 
-from tests.architecture.sources import CHECKOUT
+from tests.support.sources import CHECKOUT
 
 VENDOR = CHECKOUT / "static" / "vendor"
 LOCKED = json.loads((VENDOR / "lock.json").read_text("utf-8"))["files"]

@@ -2,40 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
-from tests.browser import crowds
-from tests.browser.conftest import PHONE, WIDE, Scene, Visit, Visitor, lose_session
+from tests.support.page import crowds
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import Scene
+from tests.support.page.windows import PHONE, WIDE, Visit, Visitor, lose_session
 
 pytestmark = pytest.mark.browser
-
-AXE = (Path(__file__).parent / "vendor" / "axe-core-4.14.1.min.js").read_text("utf-8")
-# A colour half way through its transition is nobody's choice: contrast counts at rest.
-RUN = """async () => {
-  const moving = document.getAnimations()
-    .filter((one) => one.effect.getComputedTiming().endTime < 2000);
-  const rest = Promise.allSettled(moving.map((one) => one.finished));
-  await Promise.race([rest, new Promise((late) => setTimeout(late, 2000))]);
-  const { violations } = await axe.run(document, { resultTypes: ["violations"] });
-  return violations.flatMap(({ id, impact, nodes }) =>
-    nodes.map(({ html, failureSummary }) => ({ id, impact, html, failureSummary })));
-}"""
-SERIOUS = ("serious", "critical")
-
-
-def findings(page: Page) -> list[dict[str, str]]:
-    """What axe finds that keeps people out."""
-    page.evaluate(AXE)
-    found: list[dict[str, str]] = page.evaluate(RUN)
-    return [finding for finding in found if finding["impact"] in SERIOUS]
-
-
-@pytest.fixture(params=["light", pytest.param("dark", marks=pytest.mark.long)])
-def scheme(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])

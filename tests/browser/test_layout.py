@@ -6,8 +6,9 @@ import httpx
 import pytest
 from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
 
-from tests.browser import crowds
-from tests.browser.conftest import PHONE, WIDE, MakeScene, Scene, Visit, Visitor
+from tests.support.page import crowds
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.windows import PHONE, WIDE, Visit, Visitor
 
 pytestmark = pytest.mark.browser
 

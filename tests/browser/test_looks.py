@@ -7,8 +7,9 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import PHONE, Scene, Visit, Visitor
-from tests.browser.stage import after_drawing, view
+from tests.support.page.scenes import Scene
+from tests.support.page.stage import after_drawing, view
+from tests.support.page.windows import PHONE, Visit, Visitor
 
 pytestmark = pytest.mark.browser
 

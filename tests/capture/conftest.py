@@ -10,35 +10,19 @@ from typing import Any
 
 import pytest
 
+from tests.support.fake_carla.scenarios import scenario
+
 if importlib.util.find_spec("carla") is None:
     # CARLA has no client library for this machine: nothing here can run.
     collect_ignore_glob = ["test_*.py"]
 else:
-    from tests.capture.fake_carla.library import as_library
-    from tests.capture.fake_carla.simulator import Simulator
-    from tests.capture.street import street
+    from tests.support.fake_carla.library import as_library
+    from tests.support.fake_carla.simulator import Simulator
+    from tests.support.fake_carla.street import street
 
 from unghost.capture.recording import Recorded, Request, record
-from unghost.capture.scenario import Scenario, parse_scenario
 
 Capture = Callable[..., Recorded]
-
-SMALL: dict[str, Any] = {
-    "frames": 3,
-    "delta_s": 0.05,
-    "interval_s": 0.1,
-    "warm_up_ticks": 10,
-    "sensor_wait_s": 2.0,
-    "ego": {"spawn_point": 0, "autopilot": False},
-    "camera": {"width": 160, "height": 96},
-    "vehicles": {"count": 4, "filter": "vehicle.tesla.*"},
-    "walkers": {"standing": 2},
-}
-
-
-def scenario(**changes: Any) -> Scenario:
-    """A small scenario of the street, with these keys changed."""
-    return parse_scenario({**SMALL, **changes}, "test.yaml")
 
 
 class Stage:

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from tests.api.command_line import CommandLine
-from tests.capture.conftest import SMALL
+from tests.support.command_line import CommandLine
+from tests.support.fake_carla.scenarios import SMALL
 from unghost.cli.program import app
 
 

@@ -11,8 +11,8 @@ import time
 import pytest
 import yaml
 
-from tests.api.command_line import CommandLine
-from tests.capture.conftest import SMALL
+from tests.support.command_line import CommandLine
+from tests.support.fake_carla.scenarios import SMALL
 from tests.support.processes import start
 from tests.support.servers import RunningServer
 from unghost import Client
@@ -32,7 +32,7 @@ class CaptureLine(CommandLine):
 
     def program(self, *words):
         state = self.folder / "state.json"
-        return ["tests.capture.program", str(state), *map(str, words)]
+        return ["tests.support.fake_carla.program", str(state), *map(str, words)]
 
     def start(self, *words):
         path = os.pathsep.join(p for p in sys.path if p)

@@ -8,7 +8,7 @@ import re
 import carla
 import pytest
 
-from tests.capture.fake_carla.library import FAKES, VALUES
+from tests.support.fake_carla.library import FAKES, VALUES
 from unghost.capture import simulator as known
 from unghost.capture.blueprints import NUMBERS
 from unghost.capture.rig import BLUEPRINTS

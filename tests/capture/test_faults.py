@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from tests.capture.fake_carla.simulator import at
+from tests.support.fake_carla.simulator import at
 from unghost.capture.simulator import CaptureError
 
 

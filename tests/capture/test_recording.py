@@ -17,7 +17,7 @@ from filter_core.evidence.instances import read_instances
 from filter_core.evidence.lidar import read_points
 from filter_core.formats.registry import read_source
 from filter_core.local import filter_source
-from tests.capture.conftest import scenario
+from tests.support.fake_carla.scenarios import scenario
 
 FAR = {"attributes": {"range": 50}}
 ALL: dict[str, Any] = {"instances": True, "depth": True, "radar": True}

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from tests.api.resources import Api
-from tests.cluster.nodes import Cluster, Node, cluster
+from tests.support.api import Api
+from tests.support.cluster import Cluster, Node, cluster
 from tests.support.servers import RunningServer
 
 

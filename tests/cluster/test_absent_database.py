@@ -6,7 +6,8 @@ import signal
 
 import pytest
 
-from tests.cluster.nodes import cluster, free_port
+from tests.support.cluster import cluster
+from tests.support.ports import reserved_port
 
 SECRET = "hidden-word"
 
@@ -17,15 +18,17 @@ def made(tmp_path):
         yield made
 
 
+@pytest.fixture
 def nowhere():
     """The address of a PostgreSQL server that does not run."""
-    address = f"postgresql://postgres:{SECRET}@127.0.0.1:{free_port()}/nothing"
-    return {"UNGHOST_DATABASE_URL": address}
+    with reserved_port() as port:
+        address = f"postgresql://postgres:{SECRET}@127.0.0.1:{port}/nothing"
+        yield {"UNGHOST_DATABASE_URL": address}
 
 
-def test_a_worker_gives_up_in_words_where_no_database_answers(made):
+def test_a_worker_gives_up_in_words_where_no_database_answers(made, nowhere):
     """It ended with a traceback, and as if its settings were wrong."""
-    worker = made.worker("--patience", "1", joined=False, **nowhere())
+    worker = made.worker("--patience", "1", joined=False, **nowhere)
 
     assert worker.ended() == 69
     assert "the database does not answer" in worker.said
@@ -33,8 +36,8 @@ def test_a_worker_gives_up_in_words_where_no_database_answers(made):
     assert "Traceback" not in worker.said
 
 
-def test_a_worker_that_waits_for_its_database_stops_when_told(made):
-    worker = made.worker(joined=False, **nowhere())
+def test_a_worker_that_waits_for_its_database_stops_when_told(made, nowhere):
+    worker = made.worker(joined=False, **nowhere)
     worker.waits_for("waiting for the database")
 
     worker.process.send_signal(signal.SIGTERM)

@@ -16,8 +16,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from app.engine import UnusableEngine
 from app.engine.certificates import NODES
 from app.engine.dask import Certificates, run_scheduler
-from tests.api.command_line import CommandLine
-from tests.services import running_services
+from tests.support.command_line import CommandLine
+from tests.support.services import running_services
 
 AWAY = 69
 HOSTS = ("scheduler.lab", "10.0.0.5")

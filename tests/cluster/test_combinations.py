@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from tests.api import frames as scene
-from tests.api.long_streets import FROM_PIXELS
-from tests.api.resources import Api
-from tests.cluster.nodes import cluster
-from tests.databases import DATABASE_URL, migrated_postgres
-from tests.s3_server import S3Server
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.cluster import cluster
+from tests.support.databases import DATABASE_URL, migrated_postgres
+from tests.support.long_streets import FROM_PIXELS
+from tests.support.s3_server import S3Server
 from tests.support.servers import running_server
 
 FORMATS = ("decisions-jsonl", "yolo", "coco", "kitti")

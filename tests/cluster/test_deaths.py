@@ -8,10 +8,11 @@ import time
 
 import pytest
 
-from tests.api.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
-from tests.cluster.nodes import cluster, until, working_process
-from tests.cluster.totals import asked, begun_run, check_totals, ended, state_of
+from tests.support.cluster import cluster, working_process
+from tests.support.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
 from tests.support.servers import STOP_WAIT_S, stop
+from tests.support.totals import asked, begun_run, check_totals, ended, state_of
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -89,7 +90,7 @@ def test_another_server_takes_over_from_one_that_died(made):
 def test_a_frame_that_kills_is_named_and_all_others_are_measured(made):
     made.scheduler()
     with made.server() as (_, api):
-        program = ("tests.cluster.poisoned_worker",)
+        program = ("tests.support.poisoned_worker",)
         for _ in range(2):
             made.worker(program=program)
         name = fill(api, FRAMES)

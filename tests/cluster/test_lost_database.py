@@ -7,11 +7,12 @@ import time
 import httpx
 import pytest
 
-from tests.api.long_streets import fill
-from tests.api.resources import FINISHED
-from tests.cluster.nodes import cluster, until
-from tests.cluster.totals import begun_run, check_totals, state_of
-from tests.postgres_cluster import own_cluster
+from tests.support.api import FINISHED
+from tests.support.cluster import cluster
+from tests.support.long_streets import fill
+from tests.support.postgres_cluster import own_cluster
+from tests.support.totals import begun_run, check_totals, state_of
+from tests.support.waiting import until
 
 FRAMES = 80
 AWAY_S = 2

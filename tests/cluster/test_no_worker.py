@@ -7,9 +7,10 @@ import time
 import pytest
 
 from app.engine.cluster import COUNTED_FOR_S, TELL_AGAIN_S, Absence
-from tests.api.long_streets import FROM_PIXELS, fill
-from tests.cluster.nodes import cluster, until
-from tests.cluster.totals import check_totals, ended
+from tests.support.cluster import cluster
+from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.totals import check_totals, ended
+from tests.support.waiting import until
 
 SAID = "no worker has joined"
 

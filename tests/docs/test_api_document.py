@@ -13,7 +13,7 @@ from app.main import create_app
 from app.settings import Settings
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.pipeline import filter_frame
-from tests.docs.documents import DOCUMENTS, blocks, read
+from tests.support.documents import DOCUMENTS, blocks, read
 
 METHODS = ("GET", "POST", "PUT", "PATCH", "DELETE")
 ROW = re.compile(r"^\| ([A-Z]+) \| `(/[^`]*)` \| (.*) \|$", re.MULTILINE)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-from tests.docs.documents import CHECKOUT, read
+from tests.support.documents import read
+from tests.support.sources import CHECKOUT
 
 
 def test_every_benchmark_is_listed():

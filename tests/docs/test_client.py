@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.api.frames import write_manifest
-from tests.docs.documents import blocks, read
+from tests.support.documents import blocks, read
+from tests.support.frames import write_manifest
 
 EXAMPLES = blocks(read("docs/client.md"), "python")
 

@@ -9,7 +9,8 @@ import subprocess
 
 import pytest
 
-from tests.docs.documents import CHECKOUT, DOCUMENTS, blocks, read
+from tests.support.documents import DOCUMENTS, blocks, read
+from tests.support.sources import CHECKOUT
 from tools.reference import commands
 
 MAKE_TARGET = re.compile(r"^([a-z-]+):.*## ", re.MULTILINE)
@@ -58,6 +59,14 @@ def test_every_command_and_option_has_help(path):
 
     assert command.help
     assert silent == []
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_no_option_names_a_variable_that_it_is_not_read_from(path):
+    parameters = [vars(one) for one in COMMANDS[path].params]
+
+    shown = {one["name"] for one in parameters if one["show_envvar"]}
+    assert shown == {one["name"] for one in parameters if one["envvar"]}
 
 
 @pytest.mark.parametrize(

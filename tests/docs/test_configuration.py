@@ -6,7 +6,7 @@ import yaml
 
 from app.settings import Settings
 from filter_core.config.filter import FilterConfig
-from tests.docs.documents import blocks, read
+from tests.support.documents import blocks, read
 from tools.reference import (
     PARTS,
     configuration_table,

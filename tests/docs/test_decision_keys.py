@@ -9,12 +9,11 @@ from typing import Literal, Union, get_args, get_origin, get_type_hints, is_type
 from pydantic import BaseModel
 
 from app.boxes.reader import StoredDecision
-from app.package import static_dir
-from filter_core.decisions.explain import HiddenBy
 from filter_core.decisions.record import Decision
 from filter_core.formats.decisions import COLUMNS
 from filter_core.pipeline import SegmentationReport
-from tests.docs.documents import read
+from filter_core.types import HiddenBy
+from tests.support.documents import read
 from unghost.wire import boxes, frames
 
 # A table of plain values has corners for rectangles, and leaves out what is nested.
@@ -70,17 +69,6 @@ def test_the_service_answers_the_types_of_the_library():
 
 def test_what_the_service_composes_is_what_it_says_it_answers():
     assert typed_keys(StoredDecision) == schema_of(boxes.Decision)
-
-
-def test_the_page_names_no_key_that_is_not_answered():
-    text = (static_dir() / "js" / "core" / "types.js").read_text()
-    block = re.search(r"@typedef {object} Decision\n(.*?)\*/", text, re.DOTALL)
-    assert block is not None
-
-    named = set(re.findall(r"@property {.*} \[?(\w+)\]?", block[1]))
-
-    assert {"id", "class", "verdict", "hidden_by"} <= named
-    assert named <= set(StoredDecision.__annotations__)
 
 
 def test_tables_have_a_column_for_every_plain_value():

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import pytest
 
 from filter_core import parse_annotation
+from tests.support.sources import CHECKOUT
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = CHECKOUT / "docs"
 BLOCK = re.compile(r"```json\n(.*?)```", re.DOTALL)
 SHOWN = [
     pytest.param(block, id=f"{path.name} {number}")

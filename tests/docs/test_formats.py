@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from filter_core.formats.registry import FORMATS, LAYOUTS
-from tests.docs.documents import read
+from tests.support.documents import read
 from tools.reference import part_pattern
 from unghost.wire.runs import ExportIn, ExportOptions
 

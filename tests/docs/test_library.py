@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.docs.documents import blocks, read
+from tests.support.documents import blocks, read
 
 EXAMPLES = blocks(read("docs/library.md"), "python")
 CAR_COLOR_BGR = (142, 0, 0)

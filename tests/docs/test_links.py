@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.docs.documents import CHECKOUT, DOCUMENTS, anchors, links
+from tests.support.documents import DOCUMENTS, anchors, links
+from tests.support.sources import CHECKOUT
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.api.command_line import CommandLine
-from tests.docs.documents import CHECKOUT
+from tests.support.command_line import CommandLine
 from tests.support.servers import token_of
+from tests.support.sources import CHECKOUT
 
 NOTEBOOKS = sorted((CHECKOUT / "docs" / "notebooks").glob("*.ipynb"))
 
@@ -30,7 +30,7 @@ def demo(tmp_path_factory):
 def run(path: Path, folder: Path, settings: dict[str, str]) -> str:
     """What the cells print, one after the other."""
     answer = subprocess.run(
-        [sys.executable, "-m", "tests.docs.run_notebook", path],
+        [sys.executable, "-m", "tests.support.run_notebook", path],
         cwd=CHECKOUT,
         env=CommandLine(folder, settings).environ,
         capture_output=True,

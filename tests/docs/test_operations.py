@@ -13,8 +13,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from app.logs import Answered, JsonLines, access_log, log_answer
 from app.settings import Settings
-from tests.api.resources import MOST_LOOKS
-from tests.docs.documents import blocks, read
+from tests.support.api import MOST_LOOKS
+from tests.support.documents import blocks, read
 
 METRIC = re.compile(r"\b(?:unghost|process)_[a-z_]+\b")
 SETTING = re.compile(r"\bUNGHOST_[A-Z_]+\b")

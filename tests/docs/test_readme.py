@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.docs.documents import blocks, read
+from tests.support.documents import blocks, read
 from tests.support.servers import running_server
 
 CLIENT, LIBRARY = blocks(read("README.md"), "python")

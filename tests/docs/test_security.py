@@ -7,7 +7,8 @@ import re
 import pytest
 
 from app.settings import Settings
-from tests.docs.documents import CHECKOUT, read
+from tests.support.documents import read
+from tests.support.sources import CHECKOUT
 
 TEXT = read("docs/security.md")
 ATTACKS = re.findall(

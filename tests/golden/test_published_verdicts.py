@@ -11,9 +11,10 @@ import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.pipeline import filter_frame
-from tests.shared_data import shared
+from tests.support.shared_data import shared
+from tests.support.sources import CHECKOUT
 
-SMALL = Path(__file__).resolve().parents[1] / "data" / "published_verdicts"
+SMALL = CHECKOUT / "tests" / "data" / "published_verdicts"
 
 
 def check(folder: Path) -> int:

@@ -14,7 +14,7 @@ from filter_core.formats.registry import read_source
 from filter_core.geometry.boxes import to_xyxy
 from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame
-from tests.shared_data import shared
+from tests.support.shared_data import shared
 
 AUTHORS = "data/Mofeed-Chaar_base-repo-sample"
 VOC = "data/ee267-trojanhorsepower"

@@ -10,8 +10,8 @@ import pytest
 from filter_core.evidence.depth import depth_interval
 from filter_core.evidence.lidar import LidarPoints, points_inside
 from filter_core.geometry.pose import as_transform
-from tests.shared_data import shared
-from tests.unit.filter_core.geometry.geometry_oracle import camera_of
+from tests.support.geometry_oracle import camera_of
+from tests.support.shared_data import shared
 
 CAR = 14
 SOLID_M = 0.05

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.api.resources import Api
-from tests.hostile.openapi_cases import populate
+from tests.support.api import Api
+from tests.support.hostile.openapi_cases import populate
 from tests.support.servers import running_server
 
 SETTINGS = {

@@ -34,12 +34,12 @@ from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.local import filter_one
 from filter_core.segmentation.reading import SegmentationOptions
-from tests.hostile import test_fuzz_labels as labels
-from tests.hostile import test_fuzz_pixels as pixels
-from tests.hostile import test_fuzz_wire as wire
-from tests.hostile.guided import Bounds, Fuzzer
-from tests.hostile.mutations import EXAMPLES
-from tests.unit.filter_core.formats.folders import write_files
+from tests.support.folders import write_files
+from tests.support.hostile import label_samples as labels
+from tests.support.hostile import pixel_samples as pixels
+from tests.support.hostile import wire_samples as wire
+from tests.support.hostile.guided import Bounds, Fuzzer
+from tests.support.hostile.mutations import EXAMPLES
 
 IS_LONG = "FUZZ_EXAMPLES" in os.environ
 SEED = int(os.environ.get("FUZZ_SEED", str(random.getrandbits(32) if IS_LONG else 7)))

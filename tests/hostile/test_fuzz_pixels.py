@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
-import struct
 import zlib
 from contextlib import suppress
 from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -24,27 +21,14 @@ from filter_core.evidence.lidar import PointsError, read_points
 from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-from tests import pictures
-from tests.api import frames as scene
-from tests.hostile.mutations import damaged, little_memory, many
+from tests.support import pictures
+from tests.support.hostile.mutations import damaged, little_memory, many
+from tests.support.hostile.pixel_samples import CLOUDS, IMAGES, WH, npy, npy_of, ply
 
 pytestmark = pytest.mark.long
 
 SIDE = 512
-WH = (scene.WIDTH, scene.HEIGHT)
-TAGS = scene.tags()
-RGB = pictures.painted(TAGS)
 NEAREST = SegmentationOptions(lossy="nearest")
-IMAGES = [
-    scene.image(),
-    scene.segmentation(),
-    pictures.png(TAGS),
-    pictures.png(pictures.with_alpha(RGB)),
-    pictures.indexed_png(TAGS, np.arange(768).reshape(256, 3)),
-    pictures.jpeg(RGB),
-    cv2.imencode(".png", np.zeros((*TAGS.shape, 3), np.uint16))[1].tobytes(),
-    cv2.imencode(".jpg", TAGS, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes(),
-]
 READERS = {
     "header": partial(read_image_header, max_side=SIDE),
     "segmentation": partial(read_segmentation, max_side=SIDE),
@@ -79,47 +63,6 @@ def test_any_image_gives_a_result_or_our_own_error(reader, content):
         reader(content)
 
 
-POINTS = np.zeros(
-    3,
-    [
-        ("x", "f4"),
-        ("y", "f4"),
-        ("z", "f4"),
-        ("CosAngle", "f4"),
-        ("ObjIdx", "u4"),
-        ("ObjTag", "u4"),
-    ],
-)
-
-
-def npy(array: np.ndarray, version: tuple[int, int] = (1, 0)) -> bytes:
-    out = io.BytesIO()
-    np.lib.format.write_array(out, array, version)
-    return out.getvalue()
-
-
-def npy_of(header: str) -> bytes:
-    """A file of this header, with some bytes behind it."""
-    text = header.encode("latin-1", "replace")
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(64)
-
-
-def ply(form: str, body: bytes, count: object = 3) -> bytes:
-    names = ("x", "y", "z", "CosAngle", "ObjIdx", "ObjTag")
-    lines = ["ply", f"format {form} 1.0", f"element vertex {count}"]
-    lines += [f"property float {name}" for name in names] + ["end_header", ""]
-    return "\n".join(lines).encode() + body
-
-
-CLOUDS = [
-    npy(POINTS),
-    npy(POINTS, (2, 0)),
-    npy(np.zeros((3, 6))),
-    npy(np.asfortranarray(np.zeros((3, 6), np.int16))),
-    ply("ascii", b"1 2 3 0.5 7 14\n" * 3),
-    ply("binary_little_endian", bytes(72)),
-    ply("binary_big_endian", bytes(72)),
-]
 dtypes = st.sampled_from(
     ["'<f8'", "'O'", "'S9'", "'V0'", "'<U4'", "[('x', '<f4')]", "[('x', '<f4', (3,))]",
      "[('x', [('y', '<f4')])]", "('<f4', 3)", "[('x', 'O')]", "[]", "7", "'<M8[s]'"]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
-import tarfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
@@ -20,34 +19,15 @@ from hypothesis import strategies as st
 from app.errors import AppError
 from app.http.bodies import PartLimits, read_parts
 from app.ingest.tar import TarLimits, TarStream
-from tests.api import archives
-from tests.api import frames as scene
-from tests.hostile.mutations import EXAMPLES, damaged, little_memory, many
-from tests.hostile.openapi_cases import DATASET
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.hostile.mutations import EXAMPLES, damaged, little_memory, many
+from tests.support.hostile.openapi_cases import DATASET
+from tests.support.hostile.wire_samples import ARCHIVES, FORM, MEDIA_TYPE
 
 pytestmark = pytest.mark.long
 
 LIMITS = TarLimits(max_archive_bytes=10**7, max_member_bytes=20_000, max_members=50)
-FRAMES = archives.frame("a") + archives.frame("b/ü", number=1)
-ARCHIVES = [
-    archives.packed(FRAMES),
-    archives.packed([(f"{'long/' * 30}a.json", b"{}")], tarfile.GNU_FORMAT),
-    archives.pieces(FRAMES) + archives.END,
-    archives.header_of("././@LongLink", 200, b"L") + b"a" * 512 + archives.END,
-    archives.header_of("x", 60, b"x") + b"30 mtime=1\n19 path=a/b.json\n" + bytes(483),
-    archives.header_of("a", 0, tarfile.SYMTYPE) + archives.END,
-]
-BOUNDARY = b"b0undary"
-FORM = b"".join(
-    b'--%b\r\nContent-Disposition: form-data; name="%b"; filename="a"\r\n'
-    b"Content-Type: image/png\r\n\r\n%b\r\n" % (BOUNDARY, name, content)
-    for name, content in (
-        (b"annotation", b'{"boxes": []}'),
-        (b"image", FRAMES[1][1]),
-        (b"segmentation", FRAMES[2][1]),
-    )
-) + (b"--%b--\r\n" % BOUNDARY)
-MEDIA_TYPE = f"multipart/form-data; boundary={BOUNDARY.decode()}"
 on_a_server = settings(
     max_examples=max(EXAMPLES // 2, 1),
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from tests import databases
-from tests.api.resources import Api
-from tests.hostile.ledger import Ledger, Writer, digest, files
+from tests.support import databases
+from tests.support.api import Api
+from tests.support.hostile.ledger import Ledger, Writer, digest, files
 from tests.support.servers import running_server
 
 pytestmark = pytest.mark.long

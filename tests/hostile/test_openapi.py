@@ -8,7 +8,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.hostile.openapi_cases import SCHEMA, restore, says_what_is_wrong, spared
+from tests.support.hostile.openapi_cases import (
+    SCHEMA,
+    restore,
+    says_what_is_wrong,
+    spared,
+)
 
 pytestmark = pytest.mark.long
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.api import archives
-from tests.hostile.openapi_cases import DATASET, SCHEMA, populate
+from tests.support import archives
+from tests.support.hostile.openapi_cases import DATASET, SCHEMA, populate
 from unghost.wire.runs import Export, Run
 
 pytestmark = pytest.mark.long

@@ -22,9 +22,9 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from tests.api import archives
-from tests.api import frames as scene
-from tests.hostile.acts import (
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.hostile.acts import (
     ANSWERS,
     CONTENTS,
     FILTERS,
@@ -35,8 +35,8 @@ from tests.hostile.acts import (
     files_of,
     members_of,
 )
-from tests.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
-from tests.hostile.restarts import WAYS, Restarting
+from tests.support.hostile.model import RECTANGLES, THRESHOLDS, Content, Model
+from tests.support.hostile.restarts import WAYS, Restarting
 
 RUNS = int(os.environ.get("MACHINE_RUNS", "4"))
 IS_LONG = RUNS > 100

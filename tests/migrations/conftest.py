@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import Engine
 
 from app.db.engine import make_engine, sqlite_url
-from tests.databases import empty_postgres
+from tests.support.databases import empty_postgres
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

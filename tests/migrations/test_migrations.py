@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
@@ -11,10 +14,16 @@ from sqlalchemy.orm import Session
 
 from app.db import tables
 from app.db.base import Base, utc_now
-from app.db.migrate import WouldLose, current_revision, head_revision, migrate
+from app.db.migrate import (
+    WouldLose,
+    current_revision,
+    head_revision,
+    is_known,
+    migrate,
+)
 from app.db.tables import access as access_tables
 from app.package import migrations_dir
-from tests.migrations.filled import contents, fill, revisions
+from tests.support.filled_database import contents, fill, revisions
 
 SCRIPTS = migrations_dir()
 TOKENS = access_tables.Token.__tablename__
@@ -50,6 +59,35 @@ def test_up_down_and_up_again(engine):
     assert sorted(inspect(engine).get_table_names()) == first
     assert TOKENS in first
     assert current_revision(engine) == head_revision(SCRIPTS)
+
+
+def test_migrations_are_called_by_their_revisions(engine):
+    """So that Alembic is not needed to know which there are."""
+    known = revisions()
+
+    assert head_revision(SCRIPTS) == known[-1]
+    assert known == sorted(known)
+    assert all(is_known(SCRIPTS, revision) for revision in known)
+    assert not is_known(SCRIPTS, "9999")
+    assert not is_known(SCRIPTS, "")
+
+
+def test_a_schema_that_is_current_loads_no_alembic(tmp_path):
+    serve = (
+        "import sys; from pathlib import Path; import app.main;"
+        "from app.process.lifespan import running; from app.settings import Settings;"
+        f"context = running(Settings(data=Path({str(tmp_path)!r})));"
+        "context.__enter__(); print('alembic' in sys.modules);"
+        "context.__exit__(None, None, None)"
+    )
+
+    def loads_alembic() -> str:
+        program = [sys.executable, "-c", serve]
+        return subprocess.run(
+            program, check=True, capture_output=True, text=True
+        ).stdout.strip()
+
+    assert [loads_alembic(), loads_alembic()] == ["True", "False"]
 
 
 def test_the_models_are_what_the_migrations_make(engine):

@@ -13,8 +13,8 @@ from app.db.engine import make_engine, sqlite_url
 from app.db.inspection import revision_of
 from app.db.migrate import head_revision, migrate
 from app.package import migrations_dir
-from tests.api.resources import Api
-from tests.migrations.filled import contents, fill, restricted, revisions
+from tests.support.api import Api
+from tests.support.filled_database import contents, fill, restricted, revisions
 from tests.support.servers import running_server
 
 SCRIPTS = migrations_dir()

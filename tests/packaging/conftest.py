@@ -9,42 +9,18 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import sysconfig
 import tempfile
-import venv
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+from tests.support.installation import Installation, install
+from tests.support.sources import CHECKOUT
+
 NOT_SOURCE = shutil.ignore_patterns(
     ".git", ".venv", ".*_cache", "build", "dist", "*.egg-info", "node_modules", "*-data"
 )
-
-
-@dataclass(frozen=True)
-class Installation:
-    """A Python that has the wheel installed, and an empty folder to work in."""
-
-    python: Path
-    folder: Path
-
-    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        """Runs this Python, isolated, from the empty folder."""
-        return subprocess.run(
-            [self.python, "-I", *arguments],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-        )
-
-    def command(self, name: str) -> Path:
-        """An installed console script."""
-        return self.python.with_name(name)
 
 
 @pytest.fixture(scope="session")
@@ -72,19 +48,3 @@ def installation(wheel: Path) -> Iterator[Installation]:
         # As an installation is: for every user of the machine to read.
         folder.chmod(0o755)
         yield install(wheel, folder)
-
-
-def install(wheel: Path, folder: Path) -> Installation:
-    """An environment with the wheel, and the dependencies of the one that runs this."""
-    home = folder / "venv"
-    venv.create(home, with_pip=False, symlinks=True)
-    python = home / "bin" / "python"
-    pip = [sys.executable, "-m", "pip", "--python", str(python), "--quiet"]
-    install = [*pip, "install", "--no-deps", "--no-index", str(wheel)]
-    subprocess.run(install, check=True, capture_output=True, text=True)
-    (site_packages,) = home.glob("lib/python*/site-packages")
-    dependencies = sysconfig.get_paths()["purelib"]
-    (site_packages / "dependencies.pth").write_text(f"{dependencies}\n")
-    work = folder / "elsewhere"
-    work.mkdir()
-    return Installation(python, work)

@@ -17,12 +17,12 @@ import pytest
 import yaml
 
 from app.settings import Settings
-from tests.api import frames as scene
-from tests.cluster.nodes import free_port
-from tests.databases import migrated_postgres
-from tests.packaging.conftest import CHECKOUT
-from tests.packaging.dockerfile import parse_dockerfile
+from tests.support import frames as scene
+from tests.support.databases import migrated_postgres
+from tests.support.dockerfile import parse_dockerfile
+from tests.support.ports import reserved_port
 from tests.support.servers import RunningServer, running_server, stop
+from tests.support.sources import CHECKOUT
 from unghost import Client, OutgoingFrame
 from unghost.cli.program import COMMANDS
 
@@ -155,8 +155,14 @@ def test_the_image_takes_the_extras_that_the_cluster_needs():
 @contextmanager
 def proxy(folder: Path, ports: list[int]) -> Iterator[str]:
     """The recipe's own nginx, before servers on these ports."""
+    with reserved_port() as port, nginx(folder, port, ports):
+        yield f"http://127.0.0.1:{port}"
+
+
+@contextmanager
+def nginx(folder: Path, port: int, ports: list[int]) -> Iterator[None]:
+    """It listens on one port, before servers on others."""
     assert NGINX is not None
-    port = free_port()
     text = (CHECKOUT / "deploy" / "nginx.conf").read_text("utf-8")
     for number, own in enumerate(ports, 1):
         text = text.replace(f"api-{number}:8000", f"127.0.0.1:{own}")
@@ -170,7 +176,7 @@ def proxy(folder: Path, ports: list[int]) -> Iterator[str]:
     running = subprocess.Popen(command)
     try:
         wait_for(f"http://127.0.0.1:{port}/readyz")
-        yield f"http://127.0.0.1:{port}"
+        yield
     finally:
         running.terminate()
         running.wait(30)

@@ -16,9 +16,10 @@ import httpx
 import pytest
 import yaml
 
-from tests.packaging.conftest import CHECKOUT, Installation
-from tests.packaging.dockerfile import Stage, parse_dockerfile
+from tests.support.dockerfile import Stage, parse_dockerfile
+from tests.support.installation import Installation
 from tests.support.servers import start_anew, stop, wait_for_link
+from tests.support.sources import CHECKOUT
 
 STAGES = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))
 IMAGE = STAGES[-1]

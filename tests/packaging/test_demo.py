@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 
-from tests.packaging.conftest import Installation
+from tests.support.installation import Installation
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
 

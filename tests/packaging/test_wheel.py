@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging.conftest import CHECKOUT, Installation
+from tests.support.installation import Installation
+from tests.support.sources import CHECKOUT
 
 
 def names_in(wheel: Path) -> list[str]:

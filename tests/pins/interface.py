@@ -13,8 +13,8 @@ import filter_core
 import unghost
 from app.main import create_app
 from app.settings import Settings
-from tests.api.security.routes import every_route, operations
-from tests.docs.documents import DOCUMENTS, blocks
+from tests.support.documents import DOCUMENTS, blocks
+from tests.support.routes import every_route, operations
 
 OWN: Final = ("app", "filter_core", "unghost")
 # Loaded by others for some versions of Python alone.

@@ -20,9 +20,9 @@ import httpx
 import pyarrow.parquet
 
 from filter_core.formats.registry import EXPORT_FORMATS
-from tests.databases import rows_of
 from tests.pins import street
 from tests.pins.walk import BASE, DATASET, FINISHED, plain, walked
+from tests.support.databases import rows_of
 from tests.support.servers import RunningServer, running_server
 
 EXPORTS: Final[Mapping[str, dict[str, Any]]] = {

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.segmentation.palettes import FAMILIES
-from tests.pictures import chunk, png_of_chunks
+from tests.support.pictures import chunk, png_of_chunks
 
 WIDTH, HEIGHT, FOCAL, EYE = 96, 64, 48, 1.5
 FAMILY: Final = "carla-0.9.14"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
 import time
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -17,6 +19,7 @@ import numpy as np
 from app.package import VERSION
 from tests.pins import street
 from tests.pins.street import Frame
+from tests.support.archives import packed
 
 BASE: Final = "/api/v1"
 DATASET: Final = "street"
@@ -46,7 +49,7 @@ _UNORDERED: Final = ("by_reason", "by_class")
 _COUNTED_LATELY: Final = ("unghost_blobs gauge", "unghost_blob_bytes gauge")
 """There once files were counted, which happens beside the requests."""
 _OF_SQLITE: Final = "unghost_wal_bytes gauge"
-_DRAWN: Final = "image/jpeg"
+_PARTIAL: Final = 206
 _WAIT_S: Final = 60
 
 
@@ -98,6 +101,19 @@ class Walk:
         return self.get(step, path)
 
 
+def members(number: int, frame: Frame) -> list[tuple[str, bytes]]:
+    """A frame as the files of a batch."""
+    annotation = json.dumps({"key": frame.key, **frame.annotation}).encode()
+    suffix = {"lidar": "npy"}
+    return [
+        (f"{number}.json", annotation),
+        *(
+            (f"{number}.{kind}.{suffix.get(kind, 'png')}", content)
+            for kind, content in frame.files.items()
+        ),
+    ]
+
+
 def multipart(frame: Frame) -> dict[str, Any]:
     """A frame as the parts of an upload."""
     return {"annotation": json.dumps(frame.annotation).encode(), **frame.files}
@@ -128,25 +144,58 @@ def plain_text(text: str) -> str:
 
 
 def _body(answer: httpx.Response) -> Any:
+    """What is kept of a body: without what differs from one run to the next."""
     kind = answer.headers.get("content-type", "").partition(";")[0]
     if answer.url.path == "/readyz":
         return {"checks": list(answer.json()["checks"])}
-    if kind.endswith("json"):
-        return plain(answer.json())
-    if kind == _DRAWN:
-        picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), -1)
-        return {"height, width, channels": None if picture is None else picture.shape}
-    if kind == "text/event-stream":
-        # How often it tells in between depends on the machine.
-        *_, last = answer.text.strip().split("\n\n")
-        event = dict(line.split(": ", 1) for line in last.splitlines())
-        return {"event": event["event"], "data": plain(json.loads(event["data"]))}
+    if answer.status_code == _PARTIAL:
+        return _digest(answer.content)
+    if kind in _READERS:
+        return _READERS[kind](answer)
     if kind.startswith("text/plain") and answer.url.path == "/metrics":
         types = re.findall(r"^# TYPE (\S+ \S+)$", answer.text, re.MULTILINE)
         return sorted({*types} - {_OF_SQLITE, *_COUNTED_LATELY})
-    if not answer.content:
-        return None
-    return {"sha256": hashlib.sha256(answer.content).hexdigest()}
+    return _digest(answer.content) if answer.content else None
+
+
+def _digest(content: bytes) -> dict[str, str]:
+    return {"sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _json(answer: httpx.Response) -> Any:
+    return plain(answer.json())
+
+
+def _lines(answer: httpx.Response) -> Any:
+    return [plain(json.loads(line)) for line in answer.text.splitlines()]
+
+
+def _files(answer: httpx.Response) -> Any:
+    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+        return {name: _digest(archive.read(name)) for name in archive.namelist()}
+
+
+def _size(answer: httpx.Response) -> Any:
+    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), -1)
+    return {"height, width, channels": None if picture is None else picture.shape}
+
+
+def _last_event(answer: httpx.Response) -> Any:
+    # How often it tells in between depends on the machine.
+    *_, last = answer.text.strip().split("\n\n")
+    event = dict(line.split(": ", 1) for line in last.splitlines())
+    return {"event": event["event"], "data": plain(json.loads(event["data"]))}
+
+
+_READERS: Final[Mapping[str, Callable[[httpx.Response], Any]]] = {
+    "application/json": _json,
+    "application/problem+json": _json,
+    "application/x-ndjson": _lines,
+    "application/zip": _files,
+    "image/jpeg": _size,
+    "text/event-stream": _last_event,
+}
+"""By media type; of any other body the SHA-256 is kept."""
 
 
 def walked(http: httpx.Client) -> list[dict[str, Any]]:
@@ -339,7 +388,11 @@ def _exports(walk: Walk) -> None:
     over = walk.wait("export: over", f"/exports/{made['id']}")
     assert over["state"] == "done", over
     walk.get("list exports", path)
-    walk.post("an address of it", f"/exports/{made['id']}/download-links")
+    download = f"{BASE}/exports/{made['id']}/download"
+    walk.ask("download it", "GET", download)
+    walk.ask("a part of it", "GET", download, headers={"Range": "bytes=0-3"})
+    link = walk.post("an address of it", f"/exports/{made['id']}/download-links")
+    walk.ask("download it there", "GET", link["url"], headers={"Authorization": ""})
     walk.post("cancel it", f"/exports/{made['id']}/cancel")
     walk.post("export to what is none", path, {"format": "ylo"})
     walk.post(
@@ -396,9 +449,31 @@ def _ends(walk: Walk) -> None:
     walk.ask("upload into it", "PUT", frame, files=multipart(first))
     walk.ask("delete the frame", "DELETE", frame)
     walk.ask("delete the frame again", "DELETE", frame)
+    _batches(walk, f"{path}/batches")
     walk.ask("delete it unasked", "DELETE", path)
     walk.ask("delete it", "DELETE", path, params={"confirm": "short"})
     walk.ask("delete it again", "DELETE", path, params={"confirm": "short"})
+
+
+def _batches(walk: Walk, path: str) -> None:
+    """Frames that are stored, that are there already, and that are refused."""
+    first, second, _ = street.frames()
+    other = Frame(second.key, {**second.annotation, "map": "Town01"}, second.files)
+    cut = {**first.files, "segmentation": first.files["segmentation"][:900]}
+    sent = [first, second, first, other, Frame("town/cut", first.annotation, cut)]
+    wrong = Frame("town/wrong", {**first.annotation, "boxes": [{}]}, first.files)
+    archive = packed(
+        [member for place in enumerate([*sent, wrong]) for member in members(*place)]
+    )
+    tar = {"headers": {"Content-Type": "application/x-tar"}}
+    walk.ask("send many at once", "POST", path, content=archive, **tar)
+    walk.ask("send them again", "POST", path, content=archive, **tar)
+    newer = {"params": {"replace": "true"}, **tar}
+    walk.ask("send another", "POST", path, content=packed(members(0, other)), **newer)
+    walk.ask("send what is no archive", "POST", path, content=b"{}" * 512, **tar)
+    walk.ask("send JSON", "POST", path, json={})
+    none = f"{BASE}/datasets/none/batches"
+    walk.ask("send them to no dataset", "POST", none, content=archive, **tar)
 
 
 _PARTS: Final[tuple[Callable[[Walk], Any], ...]] = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +13,8 @@ from typing import Any
 
 import httpx
 
-from tests.databases import environment_of
 from tests.support import processes
+from tests.support.databases import environment_of
 from tests.support.processes import Process
 
 STOP_WAIT_S = 30
@@ -61,6 +61,9 @@ class RunningServer:
     def headers(self) -> dict[str, str]:
         """What a program shows to be let in."""
         return {"Authorization": f"Bearer {self.token}"}
+
+
+StartServer = Callable[..., RunningServer]
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.api import frames
+from tests.support import frames
 from tests.support.servers import RunningServer
 from unghost import Client
 

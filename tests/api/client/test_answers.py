@@ -1,155 +1,152 @@
-"""What the service answers has every field of its model, and the client reads each."""
+"""Answers on datasets, frames and boxes have every field, and the client reads each."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
-from typing import Any
 
 import httpx
 import pytest
 
-from tests.api.event_reader import parsed
+from tests.support import archives, frames
+from tests.support.answers import assert_answered_by, said
 from tests.support.servers import RunningServer
-from unghost import Client, wire
-from unghost.wire.model import ResponseModel
+from unghost import wire
+
+BASE = "/api/v1"
+UNSEEN = {"seen_revision": 0}
 
 
 @pytest.fixture
 def http(server: RunningServer) -> Iterator[httpx.Client]:
     with httpx.Client(
-        base_url=server.url, headers=server.headers, trust_env=False, timeout=60
+        base_url=server.url + BASE, headers=server.headers, trust_env=False, timeout=60
     ) as client:
         yield client
 
 
-def said(answer: httpx.Response) -> Any:
-    assert answer.is_success, answer.text
-    return answer.json()
+@pytest.fixture
+def queued(http: httpx.Client, dataset: str) -> str:
+    """A dataset with a frame that says all it can, another, and a refused one."""
+    seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
+    archive = [
+        *archives.frame("a", number=0, **seen),
+        *archives.frame("b", number=1),
+        *archives.frame("c", boxes=[{"id": 1}]),
+    ]
+    told = http.post(
+        f"/datasets/{dataset}/batches",
+        content=archives.packed(archive),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    assert told.is_success, told.text
+    return dataset
 
 
-def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
-    """No key is missing and none is new, at any depth, and the client reads the same.
-
-    The service cannot forget one: fields of answers have no defaults.
-    """
-    checked = kind.model_validate(raw)
-
-    assert checked.model_dump(mode="json") == raw
-    assert kind.read(raw) == checked
+def box_ids(http: httpx.Client, dataset: str) -> list[int]:
+    listed = said(http.get("/boxes", params={"dataset": dataset, "sort": "id"}))
+    return [box["box_id"] for box in listed["items"]]
 
 
-def assert_told_by(kind: type[ResponseModel], stream: httpx.Response) -> None:
-    """The data of each event of a stream is answered in full."""
-    told = list(parsed(iter(stream.text.splitlines())))
+def test_each_kind_of_entry_of_a_history_has_its_keys(http, client, queued):
+    box = box_ids(http, queued)[0]
+    said(http.post(f"/boxes/{box}/reviews", json={"verdict": "clear", **UNSEEN}))
+    client.wait(
+        client.start_run(queued, {"min_visible_pixels": 100_000}, activate=True)
+    )
 
-    assert told[-1].name == "end"
-    for event in told:
-        assert_answered_by(kind, event.data)
+    raw = said(http.get(f"/boxes/{box}/history"))
 
-
-def test_tokens_and_codes_are_answered_in_full(http):
-    token = said(http.post("/api/v1/tokens", json={"name": "in-full"}))
-    code = said(http.post("/api/v1/login-codes", json={}))
-    number = code["id"]
-
-    assert_answered_by(wire.NewToken, token)
-    assert_answered_by(wire.Page[wire.Token], said(http.get("/api/v1/tokens")))
-    assert_answered_by(wire.NewLoginCode, code)
-    assert_answered_by(wire.LoginCode, said(http.get(f"/api/v1/login-codes/{number}")))
-    opened = said(http.post("/api/v1/session", json={"code": code["code"]}))
-    assert_answered_by(wire.NewSession, opened)
-    assert_answered_by(wire.LoginCode, said(http.get(f"/api/v1/login-codes/{number}")))
-
-
-@pytest.mark.parametrize(
-    ("path", "kind"),
-    [
-        ("/api/v1/session", wire.Session),
-        ("/api/v1/audit", wire.Page[wire.AuditEntry]),
-        ("/version", wire.Version),
-        ("/readyz", wire.Ready),
-        ("/healthz", wire.Alive),
-    ],
-)
-def test_who_asks_and_who_answers_is_answered_in_full(http, path, kind):
-    assert_answered_by(kind, said(http.get(path)))
+    assert_answered_by(wire.History, raw)
+    decided = {"kind", "at", "verdict", "run", "config", "reason"} | {
+        "match_percent",
+        "threshold",
+    }
+    answered = {"kind", "at", "verdict", "revision", "reviewer", "comment"} | {
+        "batch",
+        "carried_from",
+    }
+    assert [set(entry) for entry in raw["items"]] == [
+        decided | {"activated"},
+        answered,
+        decided,
+    ]
+    assert {*decided, *answered, "activated"} == {*wire.HistoryEntry.model_fields}
 
 
-def test_quality_and_channels_are_answered_in_full(http, server, client, filled):
-    boxes = list(client.boxes(filled))
-    for box, answer in zip(boxes, ["keep", "reject"] * len(boxes), strict=False):
-        client.review(box.box_id, answer, seen_revision=0)
-    made = client.create_token(f"second-{filled}", "reviewer")
-    with Client(server.url, made.token) as second:
-        for box in boxes:
-            second.review(box.box_id, "keep", seen_revision=1)
-        second.review(boxes[0].box_id, "reject", seen_revision=2)
-    at = f"/api/v1/datasets/{filled}"
+@pytest.mark.parametrize("created", [True, False])
+def test_an_upload_is_answered_in_full(http, dataset, created):
+    form = {
+        "annotation": ("a.json", frames.as_json(frames.annotation())),
+        "image": ("a.png", frames.image()),
+        "segmentation": ("b.png", frames.segmentation()),
+    }
+    place = f"/datasets/{dataset}/frames/a"
+    answers = [http.put(place, files=form) for _ in range(1 if created else 2)]
 
-    quality = said(http.get(f"{at}/quality"))
-    evaluation = said(http.get(f"{at}/evaluations", params={"truth": "people"}))
-
-    assert quality["suggested"]
-    assert quality["agreement"]["pairs"]
-    assert_answered_by(wire.Quality, quality)
-    assert evaluation["channels"]["semantic"]["worst"]
-    assert_answered_by(wire.Evaluation, evaluation)
+    assert answers[-1].status_code == (201 if created else 200)
+    stored = said(answers[-1])
+    assert_answered_by(wire.StoredFrame, stored)
+    assert wire.StoredFrame.answered(stored, created=created).created is created
 
 
-def test_configurations_and_what_they_would_decide_are_answered_in_full(http, filled):
-    at = f"/api/v1/datasets/{filled}"
-    stricter = {"min_visible_pixels": 10**6}
+def test_lines_of_a_batch_are_answered_in_full(http, dataset):
+    told = http.post(
+        f"/datasets/{dataset}/batches",
+        content=archives.packed(
+            [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
+        ),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    stored, refused, end = map(json.loads, told.text.splitlines())
 
-    version = said(http.post(f"{at}/configs", json=stricter))
-    digest = version["digest"]
-    preview = said(http.post(f"{at}/preview", json={"config": stricter}))
-    other_pixels = {"config": {"evidence": "lidar"}}
-
-    assert_answered_by(wire.ConfigVersion, version)
-    assert_answered_by(wire.ConfigVersion, said(http.get(f"/api/v1/configs/{digest}")))
-    assert_answered_by(wire.ConfigVersion, said(http.get(f"{at}/config")))
-    assert_answered_by(wire.Page[wire.ConfigVersion], said(http.get(f"{at}/configs")))
-    assert preview["flips"]["items"]
-    assert_answered_by(wire.Preview, preview)
-    unknown = said(http.post(f"{at}/preview", json=other_pixels))
-    assert unknown["needs_pixels"]
-    assert_answered_by(wire.Preview, unknown)
-
-
-def test_runs_and_what_they_change_are_answered_in_full(http, client, filled):
-    at = f"/api/v1/datasets/{filled}"
-    wanted = {"config": {"min_visible_pixels": 10**6}, "activate": True}
-
-    started = said(http.post(f"{at}/runs", json=wanted))
-    client.wait(started["id"])
-    run = f"/api/v1/runs/{started['id']}"
-
-    assert_answered_by(wire.Run, started)
-    assert_answered_by(wire.Run, said(http.get(run)))
-    assert_answered_by(wire.Page[wire.Run], said(http.get(f"{at}/runs")))
-    assert_told_by(wire.Run, http.get(f"{run}/events"))
-    diff = said(http.get(f"{run}/diff", params={"limit": 2}))
-    assert diff["next_cursor"] is not None
-    assert_answered_by(wire.Diff, diff)
+    every = {"key", "status", "frame_id", "decisions"}
+    assert (stored.keys(), refused.keys()) == (every, every | {"problem"})
+    assert end == {"end": True, "frames": 2, "stored": 1, "same": 0, "refused": 1}
+    assert_answered_by(wire.BatchLine, stored)
+    assert_answered_by(wire.BatchLine, refused)
+    assert_answered_by(wire.BatchEnd, end)
+    assert (refused["status"], refused["problem"]["status"]) == (422, 422)
 
 
-def test_exports_are_answered_in_full(http, client, filled):
-    at = f"/api/v1/datasets/{filled}/exports"
+def test_the_last_line_of_an_archive_that_ends_too_early_is_answered_in_full(
+    http, dataset
+):
+    whole = archives.packed([*archives.frame("a"), *archives.frame("b")])
+    told = http.post(
+        f"/datasets/{dataset}/batches",
+        content=whole[: len(whole) // 2],
+        headers={"Content-Type": "application/x-tar"},
+    )
+    end = json.loads(told.text.splitlines()[-1])
 
-    started = said(http.post(at, json={"format": "yolo", "options": {"bands": [50]}}))
-    client.wait_for_export(started["id"])
-    export = f"/api/v1/exports/{started['id']}"
-
-    assert_answered_by(wire.Export, started)
-    assert_answered_by(wire.Export, said(http.get(export)))
-    assert_answered_by(wire.Page[wire.Export], said(http.get(at)))
-    assert_told_by(wire.Export, http.get(f"{export}/events"))
-    link = said(http.post(f"{export}/download-links", json={}))
-    assert_answered_by(wire.DownloadLink, link)
+    assert end["problem"]["status"] == 422
+    assert_answered_by(wire.BatchEnd, end)
 
 
-def test_a_preview_that_needs_pixels_says_nothing_of_flips(client, filled):
-    preview = client.preview(filled, {"evidence": "lidar"})
+def test_a_refusal_has_every_field_of_an_answer_and_what_it_has_to_say(http, queued):
+    box = box_ids(http, queued)[0]
+    stale = {"verdict": "keep", "seen_revision": 3}
+    many = {"dataset": queued, "box_ids": [box], "verdict": "keep", "expected_count": 9}
+    every = set(wire.Problem.model_json_schema(mode="serialization")["required"])
 
-    assert preview.needs_pixels
-    assert (preview.flips, preview.counts) == (None, None)
+    refused = {
+        "none": http.get("/datasets/none"),
+        "current": http.post(f"/boxes/{box}/reviews", json=stale),
+        "found": http.post("/reviews/bulk", json=many),
+    }
+
+    for key, answer in refused.items():
+        assert answer.json().keys() == every | {key} - {"none"}
+        assert_answered_by(wire.Problem, answer.json())
+
+
+def test_after_an_answer_was_taken_back_its_revision_goes_on(client, filled):
+    box = next(client.boxes(filled))
+    client.review(box.box_id, "keep", seen_revision=box.revision)
+    client.review(box.box_id, "clear", seen_revision=1)
+
+    cleared = client.box(box.box_id)
+
+    assert (cleared.review, cleared.revision) == (None, 2)
+    assert client.review(box.box_id, "reject", seen_revision=2).revision == 3

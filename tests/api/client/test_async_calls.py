@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 import unghost
+from tests.support import frames
 from tests.support.servers import RunningServer
 from unghost import wire
 from unghost.client.api import Api
@@ -21,14 +22,21 @@ T = TypeVar("T")
 
 
 class AsyncClient(Api):
-    """Sends calls that have no body, once."""
+    """Sends each call once, and waits for whole answers."""
 
     def __init__(self, http: httpx.AsyncClient) -> None:
         self._http = http
 
     async def _send(self, call: Call[T]) -> T:
-        params = query_of(call.params)
-        response = await self._http.request(call.method, call.path, params=params)
+        response = await self._http.request(
+            call.method,
+            call.path,
+            params=query_of(call.params),
+            json=call.json,
+            files=call.files,
+            content=call.content,
+            headers=call.headers,
+        )
         if response.is_success:
             return call.read(response)
         raise error_of(response)
@@ -72,3 +80,25 @@ def test_a_list_is_iterated_over_pages(server, client, filled):
 
     assert len(found) == 3
     assert found == list(client.frames(filled))
+
+
+def test_calls_with_a_form_json_or_yaml_are_awaited(server, client, dataset):
+    async def ask() -> tuple[
+        unghost.StoredFrame, unghost.Review, unghost.ConfigVersion
+    ]:
+        async with connected(server) as asking:
+            stored: wire.StoredFrame = await asking.put_frame(
+                dataset, "a", frames.annotation(), image=frames.image()
+            )
+            box = stored.decisions[0].box_id
+            review: wire.Review = await asking.review(box, "keep", seen_revision=0)
+            version: wire.ConfigVersion = await asking.add_config(
+                dataset, "min_visible_pixels: 7"
+            )
+            return stored, review, version
+
+    stored, review, version = asyncio.run(ask())
+
+    assert stored.created
+    assert client.box(review.box_id).review.verdict == "keep"
+    assert client.config(version.digest).config["min_visible_pixels"] == 7

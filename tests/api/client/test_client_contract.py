@@ -7,7 +7,7 @@ import hashlib
 import pytest
 
 import unghost
-from tests.api import frames
+from tests.support import frames
 from unghost import Client
 
 JPEG = b"\xff\xd8"
@@ -108,7 +108,8 @@ def test_a_refused_frame_names_its_faults_and_is_listed(client, dataset):
     assert any("/boxes/0" in fault.pointer for fault in caught.value.errors)
     (problem,) = client.problems(dataset)
     assert problem.key == "bad"
-    assert problem.error["code"] == caught.value.code
+    assert problem.error.errors == caught.value.errors
+    assert problem.error.code == caught.value.code
 
 
 def test_frames_are_listed_over_pages(client, filled):

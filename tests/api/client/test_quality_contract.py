@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 import unghost
-from tests.api import frames
-from tests.api.test_channels import files, sensors
-from tests.unit.filter_core.evidence.test_channels import ANNOTATION
+from tests.support import frames
+from tests.support.sensors import ANNOTATION, files, sensors
 from unghost import Client, OutgoingFrame
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import unghost
-from tests.api.long_streets import FROM_PIXELS, fill
-from tests.api.resources import Api
+from tests.support.api import Api
+from tests.support.long_streets import FROM_PIXELS, fill
 from tests.support.servers import running_server
 from unghost import Client
 
@@ -74,6 +74,8 @@ def test_a_run_is_cancelled_part_way_and_changes_nothing(tmp_path):
         assert client.dataset(dataset) == before
 
 
-def test_a_run_that_is_over_cannot_be_cancelled(client, strict):
-    with pytest.raises(unghost.Conflict):
-        client.cancel(strict)
+def test_a_preview_that_needs_pixels_says_nothing_of_flips(client, filled):
+    preview = client.preview(filled, {"evidence": "lidar"})
+
+    assert preview.needs_pixels
+    assert (preview.flips, preview.counts) == (None, None)

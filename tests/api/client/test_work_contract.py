@@ -24,11 +24,6 @@ def test_configs_are_versions_known_by_digest(client, filled):
     assert {added.digest, active.digest} <= digests
 
 
-def test_a_wrong_config_is_refused_with_the_nearest_key(client, dataset):
-    with pytest.raises(unghost.Invalid, match="threshold_small_box"):
-        client.add_config(dataset, {"treshold_small_box": 5})
-
-
 def test_activating_a_config_is_a_run(client, filled):
     digest = client.add_config(filled, {"min_visible_pixels": 500}).digest
     seen: list[unghost.Run] = []

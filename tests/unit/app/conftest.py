@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.services import Services, running_services
+from tests.support.services import Services, running_services
 
 
 @pytest.fixture(scope="module")

@@ -18,12 +18,13 @@ from app.ingest.check import MAX_TEXT
 from app.ingest.queries import known_frames
 from app.jobs.driver import carry_out
 from app.measuring.columns import ColumnCache
+from app.review.service import listed_boxes
 from app.runs.flips import DiffPage, compared_runs, run_diff
 from filter_core.types import Reason
-from tests.api import frames as scene
-from tests.databases import empty_postgres
-from tests.services import Services, Street, run_job, running_services
-from tests.unit.app.interruptions import CancelledNumbers
+from tests.support import frames as scene
+from tests.support.databases import empty_postgres
+from tests.support.interruptions import CancelledNumbers
+from tests.support.services import Services, Street, run_job, running_services
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 
@@ -64,6 +65,21 @@ def test_frames_answers_and_runs(services):
     assert [entry["kind"] for entry in street.history(ghost)] == ["review"] * 3 + [
         "decision"
     ]
+
+
+def test_stale_boxes_are_named_in_the_order_of_their_ids(services):
+    """PostgreSQL keeps a row that was changed somewhere else in its table."""
+    street = services.dataset()
+    for number in range(3):
+        put(street, str(number), number=number)
+    ids = street.box_ids()
+    for box_id in reversed(ids):
+        street.review(box_id, "keep")
+
+    with services.context.database.read() as session:
+        chosen = listed_boxes(session, street.row(session), ids, [0] * len(ids), 100)
+
+    assert chosen.stale == ids
 
 
 @pytest.mark.parametrize("order", ORDERS)

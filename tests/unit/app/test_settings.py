@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import typer
 from pydantic import ValidationError
-from uvicorn.middleware.proxy_headers import _TrustedHosts
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from app.settings import Settings
 from unghost.cli.options import settings_of
@@ -146,7 +146,11 @@ def test_every_trusted_proxy_that_is_taken_is_believed():
     """What uvicorn cannot read it takes for a name, which no connection comes from."""
     written = ("127.0.0.1", "10.0.0.0/8", "fd00::/64", "::1", "172.16.0.0/255.240.0.0")
 
-    trusted = _TrustedHosts(list(Settings(trusted_proxies=written).trusted_proxies))
+    async def never_called(_scope, _receive, _send):
+        raise AssertionError
+
+    proxies = list(Settings(trusted_proxies=written).trusted_proxies)
+    trusted = ProxyHeadersMiddleware(never_called, proxies).trusted_hosts
 
     assert not trusted.trusted_literals
     for address in ("127.0.0.1", "10.9.9.9", "fd00::9", "::1", "172.31.0.1"):

@@ -16,7 +16,7 @@ from filter_core.classes import (
 )
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError
-from tests.shared_data import shared
+from tests.support.shared_data import shared
 
 
 def bits(*tags):

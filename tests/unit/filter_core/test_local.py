@@ -12,9 +12,9 @@ from filter_core.formats.reading import FrameSource
 from filter_core.formats.registry import FORMATS, read_source
 from filter_core.local import export_sources, filter_one, filter_source
 from filter_core.segmentation.reading import SegmentationOptions
-from tests.unit.filter_core.evidence.scene import depth_png, instance_png
-from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
-from tests.unit.filter_core.formats.folders import painted, png, street, write_files
+from filter_core.types import NOT_MEASURED
+from tests.support.folders import painted, png, street, write_files
+from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_a_decision_that_nothing_was_measured_for_says_so_in_its_sentence_as_wel
     source = FrameSource("a", annotation={"boxes": boxes, "camera": camera})
     config = FilterConfig(max_distance=50)
 
-    (frame,) = export_sources([source], config, needs={"decisions", "explanations"})
+    (frame,) = export_sources([source], config, needs={"decisions"})
 
     assert isinstance(frame, ExportFrame)
     for decision in frame.decisions:
@@ -173,8 +173,11 @@ def test_a_decision_that_nothing_was_measured_for_says_so_in_its_sentence_as_wel
 
 
 @pytest.mark.parametrize("form", ["decisions-csv", "decisions-parquet"])
-def test_tables_get_decisions_without_the_sentences_that_they_do_not_write(form):
-    boxes = [{"class": "car", "xyxy": [10, 10, 60, 40]}]
+def test_tables_get_columns_and_no_object_for_a_box(form):
+    boxes = [
+        {"class": "car", "xyxy": [10, 10, 60, 40], "distance": 7.5},
+        {"class": "car", "xyxy": [300, 10, 360, 40]},
+    ]
     camera = {"width": 200, "height": 100, "fov": 90}
     source = FrameSource("a", annotation={"boxes": boxes, "camera": camera})
 
@@ -185,5 +188,9 @@ def test_tables_get_decisions_without_the_sentences_that_they_do_not_write(form)
 
     assert isinstance(table, ExportFrame)
     assert isinstance(lines, ExportFrame)
-    assert lines.decisions[0]["explanation"]
-    assert table.decisions == [{**lines.decisions[0], "explanation": ""}]
+    assert lines.columns is None
+    assert table.decisions == ()
+    assert table.columns is not None
+    assert list(table.boxes.ids) == [one["id"] for one in lines.decisions]
+    assert table.columns.config == lines.decisions[0]["config"]
+    assert table.columns.matched_pixels.tolist() == [NOT_MEASURED, NOT_MEASURED]

@@ -10,9 +10,8 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import FrameSource
 from filter_core.local import EvaluationTask, evaluate_source, read_truth
-from tests.unit.filter_core.evidence.scene import depth_png, instance_png
-from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
-from tests.unit.filter_core.formats.folders import painted
+from tests.support.folders import painted
+from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 
 @pytest.fixture

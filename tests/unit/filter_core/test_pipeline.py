@@ -12,7 +12,7 @@ from filter_core.decisions.record import Decision
 from filter_core.errors import AnnotationErrors, ImageSizeMismatch, SegmentationError
 from filter_core.pipeline import FrameOptions, filter_frame
 from filter_core.segmentation.reading import SegmentationOptions
-from tests.unit.filter_core.formats.folders import painted, png, street
+from tests.support.folders import painted, png, street
 
 KEYS = list(Decision.__annotations__)
 

@@ -2,95 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import socket
-import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from unghost import Client, RetryPolicy
-
-QUICK = RetryPolicy(attempts=3, base_s=0.001, longest_s=0.01)
-
-
-@dataclass(frozen=True)
-class Reply:
-    """One answer; `hang_up` closes the connection after that many bytes of it."""
-
-    status: int = 200
-    body: bytes = b"{}"
-    headers: dict[str, str] = field(default_factory=dict)
-    hang_up: int | None = None
-
-
-@dataclass(frozen=True)
-class Asked:
-    """One request as it arrived."""
-
-    method: str
-    path: str
-    headers: dict[str, str]
-    body: bytes
-
-
-def json_reply(body: object, status: int = 200, **headers: str) -> Reply:
-    return Reply(status, json.dumps(body).encode(), headers)
-
-
-def problem(status: int, code: str, **more: object) -> Reply:
-    body = {"status": status, "code": code, "detail": f"it is {code}", **more}
-    return json_reply(body, status)
-
-
-class ScriptedServer:
-    """Answers with `replies` in turn, and remembers what it was asked."""
-
-    def __init__(self) -> None:
-        self.replies: list[Reply] = []
-        self.asked: list[Asked] = []
-        self._http = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
-        self.url = f"http://127.0.0.1:{self._http.server_port}"
-        self._thread = threading.Thread(target=self._http.serve_forever, args=(0.01,))
-        self._thread.start()
-
-    def close(self) -> None:
-        self._http.shutdown()
-        self._http.server_close()
-        self._thread.join()
-
-    def answer(self, *replies: Reply) -> None:
-        self.replies.extend(replies)
-
-    def _handler(self) -> type[BaseHTTPRequestHandler]:
-        server = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def handle_one_request(self) -> None:
-                self.raw_requestline = self.rfile.readline()
-                if self.raw_requestline and self.parse_request():
-                    self._reply()
-                self.close_connection = True
-
-            def _reply(self) -> None:
-                body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
-                headers = dict(self.headers.items())
-                server.asked.append(Asked(self.command, self.path, headers, body))
-                reply = server.replies.pop(0)
-                self.send_response(reply.status)
-                for name, value in reply.headers.items():
-                    self.send_header(name.replace("_", "-"), value)
-                self.send_header("Content-Length", str(len(reply.body)))
-                self.send_header("Connection", "close")
-                self.end_headers()
-                self.wfile.write(reply.body[: reply.hang_up])
-
-            def log_message(self, *_args: object) -> None:
-                pass
-
-        return Handler
+from tests.support.ports import reserved_port
+from tests.support.scripted_server import QUICK, ScriptedServer
+from unghost import Client
 
 
 @pytest.fixture
@@ -107,8 +25,7 @@ def client(scripted: ScriptedServer) -> Iterator[Client]:
 
 
 @pytest.fixture
-def closed_port() -> int:
+def closed_port() -> Iterator[int]:
     """A port of this machine on which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    with reserved_port() as port:
+        yield port

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-HEAVY = ("numpy", "cv2", "fastapi", "sqlalchemy", "pydantic", "uvicorn", "app")
+from tests.support.imports import HEAVY
 
 
 def modules_after(statement: str) -> set[str]:

@@ -24,7 +24,7 @@ from filter_core.config.keys import CHANNELS, SEMANTIC, NumberRange, count, keys
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
 from filter_core.types import ChannelNumbers
-from tests.unit.filter_core.evidence.evidence_of import evidence_of
+from tests.support.evidence import evidence_of
 
 NUMBERS = [
     name
@@ -422,6 +422,15 @@ def test_the_schema_refuses_what_is_none(raw):
         FilterConfig.from_mapping(raw)
 
     assert not Draft202012Validator(schema_of(FilterConfig)).is_valid(raw)
+
+
+def test_the_schema_names_the_kinds_of_evidence_whose_rules_read_a_key():
+    properties = schema_of(FilterConfig)["properties"]
+
+    assert properties["lidar_min_points"]["x-evidence"] == ["lidar"]
+    assert properties["threshold_small_box"]["x-evidence"] == ["semantic"]
+    assert properties["ordered_min_pixels"]["x-evidence"] == ["ordered", "auto"]
+    assert "x-evidence" not in properties["max_distance"]
 
 
 def test_the_schema_of_the_part_that_decides_has_no_other_keys():

@@ -91,7 +91,7 @@ def test_what_was_measured_by_is_found_again_in_what_was_stored():
         {"the dataset": SegmentationOptions(palette="carla-0.9.10")}
     )
     config = FilterConfig(evidence="depth", depth_tolerance=0.5)
-    measured = config.measuring(reading, ignored=[{"polygon": []}])
+    measured = config.measuring(reading, ignored={"polygons": []})
 
     again = FilterConfig().measuring().as_measured(stored(measured))
 

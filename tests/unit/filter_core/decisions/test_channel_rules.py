@@ -16,7 +16,7 @@ from filter_core.decisions.channel_rules import (
     judged_by,
 )
 from filter_core.types import ChannelNumbers
-from tests.unit.filter_core.evidence.evidence_of import evidence_of
+from tests.support.evidence import evidence_of
 
 
 def said(channel, *, kept=False, **more):

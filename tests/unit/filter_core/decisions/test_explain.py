@@ -6,13 +6,12 @@ import pytest
 
 from filter_core.config.filter import ClassLimits
 from filter_core.decisions.explain import (
-    HiddenBy,
     Judgement,
     explain,
     hidden_by,
     rounded_percent,
 )
-from filter_core.types import N_TAGS, Reason
+from filter_core.types import N_TAGS, HiddenBy, Reason
 
 VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "percent": 71.2}
 

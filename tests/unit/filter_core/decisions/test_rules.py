@@ -8,7 +8,7 @@ import pytest
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.types import BoxState, Reason, Verdict
-from tests.unit.filter_core.evidence.evidence_of import evidence_of
+from tests.support.evidence import evidence_of
 
 
 def reason_of(box, **config):

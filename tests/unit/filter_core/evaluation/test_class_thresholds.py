@@ -6,7 +6,7 @@ import numpy as np
 
 from filter_core.config.filter import ClassConfig, FilterConfig
 from filter_core.evaluation.thresholds import Goal, TruthCollector, with_thresholds
-from tests.unit.filter_core.evidence.evidence_of import evidence_of
+from tests.support.evidence import evidence_of
 
 POLE = {"class_index": 0, "match_percent": 6.0}
 POLE_IN_FRONT_OF_ONE = {"class_index": 0, "match_percent": 1.0}

@@ -8,8 +8,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import CHANNELS
 from filter_core.evaluation.comparison import Evaluation
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
-from tests.unit.filter_core.evidence.scene import depth_png, instance_png
-from tests.unit.filter_core.evidence.test_channels import ANNOTATION, scene
+from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 TRUTH = np.array([True, False])
 

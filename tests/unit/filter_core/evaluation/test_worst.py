@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from filter_core.evaluation.comparison import MOST, Worst
-from tests.unit.filter_core.evidence.evidence_of import evidence_of
+from tests.support.evidence import evidence_of
 
 LOST, GHOST = (False, True), (True, False)
 

@@ -12,7 +12,7 @@ from filter_core.evidence.silhouettes import accepted_pixels, frame_silhouettes
 from filter_core.geometry.pose import Transform
 from filter_core.segmentation.reading import segmentation_from_tags
 from filter_core.types import FrameBoxes
-from tests.unit.filter_core.evidence.scene import box_ahead
+from tests.support.sensors import box_ahead
 
 TAGS = np.arange(256, dtype=np.uint8)
 FAMILY = "carla-0.9.14"

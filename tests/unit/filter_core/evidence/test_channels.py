@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
@@ -19,49 +17,21 @@ from filter_core.geometry.pose import Transform
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from filter_core.segmentation.reading import segmentation_from_tags
 from filter_core.types import NOT_MEASURED, FrameBoxes
-from tests.pictures import png
-from tests.unit.filter_core.evidence.scene import depth_png, instance_png
-from tests.unit.filter_core.evidence.test_lidar import npy
-
-CAR, ROAD = 14, 1
-WIDTH, HEIGHT = 160, 120
-CAMERA = {
-    "width": WIDTH,
-    "height": HEIGHT,
-    "fov": 90,
-    "transform": {"x": 0, "y": 0, "z": 0},
-}
-NEAR, FAR = 10.0, 40.0
-
-
-def cube(box_id: str, distance: float) -> dict:
-    return {
-        "id": box_id,
-        "class": "car",
-        "box3d": {
-            "transform": {"x": distance, "y": 0, "z": 0},
-            "location": [0, 0, 0],
-            "extent": [2, 2, 2],
-            "rotation": [0, 0, 0],
-        },
-    }
-
-
-ANNOTATION: dict[str, Any] = {
-    "carla_version": "0.9.15",
-    "camera": CAMERA,
-    "sensors": {"lidar": {"transform": {"x": 0, "y": 0, "z": 1}}},
-    "boxes": [cube("217", NEAR), cube("218", FAR)],
-}
-
-
-def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tags, metres and instances: one car, and nothing of the one behind it."""
-    tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
-    metres, ids = np.full(tags.shape, 60.0), np.zeros(tags.shape, int)
-    seen = np.s_[41:79, 61:99]
-    tags[seen], metres[seen], ids[seen] = CAR, NEAR - 2, 999
-    return tags, metres, ids
+from tests.support.lidar import npy
+from tests.support.pictures import png
+from tests.support.sensors import (
+    ANNOTATION,
+    CAR,
+    FAR,
+    HEIGHT,
+    NEAR,
+    ROAD,
+    WIDTH,
+    cube,
+    depth_file,
+    instance_file,
+    scene,
+)
 
 
 def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
@@ -70,14 +40,6 @@ def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
     return filter_frame(
         ANNOTATION, tags, FilterConfig(evidence=evidence), options
     ).decisions
-
-
-def depth_file() -> bytes:
-    return depth_png(scene()[1])
-
-
-def instance_file() -> bytes:
-    return instance_png(scene()[0], scene()[2])
 
 
 def test_the_segmentation_alone_keeps_the_car_behind_the_car():

@@ -17,7 +17,7 @@ from filter_core.evidence.depth import (
 from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
 from filter_core.geometry.camera import Camera
 from filter_core.types import ChannelNumbers
-from tests.unit.filter_core.evidence.scene import box_ahead, depth_png
+from tests.support.sensors import box_ahead, depth_png
 
 ALL = np.s_[:, :]
 

@@ -15,8 +15,8 @@ from filter_core.evidence.instances import (
 )
 from filter_core.evidence.silhouettes import frame_silhouettes
 from filter_core.types import ChannelNumbers, FrameBoxes
-from tests.shared_data import shared
-from tests.unit.filter_core.evidence.scene import instance_png
+from tests.support.sensors import instance_png
+from tests.support.shared_data import shared
 
 CAR, WALKER = 14, 12
 CARS = 1 << CAR

@@ -14,7 +14,7 @@ from filter_core.errors import (
 from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
 from filter_core.segmentation.reading import read_segmentation, segmentation_from_tags
 from filter_core.types import UNKNOWN_COLUMN, BoxState
-from tests.pictures import FAMILY, frame_boxes, painted, png, tag_image
+from tests.support.pictures import FAMILY, frame_boxes, painted, png, tag_image
 
 PICTURE = tag_image(
     "......",

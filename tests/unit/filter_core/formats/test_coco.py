@@ -10,8 +10,8 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import LayoutError
 from filter_core.formats import coco_index
 from filter_core.formats.registry import read_source
-from tests.shared_data import shared
-from tests.unit.filter_core.formats.folders import annotation_of, write_files
+from tests.support.folders import annotation_of, write_files
+from tests.support.shared_data import shared
 
 CATEGORIES = [{"id": 7, "name": "walker"}, {"id": 2, "name": "car"}]
 
@@ -154,22 +154,19 @@ def test_a_file_that_is_not_coco_says_where(tmp_path, content, words):
     assert words in caught.value.detail
 
 
-def test_a_long_number_is_refused_before_it_is_read_wherever_a_piece_ends(
-    tmp_path, monkeypatch
-):
+def test_a_long_number_is_refused_before_it_is_read_wherever_a_piece_ends(tmp_path):
     file = tmp_path / "x.json"
     file.write_text('{"é\\"": "' + "1" * 200 + '", "a": ' + "1" * 1_000_000)
 
     for size in (1, 7, 50, 200, 500):
-        monkeypatch.setattr(coco_index, "_PIECE", size)
         with (
             file.open("rb") as opened,
             pytest.raises(LayoutError, match="byte 218: expected JSON in UTF-8, found"),
         ):
-            list(coco_index.read_object(opened, "x.json"))
+            list(coco_index.read_object(opened, "x.json", piece_bytes=size))
 
 
-def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatch):
+def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path):
     texts = ["é" * 5, '\\"]}', "\u2028", "x"]
     images = [image(n, f"{text}.png", n=-12345.678) for n, text in enumerate(texts)]
     content = json.dumps({"n": 123456, "images": images}, ensure_ascii=False)
@@ -177,9 +174,8 @@ def test_values_are_whole_wherever_a_piece_of_the_file_ends(tmp_path, monkeypatc
     file.write_text(content, "utf-8")
 
     for size in range(1, 40):
-        monkeypatch.setattr(coco_index, "_PIECE", size)
         with file.open("rb") as opened:
-            items = list(coco_index.read_object(opened, "x"))
+            items = list(coco_index.read_object(opened, "x", piece_bytes=size))
         found = [
             coco_index.decode_value(content.encode()[one.start : one.end], "x")
             for one in items

@@ -13,7 +13,6 @@ import pytest
 
 from filter_core import formats
 from filter_core.errors import NotAvailable
-from filter_core.formats import decisions, files
 from filter_core.formats.export import ExportError, ExportOptions
 from filter_core.formats.files import FileNames, file_stem, folder_sink
 from filter_core.formats.format import Format
@@ -24,8 +23,8 @@ from filter_core.formats.registry import (
     read_source,
     write_export,
 )
-from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
-from tests.unit.filter_core.formats.folders import write_files
+from tests.support.exporting import HEAD, box, export, frame
+from tests.support.folders import write_files
 
 
 def street(count, boxes=10, **more):
@@ -95,14 +94,10 @@ def test_a_frame_without_boxes_is_in_every_format(name):
 
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
-def test_memory_does_not_grow_with_the_dataset(name, tmp_path, monkeypatch):
+def test_memory_does_not_grow_with_the_dataset(name, tmp_path):
     """A frame leaves a mark of its name behind, and nothing of its boxes."""
     # Small buffers, so that few boxes fill them; what is left is what would grow.
-    monkeypatch.setattr(files, "_IN_MEMORY", 4096)
-    monkeypatch.setattr(files, "_PIECE", 4096)
-    monkeypatch.setattr(decisions, "_ROWS_PER_GROUP", 100)
-    monkeypatch.setattr(decisions, "_ROWS_AT_ONCE", 100)
-    head = replace(HEAD, temporary=tmp_path)
+    head = replace(HEAD, temporary=tmp_path, buffer_bytes=4096, group_rows=100)
     chosen = {"images": "none"} if "images" in FORMATS[name].options else {}
     options = ExportOptions.from_mapping(chosen)
 
@@ -114,7 +109,7 @@ def test_memory_does_not_grow_with_the_dataset(name, tmp_path, monkeypatch):
         return used
 
     peak(1)
-    assert peak(320) - peak(40) < 300 * (320 - 40)
+    assert peak(340) - peak(60) < 300 * (340 - 60)
 
 
 def swallow(_file, pieces):

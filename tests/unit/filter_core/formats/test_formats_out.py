@@ -11,7 +11,7 @@ import yaml
 from filter_core.formats.files import number_text
 from filter_core.formats.kitti import kitti_types
 from filter_core.formats.voc import whole_pixels
-from tests.unit.filter_core.formats.exporting import HEAD, box, export, frame
+from tests.support.exporting import HEAD, box, export, frame
 
 HERE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}
 CUT = box("cut", (-10, 20, 30, 60), amodal_xyxy=[-10, 20, 30, 60])

@@ -11,8 +11,8 @@ from filter_core.formats.kitti import kitti_vertices, to_kitti_box
 from filter_core.formats.registry import read_source
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
-from tests.unit.filter_core.formats.exporting import box, convert, export, frame
-from tests.unit.filter_core.formats.folders import annotation_of, png, write_files
+from tests.support.exporting import box, convert, export, frame
+from tests.support.folders import annotation_of, png, write_files
 
 # KITTI's own first training label and calibration (object 000000), rounded.
 PEDESTRIAN = (

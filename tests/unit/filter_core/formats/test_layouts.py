@@ -8,8 +8,8 @@ import pytest
 
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import ReadOptions, frame_key
-from filter_core.formats.registry import detect_layout, read_source
-from tests.unit.filter_core.formats.folders import write_files
+from filter_core.formats.registry import detect_layout, possible_layouts, read_source
+from tests.support.folders import write_files
 
 YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"
 EMPTY_COCO = '{"images": [], "annotations": [], "categories": []}'
@@ -30,6 +30,7 @@ def keys(frames):
         ("images/train/7.png", "train/7"),
         ("Annotations/my frame.xml", "my frame"),
         ("a/b c/d.e.png", "a/b c/d.e"),
+        ("Images/street one/7.PNG", "street one/7"),
         (unicodedata.normalize("NFD", "straße/é.png"), "straße/é"),
     ],
 )
@@ -172,6 +173,34 @@ def test_lists_and_notes_are_no_labels_and_a_frame_may_be_called_like_them(tmp_p
     assert frames.classes == ("car",)
 
 
+def test_a_sixth_column_is_the_confidence_and_line_ends_are_those_of_any_system(
+    tmp_path,
+):
+    text = "\ufeff1 .5 .5 1e-1 .2 0.9\r\n\r\n0 0.5 0.5 0.1 0.2\r"
+    write_files(tmp_path, {"labels/1.txt": text, "data.yaml": NAMES})
+
+    (frame,) = read_source(tmp_path)
+
+    first = {"class": "van", "cxcywhn": [0.5, 0.5, 0.1, 0.2], "confidence": 0.9}
+    assert frame.annotation == {"boxes": [first, BOX]}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "train: x\nnames: [car, 'street light']  # two\nnc: 2",
+        "names:\n  - car\n  - street light\nnc: 2",
+        'names:\n  0: car\n  1: "street light"\n\npath: .',
+        "names: {0: car, 1: street light}",
+        "names: [\n  car,\n  street light,\n]",
+    ],
+)
+def test_class_names_in_every_form_that_tools_write(tmp_path, text):
+    write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": text})
+
+    assert read_source(tmp_path).classes == ("car", "street light")
+
+
 def test_an_empty_label_file_is_a_frame_without_boxes(tmp_path):
     write_files(tmp_path, {"labels/1.txt": "\n", "data.yaml": NAMES})
 
@@ -240,6 +269,15 @@ def test_carlasimu_takes_the_widest_band_and_its_own_class_numbers(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("readme", ["# My data", '{"author": "me"}', "[1, 2]"])
+def test_any_other_readme_leaves_carlasimu_s_own_class_numbers(tmp_path, readme):
+    write_files(tmp_path, {"label/1.txt": "4 0.5 0.5 0.1 0.2", "Readme.txt": readme})
+
+    (frame,) = read_source(tmp_path)
+
+    assert frame.annotation == {"boxes": [{**BOX, "class": "walker"}]}
+
+
 def test_raw_centre_pixels_have_no_class_of_their_own(tmp_path):
     write_files(tmp_path, {"label/1.txt": "10 20 4 6\n", "img/1.png": None})
 
@@ -264,6 +302,11 @@ def test_raw_centre_pixels_have_no_class_of_their_own(tmp_path):
         ({"label_2/000001.txt": "", "ImageSets/train.txt": "000001"}, "kitti"),
         ({"annotations/instances_val.json": EMPTY_COCO, "images/1.png": None}, "coco"),
         ({"any.json": EMPTY_COCO, "package.json": "[]", "other.json": "{}"}, "coco"),
+        ({"1.png": None, "notes.md": "", "readme.txt": ""}, "pairs"),
+        ({"run/frames.7.jsonl": "", "1.png": None}, "manifest"),
+        ({"a.jsonl": "", "labels/1.txt": "", "data.yaml": NAMES}, "yolo"),
+        ({"frames.jsonl": "", "1.png": None}, "pairs"),
+        ({"a.jsonl": "", "b.jsonl": "", "1.png": None}, "pairs"),
     ],
 )
 def test_a_layout_is_recognised_by_its_files(tmp_path, files, layout):
@@ -283,6 +326,16 @@ def test_files_of_several_layouts_are_asked_about_in_one_order(tmp_path):
     ):
         write_files(tmp_path, {file: ""})
         assert detect_layout(tmp_path) == layout
+
+
+def test_labels_that_nobody_can_read_are_not_left_out_in_silence(tmp_path):
+    """Images beside labels without class names are no layout until one is named."""
+    write_files(tmp_path, {"images/1.png": None, "labels/1.txt": YOLO_LINE})
+
+    assert possible_layouts(tmp_path) == ()
+    with pytest.raises(LayoutError, match="no layout recognised"):
+        read_source(tmp_path)
+    assert keys(read_source(tmp_path, "pairs")) == ["1"]
 
 
 def test_two_layouts_in_one_folder_are_never_guessed_between(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 from filter_core.formats import manifest
 from filter_core.formats.reading import ReadOptions
 from filter_core.formats.registry import read_source
+from tests.support.folders import write_files
 
 FRAME = {"key": "a/0", "boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}]}
 
@@ -38,6 +39,26 @@ def test_segmentations_can_be_named_apart(tmp_path):
     (frame,) = read_source(path, options=ReadOptions(segmentation=tmp_path / "seg"))
 
     assert frame.segmentation == tmp_path / "seg/0.png"
+
+
+def test_paths_that_were_written_on_windows_are_found(tmp_path):
+    write_files(tmp_path, {"rgb/0.png": None, "d/manifest.jsonl": ""})
+    files = {"image": "..\\rgb\\0.png", "depth": "no\\0.png"}
+    (tmp_path / "d/manifest.jsonl").write_text(json.dumps({**FRAME, **files}))
+
+    (frame,) = read_source(tmp_path / "d")
+
+    assert frame.image == tmp_path / "d/../rgb/0.png"
+    assert frame.others == {"depth": tmp_path / "d/no/0.png"}
+
+
+def test_the_only_manifest_of_a_folder_may_have_any_name_and_place(tmp_path):
+    lines = json.dumps({**FRAME, "image": "0.png"})
+    write_files(tmp_path, {"run/town.jsonl": lines, "frames.jsonl": "{}"})
+
+    (frame,) = read_source(tmp_path, "manifest")
+
+    assert frame.image == tmp_path / "run/0.png"
 
 
 def test_a_mark_at_the_beginning_and_empty_lines_are_nothing(tmp_path):

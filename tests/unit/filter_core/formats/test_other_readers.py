@@ -17,7 +17,8 @@ import yaml
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from tests.unit.filter_core.formats.exporting import (
+from filter_core.formats.export import ExportError
+from tests.support.exporting import (
     CLASSES,
     box,
     export,
@@ -173,6 +174,17 @@ def test_csv_has_a_row_per_box_and_no_formula():
     assert (rows[1]["reviewer"], rows[1]["map"]) == ("'@me", "'+Town")
     assert float(rows[1]["margin"]) == -3.5
     assert (rows[0]["verdict"], rows[1]["effective_verdict"]) == ("kept", "rejected")
+
+
+@pytest.mark.parametrize("form", ["decisions-csv", "decisions-parquet"])
+def test_a_table_without_columns_of_decisions_is_refused_by_name(form):
+    without = frame("town/7", box(1), columns=None)
+    empty = frame("town/8", columns=None)
+
+    with pytest.raises(ExportError, match=r"^town/7: the columns of its decisions"):
+        export(form, [empty, without])
+
+    assert export(form, [empty])
 
 
 def test_parquet_has_types_and_the_same_bytes_each_time():

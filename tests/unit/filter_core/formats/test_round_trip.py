@@ -9,7 +9,7 @@ from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.registry import read_source, write_export
 from filter_core.geometry.boxes import to_xyxy
 from filter_core.local import export_sources
-from tests.unit.filter_core.formats.folders import painted, street, write_files
+from tests.support.folders import painted, street, write_files
 
 CAR = (10.25, 10.5, 50, 40)
 LABELS = "0 0.3765625 0.42083333 0.496875 0.49166667\n1 0.8125 0.79 0.125 0.25\n"

@@ -7,7 +7,7 @@ import pytest
 from filter_core.errors import LayoutError
 from filter_core.formats.registry import read_source
 from filter_core.formats.voc import read_voc
-from tests.unit.filter_core.formats.folders import write_files
+from tests.support.folders import write_files
 
 
 def voc(corners=(1, 2, 30, 40), extra="", size="<width>80</width><height>60</height>"):
@@ -37,6 +37,19 @@ def test_fractions_are_pixel_coordinates_as_they_are():
     assert annotation["boxes"] == expected
 
 
+def test_text_is_unescaped_and_comments_and_attributes_are_nothing():
+    content = (
+        b'<?xml version="1.0"?><!-- by hand --><annotation verified="yes"><object>'
+        b"<name>car &amp; <![CDATA[van]]></name><pose>Left</pose><occluded/><bndbox>"
+        b"<xmin>1</xmin><ymin>2</ymin><xmax>10</xmax><ymax>20</ymax></bndbox></object>"
+        b"</annotation>"
+    )
+
+    assert read_voc(content, "a.xml") == {
+        "boxes": [{"class": "car & van", "xyxy": [0, 1, 10, 20], "pose": "Left"}]
+    }
+
+
 def test_a_size_of_zero_is_no_size():
     size = "<width>0</width><height>0</height>"
 
@@ -57,6 +70,9 @@ def test_a_size_of_zero_is_no_size():
         (b"<note/>", "expected <annotation>, found <note>"),
         (b"<annotation>\n<object>", "a.xml, line 2"),
         (b"", "not XML"),
+        (b"<a>\n<b></a>", "a.xml, line 2, column 6: not XML: mismatched tag"),
+        (b"<a b=c></a>", "a.xml, line 1"),
+        (b"not xml", "a.xml, line 1, column 1: not XML"),
         (
             b"<annotation>" + b"<object>" * 100_000 + b"</object>" * 100_000,
             "at most 500000 elements in 32 levels",

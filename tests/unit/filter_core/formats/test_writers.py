@@ -16,7 +16,7 @@ from filter_core.formats.export import (
 from filter_core.formats.files import file_stem
 from filter_core.formats.registry import write_export
 from filter_core.formats.writing import split_of
-from tests.unit.filter_core.formats import exporting
+from tests.support import exporting
 
 HEAD = ExportHead(("car", "traffic light"), {"dataset": "d", "config": "0" * 64})
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +10,12 @@ import pytest
 from filter_core.errors import AnnotationError, FilterError
 from filter_core.geometry.boxes import correct_xyxy, pixel_bounds, to_xyxy
 from filter_core.types import BoxState
-from tests.shared_data import shared
+from tests.support.shared_data import shared
+from tests.support.sources import CHECKOUT
 
 WH = (200, 100)
 NOTHING = [float("nan")] * 4
-SMALL = Path(__file__).parents[3] / "data" / "published_corrections.json"
+SMALL = CHECKOUT / "tests" / "data" / "published_corrections.json"
 
 
 def corrected(box, profile="paper"):

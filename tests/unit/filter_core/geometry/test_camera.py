@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +10,9 @@ import pytest
 from filter_core.errors import AnnotationErrors, FilterError
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform, as_transform
+from tests.support.sources import CHECKOUT
 
-CASES = json.loads(
-    (Path(__file__).parents[3] / "data" / "geometry_cases.json").read_text()
-)
+CASES = json.loads((CHECKOUT / "tests" / "data" / "geometry_cases.json").read_text())
 POSE = {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6}
 K = [[640, 0, 640], [0, 640, 360], [0, 0, 1]]
 

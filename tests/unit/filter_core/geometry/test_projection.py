@@ -12,14 +12,14 @@ from filter_core.errors import FilterError
 from filter_core.geometry.box3d import EDGES, in_carla_order
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import DepthStatus, project_box, project_boxes
-from tests.shared_data import shared
-from tests.unit.filter_core.geometry.geometry_oracle import (
+from tests.support.geometry_oracle import (
     SMALL,
     box3d_vertices,
     camera_of,
     miss,
     vertices_of,
 )
+from tests.support.shared_data import shared
 
 AHEAD = Camera.from_fov(1280, 720, 90, {"x": 0, "y": 0, "z": 0})
 

@@ -16,7 +16,7 @@ from filter_core.errors import ImageError
 from filter_core.images.decoding import InflatedPng, decode_color, decode_image
 from filter_core.images.header import read_image_header
 from filter_core.images.png import PngHeader
-from tests import pictures
+from tests.support import pictures
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 WIDTH, HEIGHT = 37, 23

@@ -10,8 +10,20 @@ import pytest
 
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
 from filter_core.images.decoding import decode_image
-from filter_core.images.header import ImageHeader, read_image_header, require_size
-from tests.pictures import chunk, indexed_png, jpeg, png, png_of_chunks, with_alpha
+from filter_core.images.header import (
+    ImageHeader,
+    read_image_header,
+    read_image_size,
+    require_size,
+)
+from tests.support.pictures import (
+    chunk,
+    indexed_png,
+    jpeg,
+    png,
+    png_of_chunks,
+    with_alpha,
+)
 
 GREY = np.zeros((3, 5), np.uint8)
 RGB = np.zeros((3, 5, 3), np.uint8)
@@ -397,3 +409,37 @@ def test_reading_a_header_costs_far_less_than_decoding(content):
     walked = seconds_of(lambda: read_image_header(content))
 
     assert walked < 0.4 * seconds_of(lambda: decode_image(content, header, 1))
+
+
+@pytest.mark.parametrize(
+    ("start", "wh"),
+    [
+        pytest.param(png(RGB)[:24], (5, 3), id="PNG"),
+        pytest.param(png(RGB), (5, 3), id="whole PNG"),
+        pytest.param(jpeg(RGB)[:-2], (5, 3), id="JPEG without its end"),
+    ],
+)
+def test_the_first_bytes_say_how_large_an_image_is(start, wh):
+    assert read_image_size(start) == wh
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        pytest.param(png(RGB)[:23], "ends too early", id="PNG of 23 bytes"),
+        pytest.param(
+            png(RGB)[:12] + b"IDAT" + png(RGB)[16:], "no header", id="no header"
+        ),
+        pytest.param(jpeg(RGB)[:30], "ends too early", id="JPEG of 30 bytes"),
+        pytest.param(b"", "no bytes", id="nothing"),
+        pytest.param(
+            png(RGB)[:16] + struct.pack(">II", 0, 3), "0 x 3 pixels", id="no width"
+        ),
+        pytest.param(
+            png(RGB)[:16] + struct.pack(">II", 5, 1 << 30), "no side", id="too high"
+        ),
+    ],
+)
+def test_bytes_that_do_not_say_how_large_an_image_is_are_refused(start, message):
+    with pytest.raises(ImageError, match=message):
+        read_image_size(start)

@@ -5,7 +5,7 @@ import pytest
 
 from filter_core.errors import ImageError, ImageSizeMismatch
 from filter_core.images.ignore_mask import IgnoreMaskError, read_ignore_mask
-from tests.pictures import png, with_alpha
+from tests.support.pictures import png, with_alpha
 
 BOTTOM = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 9, 9, 0]], np.uint8)
 

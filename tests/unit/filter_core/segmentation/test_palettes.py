@@ -1,7 +1,6 @@
 """Tag, name and colour of every family, against the table read from CARLA's clients."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +13,9 @@ from filter_core.segmentation.palettes import (
     family_of_version,
     palette_of,
 )
+from tests.support.sources import CHECKOUT
 
-ORACLE = json.loads(
-    (Path(__file__).parents[3] / "data" / "carla_palettes.json").read_text()
-)
+ORACLE = json.loads((CHECKOUT / "tests" / "data" / "carla_palettes.json").read_text())
 
 
 @pytest.mark.parametrize("family", ORACLE["families"])

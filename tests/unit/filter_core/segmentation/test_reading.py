@@ -16,7 +16,7 @@ from filter_core.segmentation.reading import (
     read_segmentation,
     segmentation_from_tags,
 )
-from tests.pictures import (
+from tests.support.pictures import (
     FAMILY,
     indexed_png,
     jpeg,

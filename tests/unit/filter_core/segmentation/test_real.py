@@ -7,8 +7,8 @@ from filter_core.errors import SegmentationError
 from filter_core.evidence.semantic import measure
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-from tests.pictures import frame_boxes
-from tests.shared_data import shared
+from tests.support.pictures import frame_boxes
+from tests.support.shared_data import shared
 
 SWAPPED = "data/ee267-litian-gong/report/Part5_output"
 GENERATOR = "data/Daniel-ChenJH_Carla-Dataset-Generator"

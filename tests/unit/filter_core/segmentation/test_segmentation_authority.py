@@ -5,7 +5,7 @@ import pytest
 
 from filter_core.errors import SegmentationError
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-from tests.pictures import FAMILY, painted, png, tag_image
+from tests.support.pictures import FAMILY, painted, png, tag_image
 
 STREET = tag_image("sss", ".cc", "tt.")
 

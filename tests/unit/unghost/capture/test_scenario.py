@@ -24,7 +24,7 @@ WRONG = [
     ("weather: {preset: WetNoon, presets: [WetNoon]}", "exclude each other"),
     (
         "weather: {parameters: {wetness: 1}, sweep: {wetness: {first: 1, last: 3}}}",
-        "wetness stands in parameters and in sweep",
+        "wetness is in both parameters and sweep",
     ),
     ("vehicles: {lights: [LowBean]}", "vehicles.lights.0: .*'LowBeam'"),
     (
@@ -52,7 +52,7 @@ WRONG = [
     ("boxes: {min_distance: 50, max_distance: 50}", "min_distance must be below"),
     ("boxes: {bands: [100, 50]}", "bands must rise"),
     ("frames: [", "not YAML"),
-    ("seed: 1\nframes: 5\nseed: 2", "'seed' stands twice.*line 3"),
+    ("seed: 1\nframes: 5\nseed: 2", "'seed' occurs twice.*line 3"),
     (
         "host: " + "[" * 9 + "&a [x, x], *a" + "]" * 9,
         r"host: .*found \[\[.*\.\.\.",

@@ -1,0 +1,273 @@
+"""Who may come in: tokens, sessions, roles, and pages of other places."""
+
+from __future__ import annotations
+
+import re
+import stat
+
+import pytest
+
+from tests.support.databases import everything_in
+
+OPEN = {
+    ("get", "/healthz"),
+    ("get", "/readyz"),
+    ("post", "/api/v1/session"),
+    ("get", "/api/v1/exports/{export_id}/file"),
+    ("get", "/open/hello"),
+    ("get", "/open/wait"),
+}
+METHODS = ("get", "post", "put", "patch", "delete")
+
+
+def operations(schema):
+    return [
+        (method, path)
+        for path, operations in schema["paths"].items()
+        for method in METHODS
+        if method in operations
+    ]
+
+
+def log_in(service, client):
+    """What a session shows from then on."""
+    answer = client.post("/api/v1/session", json={"token": service.token})
+    assert answer.status_code == 201, answer.text
+    return {"Authorization": f"Bearer {answer.json()['session']}"}
+
+
+def own_origin(service):
+    return {"Origin": service.url}
+
+
+@pytest.mark.parametrize("credentials", [{}, {"Authorization": "Bearer ug_wrong"}])
+def test_every_route_but_the_open_ones_wants_a_token(service, admin, credentials):
+    schema = admin.get("/openapi.json").json()
+
+    with service.client(**credentials) as client:
+        let_in = {
+            (method, path)
+            for method, path in operations(schema)
+            if client.request(method, re.sub(r"{.*?}", "1", path)).status_code != 401
+        }
+        # It is open to whoever has the key of this one file, and to nobody else.
+        let_in |= {
+            (method, path) for method, path in operations(schema) if "/file" in path
+        }
+
+    assert let_in == OPEN
+
+
+def test_the_document_says_which_routes_are_open(admin):
+    schema = admin.get("/openapi.json").json()
+
+    undefended = {
+        (method, path)
+        for method, path in operations(schema)
+        if "security" not in schema["paths"][path][method]
+    }
+    assert undefended == OPEN
+
+
+def test_even_the_description_wants_a_token(anybody):
+    paths = ("/openapi.json", "/docs/content", "/version")
+
+    assert {anybody.get(path).status_code for path in paths} == {401}
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["", "Bearer", "Basic dWc6", "Bearer ug_", "bearer x y", "ug_x"],
+)
+def test_anything_but_a_valid_token_is_401(anybody, header):
+    answer = anybody.get("/version", headers={"Authorization": header})
+
+    assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
+    assert answer.headers["www-authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize(
+    ("role", "expected"),
+    [
+        ("viewer", (200, 403, 403)),
+        ("reviewer", (200, 200, 403)),
+        ("admin", (200, 200, 200)),
+    ],
+)
+def test_a_role_may_do_what_it_may_do(as_role, role, expected):
+    client = as_role(role)
+
+    answers = (
+        client.get("/version"),
+        client.post("/probe/echo"),
+        client.post("/probe/admin-only"),
+    )
+
+    assert tuple(answer.status_code for answer in answers) == expected
+
+
+def test_the_token_is_for_its_owner_alone_and_not_in_the_database(service):
+    mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
+    folder = stat.S_IMODE(service.settings.data.stat().st_mode)
+    dump = everything_in(service.settings.data)
+
+    assert (mode, folder) == (0o600, 0o700)
+    assert service.token.startswith("ug_")
+    assert len(service.token) == 46
+    assert service.token not in dump
+
+
+def test_no_file_of_the_data_folder_holds_the_token_but_one(service):
+    secret = service.token.encode()
+
+    holders = [
+        path.name
+        for path in service.settings.data.rglob("*")
+        if path.is_file() and secret in path.read_bytes()
+    ]
+
+    assert holders == ["token"]
+
+
+def test_a_restart_keeps_the_token(serve):
+    assert serve().token == serve().token
+
+
+def test_deleting_the_file_changes_the_token_and_ends_its_sessions(serve):
+    before = serve()
+    old = before.token
+    with before.client() as browser:
+        session = log_in(before, browser)
+    before.settings.token_file.unlink()
+
+    after = serve()
+
+    with after.client() as client:
+        by_token = client.get("/version", headers={"Authorization": f"Bearer {old}"})
+        by_session = client.get("/version", headers=session)
+    assert after.token != old
+    assert (by_token.status_code, by_session.status_code) == (401, 401)
+
+
+def test_logging_in_sets_no_cookie_and_no_cache_keeps_its_answer(service, anybody):
+    answer = anybody.post("/api/v1/session", json={"token": service.token})
+
+    assert "set-cookie" not in answer.headers
+    assert answer.headers["cache-control"] == "no-store"
+    assert answer.json() == {
+        "session": answer.json()["session"],
+        "name": "admin",
+        "role": "admin",
+        "expires_at": answer.json()["expires_at"],
+    }
+    assert answer.json()["session"].startswith("us_")
+    assert service.token not in answer.text
+
+
+def test_an_idempotency_key_does_not_store_a_session(service, anybody):
+    headers = {"Idempotency-Key": "log-in"}
+
+    sessions = {
+        anybody.post(
+            "/api/v1/session", json={"token": service.token}, headers=headers
+        ).json()["session"]
+        for _ in range(2)
+    }
+
+    assert len(sessions) == 2
+    assert all(one not in everything_in(service.settings.data) for one in sessions)
+
+
+def test_no_cookie_opens_anything(service, anybody):
+    """A browser shows cookies to every port of a host, and so to other people's."""
+    secret = log_in(service, anybody)["Authorization"].split()[1]
+
+    for value in (secret, service.token):
+        cookie = {"Cookie": f"unghost_session={value}; session={value}"}
+        answer = anybody.get("/version", headers={**cookie, **own_origin(service)})
+        assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
+
+
+def test_a_cookie_that_an_earlier_version_left_is_taken_away_once(anybody):
+    with_one = anybody.get("/", headers={"Cookie": "unghost_session=old"})
+    etag = {"If-None-Match": with_one.headers["etag"]}
+    unchanged = anybody.get("/", headers={"Cookie": "unghost_session=old", **etag})
+    without = anybody.get("/")
+
+    for answer in (with_one, unchanged):
+        assert answer.headers["set-cookie"].startswith('unghost_session=""; ')
+        assert "Max-Age=0" in answer.headers["set-cookie"]
+    assert unchanged.status_code == 304
+    assert "set-cookie" not in without.headers
+
+
+def test_a_session_reads_and_outlives_a_restart(serve):
+    first = serve()
+    with first.client() as browser:
+        session = log_in(first, browser)
+
+    second = serve()
+
+    with second.client(**session) as browser:
+        assert browser.get("/version").status_code == 200
+
+
+def test_a_wrong_token_opens_no_session(anybody):
+    answer = anybody.post("/api/v1/session", json={"token": "ug_guess"})
+
+    assert answer.status_code == 401
+    assert "session" not in answer.json()
+
+
+def test_logging_out_ends_the_session(service, anybody):
+    session = log_in(service, anybody)
+
+    answer = anybody.delete("/api/v1/session", headers=session)
+
+    after = anybody.get("/version", headers=session)
+    assert (answer.status_code, after.status_code) == (204, 401)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Sec-Fetch-Site": "same-site"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Origin": "http://evil.example", "Sec-Fetch-Site": "same-origin"},
+    ],
+)
+def test_a_session_does_not_write_for_other_pages(service, anybody, headers):
+    """They do not have it; were one to get it, a browser would still tell on it."""
+    session = log_in(service, anybody)
+
+    answer = anybody.post("/probe/echo", headers={**session, **headers})
+
+    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+
+
+def test_a_session_writes_for_its_own_page(service, anybody):
+    session = log_in(service, anybody)
+    same = {"Sec-Fetch-Site": "same-origin"}
+
+    by_origin = anybody.post("/probe/echo", headers={**session, **own_origin(service)})
+    by_site = anybody.post("/probe/echo", headers={**session, **same})
+
+    assert (by_origin.status_code, by_site.status_code) == (200, 200)
+
+
+def test_a_program_with_a_token_needs_no_origin(admin):
+    assert admin.post("/probe/echo").status_code == 200
+
+
+def test_another_page_cannot_log_a_browser_in(service, anybody):
+    answer = anybody.post(
+        "/api/v1/session",
+        json={"token": service.token},
+        headers={"Origin": "http://evil.example"},
+    )
+
+    assert answer.status_code == 403
+    assert "session" not in answer.json()

@@ -1,0 +1,184 @@
+"""The audit log: who did what, when, to what; added with the act and never changed."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from sqlalchemy.exc import DBAPIError
+
+from tests.support.databases import change
+
+TOKENS = "/api/v1/tokens"
+DATASETS = "/api/v1/datasets"
+AUDIT = "/api/v1/audit"
+
+
+def entries(client, subject):
+    """What was noted about one thing, oldest first."""
+    found = client.get(AUDIT, params={"limit": 1000}).json()["items"]
+    return [one for one in reversed(found) if one["subject"] == subject]
+
+
+def actions(client, subject):
+    return [one["action"] for one in entries(client, subject)]
+
+
+def give(client, name, role="admin"):
+    answer = client.post(TOKENS, json={"name": name, "role": role})
+    assert answer.status_code == 201
+    return answer.json()
+
+
+def as_bearer(service, given):
+    return service.client(Authorization=f"Bearer {given['token']}")
+
+
+def test_the_first_token_is_noted_as_the_services_own_act(admin):
+    first = entries(admin, "admin")[0]
+
+    assert (first["actor"], first["token_id"]) == ("unghost", None)
+    assert first["action"] == "token.created"
+    ends = first["details"]["expires_at"]
+    assert first["details"] == {"token_id": 1, "role": "admin", "expires_at": ends}
+    assert ends.endswith("Z")
+
+
+def test_an_entry_says_who_did_what_when_and_to_what(admin):
+    given = give(admin, "ada", "reviewer")
+
+    (entry,) = entries(admin, "ada")
+    assert entry == {
+        "id": entry["id"],
+        "created_at": entry["created_at"],
+        "actor": "admin",
+        "token_id": 1,
+        "action": "token.created",
+        "subject": "ada",
+        "details": {
+            "token_id": given["id"],
+            "role": "reviewer",
+            "expires_at": given["expires_at"],
+        },
+    }
+    assert entry["created_at"].endswith("Z")
+    assert given["token"] not in admin.get(AUDIT).text
+
+
+def test_what_a_token_did_stays_when_it_is_taken_back(service, admin):
+    given = give(admin, "grace")
+    with as_bearer(service, given) as grace:
+        assert grace.post(DATASETS, json={"name": "graces"}).status_code == 201
+    for _ in range(2):
+        assert admin.delete(f"{TOKENS}/{given['id']}").status_code == 204
+
+    (made,) = entries(admin, "graces")
+    assert (made["actor"], made["token_id"]) == ("grace", given["id"])
+    assert actions(admin, "grace") == ["token.created", "token.revoked"]
+
+
+def test_a_dataset_is_followed_from_its_making_to_its_end(admin):
+    path = f"{DATASETS}/followed"
+    admin.post(DATASETS, json={"name": "followed"})
+    admin.patch(path, json={"description": "d"})
+    digest = admin.get(f"{path}/config").json()["digest"]
+    admin.put(f"{path}/config", json={"digest": digest})
+    admin.post(f"{path}/runs", json={"config": digest, "activate": True})
+    admin.post(f"{path}/runs", json={"config": digest, "activate": False})
+    admin.delete(path, params={"confirm": "followed"})
+
+    assert actions(admin, "followed") == [
+        "dataset.created",
+        "dataset.changed",
+        "config.activated",
+        "config.activated",
+        "dataset.deleted",
+    ]
+    _, changed, activated, *_ = entries(admin, "followed")
+    assert changed["details"] == {"changed": ["description"], "run": None}
+    assert activated["details"]["config"] == digest
+
+
+@pytest.fixture
+def busy(service):
+    """The one thread that works off jobs has something else to do: they wait."""
+    done = threading.Event()
+    service.app.state.services.engine.submit(lambda: done.wait(60))
+    yield
+    done.set()
+
+
+def test_cancelled_jobs_are_noted_with_their_dataset(admin, busy):
+    admin.post(DATASETS, json={"name": "stopped"})
+    digest = admin.get(f"{DATASETS}/stopped/config").json()["digest"]
+    export = admin.post(f"{DATASETS}/stopped/exports", json={"format": "yolo"})
+    run = admin.post(f"{DATASETS}/stopped/runs", json={"config": digest})
+
+    for job in (export, run):
+        answer = admin.post(f"{job.headers['location']}/cancel")
+        assert answer.status_code == 202
+
+    found = admin.get(AUDIT, params={"limit": 2}).json()["items"]
+    assert [(one["action"], one["subject"]) for one in found] == [
+        ("run.cancelled", str(run.json()["id"])),
+        ("export.cancelled", str(export.json()["id"])),
+    ]
+    assert {one["details"]["dataset"] for one in found} == {"stopped"}
+
+
+def test_what_is_refused_is_not_noted(admin):
+    admin.post(DATASETS, json={"name": "kept"})
+
+    refused = [
+        admin.post(DATASETS, json={"name": "kept"}),
+        admin.delete(f"{DATASETS}/kept"),
+        admin.put(f"{DATASETS}/kept/config", json={"digest": "0" * 64}),
+        admin.post(TOKENS, json={"name": "admin"}),
+    ]
+
+    assert {answer.status_code for answer in refused} == {400, 404, 409}
+    assert actions(admin, "kept") == ["dataset.created"]
+
+
+def test_an_act_that_is_sent_twice_is_noted_once(admin):
+    for _ in range(2):
+        answer = admin.post(
+            DATASETS, json={"name": "once"}, headers={"Idempotency-Key": "once"}
+        )
+        assert answer.status_code == 201
+
+    assert actions(admin, "once") == ["dataset.created"]
+
+
+def test_entries_are_paged_newest_first(admin):
+    for name in ("page-a", "page-b", "page-c"):
+        give(admin, name, "viewer")
+
+    first = admin.get(AUDIT, params={"limit": 2})
+    second = admin.get(first.headers["link"].partition(">")[0].lstrip("<"))
+
+    ids = [one["id"] for page in (first, second) for one in page.json()["items"]]
+    assert len(ids) == 4
+    assert ids == sorted(ids, reverse=True)
+
+
+@pytest.mark.parametrize("query", ["limit=0", "limit=1001"])
+def test_a_damaged_page_is_refused(admin, query):
+    assert admin.get(f"{AUDIT}?{query}").status_code == 422
+
+
+@pytest.mark.parametrize("role", ["viewer", "reviewer"])
+def test_only_admins_read_it(as_role, role):
+    assert as_role(role).get(AUDIT).status_code == 403
+
+
+@pytest.mark.parametrize(
+    "statement", ["update audit_log set actor = 'nobody'", "delete from audit_log"]
+)
+def test_nobody_changes_it_not_even_in_the_database(service, admin, statement):
+    before = admin.get(AUDIT).text
+
+    with pytest.raises(DBAPIError, match="only added to"):
+        change(service.settings.data, statement)
+
+    assert admin.get(AUDIT).text == before

@@ -1,0 +1,133 @@
+"""Wrong tokens: each is refused, nobody else is, and the log says how many came."""
+
+from __future__ import annotations
+
+import logging
+import tracemalloc
+
+import pytest
+
+from app.access.gate import WrongSecrets
+from app.access.upkeep import write_upkeep
+from tests.support.databases import everything_in
+
+SESSION = "/api/v1/session"
+MANY = 50
+"""More than anybody who mistypes would try, from one address."""
+
+
+@pytest.fixture
+def service(serve):
+    return serve()
+
+
+def by_login(client, token):
+    return client.post(SESSION, json={"token": token})
+
+
+def by_header(client, token):
+    return client.get("/version", headers={"Authorization": f"Bearer {token}"})
+
+
+def by_session(client, token):
+    return by_header(client, token.replace("ug_", "us_"))
+
+
+def by_code(client, token):
+    return client.post(SESSION, json={"code": token.replace("ug_", "uc_")})
+
+
+def by_address(client, token):
+    key = token.replace("ug_", "ud_")
+    return client.get("/api/v1/exports/1/file", params={"key": key})
+
+
+WAYS = [by_login, by_header, by_session, by_code, by_address]
+
+
+def test_whoever_shows_the_right_one_comes_in_however_many_wrong_ones_came(service):
+    with service.client() as client, service.admin() as admin:
+        code = admin.post("/api/v1/login-codes").json()["code"]
+        wrong = [
+            WAYS[number % len(WAYS)](client, f"ug_{number}") for number in range(MANY)
+        ]
+
+        by_link = client.post(SESSION, json={"code": code})
+        by_token = by_login(client, service.token)
+        shown = by_header(client, service.token)
+        session = by_header(client, by_link.json()["session"])
+
+    assert {answer.status_code for answer in wrong} == {401}
+    assert (by_link.status_code, by_token.status_code) == (201, 201)
+    assert (shown.status_code, session.status_code) == (200, 200)
+
+
+def test_wrong_ones_are_one_line_of_the_log_and_nothing_in_the_database(
+    service, caplog
+):
+    with service.client() as client:
+        before = everything_in(service.settings.data)
+        for number in range(MANY):
+            WAYS[number % len(WAYS)](client, f"ug_{number}")
+        write_upkeep(service.app.state.services)
+        write_upkeep(service.app.state.services)
+
+    warnings = [
+        record.getMessage()
+        for record in caplog.records
+        if record.levelno >= logging.WARNING
+    ]
+    assert warnings == [
+        f"within a minute {MANY} wrong tokens, sessions, codes or keys: "
+        f"{MANY} from 127.0.0.1"
+    ]
+    assert everything_in(service.settings.data) == before
+
+
+def test_who_shows_nothing_is_not_counted_as_wrong(service, caplog):
+    with service.client() as client:
+        statuses = {client.get("/version").status_code for _ in range(MANY)}
+        write_upkeep(service.app.state.services)
+
+    assert statuses == {401}
+    assert "wrong tokens" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("proxies", "named"),
+    [((), "3 from 127.0.0.1"), (("127.0.0.1",), "2 from 192.0.2.1, 1 from 192.0.2.2")],
+)
+def test_a_forwarded_address_is_believed_from_a_trusted_proxy_only(
+    serve, caplog, proxies, named
+):
+    service = serve(trusted_proxies=proxies)
+
+    def ask(client, address):
+        shown = {"Authorization": "Bearer ug_a", "X-Forwarded-For": address}
+        assert client.get("/version", headers=shown).status_code == 401
+
+    with service.client() as proxy:
+        ask(proxy, "192.0.2.1")
+        # What somebody wrote there before the proxy did is not believed.
+        ask(proxy, "198.51.100.7, 192.0.2.1")
+        ask(proxy, "192.0.2.2")
+    write_upkeep(service.app.state.services)
+
+    assert caplog.messages[-1].endswith(f"codes or keys: {named}")
+
+
+def test_any_number_of_addresses_is_counted_in_little_memory():
+    wrong = WrongSecrets()
+    tracemalloc.start()
+    for number in range(5000):
+        wrong.note(f"10.0.{number >> 8}.{number & 255}")
+        wrong.note("192.0.2.1" if number else "192.0.2.9")
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+
+    assert held < 40 * 5000  # all addresses would be twice as much
+    assert wrong.take() == (
+        "10000 wrong tokens, sessions, codes or keys: 4999 from 192.0.2.1, "
+        "1 from 10.0.0.0, 1 from 192.0.2.9, 4999 from elsewhere"
+    )
+    assert wrong.take() == ""

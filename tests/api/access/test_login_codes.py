@@ -1,0 +1,163 @@
+"""Codes of login links: each opens one session, for ten minutes."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timedelta, timezone
+
+import httpx
+import pytest
+from sqlalchemy import func, select
+
+from app.access.service import MOST_CODES, MOST_SESSIONS
+from app.db.tables.access import LoginCode, LoginSession
+from app.security import hash_secret
+from tests.support.databases import everything_in
+
+
+def log_in(service, client, **body):
+    """What a session shows from then on."""
+    answer = client.post("/api/v1/session", json=body or {"token": service.token})
+    assert answer.status_code == 201, answer.text
+    return {"Authorization": f"Bearer {answer.json()['session']}"}
+
+
+def change_code(service, code, **to):
+    """What only time does to a login code."""
+    with service.app.state.database.write() as session:
+        row = session.scalars(
+            select(LoginCode).where(LoginCode.hash == hash_secret(code))
+        ).one()
+        for name, value in to.items():
+            setattr(row, name, value)
+
+
+def test_a_login_code_opens_one_session_for_its_own_token(service, admin, anybody):
+    made = admin.post("/api/v1/login-codes")
+    code = made.json()["code"]
+    before = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
+
+    session = log_in(service, anybody, code=code)
+    again = anybody.post("/api/v1/session", json={"code": code})
+
+    after = admin.get(f"/api/v1/login-codes/{made.json()['id']}").json()
+    assert made.headers["cache-control"] == "no-store"
+    assert anybody.get("/api/v1/session", headers=session).json()["name"] == "admin"
+    assert (again.status_code, again.json()["code"]) == (401, "code_over")
+    assert before["used_at"] is None
+    assert after["used_at"] is not None
+    assert "code" not in after
+    assert code not in everything_in(service.settings.data)
+
+
+def test_of_two_who_use_a_login_code_at_once_one_is_let_in(service, admin):
+    code = admin.post("/api/v1/login-codes").json()["code"]
+
+    def use(_):
+        return httpx.post(f"{service.url}/api/v1/session", json={"code": code})
+
+    with ThreadPoolExecutor(8) as people:
+        answers = list(people.map(use, range(8)))
+
+    assert sorted(one.status_code for one in answers) == [201, *[401] * 7]
+
+
+def test_a_login_code_ends_after_ten_minutes(service, admin, anybody):
+    made = admin.post("/api/v1/login-codes").json()
+    ends = datetime.fromisoformat(made["expires_at"])
+    now = datetime.now(timezone.utc)
+    assert timedelta(minutes=9) < ends - now <= timedelta(minutes=10)
+
+    change_code(service, made["code"], expires_at=now)
+
+    answer = anybody.post("/api/v1/session", json={"code": made["code"]})
+    assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
+    assert "`unghost login` prints a new one" in answer.json()["detail"]
+
+
+def test_a_login_code_ends_with_its_token(service, admin, anybody):
+    token = admin.post("/api/v1/tokens", json={"name": "leaver"}).json()
+    bearer = {"Authorization": f"Bearer {token['token']}"}
+    code = anybody.post("/api/v1/login-codes", headers=bearer).json()["code"]
+
+    admin.delete(f"/api/v1/tokens/{token['id']}")
+
+    answer = anybody.post("/api/v1/session", json={"code": code})
+    assert answer.status_code == 401
+
+
+def test_a_login_code_of_somebody_else_is_not_to_be_seen(admin, as_role):
+    made = admin.post("/api/v1/login-codes").json()
+
+    answer = as_role("admin").get(f"/api/v1/login-codes/{made['id']}")
+
+    assert answer.status_code == 404
+
+
+@pytest.mark.parametrize("body", [{}, {"token": "ug_x", "code": "uc_x"}])
+def test_one_logs_in_by_one_thing(anybody, body):
+    answer = anybody.post("/api/v1/session", json=body)
+
+    assert answer.status_code == 422
+    assert "expected either token or code" in answer.json()["detail"]
+
+
+def test_codes_and_logins_are_in_the_audit_log(service, admin, anybody):
+    code = admin.post("/api/v1/login-codes").json()["code"]
+    log_in(service, anybody, code=code)
+    log_in(service, anybody)
+
+    entries = admin.get("/api/v1/audit").json()["items"][:3]
+
+    found = [(one["actor"], one["action"], one["details"]) for one in entries]
+    assert found == [
+        ("admin", "session.opened", {"by": "token"}),
+        ("admin", "session.opened", {"by": "code"}),
+        ("admin", "login_code.created", {}),
+    ]
+
+
+@pytest.fixture
+def viewer(service, admin, request):
+    """A client that shows a new token, and the token."""
+    made = admin.post("/api/v1/tokens", json={"name": request.node.name})
+    shown = {"Authorization": f"Bearer {made.json()['token']}"}
+    with service.client(**shown) as client:
+        yield client, made.json()
+
+
+def rows_of(service, table, token_id):
+    counted = select(func.count()).select_from(table).where(table.token_id == token_id)
+    with service.app.state.database.read() as session:
+        return session.scalar(counted)
+
+
+def test_of_many_login_codes_of_a_token_the_newest_stay(
+    service, admin, anybody, viewer
+):
+    busy, token = viewer
+    others = admin.post("/api/v1/login-codes").json()["code"]
+
+    codes = [busy.post("/api/v1/login-codes").json() for _ in range(MOST_CODES + 2)]
+
+    assert rows_of(service, LoginCode, token["id"]) == MOST_CODES
+    for made in codes[:2]:
+        answer = anybody.post("/api/v1/session", json={"code": made["code"]})
+        assert (answer.status_code, answer.json()["code"]) == (401, "code_over")
+        assert busy.get(f"/api/v1/login-codes/{made['id']}").status_code == 404
+    for code in (codes[2]["code"], codes[-1]["code"], others):
+        log_in(service, anybody, code=code)
+
+
+def test_of_many_sessions_of_a_token_the_newest_stay(service, admin, anybody, viewer):
+    _, token = viewer
+    others = log_in(service, anybody)
+
+    sessions = [
+        log_in(service, anybody, token=token["token"]) for _ in range(MOST_SESSIONS + 2)
+    ]
+
+    assert rows_of(service, LoginSession, token["id"]) == MOST_SESSIONS
+    answers = [anybody.get("/api/v1/session", headers=one) for one in sessions]
+    assert [one.status_code for one in answers] == [401] * 2 + [200] * MOST_SESSIONS
+    assert anybody.get("/api/v1/session", headers=others).status_code == 200

@@ -1,0 +1,190 @@
+"""Login links of the command line: used once, and shown to nobody else."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import stat
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.support.command_line import CommandLine
+from tests.support.page.windows import ARGUMENTS, CHROMIUM
+from tests.support.servers import running_server, token_of
+from tests.support.waiting import until
+from unghost import Client
+
+DONE, REFUSED = 0, 1
+PATIENCE_S = 60
+BROWSER = """#!/bin/sh
+# Notes what it was given, and shows it in a browser.
+echo "$1" > "{notes}/address"
+cp -p "${{1#file://}}" "{notes}/page"
+"{chromium}" {arguments} --headless=new --user-data-dir="{notes}/profile" "$1" \
+    > /dev/null 2>&1 &
+echo $! > "{notes}/pid"
+"""
+
+
+@pytest.fixture
+def machine(tmp_path):
+    """A server, and a person on the same machine."""
+    with running_server(tmp_path / "data") as server:
+        state = server.data.with_name(f"{server.data.name}-state")
+        settings = {"UNGHOST_SERVER": server.url, "XDG_STATE_HOME": str(state)}
+        yield server, CommandLine(tmp_path, settings)
+
+
+@pytest.fixture
+def browser(tmp_path):
+    """The name of a program that shows pages; its notes lie beside it."""
+    if not CHROMIUM.exists():
+        pytest.skip("there is no Chromium here")
+    notes = tmp_path / "notes"
+    notes.mkdir()
+    program = notes / "browser"
+    arguments = " ".join(ARGUMENTS)
+    program.write_text(
+        BROWSER.format(notes=notes, chromium=CHROMIUM, arguments=arguments)
+    )
+    program.chmod(0o700)
+    yield program
+    if (notes / "pid").exists():
+        os.kill(int((notes / "pid").read_text()), signal.SIGTERM)
+
+
+def first_line(process):
+    """What the service says when it is ready."""
+    return process.stdout.readline()
+
+
+def seen_by_everybody():
+    """Arguments and environment of every process, as far as they can be read."""
+    found = b""
+    for process in Path("/proc").glob("[0-9]*"):
+        for name in ("cmdline", "environ"):
+            try:
+                found += (process / name).read_bytes()
+            except OSError:  # it has ended meanwhile
+                continue
+    return found
+
+
+def test_login_prints_a_link_that_works_once(machine):
+    server, unghost = machine
+
+    answer = unghost("login")
+
+    url, _, code = answer.out.strip().partition("/#code=")
+    assert (answer.code, url) == (DONE, server.url)
+    assert server.token not in answer.out
+    session = f"{url}/api/v1/session"
+    opened = [httpx.post(session, json={"code": code}).status_code for _ in range(2)]
+    assert opened == [201, 401]
+
+
+def test_login_link_is_of_the_token_that_asks(machine):
+    server, unghost = machine
+    with Client(server.url, server.token) as admin:
+        token = admin.create_token("bo", "viewer").token
+
+    (record,) = unghost("login", "--token", token, "--json").records
+
+    opened = httpx.post(f"{server.url}/api/v1/session", json={"code": record["code"]})
+    assert record["login_link"] == f"{server.url}/#code={record['code']}"
+    assert (opened.json()["name"], opened.json()["role"]) == ("bo", "viewer")
+
+
+def test_login_without_a_token_says_what_is_missing(machine, tmp_path):
+    server, _ = machine
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+
+    answer = CommandLine(elsewhere, {"UNGHOST_SERVER": server.url})("login")
+
+    assert (answer.code, answer.out) == (REFUSED, "")
+    assert "token" in answer.err
+
+
+def is_signed_in(server_url, token):
+    with Client(server_url, token) as admin:
+        return any(
+            (one.action, one.details) == ("session.opened", {"by": "code"})
+            for one in admin.audit()
+        )
+
+
+def test_open_shows_no_secret_to_the_machine_and_leaves_no_file(tmp_path, browser):
+    """Whatever a browser is given as an argument stands in the list of processes."""
+    unghost = CommandLine(tmp_path, {"BROWSER": str(browser)}, anew=True)
+    notes = browser.parent
+
+    with unghost.running(
+        "serve", "--data", "here", "--port", "0", "--json", "--open"
+    ) as process:
+        url, _, printed = json.loads(first_line(process))["login_link"].partition(
+            "/#code="
+        )
+        token = token_of(tmp_path / "here")
+        until(lambda: (notes / "pid").exists())
+        listed = seen_by_everybody()
+        until(lambda: is_signed_in(url, token))
+        listed += seen_by_everybody()
+        page = Path((notes / "address").read_text().strip().removeprefix("file://"))
+        until(lambda: not page.exists())
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE_S)
+
+    handed_over = (notes / "page").read_text()
+    assert process.returncode == DONE
+    assert page.parent == tmp_path / "here"
+    assert stat.S_IMODE((notes / "page").stat().st_mode) == 0o600
+    assert printed in handed_over
+    for secret in (token, printed):
+        assert secret.encode() not in listed
+    assert list((tmp_path / "here").glob("login-*")) == []
+
+
+def test_open_without_a_browser_leaves_no_file_either(tmp_path):
+    unghost = CommandLine(tmp_path, {"BROWSER": "no-such-browser", "PATH": ""})
+
+    with unghost.running(
+        "serve", "--data", "here", "--port", "0", "--json", "--open"
+    ) as process:
+        assert first_line(process)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE_S)
+
+    assert process.returncode == DONE
+    assert list((tmp_path / "here").glob("login-*")) == []
+
+
+def test_file_that_a_killed_service_left_is_taken_away(tmp_path):
+    (tmp_path / "here").mkdir(mode=0o700)
+    left = tmp_path / "here" / "login-left.html"
+    left.write_text("a code that is over")
+
+    unghost = CommandLine(tmp_path, {})
+    with unghost.running("serve", "--data", "here", "--port", "0", "--json") as process:
+        assert first_line(process)
+        assert not left.exists()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE_S)
+
+
+def test_login_opens_the_browser_and_ends_when_the_link_was_used(machine, browser):
+    server, unghost = machine
+    settings = {**unghost.settings, "BROWSER": str(browser)}
+
+    answer = CommandLine(unghost.folder, settings)("login", "--open")
+
+    notes = browser.parent
+    page = Path((notes / "address").read_text().strip().removeprefix("file://"))
+    assert (answer.code, answer.out) == (DONE, "")
+    assert "#code=uc_" in (notes / "page").read_text()
+    assert stat.S_IMODE((notes / "page").stat().st_mode) == 0o600
+    assert not page.exists()
+    assert is_signed_in(server.url, server.token)

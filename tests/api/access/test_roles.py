@@ -1,0 +1,217 @@
+"""Every route with every role, and with tokens that are none: who gets how far."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta, timezone
+from typing import get_args
+
+import pytest
+
+from app.db.tables.access import Token
+from app.http.routing import ApiRoute, OpenRoute
+from app.security import includes
+from tests.support import frames as scene
+from tests.support.routes import ANYBODY, NEEDS, at, every_route, operations
+from unghost.wire.words import Role
+
+# No token has it: an admin who revokes their own is let in nowhere from then on.
+NOWHERE = "1000000000"
+GUARDED = {one: role for one, role in NEEDS.items() if role is not ANYBODY}
+NO_ENTRY = {401}
+REFUSALS = {401, 403, 429}
+
+
+@pytest.fixture(scope="module")
+def filled(service):
+    """A dataset that an admin has made, and the paths to everything in it."""
+    with service.admin() as admin:
+        admin.post("/api/v1/datasets", json={"name": "hers"})
+        frame = admin.put(
+            "/api/v1/datasets/hers/frames/a",
+            files={
+                "annotation": scene.as_json(scene.annotation()),
+                "image": scene.image(),
+            },
+        ).json()
+        answers = {
+            "run_id": admin.get("/api/v1/datasets/hers").json()["active_run"],
+            "frame_id": frame["frame"]["id"],
+            "box_id": frame["decisions"][0]["box_id"],
+            "digest": admin.get("/api/v1/datasets/hers/config").json()["digest"],
+            "code_id": 1,
+            "export_id": admin.post(
+                "/api/v1/datasets/hers/exports", json={"format": "yolo"}
+            ).json()["id"],
+        }
+    names = {"dataset": "hers", "key:any": "a", "kind": "image", "name:path": "x"}
+    return {**names, "token_id": 1, "batch_id": 1, **answers}
+
+
+def answered(client, values, operations=GUARDED):
+    """The status of each operation, asked for with nothing but its path."""
+    return {
+        (method, path): client.request(method, at(path, values)).status_code
+        for method, path in sorted(operations)
+    }
+
+
+def test_every_route_has_a_declared_role():
+    """A route that is new is in no table yet: say there who may call it."""
+    found = {one for route in every_route() for one in operations(route)}
+
+    assert found - NEEDS.keys() == set()
+    assert NEEDS.keys() - found == set()
+
+
+def test_every_route_is_behind_the_router_that_asks_for_its_role():
+    declared = {}
+    for route in every_route():
+        for method, path in operations(route):
+            reads = method in {"GET", "HEAD"}
+            needed = getattr(
+                route, "reading_needs" if reads else "writing_needs", ANYBODY
+            )
+            declared[method, path] = needed
+            is_open = needed is ANYBODY
+            # The shell alone takes any query: its views keep their filters there.
+            assert isinstance(route, OpenRoute if is_open else ApiRoute) or path == "/"
+
+    # Deleting a dataset asks for more than the other routes of its router.
+    assert declared.pop(("DELETE", "/api/v1/datasets/{dataset}")) == "reviewer"
+    assert declared == {one: NEEDS[one] for one in declared}
+
+
+@pytest.mark.parametrize("role", get_args(Role))
+def test_a_role_is_let_in_where_it_may_and_nowhere_else(as_role, role):
+    """With paths that lead nowhere: who is let in gets a 4xx of another kind."""
+    names = re.findall(r"{(.*?)}", " ".join(path for _, path in GUARDED))
+    nowhere = dict.fromkeys(names, NOWHERE)
+    client = as_role(role)
+
+    statuses = answered(client, nowhere)
+
+    refused = {one for one, status in statuses.items() if status in REFUSALS}
+    barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
+    assert refused == barred
+    assert {statuses[one] for one in refused} <= {403}
+
+
+@pytest.mark.parametrize("role", ["viewer", "reviewer"])
+def test_what_others_made_is_refused_by_role_as_well(service, as_role, filled, role):
+    """With paths that lead somewhere: what is refused has changed nothing."""
+    barred = {one for one, needed in GUARDED.items() if not includes(role, needed)}
+    with service.admin() as admin:
+        before = admin.get("/api/v1/datasets/hers").json()
+
+        statuses = answered(as_role(role), filled, barred)
+
+        assert set(statuses.values()) == {403}
+        assert admin.get("/api/v1/datasets/hers").json() == before
+        assert admin.get("/version").status_code == 200
+
+
+def test_what_others_made_may_be_looked_at(as_role, filled):
+    """Nobody's datasets are hidden: they belong to all who are let in."""
+    reading = {one for one, role in GUARDED.items() if role == "viewer"}
+    gets = {one for one in reading if one[0] == "GET"}
+
+    statuses = answered(as_role("viewer"), filled, gets)
+
+    assert {one for one, status in statuses.items() if status in REFUSALS} == set()
+    assert statuses["GET", "/api/v1/boxes/{box_id}"] == 200
+    assert statuses["GET", "/api/v1/frames/{frame_id}/{kind}"] == 200
+
+
+def expired(service, client):
+    token = client.post("/api/v1/tokens", json={"name": "expired"}).json()
+    with service.app.state.database.write() as session:
+        row = session.get(Token, token["id"])
+        row.expires_at = datetime.now(timezone.utc) - timedelta(seconds=1)
+    return {"Authorization": f"Bearer {token['token']}"}
+
+
+def revoked(service, client):
+    token = client.post("/api/v1/tokens", json={"name": "revoked"}).json()
+    client.delete(f"/api/v1/tokens/{token['id']}")
+    return {"Authorization": f"Bearer {token['token']}"}
+
+
+def ended_session(service, client):
+    """The session of a browser that has logged out."""
+    session = opened_session(service, service.token)
+    with service.client(**session) as browser:
+        assert browser.delete("/api/v1/session").status_code == 204
+    return session
+
+
+def session_as_a_cookie(service, client):
+    """One that is good, shown as earlier versions were shown theirs."""
+    secret = opened_session(service, service.token)["Authorization"].split()[1]
+    return {"Cookie": f"unghost_session={secret}", "Origin": service.url}
+
+
+def opened_session(service, token):
+    with service.client(Origin=service.url) as browser:
+        opened = browser.post("/api/v1/session", json={"token": token})
+    return {"Authorization": f"Bearer {opened.json()['session']}"}
+
+
+NONE_THAT_COUNTS = {
+    "missing": lambda service, client: {},
+    "another scheme": lambda service, client: {"Authorization": "Basic dWc6"},
+    "garbage": lambda service, client: {"Authorization": "Bearer ug_garbage"},
+    "half of one": lambda service, client: {
+        "Authorization": f"Bearer {service.token[:-1]}"
+    },
+    "expired": expired,
+    "revoked": revoked,
+    "ended session": ended_session,
+    "session as a cookie": session_as_a_cookie,
+}
+
+
+@pytest.mark.parametrize("which", NONE_THAT_COUNTS)
+def test_no_route_lets_in_who_shows_no_valid_token(service, admin, filled, which):
+    headers = NONE_THAT_COUNTS[which](service, admin)
+
+    with service.client(**headers) as client:
+        statuses = answered(client, filled)
+
+    assert set(statuses.values()) == NO_ENTRY
+
+
+@pytest.mark.parametrize(
+    ("which", "code"),
+    [("expired", "token_expired"), ("revoked", "token_revoked")],
+)
+def test_whoever_holds_an_ended_token_is_told_so(service, serve, which, code):
+    own = serve()
+    with own.admin() as client:
+        headers = NONE_THAT_COUNTS[which](own, client)
+        token = headers["Authorization"].split()[1]
+
+        by_header = client.get("/version", headers=headers).json()
+        by_login = client.post("/api/v1/session", json={"token": token}).json()
+
+    assert (by_header["code"], by_login["code"]) == (code, code)
+
+
+def test_a_session_ends_with_the_token_that_opened_it(service, admin):
+    token = admin.post("/api/v1/tokens", json={"name": "short"}).json()
+    session = opened_session(service, token["token"])
+    with service.client(**session) as browser:
+        with service.app.state.database.write() as session:
+            row = session.get(Token, token["id"])
+            row.expires_at = datetime.now(timezone.utc) - timedelta(seconds=1)
+
+        answer = browser.get("/version")
+
+    assert (answer.status_code, answer.json()["code"]) == (401, "token_expired")
+
+
+def test_a_route_without_a_role_would_be_noticed():
+    """The walk finds routes that are in no OpenAPI document."""
+    paths = {route.path for route in every_route()}
+
+    assert {"/docs", "/openapi.json", "/static/{name:path}", "/"} <= paths

@@ -1,0 +1,124 @@
+"""Tokens are given and taken back by admins, shown once, stored as hashes."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def create(client, name, **more):
+    return client.post("/api/v1/tokens", json={"name": name, **more})
+
+
+def test_a_new_token_opens_the_door_under_its_name(service, admin):
+    answer = create(admin, "ada", role="reviewer")
+
+    token = answer.json()["token"]
+    with service.client(Authorization=f"Bearer {token}") as client:
+        assert client.post("/probe/echo").status_code == 200
+        assert "'ada' has reviewer" in client.post("/probe/admin-only").text
+    assert answer.status_code == 201
+    assert answer.headers["cache-control"] == "no-store"
+
+
+def test_a_token_is_shown_once(admin):
+    token = create(admin, "once").json()["token"]
+
+    listed = admin.get("/api/v1/tokens")
+
+    assert token not in listed.text
+    found = next(one for one in listed.json()["items"] if one["name"] == "once")
+    assert found["role"] == "reviewer"
+    assert set(found) == {
+        *("id", "name", "role", "created_at", "expires_at", "revoked_at"),
+        "last_used_at",
+    }
+
+
+@pytest.mark.sqlite_files("its files are searched")
+def test_an_idempotency_key_does_not_store_the_token(service, admin):
+    headers = {"Idempotency-Key": "give-bob-a-token"}
+    body = {"name": "bob"}
+
+    first = admin.post("/api/v1/tokens", json=body, headers=headers)
+    again = admin.post("/api/v1/tokens", json=body, headers=headers)
+
+    files = service.settings.data.glob("unghost.db*")
+    assert (first.status_code, again.status_code) == (201, 409)
+    assert not any(first.json()["token"].encode() in f.read_bytes() for f in files)
+
+
+def test_a_revoked_token_and_its_sessions_end_at_once(service, admin):
+    given = create(admin, "eve").json()
+    with service.client() as browser:
+        opened = browser.post("/api/v1/session", json={"token": given["token"]}).json()
+        browser.headers["Authorization"] = f"Bearer {opened['session']}"
+        before = browser.get("/version").status_code
+
+        answer = admin.delete(f"/api/v1/tokens/{given['id']}")
+
+        assert (before, answer.status_code) == (200, 204)
+        assert browser.get("/version").status_code == 401
+    with service.client(Authorization=f"Bearer {given['token']}") as client:
+        assert client.get("/version").status_code == 401
+
+
+def test_the_last_admin_stays(serve):
+    with serve().admin() as client:
+        own = client.get("/api/v1/tokens").json()["items"][0]["id"]
+        alone = client.delete(f"/api/v1/tokens/{own}")
+        create(client, "second", role="admin")
+        followed = client.delete(f"/api/v1/tokens/{own}")
+
+    assert (alone.status_code, followed.status_code) == (409, 204)
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        ({"name": "admin"}, 409),
+        ({"name": ""}, 422),
+        ({"name": "a\nb"}, 422),
+        ({"name": " "}, 422),
+        ({"name": "x" * 101}, 422),
+        ({"name": "kim", "role": "owner"}, 422),
+        ({"name": "kim", "hash": "0" * 64}, 422),
+        ({"name": "kim", "expires_at": "2001-01-01T00:00:00Z"}, 422),
+        ({"name": "kim", "expires_at": "2100-01-01T00:00:00"}, 422),
+    ],
+)
+def test_a_token_that_cannot_be_is_refused(admin, body, status):
+    assert admin.post("/api/v1/tokens", json=body).status_code == status
+
+
+def test_a_name_may_be_in_any_script(admin):
+    assert create(admin, "Zoë 日本").json()["name"] == "Zoë 日本"
+
+
+@pytest.mark.parametrize("role", ["viewer", "reviewer"])
+def test_tokens_are_for_admins(as_role, role):
+    client = as_role(role)
+
+    answers = (
+        client.get("/api/v1/tokens"),
+        create(client, "mallory"),
+        client.delete("/api/v1/tokens/1"),
+    )
+
+    assert {answer.status_code for answer in answers} == {403}
+
+
+def test_a_token_that_is_not_there_is_404(admin):
+    assert admin.delete("/api/v1/tokens/9999").status_code == 404
+
+
+def test_tokens_are_listed_over_pages(serve):
+    with serve().admin() as client:
+        for name in ("a", "b", "c"):
+            create(client, name)
+        first = client.get("/api/v1/tokens?limit=2")
+        link = first.headers["link"].partition(">")[0].lstrip("<")
+        second = client.get(link)
+
+    names = [one["name"] for page in (first, second) for one in page.json()["items"]]
+    assert names == ["admin", "a", "b", "c"]
+    assert second.json()["next_cursor"] is None

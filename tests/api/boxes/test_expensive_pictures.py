@@ -1,0 +1,301 @@
+"""Pictures that cost much, or that are not what they say, stop nobody else."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import cache
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+
+from app.http.routing import MAX_READS_PER_TOKEN
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
+from tests.support import probe_routes
+from tests.support.api import BASE, Api
+from tests.support.archives import frame, lines_of, packed
+from tests.support.waiting import until
+
+PATIENCE_S = 120
+MIB = 1024**2
+
+
+@cache
+def painted(width, height):
+    """A segmentation of a road: small as a file, and not so when decoded."""
+    palette = FAMILIES[scene.FAMILY]
+    tags = np.full((height, width), palette.tag_of("Road"), np.uint8)
+    return scene.png(palette.paint(tags))
+
+
+def annotation(width, height, *rectangles):
+    boxes = [
+        {"id": str(number), "class": "car", "xyxy": xyxy}
+        for number, xyxy in enumerate(rectangles)
+    ]
+    camera = {"width": width, "height": height, "fov": 90}
+    return {"carla_version": "0.9.15", "camera": camera, "boxes": boxes}
+
+
+@contextmanager
+def serving(serve, **settings):
+    service = serve(**settings)
+    with service.admin() as client:
+        yield service, Api(client)
+
+
+def decoded(answer):
+    assert answer.status_code == 200, answer.text
+    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+
+
+def put_large(api, name, key, side=6000):
+    files = {"segmentation": painted(side, side)}
+    return api.put(name, key, annotation(side, side), **files)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"max_pixel_seconds": 0.05}, "UNGHOST_MAX_PIXEL_SECONDS"),
+        ({"max_pixel_memory_bytes": 64 * MIB}, "UNGHOST_MAX_PIXEL_MEMORY_BYTES"),
+    ],
+)
+def test_a_frame_that_needs_too_much_is_refused_and_named(serve, settings, named):
+    with serving(serve, **settings) as (_, api):
+        name = api.dataset()
+
+        answer = put_large(api, name, "large")
+
+        assert answer.status_code == 422, answer.text
+        problem = answer.json()
+        assert problem["code"] == "pixels_refused"
+        assert "frame large" in problem["detail"]
+        assert named in problem["detail"]
+        (noted,) = api.json(f"/datasets/{name}/problems")["items"]
+        assert noted["key"] == "large"
+        ended = "unghost_pixel_processes_ended_total{reason="
+        assert ended in api.http.get("/metrics").text
+
+
+def test_the_next_frame_is_measured_as_if_nothing_had_been(serve):
+    with serving(serve, max_pixel_memory_bytes=64 * MIB, workers=1) as (_, api):
+        name = api.dataset()
+
+        refused = [put_large(api, name, f"large/{number}") for number in range(3)]
+        stored = api.put(name, "small")
+
+        assert [one.status_code for one in refused] == [422] * 3
+        assert stored.status_code == 201, stored.text
+
+
+def test_a_picture_in_a_batch_that_needs_too_much_is_one_line(serve):
+    with serving(serve, max_pixel_memory_bytes=64 * MIB) as (_, api):
+        name = api.dataset()
+        large = [
+            ("large.json", scene.as_json(annotation(6000, 6000))),
+            ("large.segmentation.png", painted(6000, 6000)),
+        ]
+        content = packed([*frame("a"), *large, *frame("b")])
+
+        answer = api.http.post(
+            f"{BASE}/datasets/{name}/batches",
+            content=content,
+            headers={"Content-Type": "application/x-tar"},
+        )
+
+        first, refused, last, _ = lines_of(answer.text)
+        assert [first["status"], last["status"]] == [201, 201]
+        assert (refused["key"], refused["status"]) == ("large", 422)
+        assert refused["problem"]["code"] == "pixels_refused"
+
+
+def test_whoever_reads_and_answers_waits_for_no_frame(serve):
+    """Sixteen frames are measured for a while; meanwhile people work."""
+    with serving(serve, workers=1) as (_, api):
+        name = api.dataset()
+        api.stored(name, "small")
+        (box, *_) = api.json("/boxes", dataset=name)["items"]
+        review = {"verdict": "keep", "seen_revision": 0}
+        with ThreadPoolExecutor(16) as senders:
+            sent = [
+                senders.submit(put_large, api, name, f"large/{number}", 2000)
+                for number in range(16)
+            ]
+            until(lambda: any(one.done() for one in sent))
+
+            api.json("/datasets")
+            answered = api.post(f"/boxes/{box['box_id']}/reviews", review)
+            ready = api.http.get("/readyz")
+            waiting = sum(not one.done() for one in sent)
+
+            assert answered.status_code == 201, answered.text
+            assert ready.status_code == 200, ready.text
+            assert waiting > 0
+        assert {one.result().status_code for one in sent} == {201}
+
+
+@pytest.mark.parametrize("size", [(2, 9000), (9000, 2), (1, 1), (1, 9000)])
+def test_thin_pictures_are_drawn_small(api, size):
+    name = api.dataset()
+    width, height = size
+    image = scene.png(np.full((height, width, 3), 90, np.uint8))
+    files = {"image": image, "segmentation": painted(width, height)}
+    frame = api.stored(name, "thin", annotation(width, height, [0, 0, *size]), **files)
+    number = frame["frame"]["id"]
+    (decision,) = frame["decisions"]
+
+    thumbnail = decoded(api.get(f"/frames/{number}/thumbnail"))
+    overlay = decoded(api.get(f"/frames/{number}/overlay"))
+    crop = decoded(api.get(f"/boxes/{decision['box_id']}/crop", height=2048))
+
+    assert thumbnail.shape[0] <= 768
+    assert thumbnail.shape[1] <= 384
+    assert overlay.shape == (height, width, 3)
+    assert crop.shape[0] <= 2048
+    assert crop.shape[1] <= 4096
+
+
+def test_a_picture_is_drawn_once_and_then_kept(serve):
+    with serving(serve) as (service, api):
+        frame = api.stored(api.dataset(), "kept")
+        path = f"/frames/{frame['frame']['id']}/overlay"
+        first = api.get(path)
+
+        service.app.state.services.drawers.close()
+        again = api.get(path)
+
+        assert again.content == first.content
+        assert again.headers["etag"] == first.headers["etag"]
+
+
+def test_a_client_that_leaves_ends_the_drawing_of_its_picture(serve):
+    with serving(serve, workers=1) as (service, api):
+        side = 6000
+        image = scene.png(np.zeros((side, side, 3), np.uint8))
+        boxes = [[number, 0, number + 50, side] for number in range(0, 5000, 5)]
+        stored = api.stored(
+            api.dataset(), "a", annotation(side, side, *boxes), image=image
+        )
+        path = f"{BASE}/frames/{stored['frame']['id']}/overlay"
+        left = 'route="/api/v1/frames/{frame_id}/overlay",status="499"'
+
+        with service.admin() as impatient, pytest.raises(httpx.ReadTimeout):
+            impatient.get(path, timeout=0.3)
+
+        until(lambda: left in api.http.get("/metrics").text)
+
+
+def test_a_client_that_leaves_ends_the_measuring_of_its_frame(serve):
+    with serving(serve, workers=1) as (service, api):
+        side = 7900  # nearly the largest that is taken
+        dataset = api.dataset()
+        said = scene.as_json(annotation(side, side, [5, 5, 90, 90]))
+        parts = {"annotation": said, "segmentation": painted(side, side)}
+        path = f"{BASE}/datasets/{dataset}/frames/large"
+
+        ended = 'unghost_pixel_processes_ended_total{reason="given_up"}'
+
+        def leave_and_look():
+            # On a busy machine the first ones leave before anything is measured.
+            with service.admin() as impatient, pytest.raises(httpx.ReadTimeout):
+                impatient.put(path, files=parts, timeout=0.3)
+            return ended in api.http.get("/metrics").text
+
+        until(leave_and_look)
+        assert api.get(f"/datasets/{dataset}").json()["counts"]["frames"] == 0
+
+
+def test_what_cannot_be_drawn_costs_only_once(serve):
+    with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
+        large = scene.png(np.zeros((6000, 6000, 3), np.uint8))
+        camera = {**annotation(6000, 6000), "boxes": []}
+        stored = api.stored(api.dataset(), "a", camera, image=large)
+        path = f"/frames/{stored['frame']['id']}/overlay"
+
+        answers = [api.get(path) for _ in range(5)]
+
+        assert {one.json()["code"] for one in answers} == {"pixels_refused"}
+        ended = 'unghost_pixel_processes_ended_total{reason="memory"}'
+        lines = api.http.get("/metrics").text.splitlines()
+        counts = [line for line in lines if line.startswith(ended)]
+        before, again = counts, [api.get(path) for _ in range(3)]
+        assert {one.status_code for one in again} == {422}
+        after = api.http.get("/metrics").text.splitlines()
+        assert [line for line in after if line.startswith(ended)] == before
+
+
+def test_a_token_that_reads_much_leaves_threads_to_others(serve):
+    probe_routes.let_go.clear()
+    service = serve()
+    with service.admin() as admin:
+        made = admin.post("/api/v1/tokens", json={"name": "greedy", "role": "viewer"})
+        greedy = service.client(Authorization=f"Bearer {made.json()['token']}")
+        with greedy, ThreadPoolExecutor(60) as readers:
+            asked = [readers.submit(greedy.get, "/probe/wait") for _ in range(60)]
+            try:
+                for _ in range(MAX_READS_PER_TOKEN):
+                    assert probe_routes.waiting.acquire(timeout=PATIENCE_S)
+                others = admin.get("/api/v1/datasets")
+            finally:
+                probe_routes.let_go.set()
+            answers = {one.result().status_code for one in asked}
+
+    assert others.status_code == 200
+    assert answers == {200}
+
+
+@contextmanager
+def drawing_for_long(service, api, path, count):
+    """One viewer asks for a picture that takes long, so often at the same time."""
+    made = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
+    greedy = service.client(Authorization=f"Bearer {made['token']}")
+    stopping = service.app.state.services.engine.stopping
+    with greedy, ThreadPoolExecutor(count) as viewers:
+        asked = [viewers.submit(greedy.get, path) for _ in range(count)]
+        try:
+            until(lambda: service.app.state.drawings.borrowed_tokens)
+            yield asked
+        finally:
+            stopping.set()  # nobody waits for them to be drawn
+
+
+def put_slow(api, name):
+    """A frame that takes seconds to be drawn; where its overlay is."""
+    side = 6000
+    image = scene.png(np.zeros((side, side, 3), np.uint8))
+    boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]
+    stored = api.stored(name, "slow", annotation(side, side, *boxes), image=image)
+    return f"{BASE}/frames/{stored['frame']['id']}/overlay"
+
+
+def test_who_draws_much_keeps_nobody_from_drawing_and_storing(serve):
+    with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
+        name = api.dataset()
+        small = api.stored(name, "small")["frame"]["id"]
+        path = put_slow(api, name)
+        with drawing_for_long(service, api, path, 6) as asked:
+            thumbnail = api.get(f"/frames/{small}/thumbnail")
+            stored = api.put(name, "another")
+            overlay = api.get(f"/frames/{small}/overlay")
+            drawn = [one for one in asked if one.done()]
+
+    assert (thumbnail.status_code, overlay.status_code) == (200, 200)
+    assert stored.status_code == 201, stored.text
+    assert drawn == []
+
+
+def test_a_stop_gives_up_what_is_being_drawn(serve):
+    with serving(serve, workers=1, max_pixel_seconds=PATIENCE_S) as (service, api):
+        path = put_slow(api, api.dataset())
+        with drawing_for_long(service, api, path, 3) as asked:
+            pass
+        late = api.http.get(path)
+        answers = [one.result() for one in asked]
+
+    assert {one.status_code for one in (*answers, late)} == {503}
+    assert {one.json()["code"] for one in (*answers, late)} == {"not_ready"}
+    assert "the service stops" in late.json()["detail"]

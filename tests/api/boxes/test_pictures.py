@@ -1,0 +1,180 @@
+"""Files and pictures of a frame: byte for byte, cached, in parts."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
+from tests.support.api import BASE
+
+CONTENT = scene.segmentation()
+SIZE = len(CONTENT)
+
+
+@pytest.fixture(scope="module")
+def stored(api):
+    return api.stored(api.dataset(), "a")
+
+
+@pytest.fixture(scope="module")
+def path(stored):
+    return f"{BASE}/frames/{stored['frame']['id']}/segmentation"
+
+
+def decoded(answer):
+    return cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+
+
+def test_a_file_comes_back_with_headers_that_let_it_be_kept(api, stored, path):
+    answer = api.http.get(path)
+
+    sha256 = stored["frame"]["files"]["segmentation"]["sha256"]
+    names = ("etag", "content-type", "cache-control", "content-security-policy")
+    assert answer.content == CONTENT
+    assert [answer.headers[name] for name in names] == [
+        f'"{sha256}"',
+        "image/png",
+        "private, max-age=31536000, immutable",
+        "default-src 'none'; sandbox",
+    ]
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize("form", ["{}", "W/{}", '"other", {}', "*"])
+def test_a_file_that_is_known_is_304(api, path, form):
+    etag = api.http.get(path).headers["etag"]
+
+    answer = api.http.get(path, headers={"If-None-Match": form.format(etag)})
+
+    assert (answer.status_code, answer.content) == (304, b"")
+    assert answer.headers["etag"] == etag
+
+
+@pytest.mark.parametrize(
+    ("wanted", "status", "part"),
+    [
+        ("bytes=0-3", 206, CONTENT[:4]),
+        ("bytes=-5", 206, CONTENT[-5:]),
+        ("bytes=8-", 206, CONTENT[8:]),
+        (f"bytes={SIZE - 1}-{SIZE * 9}", 206, CONTENT[-1:]),
+        ("bytes=0-1,4-5", 200, CONTENT),
+        ("bytes=5-2", 200, CONTENT),
+        ("bytes=", 200, CONTENT),
+        ("bytes=a-b", 200, CONTENT),
+        ("pixels=0-1", 200, CONTENT),
+        ("bytes=\xb2-", 200, CONTENT),
+        ("bytes=" + "9" * 5000 + "-", 200, CONTENT),
+        (f"bytes={SIZE}-", 416, None),
+        ("bytes=-0", 416, None),
+    ],
+)
+def test_single_ranges_are_answered_and_nonsense_is_not_looked_at(
+    api, path, wanted, status, part
+):
+    """Superscripts and numbers of five thousand digits used to be a 500."""
+    answer = api.http.get(path, headers=[(b"Range", wanted.encode("latin-1"))])
+
+    assert answer.status_code == status
+    if part is None:
+        assert answer.headers["content-range"] == f"bytes */{SIZE}"
+        assert answer.json()["code"] == "range_not_satisfiable"
+    else:
+        assert answer.content == part
+
+
+def test_a_range_of_another_version_is_not_mixed_in(api, path):
+    headers = {"Range": "bytes=0-3", "If-Range": '"another"'}
+
+    assert api.http.get(path, headers=headers).content == CONTENT
+
+
+def test_files_that_a_frame_does_not_have_are_404(api, stored):
+    frame = stored["frame"]["id"]
+
+    answers = [api.get(f"/frames/{frame}/{kind}") for kind in ("depth", "lidar")]
+
+    assert [answer.status_code for answer in answers] == [404, 404]
+    assert answers[0].json()["detail"] == f"frame {frame} has no file 'depth'"
+
+
+def test_the_segmentation_without_boxes_is_its_palette_bit_for_bit(api, stored):
+    frame = stored["frame"]["id"]
+
+    answer = api.get(f"/frames/{frame}/overlay", layer="segmentation", boxes="")
+
+    painted = FAMILIES[scene.FAMILY].paint(scene.tags())
+    assert answer.headers["content-type"] == "image/png"
+    np.testing.assert_array_equal(decoded(answer)[..., ::-1], painted)
+
+
+def test_boxes_are_drawn_by_their_effective_verdict(api):
+    dataset = api.dataset()
+    frame = api.stored(dataset, "a")["frame"]["id"]
+    first = api.get(f"/frames/{frame}/overlay", boxes="kept")
+    ghost = api.boxes(dataset, verdict="rejected")[0]["box_id"]
+
+    assert api.review(ghost, "keep").status_code == 201
+    again = api.http.get(first.url, headers={"If-None-Match": first.headers["etag"]})
+
+    assert first.headers["content-type"] == "image/jpeg"
+    assert again.status_code == 200
+    assert decoded(again).shape == (scene.HEIGHT, scene.WIDTH, 3)
+    x, y = scene.IN_THE_SKY[:2]
+    assert decoded(first)[y, x].max() < 40
+    assert decoded(again)[y, x].max() > 90
+
+
+def test_a_thumbnail_is_small_and_known_the_second_time(api, stored):
+    url = f"{BASE}/frames/{stored['frame']['id']}/thumbnail"
+
+    answer = api.http.get(url)
+    again = api.http.get(url, headers={"If-None-Match": answer.headers["etag"]})
+
+    assert decoded(answer).shape == (288, 384, 3)
+    assert again.status_code == 304
+
+
+@pytest.mark.parametrize("layer", ["image", "segmentation", "blend"])
+def test_a_crop_shows_the_box_and_its_surroundings(api, stored, layer):
+    box = stored["decisions"][0]["box_id"]
+
+    answer = api.get(f"/boxes/{box}/crop", layer=layer, pad=0, height=32)
+
+    assert decoded(answer).shape == (32, 40, 3)
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/crop?pad=NaN", 422),
+        ("/crop?height=1", 422),
+        ("/crop?layer=depth", 422),
+        ("/crop?zoom=2", 400),
+    ],
+)
+def test_a_crop_that_cannot_be_is_refused(api, stored, path, status):
+    box = stored["decisions"][0]["box_id"]
+
+    assert api.http.get(f"{BASE}/boxes/{box}{path}").status_code == status
+
+
+def test_a_box_outside_has_no_crop_and_a_frame_without_image_is_grey(api):
+    boxes = [
+        {"id": "out", "class": "car", "xyxy": [90, 0, 99, 9]},
+        {"id": "in", "class": "car", "xyxy": scene.ON_THE_CAR},
+    ]
+    stored = api.stored(
+        api.dataset(),
+        "a",
+        {**scene.annotation(), "boxes": boxes},
+        segmentation=scene.segmentation(),
+    )
+    outside, inside = (one["box_id"] for one in stored["decisions"])
+
+    assert api.get(f"/boxes/{outside}/crop").status_code == 404
+    assert decoded(api.get(f"/boxes/{inside}/crop"))[5, 5].tolist() == [96, 96, 96]
+    thumbnail = api.get(f"/frames/{stored['frame']['id']}/thumbnail")
+    assert thumbnail.status_code == 404

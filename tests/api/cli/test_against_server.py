@@ -1,0 +1,332 @@
+"""The command line against a real server: what it prints, and its exit codes."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.command_line import CommandLine
+from tests.support.frames import image as scene_image
+from tests.support.frames import write_manifest
+from tests.support.ports import reserved_port
+from tests.support.servers import RunningServer
+from unghost import Client
+
+DONE, REFUSED, USAGE, PARTLY, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 69, 130
+
+
+@pytest.fixture
+def unghost(server: RunningServer, tmp_path: Path) -> CommandLine:
+    """The command line, pointed at the server."""
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    return CommandLine(tmp_path, settings)
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Iterator[CommandLine]:
+    """The command line on a machine without a server."""
+    with reserved_port() as port:
+        yield CommandLine(tmp_path, {"UNGHOST_SERVER": f"http://127.0.0.1:{port}"})
+
+
+@pytest.fixture
+def name(request: pytest.FixtureRequest) -> str:
+    """A dataset of the test's own."""
+    test = str(request.node.name)
+    return f"cli-{test.replace('_', '-').strip('-')[:80]}"
+
+
+@pytest.fixture
+def pushed(unghost: CommandLine, name: str, tmp_path: Path) -> str:
+    """A dataset with three frames."""
+    assert unghost("push", frames_in(tmp_path, 3), "--dataset", name).code == DONE
+    return name
+
+
+def frames_in(folder: Path, count: int, **options: frozenset[int]) -> Path:
+    return write_manifest(folder / f"frames-{count}", count, **options)
+
+
+def config_file(folder: Path, text: str) -> Path:
+    file = folder / "filter.yaml"
+    file.write_text(text)
+    return file
+
+
+def test_push_makes_the_dataset_and_says_what_became_of_it(unghost, name, tmp_path):
+    answer = unghost("push", frames_in(tmp_path, 3), "--dataset", name)
+
+    assert answer.code == DONE
+    assert answer.out == (
+        "3 stored\t0 already_there\t0 refused\t3 kept\t3 rejected\t0 unmeasured\n"
+    )
+    assert "3 of 3 frames" in answer.err
+
+
+def test_a_second_push_sends_nothing(unghost, server, pushed, tmp_path):
+    before = server.log.read_text().count("PUT")
+
+    answer = unghost("push", tmp_path / "frames-3", "--dataset", pushed, "--json")
+
+    assert answer.code == DONE
+    summary = answer.records[-1]
+    assert (summary["stored"], summary["already_there"]) == (0, 3)
+    assert server.log.read_text().count("PUT") == before
+
+
+def test_push_takes_up_what_is_missing(unghost, pushed, tmp_path):
+    more = frames_in(tmp_path, 5)
+
+    answer = unghost("push", more, "--dataset", pushed, "--json")
+
+    assert (answer.records[-1]["stored"], answer.records[-1]["already_there"]) == (2, 3)
+
+
+def test_push_with_a_bad_frame_is_partly_done_and_lists_it(unghost, name, tmp_path):
+    folder = frames_in(tmp_path, 4, bad=frozenset({2}))
+
+    answer = unghost("push", folder, "--dataset", name)
+
+    assert answer.code == PARTLY
+    assert "3 stored" in answer.out
+    assert 'refused: run/000002: box 0 (id "x"), xyxy[2]: expected' in answer.err
+    assert answer.err.count('"wide"') == 1
+    assert "Traceback" not in answer.err
+
+
+def test_push_of_bad_frames_alone_is_refused(unghost, name, tmp_path):
+    folder = frames_in(tmp_path, 2, bad=frozenset({0, 1}))
+
+    assert unghost("push", folder, "--dataset", name).code == REFUSED
+
+
+def test_push_of_a_missing_image_is_partly_done(unghost, name, tmp_path):
+    folder = frames_in(tmp_path, 3)
+    (folder / "rgb" / "000001.png").unlink()
+
+    answer = unghost("push", folder, "--dataset", name)
+
+    assert answer.code == PARTLY
+    assert "000001" in answer.err
+
+
+def test_push_as_json_is_one_record_per_frame_and_a_summary(unghost, name, tmp_path):
+    folder = frames_in(tmp_path, 3, bad=frozenset({1}))
+
+    records = unghost("push", folder, "--dataset", name, "--json").records
+
+    outcomes = {each["key"]: each["outcome"] for each in records[:-1]}
+    assert outcomes == {
+        "run/000000": "stored",
+        "run/000001": "refused",
+        "run/000002": "stored",
+    }
+    assert records[-1]["dataset"] == name
+    assert records[-1]["refused"] == 1
+
+
+def test_a_class_without_tags_is_pointed_out(unghost, name, tmp_path):
+    manifest = frames_in(tmp_path, 2) / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', '"unicorn"'))
+
+    answer = unghost("push", manifest, "--dataset", name)
+
+    assert answer.code == DONE
+    expected = f"rejected: 4 boxes of {name}, since their class has no tags: unicorn"
+    assert expected in answer.err
+
+
+def test_changed_frames_are_refused_and_replaced_on_request(unghost, pushed, tmp_path):
+    manifest = tmp_path / "frames-3" / "manifest.jsonl"
+    lines = manifest.read_text().splitlines()
+    # The key, the number of boxes and the kinds of files stay as they are.
+    lines[1] = lines[1].replace('"id": "ghost"', '"id": "other"')
+    manifest.write_text("\n".join(lines))
+    again = ("push", tmp_path / "frames-3", "--dataset", pushed)
+
+    refused = unghost(*again)
+    replaced = unghost(*again, "--replace")
+
+    assert refused.code == PARTLY
+    assert "0 stored\t2 already_there\t1 refused" in refused.out
+    assert "another frame 'run/000001'" in refused.err
+    assert "1 frame has other content there; --replace stores it" in refused.err
+    assert replaced.code == DONE
+    assert "1 stored\t2 already_there\t0 refused" in replaced.out
+
+
+def test_a_changed_image_is_not_taken_for_the_one_that_is_there(
+    unghost, pushed, tmp_path
+):
+    image = tmp_path / "frames-3" / "rgb" / "000001.png"
+    image.write_bytes(scene_image(99))
+
+    again = unghost("push", tmp_path / "frames-3", "--dataset", pushed, "--replace")
+
+    assert "1 stored\t2 already_there" in again.out
+
+
+def test_push_does_not_ignore_an_option_that_the_dataset_contradicts(
+    unghost, pushed, tmp_path
+):
+    folder = tmp_path / "frames-3"
+
+    answer = unghost("push", folder, "--dataset", pushed, "--palette", "carla-0.9.0")
+
+    assert answer.code == REFUSED
+    assert "'auto', not 'carla-0.9.0'" in answer.err
+
+
+def test_an_interrupted_push_says_so_and_can_be_repeated(unghost, name, tmp_path):
+    folder = frames_in(tmp_path, 200)
+    command = ("push", folder, "--dataset", name, "--json", "--workers", 1)
+    with unghost.running(*command) as process:
+        first = process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+
+    assert '"stored"' in first
+    assert process.returncode == INTERRUPTED
+    assert "the same command goes on" in err
+    assert "Traceback" not in err
+    again = unghost(*command).records[-1]
+    assert again["already_there"] > 0
+    assert again["stored"] + again["already_there"] == 200
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["datasets"],
+        ["stats", "town"],
+        ["config", "show", "town"],
+        ["export", "town", "--format", "yolo", "-o", "out.zip"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_without_a_server_the_exit_code_says_so(alone, words):
+    answer = alone(*words)
+
+    assert answer.code == UNAVAILABLE
+    assert "no answer from http://127.0.0.1:" in answer.err
+    assert "Traceback" not in answer.err
+    assert answer.out == ""
+
+
+def test_what_the_server_refuses_is_exit_code_1(unghost):
+    answer = unghost("stats", "no-such-dataset")
+
+    assert answer.code == REFUSED
+    assert "(not_found)" in answer.err
+
+
+def test_a_wrong_token_is_refused_with_advice(unghost):
+    answer = unghost("datasets", "--token", "wrong")
+
+    assert answer.code == REFUSED
+    assert "UNGHOST_TOKEN" in answer.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["no-such-command"],
+        ["stats"],
+        ["stats", "town", "--no-such-option"],
+        ["push", "no-such-folder", "--dataset", "town"],
+        ["export", "town", "--format", "yolo", "-o", "x.zip", "-O", "split"],
+        ["datasets", "--server", "not a url"],
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_command_line_is_exit_code_2(alone, words):
+    answer = alone(*words)
+
+    assert answer.code == USAGE
+    assert "Traceback" not in answer.err
+
+
+def test_datasets_are_lines_with_tabs_and_json_on_request(unghost, pushed):
+    lines = unghost("datasets").out.splitlines()
+    records = unghost("datasets", "--json").records
+
+    assert f"{pushed}\t3\t6\t3\t3\t0" in "\n".join(lines)
+    assert pushed in [record["name"] for record in records]
+
+
+def test_stats_count_by_reason(unghost, pushed):
+    lines = unghost("stats", pushed).out.splitlines()
+
+    assert {"boxes\t6", "reason\tno_visible_pixels\t3\t50.0"} <= set(lines)
+    assert "class\tcar\t6\t3\t3\t0\t50.0" in lines
+    (record,) = unghost("stats", pushed, "--json").records
+    assert record["by_reason"]["visible"] == 3
+
+
+def test_config_is_shown_compared_and_set(unghost, pushed, tmp_path):
+    file = config_file(tmp_path, "min_visible_pixels: 500\n")
+
+    assert "min_visible_pixels: 1" in unghost("config", "show", pushed).out
+    compared = unghost("config", "diff", pushed, "--config", file)
+    assert compared.out == "min_visible_pixels\t1\t500\n"
+    assert "3 boxes would flip" in compared.err
+    assert unghost("config", "set", pushed, file).code == DONE
+    assert "min_visible_pixels: 500" in unghost("config", "show", pushed).out
+    (record,) = unghost("stats", pushed, "--json").records
+    assert record["rejected"] == 6
+
+
+def test_config_diff_as_json(unghost, pushed, tmp_path):
+    file = config_file(tmp_path, "min_visible_pixels: 500\n")
+
+    (record,) = unghost("config", "diff", pushed, "--config", file, "--json").records
+
+    change = {"key": "min_visible_pixels", "before": 1, "after": 500}
+    assert record["changes"] == [change]
+    assert record["flips"]["kept_to_rejected"] == 3
+
+
+def test_a_run_is_waited_for(unghost, pushed, tmp_path):
+    file = config_file(tmp_path, "min_visible_pixels: 500\n")
+
+    answer = unghost("run", pushed, "--config", file, "--wait", "--json")
+
+    assert answer.code == DONE
+    assert answer.records[0]["state"] == "done"
+    (stats,) = unghost("stats", pushed, "--json").records
+    assert stats["rejected"] == 3
+
+
+def test_labels_are_exported_to_a_file(unghost, pushed, tmp_path):
+    answer = unghost("export", pushed, "--format", "yolo", "-o", tmp_path / "out.zip")
+
+    assert answer.code == DONE
+    assert answer.out == f"{tmp_path / 'out.zip'}\n"
+    assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
+
+
+def test_export_options_reach_the_server(unghost, pushed):
+    wrong = ("export", pushed, "--format", "yolo", "-o", "x.zip", "--option", "color=1")
+
+    answer = unghost(*wrong)
+
+    assert answer.code == REFUSED
+    assert "color" in answer.err
+
+
+def test_the_token_of_a_server_in_this_folder_is_found(server, tmp_path):
+    (tmp_path / "unghost-data").symlink_to(server.data)
+    unghost = CommandLine(tmp_path, {"UNGHOST_SERVER": server.url})
+
+    assert unghost("datasets").code == DONE
+
+
+def test_names_from_users_are_not_columns(unghost, server, tmp_path):
+    with Client(server.url, server.token) as client:
+        client.create_dataset("cli-tabs", description="a\tb\nc")
+
+    assert unghost("stats", "cli-tabs").code == DONE
+    assert all(line.count("\t") == 6 for line in unghost("datasets").out.splitlines())

@@ -1,0 +1,47 @@
+"""Files of configurations that cannot be used: what the commands say of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.command_line import CommandLine
+
+REFUSED = 1
+
+
+@pytest.fixture
+def unghost(server, tmp_path) -> CommandLine:
+    """The command line in an empty folder, with a server to talk to."""
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    return CommandLine(tmp_path, settings)
+
+
+def test_a_wrong_config_is_refused_with_the_nearest_key(unghost, api, tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("treshold_small_box: 5\n")
+
+    for command in using(api.dataset(), file):
+        answer = unghost(*command)
+        assert answer.code == REFUSED
+        assert answer.err == (
+            f"unghost: {file}: unknown key 'treshold_small_box'; the nearest valid key "
+            "is 'threshold_small_box'\n"
+        )
+
+
+def test_a_config_that_is_no_text_is_refused_in_words(unghost, api, tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_bytes(b"classes:\xff")
+
+    for command in using(api.dataset(), file):
+        answer = unghost(*command)
+        assert answer.code == REFUSED
+        assert answer.err == (
+            f"unghost: {file}: expected YAML in UTF-8, found other bytes at offset 8\n"
+        )
+
+
+def using(dataset, file):
+    yield "config", "set", dataset, file
+    yield "config", "diff", dataset, "--config", file
+    yield "run", dataset, "--config", file

@@ -1,0 +1,153 @@
+"""`unghost evaluate` on a folder: tables, JSON, a picture, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from filter_core.config.file import load_config
+from tests.support.command_line import CommandLine
+from tests.support.folders import painted
+from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
+
+pytestmark = pytest.mark.long
+
+DONE, REFUSED, USAGE, PARTLY = 0, 1, 2, 3
+
+
+@pytest.fixture
+def unghost(tmp_path: Path) -> CommandLine:
+    return CommandLine(tmp_path, {})
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two frames of a car and a ghost behind it; the third's depth is broken."""
+    tags, metres, ids = scene()
+    files = {
+        "segmentation": painted(tags),
+        "depth": depth_png(metres),
+        "instances": instance_png(tags, ids),
+    }
+    root = tmp_path / "frames"
+    root.mkdir()
+    lines = []
+    for key in ("a", "b", "broken"):
+        paths = {kind: f"{key}-{kind}.png" for kind in files}
+        for kind, content in files.items():
+            cut = len(content) // 2 if (key, kind) == ("broken", "depth") else None
+            (root / paths[kind]).write_bytes(content[:cut])
+        lines.append(json.dumps({"key": key, **paths, **ANNOTATION}))
+    (root / "manifest.jsonl").write_text("\n".join(lines))
+    return root
+
+
+def write_truth(folder: Path) -> Path:
+    lines = [
+        {"key": key, "id": box_id, "visible": box_id == "217"}
+        for key in ("a", "b")
+        for box_id in ("217", "218")
+    ]
+    path = folder / "truth.jsonl"
+    path.write_text("\n".join(map(json.dumps, lines)))
+    return path
+
+
+def test_channels_are_compared_with_a_file_of_truths(unghost, folder):
+    answer = unghost("evaluate", folder, "--truth", write_truth(folder), "--json")
+
+    assert answer.code == PARTLY
+    assert "refused: broken" in answer.err
+    (result,) = answer.records
+    assert (result["frames"], result["boxes"]) == (2, 4)
+    kept = {name: one["kept_hidden"] for name, one in result["channels"].items()}
+    assert (kept["semantic"], kept["depth"], kept["instance"]) == (2, 0, 0)
+
+
+def test_instances_are_the_truth_where_no_file_is_given(unghost, folder):
+    answer = unghost(
+        "evaluate", folder, "--channel", "semantic", "--channel", "ordered"
+    )
+
+    assert answer.code == DONE
+    first, second = (line.split("\t") for line in answer.out.splitlines()[:2])
+    assert first[0] == "semantic"
+    assert first[6:9] == ["3", "0", "6"]
+    assert second[:4] == ["ordered", "1.0", "1.0", "1.0"]
+    assert "metres\t0-50\tordered" in answer.out
+    assert "class\tcar\tsemantic" in answer.out
+
+
+def test_the_picture_names_every_channel(unghost, folder, tmp_path):
+    unghost("evaluate", folder, "--channel", "ordered", "--plot", "scores.svg")
+
+    root = ElementTree.fromstring((tmp_path / "scores.svg").read_text("utf-8"))
+    texts = [node.text for node in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert "ordered" in texts
+
+
+def test_a_truth_that_cannot_be_read_is_refused_with_its_line(unghost, folder):
+    (folder / "truth.jsonl").write_text("nonsense")
+
+    answer = unghost("evaluate", folder, "--truth", folder / "truth.jsonl")
+
+    assert answer.code == REFUSED
+    assert "truth.jsonl, line 1" in answer.err
+
+
+@pytest.fixture
+def half_seen(folder: Path) -> Path:
+    """Instead of the ghost a box beside the car: a sixth of it is the car's."""
+    manifest = folder / "manifest.jsonl"
+    frames = [json.loads(line) for line in manifest.read_text().splitlines()]
+    beside = {"id": "beside", "class": "car", "xyxy": [20, 30, 80, 100]}
+    for frame in frames:
+        frame["boxes"] = [frame["boxes"][0], beside]
+    manifest.write_text("\n".join(map(json.dumps, frames[:2])))
+    return folder
+
+
+def test_suggested_thresholds_are_a_file_that_can_be_used_as_it_is(
+    unghost, half_seen, tmp_path
+):
+    (told,) = unghost(
+        "evaluate", half_seen, "--suggest", "--config-out", "new.yaml", "--json"
+    ).records
+    after = unghost("evaluate", half_seen, "--config", "new.yaml", "--json")
+
+    (car,) = told["suggested"]
+    assert (car["class"], car["current"], car["answers"]) == ("car", 10, 4)
+    assert 17.2 < car["suggested"] < 90
+    written = load_config((tmp_path / "new.yaml").read_bytes()).config
+    assert written.limits_of("car").threshold_small_box == car["suggested"]
+    assert told["channels"]["semantic"]["kept_hidden"] == 2
+    assert after.records[0]["channels"]["semantic"]["f1"]["value"] == 1
+
+
+def test_suggested_thresholds_are_a_table(unghost, half_seen):
+    answer = unghost("evaluate", half_seen, "--suggest", "--recall", "1")
+
+    (row,) = [
+        line.split("\t")
+        for line in answer.out.splitlines()
+        if line.startswith("threshold\t")
+    ]
+    assert row[1:3] == ["car", "10.0"]
+    assert row[-2:] == ["0.667", "1.0"]
+
+
+def test_the_worst_boxes_of_each_channel_are_listed(unghost, half_seen):
+    (told,) = unghost("evaluate", half_seen, "--json").records
+
+    assert told["channels"]["semantic"]["worst"] == [
+        {"key": key, "id": "beside", "error": "kept_hidden", "pixels": 60 * 70}
+        for key in ("a", "b")
+    ]
+    assert told["channels"]["instance"]["worst"] == []
+
+
+def test_what_belongs_to_suggest_is_refused_without_it(unghost, folder):
+    assert unghost("evaluate", folder, "--recall", "0.9").code == USAGE

@@ -1,0 +1,134 @@
+"""`unghost filter` on many frames: as many processes as cores, and one command."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.formats.registry import read_source
+from tests.support.command_line import CommandLine
+from tests.support.frames import write_manifest
+from tests.support.waiting import until
+from unghost.cli import filter_local
+from unghost.cli.filter_local import FEWEST_FRAMES, FEWEST_PROCESSES, decided_lines
+
+DONE, REFUSED = 0, 1
+WORKERS = FEWEST_PROCESSES
+TO_ALL = ("-o", "all.jsonl")
+MARK = "UNGHOST_TEST_MARK"
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+
+
+@pytest.fixture
+def marked(tmp_path) -> CommandLine:
+    """The command line; its processes can be told from all others."""
+    return CommandLine(tmp_path, {MARK: str(tmp_path)}, anew=True)
+
+
+def processes_of(folder: Path, *, working: bool = False) -> Iterator[int]:
+    """Processes of the commands of a folder; those alone that decide frames."""
+    for entry in Path("/proc").iterdir():
+        try:
+            environment = (entry / "environ").read_bytes().split(b"\0")
+            threads = len(list((entry / "task").iterdir()))
+        except OSError:
+            continue
+        # Their second thread waits for the end of the command.
+        if f"{MARK}={folder}".encode() in environment:
+            name = (entry / "cmdline").read_bytes()
+            if not working or (b"forkserver" in name and threads > 1):
+                yield int(entry.name)
+
+
+def many(folder: Path, lines: int) -> Path:
+    """A manifest of so many frames, which all have the same files."""
+    write_manifest(folder, 1)
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text() * lines)
+    return folder
+
+
+def test_processes_write_what_threads_write(tmp_path, monkeypatch):
+    found = read_source(write_manifest(tmp_path / "frames", 30, bad=frozenset({3, 29})))
+    (tmp_path / "frames" / "seg" / "000007.png").write_bytes(b"no picture")
+    (tmp_path / "frames" / "seg" / "000009.png").unlink()
+    config = FilterConfig.from_mapping({"threshold_small_box": 30})
+    by_threads = list(decided_lines(found, config, WORKERS))
+
+    monkeypatch.setattr(filter_local, "FEWEST_FRAMES", 1)
+    by_processes = list(decided_lines(found, config, WORKERS))
+
+    assert by_processes == by_threads
+    assert [line.key for line in by_threads if line.fault] == [
+        f"run/{number:06}" for number in (3, 7, 9, 29)
+    ]
+
+
+def test_many_frames_come_out_in_their_order(marked, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    manifest = folder / "manifest.jsonl"
+    one, keys = manifest.read_text(), [f"run/{n:06}" for n in range(FEWEST_FRAMES)]
+    manifest.write_text("".join(one.replace("run/000000", key) for key in keys))
+
+    answer = marked("filter", folder, *TO_ALL, "--workers", WORKERS)
+
+    assert answer.code == DONE
+    assert answer.out.startswith(f"{FEWEST_FRAMES} decided\t")
+    lines = (tmp_path / "all.jsonl").read_text().splitlines()
+    assert [line[8:18] for line in lines] == keys
+
+
+@pytest.mark.long
+@on_linux
+def test_processes_end_with_a_command_that_is_killed(marked, tmp_path):
+    folder = many(tmp_path / "frames", 20_000)
+    with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
+        until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
+
+        command.kill()
+        command.wait()
+
+        until(lambda: not list(processes_of(tmp_path)))
+
+
+@on_linux
+def test_frames_that_end_a_process_are_named(marked, tmp_path):
+    folder = many(tmp_path / "frames", 20_000)
+    with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
+        until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
+
+        os.kill(next(processes_of(tmp_path, working=True)), signal.SIGKILL)
+        _, err = command.communicate(timeout=60)
+
+    assert command.returncode == REFUSED
+    assert "a process ended while it worked on frames 'run/000000' to " in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "all.jsonl").exists()
+    until(lambda: not list(processes_of(tmp_path)))
+
+
+def test_who_stops_listening_is_not_worked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(filter_local, "FEWEST_FRAMES", 1)
+    found, read = read_source(many(tmp_path, 5000)), []
+
+    def frames():
+        for frame in found:
+            read.append(frame.key)
+            yield frame
+
+    lines = decided_lines(replace(found, frames=frames), FilterConfig(), WORKERS)
+
+    first = next(lines)
+    lines.close()
+
+    assert first.key == "run/000000"
+    assert len(read) <= 100
+    assert multiprocessing.active_children() == []

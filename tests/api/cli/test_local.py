@@ -1,0 +1,298 @@
+"""Commands that need no server, or are one: filter, serve, demo, --version."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.command_line import CommandLine
+from tests.support.frames import write_manifest
+from tests.support.servers import token_of
+from unghost import Client
+
+DONE, REFUSED, USAGE, PARTLY, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+@pytest.fixture
+def unghost(tmp_path: Path) -> CommandLine:
+    """The command line in an empty folder."""
+    return CommandLine(tmp_path, {})
+
+
+def lines_of(file: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in file.read_text("utf-8").splitlines()]
+
+
+def test_filter_writes_one_line_per_frame_in_order(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 12)
+
+    answer = unghost("filter", folder, "--output", "out/decisions.jsonl")
+
+    assert answer.code == DONE
+    assert answer.out == "12 decided\t0 failed\t12 kept\t12 rejected\t0 unmeasured\n"
+    lines = lines_of(tmp_path / "out" / "decisions.jsonl")
+    assert [line["key"] for line in lines] == [f"run/{n:06}" for n in range(12)]
+    verdicts = {each["id"]: each["verdict"] for each in lines[0]["decisions"]}
+    assert verdicts == {"real": "kept", "ghost": "rejected"}
+
+
+def test_an_interrupted_filter_says_so_and_leaves_no_half_file(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text() * 20_000)
+
+    with unghost.running("filter", folder, "-o", "out/all.jsonl") as process:
+        while not (tmp_path / "out").is_dir() or not any((tmp_path / "out").iterdir()):
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+
+    assert (process.returncode, out) == (INTERRUPTED, "")
+    assert "interrupted; out/all.jsonl was not written" in err
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_filter_with_a_bad_frame_is_partly_done(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
+
+    answer = unghost("filter", folder, "-o", "out.jsonl", "--json")
+
+    assert answer.code == PARTLY
+    assert answer.records == [
+        {
+            "output": "out.jsonl",
+            "decided": 2,
+            "failed": 1,
+            "kept": 2,
+            "rejected": 2,
+            "unmeasured": 0,
+            "unmatched": [],
+        }
+    ]
+    assert "refused: run/000001" in answer.err
+    lines = lines_of(tmp_path / "out.jsonl")
+    assert lines[1]["error"]["errors"][0]["pointer"].startswith("/boxes/0")
+
+
+@pytest.mark.parametrize("named", ["", "manifest.jsonl"])
+def test_filter_does_not_write_over_its_own_source(unghost, tmp_path, named):
+    folder = write_manifest(tmp_path / "frames", 2)
+    before = (folder / "manifest.jsonl").read_bytes()
+
+    answer = unghost("filter", folder / named, "-o", folder / "manifest.jsonl")
+
+    assert answer.code == USAGE
+    assert "is the source itself" in answer.err
+    assert (folder / "manifest.jsonl").read_bytes() == before
+
+
+def test_filter_prints_decisions_if_no_file_is_named(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+
+    answer = unghost("filter", folder)
+
+    assert [record["key"] for record in answer.records] == ["run/000000", "run/000001"]
+
+
+def test_filter_uses_the_configuration(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    (tmp_path / "filter.yaml").write_text("min_visible_pixels: 500\n")
+
+    answer = unghost("filter", folder, "--config", "filter.yaml", "-o", "out.jsonl")
+
+    assert "0 kept\t4 rejected" in answer.out
+
+
+def test_filter_refuses_a_wrong_configuration_and_writes_nothing(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    (tmp_path / "filter.yaml").write_text("treshold_small_box: 5\n")
+
+    answer = unghost("filter", folder, "--config", "filter.yaml", "-o", "out.jsonl")
+
+    assert answer.code == REFUSED
+    assert answer.err.startswith("unghost: filter.yaml: unknown key 'treshold_small_bo")
+    assert not (tmp_path / "out.jsonl").exists()
+
+
+def test_a_folder_that_is_no_layout_is_refused(unghost, tmp_path):
+    (tmp_path / "empty").mkdir()
+
+    answer = unghost("filter", "empty")
+
+    assert answer.code == REFUSED
+    assert "no layout recognised" in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_what_does_not_match_is_listed(unghost, tmp_path):
+    (tmp_path / "yolo" / "images").mkdir(parents=True)
+    (tmp_path / "yolo" / "labels").mkdir()
+    (tmp_path / "yolo" / "classes.txt").write_text("car\n")
+    (tmp_path / "yolo" / "labels" / "a.txt").write_text("0 0.5 0.5 0.1 0.1\n")
+    frame = write_manifest(tmp_path / "frames", 1) / "rgb" / "000000.png"
+    for stem in ("a", "b"):
+        (tmp_path / "yolo" / "images" / f"{stem}.png").write_bytes(frame.read_bytes())
+
+    answer = unghost("filter", "yolo", "-o", "out.jsonl")
+    as_json = unghost("filter", "yolo", "-o", "out.jsonl", "--json")
+
+    assert answer.code == PARTLY
+    assert "not matched: images/b.png" in answer.err
+    assert "1 unmeasured" in answer.out
+    why = "no label file for this image"
+    unmatched = [{"path": "images/b.png", "why": why}]
+    assert as_json.records[0]["unmatched"] == unmatched
+
+
+def test_version_is_printed(unghost):
+    answer = unghost("--version")
+
+    assert answer.code == DONE
+    assert answer.out.startswith("unghost 0.")
+
+
+def test_serve_prints_the_login_link_and_ends_when_interrupted(unghost, tmp_path):
+    serve = ("serve", "--data", "here", "--port", "0", "--json")
+    with unghost.running(*serve) as process:
+        link = json.loads(process.stdout.readline())["login_link"]
+        url, found, _ = link.partition("/#code=")
+        assert found
+        with Client(url, token_of(tmp_path / "here")) as client:
+            assert client.ready()
+        found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("datasets")
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+
+    assert found.code == DONE
+    assert process.returncode == DONE
+    assert "Traceback" not in err
+    assert (tmp_path / "here" / "token").stat().st_mode & 0o077 == 0
+
+
+def test_serve_on_a_port_that_is_taken_is_refused(unghost, server):
+    port = server.url.rpartition(":")[2]
+
+    answer = unghost("serve", "--data", "here", "--port", port)
+
+    assert answer.code == REFUSED
+    assert "cannot listen" in answer.err
+    assert "--port chooses another port" in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_a_demo_on_a_port_that_is_taken_renders_nothing(unghost, server, tmp_path):
+    port = server.url.rpartition(":")[2]
+
+    answer = unghost("demo", "--data", "here", "--port", port, "--frames", "1")
+
+    assert answer.code == REFUSED
+    assert "cannot listen" in answer.err
+    assert not (tmp_path / "here" / "demo").exists()
+
+
+def test_serve_at_an_address_of_another_machine_is_told_so(unghost):
+    answer = unghost("serve", "--data", "here", "--host", "192.0.2.1", "--port", "0")
+
+    assert answer.code == REFUSED
+    assert "--host takes an address of this machine" in answer.err
+    assert "another server" not in answer.err
+
+
+def test_serve_with_a_setting_that_is_none_is_a_usage_error(tmp_path):
+    unghost = CommandLine(tmp_path, {"UNGHOST_MAX_PARTS": "many"})
+
+    answer = unghost("serve", "--port", "0")
+
+    assert answer.code == USAGE
+    assert "UNGHOST_MAX_PARTS" in answer.err
+
+
+@pytest.mark.long
+def test_demo_renders_filters_and_says_where_to_log_in(unghost, tmp_path):
+    words = ("demo", "--frames", 2, "--port", 0, "--exit-when-ready", "--json")
+
+    first, again = unghost(*words), unghost(*words)
+
+    assert (first.code, again.code) == (DONE, DONE)
+    record = first.records[-1]
+    assert record["stats"]["frames"] == 2
+    assert record["stats"]["rejected"] > 0
+    assert record["stats"]["kept"] > 0
+    assert "/#code=" in record["login_link"]
+    assert "render" in first.err
+    assert "render" not in again.err
+    assert again.records[-1]["stats"] == record["stats"]
+
+
+def test_convert_takes_every_box_over_without_a_server(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3)
+
+    answer = unghost("convert", folder, "--to", "coco", "-o", "made", "--json")
+
+    assert answer.code == DONE
+    assert answer.records == [
+        {
+            "output": "made",
+            "frames": 3,
+            "failed": 0,
+            "boxes": {"in": 6, "out": 6, "dropped": 0},
+        }
+    ]
+    assert "classes in this order: car" in answer.err
+    parts = [tmp_path / f"made/annotations/instances_{part}.json" for part in PARTS]
+    made = [json.loads(part.read_text("utf-8")) for part in parts]
+    assert sum(len(one["annotations"]) for one in made) == 6
+
+
+PARTS = ("train", "val")
+
+
+def test_convert_with_the_filter_leaves_out_what_is_rejected(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3, bad=frozenset({1}))
+    config = tmp_path / "filter.yaml"
+    config.write_text("threshold_small_box: 99.9\n")
+
+    for options, kept in (((), 2), (("--config", config), 2)):
+        target = tmp_path / f"made-{len(options)}"
+        answer = unghost(
+            "convert", folder, "--to", "yolo", "-o", target, "--filter", *options
+        )
+        assert answer.code == PARTLY
+        assert "refused: run/000001" in answer.err
+        labels = sorted((target / "labels").rglob("*.txt"))
+        assert sum(len(one.read_text().splitlines()) for one in labels) == kept
+        books = json.loads((target / "manifest.json").read_text("utf-8"))
+        assert [row["reason"] for row in books["boxes"]] == ["no_visible_pixels"] * 2
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("--to", "ylo"), REFUSED, "the nearest is 'yolo'"),
+        (("--to", "cvat", "-O", "bands=50"), REFUSED, "has no option 'bands'"),
+        (("--to", "yolo", "-O", "split"), USAGE, "not of the form KEY=VALUE"),
+        (("--to", "yolo", "--config", "frames/manifest.jsonl"), USAGE, "--filter"),
+    ],
+)
+def test_convert_says_what_it_cannot_do(unghost, tmp_path, words, code, says):
+    folder = write_manifest(tmp_path / "frames", 1)
+
+    answer = unghost("convert", folder, "-o", "made", *words)
+
+    assert answer.code == code
+    assert says in " ".join(answer.err.split())
+    assert not (tmp_path / "made").exists()
+
+
+def test_convert_never_writes_over_something(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+
+    answer = unghost("convert", folder, "--to", "yolo", "-o", folder)
+
+    assert answer.code == REFUSED
+    assert "expected a new or an empty folder" in answer.err
+    assert (folder / "manifest.jsonl").is_file()

@@ -1,0 +1,257 @@
+"""What is typed on a server's machine when the database is PostgreSQL."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from sqlalchemy import create_engine, make_url, text
+
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.command_line import CommandLine
+from tests.support.databases import empty_postgres, migrated_postgres
+from tests.support.servers import running_server
+from tests.support.services import filled_folder, running_services
+
+SECRET = "s3cret-word"
+WARNED, REFUSED, USAGE = 3, 1, 2
+CHECKS = [
+    *("token", "disk", "database", "schema", "keys", "durability"),
+    *("files", "exports", "unused", "leftovers"),
+]
+
+
+@pytest.fixture
+def url():
+    with migrated_postgres() as url:
+        yield url
+
+
+@pytest.fixture
+def unghost(tmp_path, url) -> CommandLine:
+    settings = {"UNGHOST_DATA": str(tmp_path / "data"), "UNGHOST_DATABASE_URL": url}
+    return CommandLine(tmp_path, settings)
+
+
+@pytest.fixture
+def filled(tmp_path: Path, url: str) -> Path:
+    """A data folder of two frames, and their rows in the database."""
+    return filled_folder(tmp_path / "data", database_url=url)
+
+
+def change(url, *statements):
+    engine = create_engine(url)
+    with engine.begin() as connection:
+        for statement in statements:
+            connection.execute(text(statement))
+    engine.dispose()
+
+
+def elsewhere(tmp_path, url) -> CommandLine:
+    settings = {"UNGHOST_DATA": str(tmp_path / "data"), "UNGHOST_DATABASE_URL": url}
+    return CommandLine(tmp_path, settings)
+
+
+def said(answer):
+    return {found["check"]: found for found in answer.records}
+
+
+def test_a_database_in_order(filled, unghost):
+    answer = unghost("doctor", "--verify", "--json")
+
+    assert [found["check"] for found in answer.records] == CHECKS
+    wrong = [found for found in answer.records if found["severity"] != "ok"]
+    # Whether the tests' own server is a careful one is not for them to say.
+    assert {found["check"] for found in wrong} <= {"durability"}
+    assert answer.code in (0, WARNED)
+    assert said(answer)["database"]["found"].startswith("PostgreSQL ")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("statements", "check", "text"),
+    [
+        (
+            [
+                "SET session_replication_role = replica",
+                "DELETE FROM boxes WHERE id = 1",
+            ],
+            "keys",
+            "1 rows of decisions have no parent in boxes",
+        ),
+        (
+            ["ALTER TABLE boxes DROP CONSTRAINT fk_boxes_frame_id"],
+            "keys",
+            "boxes has no key fk_boxes_frame_id",
+        ),
+        (["UPDATE alembic_version SET version_num = '9999'"], "schema", "a newer"),
+        (["UPDATE alembic_version SET version_num = '0001'"], "schema", "at 0001"),
+    ],
+)
+def test_what_does_not_hold_is_found(filled, unghost, url, statements, check, text):
+    change(url, *statements)
+
+    answer = unghost("doctor", "--json")
+
+    found = said(answer)[check]
+    assert text in found["found"]
+    assert found["todo"]
+    assert answer.code in (REFUSED, WARNED)
+
+
+@pytest.mark.long
+def test_a_careless_server_is_told(filled, unghost, url):
+    change(
+        url,
+        f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off",
+    )
+
+    found = said(unghost("doctor", "--json"))["durability"]
+
+    assert found["severity"] == "warning"
+    assert "synchronous_commit = off" in found["found"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [("127.0.0.1:1/boxes", "refused"), ("{server}/unghost_nowhere", "does not exist")],
+)
+def test_who_cannot_reach_it_is_told_why_and_no_password(tmp_path, url, place, reason):
+    server = make_url(url)
+    at = place.format(server=f"{server.host}:{server.port}")
+    unghost = elsewhere(tmp_path, f"postgresql://postgres:{SECRET}@{at}")
+
+    answers = [
+        unghost("doctor"),
+        unghost("serve", "--port", "0"),
+        unghost("backup", tmp_path / "kept"),
+        unghost("gc"),
+        unghost("token", "create", "ada", "--offline"),
+    ]
+
+    assert [answer.code for answer in answers] == [REFUSED] * len(answers)
+    told = [f"{answer.out}{answer.err}" for answer in answers]
+    assert SECRET not in "".join(told)
+    assert "Traceback" not in "".join(told)
+    for index in (0, 1, 3, 4):
+        assert reason in told[index], told[index]
+
+
+@pytest.mark.long
+def test_a_url_that_cannot_be_is_a_usage_error(tmp_path):
+    unghost = elsewhere(tmp_path, f"mysql://root:{SECRET}@db/boxes")
+
+    answers = [unghost("doctor"), unghost("serve")]
+
+    assert [answer.code for answer in answers] == [USAGE, USAGE]
+    for answer in answers:
+        assert "UNGHOST_DATABASE_URL" in answer.err
+        assert "'mysql' is not known here" in answer.err
+        assert SECRET not in answer.err
+
+
+@pytest.mark.long
+def test_a_service_whose_database_asks_for_a_password_logs_none(tmp_path, url):
+    log_in = make_url(url).set(password=SECRET).render_as_string(hide_password=False)
+    settings = {"UNGHOST_DATABASE_URL": log_in, "UNGHOST_LOG_LEVEL": "debug"}
+    with running_server(tmp_path / "data", settings) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            api.stored(api.dataset(), "a")
+            change(url, "ALTER TABLE decisions RENAME TO elsewhere")
+            failed = api.get("/boxes", dataset="street-1")
+            seen = [failed.text, api.get("/version").text]
+            seen.append(api.http.get("/readyz").text)
+
+    assert failed.status_code >= 404
+    assert SECRET not in "".join([*seen, server.log.read_text("utf-8")])
+
+
+def test_a_token_is_made_without_the_service_and_opens_it(filled, unghost, url):
+    made = unghost("token", "create", "ada", "--role", "admin", "--offline")
+    again = unghost("token", "create", "ada", "--offline")
+    bad = unghost("token", "create", "a\nb", "--offline")
+
+    with running_server(filled, {"UNGHOST_DATABASE_URL": url}) as server:
+        api = Api.at(server.url, {"Authorization": f"Bearer {made.out.strip()}"})
+        with api.http:
+            session = api.json("/session")
+            entries = api.json("/audit")["items"]
+
+    assert (made.code, again.code, bad.code) == (0, REFUSED, USAGE)
+    assert "there is a token named 'ada'" in again.err
+    assert (session["name"], session["role"]) == ("ada", "admin")
+    acts = [[one[key] for key in ("actor", "action", "subject")] for one in entries]
+    assert ["unghost", "token.created", "ada"] in acts
+
+
+@pytest.mark.long
+def test_a_token_needs_a_database_that_was_served_once(tmp_path):
+    with empty_postgres() as url:
+        answer = elsewhere(tmp_path, url)("token", "create", "ada", "--offline")
+
+    assert answer.code == REFUSED
+    assert "start `unghost serve` once" in answer.err
+
+
+def test_a_backup_that_would_hold_no_rows_is_refused_with_what_to_do(
+    filled, unghost, tmp_path, url
+):
+    made = unghost("backup", tmp_path / "kept")
+    other = elsewhere(tmp_path / "other", url)
+    other.folder.mkdir()
+    restored = other("restore", tmp_path / "kept")
+
+    assert (made.code, restored.code) == (REFUSED, REFUSED)
+    assert "pg_dump --format=custom" in made.err
+    assert "blobs" in made.err
+    assert "pg_restore" in restored.err
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.skipif(shutil.which("pg_dump") is None, reason="pg_dump is not installed")
+def test_a_dump_and_a_copy_of_the_files_are_a_backup(filled, tmp_path, url):
+    """The commands of docs/operations.md, with a server that goes on meanwhile."""
+    dump, kept = tmp_path / "monday.dump", tmp_path / "monday-blobs"
+    place = (
+        make_url(url).set(drivername="postgresql").render_as_string(hide_password=False)
+    )
+    shell("pg_dump", "--format=custom", f"--file={dump}", place)
+    shutil.copytree(filled / "blobs", kept)
+    with running_services(filled, database_url=url) as services:
+        services.dataset().put("later", scene.annotation(), image=scene.image(9))
+
+    with empty_postgres() as other:
+        target = (
+            make_url(other)
+            .set(drivername="postgresql")
+            .render_as_string(hide_password=False)
+        )
+        shell("pg_restore", "--exit-on-error", "--no-owner", f"--dbname={target}", dump)
+        data = tmp_path / "restored"
+        data.mkdir()
+        shutil.copytree(kept, data / "blobs")
+        settings = {"UNGHOST_DATA": str(data), "UNGHOST_DATABASE_URL": other}
+        looked = CommandLine(tmp_path, settings)("doctor", "--verify", "--json")
+        with running_server(data, {"UNGHOST_DATABASE_URL": other}) as server:
+            api = Api.at(server.url, server.headers)
+            with api.http:
+                (dataset,) = api.json("/datasets")["items"]
+                boxes = api.boxes(dataset["name"])
+                again = api.stored(dataset["name"], "new")
+
+    assert {found["severity"] for found in looked.records} <= {"ok", "note", "warning"}
+    assert said(looked)["files"]["severity"] == "ok"
+    assert len(boxes) == 4
+    assert again["decisions"][0]["verdict"] == "kept"
+
+
+def shell(*words: object) -> None:
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,114 @@
+"""Runs on the command line: followed, interrupted, cancelled, compared."""
+
+from __future__ import annotations
+
+import json
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from tests.support.api import Api
+from tests.support.command_line import CommandLine
+from tests.support.long_streets import OTHER_PIXELS, fill
+from tests.support.servers import running_server
+from unghost import Client, Conflict
+
+pytestmark = pytest.mark.long
+
+DONE, REFUSED, INTERRUPTED = 0, 1, 130
+FRAMES = 150
+
+
+@pytest.fixture(scope="module")
+def slow(tmp_path_factory):
+    """A server that measures one frame at a time, and a dataset that takes a while."""
+    folder = tmp_path_factory.mktemp("slow") / "data"
+    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, fill(api, FRAMES)
+
+
+@pytest.fixture
+def unghost(slow, tmp_path: Path) -> CommandLine:
+    server, _ = slow
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    (tmp_path / "strict.yaml").write_text("min_visible_pixels: 1000000\n")
+    return CommandLine(tmp_path, settings)
+
+
+def interrupted(unghost, slow, config, *options):
+    """What a `run --wait` says that is interrupted part way, and its run after it."""
+    server, dataset = slow
+    (unghost.folder / "pixels.yaml").write_text(json.dumps(config))
+    words = ("run", dataset, "--config", "pixels.yaml", "--wait", *options)
+    with Client(server.url, server.token) as client:
+        before = next(client.runs(dataset)).id
+        with unghost.running(*words) as process:
+            while (newest := next(client.runs(dataset))).id == before:
+                pass
+            next(state for state in client.events(newest) if state.done)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == INTERRUPTED
+        return err, client.run(newest.id)
+
+
+def test_an_interrupted_run_goes_on_and_says_how_to_end_it(unghost, slow):
+    err, run = interrupted(unghost, slow, OTHER_PIXELS[0])
+
+    assert run.state == "running"
+    assert f"run {run.id} goes on" in err
+    assert f"`unghost cancel {run.id}` ends it" in err
+    assert unghost("wait", run.id).out.startswith(f"run {run.id}\tdone\t")
+
+
+def test_an_interruption_ends_the_run_on_request(unghost, slow):
+    err, run = interrupted(unghost, slow, OTHER_PIXELS[1], "--cancel-on-interrupt")
+
+    assert run.state == "cancelled"
+    assert f"run {run.id} was cancelled" in err
+
+
+def test_a_run_is_cancelled_and_then_waiting_for_it_fails(unghost, slow):
+    server, dataset = slow
+    with Client(server.url, server.token) as client:
+        runs = [client.start_run(dataset, config).id for config in OTHER_PIXELS[2:6]]
+
+        cancelled = unghost("cancel", runs[-1])
+
+        assert (cancelled.code, cancelled.out) == (DONE, f"run {runs[-1]}\tcancelled\n")
+        for code in (unghost(word, runs[-1]).code for word in ("wait", "cancel")):
+            assert code == REFUSED
+        for run in runs[:-1]:
+            with suppress(Conflict):
+                client.cancel(run)
+
+
+def test_progress_is_told_while_a_run_is_waited_for(unghost, slow):
+    _, dataset = slow
+
+    answer = unghost("run", dataset, "--config", "strict.yaml", "--wait")
+
+    assert answer.code == DONE
+    assert f"{FRAMES} of {FRAMES} frames" in answer.err
+    assert f"0 kept, {2 * FRAMES} rejected" in answer.out
+
+
+def test_two_runs_are_compared_per_class(unghost, slow):
+    server, dataset = slow
+    run = unghost("run", dataset, "--config", "strict.yaml", "--wait", "--json")
+    with Client(server.url, server.token) as client:
+        active = client.dataset(dataset).active_run
+
+    numbers = (active, run.records[0]["id"])
+    lines = unghost("diff", *numbers).out.splitlines()
+    *boxes, sums = unghost("diff", *reversed(numbers), "--json").records
+
+    sides = f"{FRAMES}\t{FRAMES}\t0"
+    assert lines == [f"car\t{sides}", f"all\t{sides}"]
+    assert len({box["box_id"] for box in boxes}) == FRAMES
+    assert {box["after"]["verdict"] for box in boxes} == {"kept"}
+    assert (sums["kept_to_rejected"], sums["rejected_to_kept"]) == (0, FRAMES)

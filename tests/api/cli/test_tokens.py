@@ -1,0 +1,126 @@
+"""Tokens and the audit log on the command line, against a server of their own."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import pytest
+
+from tests.support.command_line import CommandLine
+from tests.support.servers import running_server
+from unghost import Client
+
+pytestmark = pytest.mark.long
+
+DONE, REFUSED, USAGE = 0, 1, 2
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory):
+    """A server of this module's own, and a person on the same machine."""
+    folder = tmp_path_factory.mktemp("machine")
+    with running_server(folder / "data") as server:
+        yield server
+
+
+@pytest.fixture
+def unghost(machine, tmp_path):
+    """Without a token: the server has left a note where its token is."""
+    state = {
+        "XDG_STATE_HOME": str(machine.data.with_name(f"{machine.data.name}-state"))
+    }
+    return CommandLine(tmp_path, {"UNGHOST_SERVER": machine.url, **state})
+
+
+def test_a_token_is_printed_once_and_opens_the_door(unghost, machine):
+    made = unghost("token", "create", "ada")
+
+    token = made.out.strip()
+    assert (made.code, token[:3], len(token)) == (DONE, "ug_", 46)
+    assert "'ada', reviewer, until " in made.err
+    assert token not in made.err
+    assert token not in unghost("token", "list", "--json").out
+    with Client(machine.url, token) as ada:
+        assert (ada.session().name, ada.session().role) == ("ada", "reviewer")
+
+
+def test_a_role_and_the_days_it_lasts_are_chosen(unghost):
+    words = ("token", "create", "guest", "--role", "viewer", "--days", 7, "--json")
+
+    (record,) = unghost(*words).records
+
+    until = datetime.fromisoformat(record["expires_at"].replace("Z", "+00:00"))
+    left = until - datetime.now(timezone.utc)
+    assert record["role"] == "viewer"
+    assert timedelta(days=6, hours=23) < left <= timedelta(days=7)
+
+
+def test_the_list_has_every_token_and_its_state(unghost):
+    unghost("token", "create", "listed", "--days", 1)
+    unghost("token", "create", "gone")
+    unghost("token", "revoke", "gone")
+
+    rows = [line.split("\t") for line in unghost("token", "list").out.splitlines()]
+
+    states = {name: (role, state) for _, name, role, _, _, _, state in rows}
+    assert states["admin"] == ("admin", "valid")
+    assert states["listed"] == ("reviewer", "valid")
+    assert states["gone"] == ("reviewer", "revoked")
+
+
+@pytest.mark.parametrize("by", ["name", "number"])
+def test_a_revoked_token_opens_nothing(unghost, by):
+    (made,) = unghost("token", "create", f"by-{by}", "--json").records
+    which = made["name"] if by == "name" else made["id"]
+
+    revoked = unghost("token", "revoke", which)
+
+    assert (revoked.code, revoked.out.split("\t")[-1].strip()) == (DONE, "revoked")
+    refused = unghost("datasets", "--token", made["token"])
+    assert (refused.code, "token_revoked" in refused.err) == (REFUSED, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["create", "admin"], REFUSED, "there is a token named 'admin'"),
+        (["create", "kim", "--days", "-1"], USAGE, "--days"),
+        (["create", "kim", "--role", "owner"], USAGE, "--role"),
+        (["revoke", "nobody"], REFUSED, "there is no token 'nobody'"),
+        (["revoke", "admin"], REFUSED, "the last one of an admin"),
+    ],
+)
+def test_what_cannot_be_done_says_why(unghost, words, code, said):
+    answer = unghost("token", *words)
+
+    assert answer.code == code
+    assert said in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_only_an_admin_may(unghost):
+    token = unghost("token", "create", "curious").out.strip()
+
+    answers = [
+        unghost("token", "list", "--token", token),
+        unghost("token", "create", "more", "--token", token),
+        unghost("audit", "--token", token),
+    ]
+
+    assert {answer.code for answer in answers} == {REFUSED}
+    assert all("needs the role admin" in answer.err for answer in answers)
+
+
+def test_audit_says_who_did_what(unghost):
+    unghost("token", "create", "watched", "--role", "viewer")
+    unghost("token", "revoke", "watched")
+
+    plain, records = unghost("audit", "--limit", 2), unghost("audit", "--json").records
+
+    cells = [line.split("\t")[1:4] for line in plain.out.splitlines()]
+    assert cells == [
+        ["admin", "token.revoked", "watched"],
+        ["admin", "token.created", "watched"],
+    ]
+    assert [one["action"] for one in records[:2]] == ["token.revoked", "token.created"]
+    assert "ug_" not in plain.out

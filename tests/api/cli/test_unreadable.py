@@ -1,0 +1,34 @@
+"""Frames that cannot be read here: what `push` and `filter` say of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.command_line import CommandLine
+from tests.support.frames import write_manifest
+
+PARTLY = 3
+
+
+@pytest.fixture
+def unghost(server, tmp_path) -> CommandLine:
+    """The command line in an empty folder, with a server to talk to."""
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    return CommandLine(tmp_path, settings)
+
+
+def test_what_cannot_be_read_is_named_once_and_in_plain_words(unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    (folder / "seg" / "000001.png").unlink()
+    with (folder / "manifest.jsonl").open("a") as manifest:
+        manifest.write("{nothing\n")
+
+    answer = unghost("push", folder, "--dataset", "unreadable")
+    again = unghost("filter", folder, "-o", "decisions.jsonl")
+
+    assert (answer.code, again.code) == (PARTLY, PARTLY)
+    missing = folder / "seg" / "000001.png"
+    assert f"refused: run/000001: {missing}: No such file or directory\n" in answer.err
+    for said in (answer.err, again.err):
+        assert "refused: manifest.jsonl, line 3: expected one JSON object" in said
+        assert "Errno" not in said

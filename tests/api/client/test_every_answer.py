@@ -1,0 +1,243 @@
+"""Every JSON answer has every field of its model, and the client reads each of them.
+
+Which answers there are says the OpenAPI document: one that nothing here asks for fails
+the test.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.support import archives
+from tests.support.answers import assert_answered_by, said
+from tests.support.api import BASE, Api
+from tests.support.event_reader import parsed
+from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.servers import running_server
+from tests.support.waiting import until
+from unghost import wire
+from unghost.wire.model import ResponseModel
+
+Place = tuple[str, str, int]
+"""Method, path of the route, status."""
+STRICT = {"min_visible_pixels": 10**6}
+TAR = {"Content-Type": "application/x-tar"}
+
+
+class Answers:
+    """The JSON answers to a client's requests that succeeded, by where they came from.
+
+    Parameters
+    ----------
+    document
+        The OpenAPI document of the service.
+    """
+
+    def __init__(self, document: Any) -> None:
+        self.models: dict[Place, type[ResponseModel]] = {
+            (method.upper(), path, int(status)): _model(content["application/json"])
+            for path, methods in document["paths"].items()
+            for method, route in methods.items()
+            for status, answer in route["responses"].items()
+            for content in [answer.get("content", {})]
+            if status.startswith("2") and "application/json" in content
+        }
+        self.got: defaultdict[Place, list[Any]] = defaultdict(list)
+
+    def keep(self, response: httpx.Response) -> None:
+        """Note an answer, if it is JSON and no refusal."""
+        if response.headers.get("content-type") != "application/json":
+            return
+        response.read()
+        asked = response.request.method, response.request.url.path
+        (place,) = (
+            (method, path, response.status_code)
+            for method, path in {(method, path) for method, path, _ in self.models}
+            if method == asked[0] and re.fullmatch(_pattern(path), asked[1])
+        )
+        self.got[place].append(response.json())
+
+
+def _model(content: Any) -> type[ResponseModel]:
+    name = content["schema"]["$ref"].rpartition("/")[2]
+    item = re.fullmatch("Page_(.*)_", name)
+    model = getattr(wire, item[1] if item else name)
+    found: object = wire.Page.__class_getitem__(model) if item else model
+    assert isinstance(found, type)
+    assert issubclass(found, ResponseModel)
+    return found
+
+
+def _pattern(path: str) -> str:
+    return re.sub(r"{\w+}", "[^/]+", path)
+
+
+@pytest.fixture(scope="module")
+def server_of_one(tmp_path_factory):
+    """A server that works on one frame at a time, so that jobs wait for each other."""
+    folder = tmp_path_factory.mktemp("every") / "data"
+    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
+        yield server
+
+
+@pytest.fixture
+def api(server_of_one) -> Iterator[Api]:
+    api = Api.at(server_of_one.url, server_of_one.headers)
+    with api.http:
+        yield api
+
+
+@pytest.fixture
+def street(api: Api) -> str:
+    """A dataset with a frame that says all it can, another, and a refused one."""
+    name = api.dataset()
+    seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
+    archive = [
+        *archives.frame("a", number=0, **seen),
+        *archives.frame("b", number=1),
+        *archives.frame("c", boxes=[{"id": 1}]),
+    ]
+    told = archives.send(api, name, archives.packed(archive), TAR)
+    assert told.is_success, told.text
+    return name
+
+
+def ask_who_comes_in(api: Api) -> None:
+    said(api.post("/tokens", {"name": "somebody"}))
+    code = said(api.post("/login-codes", {}))
+    api.json(f"/login-codes/{code['id']}")
+    said(api.post("/session", {"code": code["code"]}))
+    api.json(f"/login-codes/{code['id']}")
+    for path in ("/tokens", "/session", "/audit"):
+        api.json(path)
+    for path in ("/version", "/healthz"):
+        said(api.http.get(path))
+    # Not ready is also who has been kept from working a moment ago.
+    until(lambda: api.http.get("/readyz").is_success)
+
+
+def ask_for_frames(api: Api, street: str) -> None:
+    for _ in range(2):
+        api.stored(street, "d")
+    for frame in api.json(f"/datasets/{street}/frames")["items"]:
+        assert api.json(f"/frames/{frame['id']}")["boxes"]
+    api.json(f"/datasets/{street}/frames/d")
+    known = {"keys": ["run/a", "d", "unknown"]}
+    assert len(said(api.post(f"/datasets/{street}/known-frames", known))["items"]) == 2
+
+
+def ask_for_boxes(api: Api, street: str) -> None:
+    first, *others = [box["box_id"] for box in api.boxes(street, count="true")]
+    assert said(api.post(f"/datasets/{street}/queue", {}))["items"]
+    said(api.review(first, "keep", comment="it is there"))
+    many = {"dataset": street, "box_ids": [first, *others], "verdict": "reject"}
+    batch = said(api.post("/reviews/bulk", many))
+    assert batch["stale"] == [first]
+    api.json(f"/boxes/{first}")
+    api.json(f"/boxes/{first}/history")
+    agree_as_somebody_else(api, first)
+    quality = api.json(f"/datasets/{street}/quality")
+    assert quality["suggested"]
+    assert quality["agreement"]["pairs"]
+    compared = api.json(f"/datasets/{street}/evaluations", truth="people")
+    assert compared["channels"]["semantic"]["worst"]
+    said(api.post(f"/review-batches/{batch['id']}/undo"))
+    assert any(not box["review"] for box in api.boxes(street))
+    api.json(f"/boxes/{others[0]}")
+
+
+def agree_as_somebody_else(api: Api, box: int) -> None:
+    made = said(api.post("/tokens", {"name": "second", "role": "reviewer"}))
+    second = Api.at(
+        str(api.http.base_url), {"Authorization": f"Bearer {made['token']}"}
+    )
+    with second.http:
+        said(second.review(box, "keep", seen=1))
+
+
+def ask_for_configurations(api: Api, street: str) -> None:
+    at = f"/datasets/{street}"
+    for _ in range(2):
+        version = said(api.post(f"{at}/configs", STRICT))
+    api.json(f"/configs/{version['digest']}")
+    for path in ("config", "configs"):
+        api.json(f"{at}/{path}")
+    preview = said(api.post(f"{at}/preview", {"config": STRICT}))
+    assert preview["flips"]["items"]
+    other_pixels = {"config": {"evidence": "lidar"}}
+    assert said(api.post(f"{at}/preview", other_pixels))["needs_pixels"]
+    api.finished(
+        api.http.put(BASE + f"{at}/config", json={"digest": version["digest"]})
+    )
+
+
+def ask_for_jobs(api: Api, street: str) -> None:
+    at = f"/datasets/{street}"
+    run = api.run(street, {"min_visible_pixels": 1})
+    assert api.json(f"/runs/{run['id']}/diff", limit=2)["next_cursor"] is not None
+    api.json(f"{at}/runs")
+    api.finished(api.post(f"{at}/evaluations"))
+    labels = {"format": "yolo", "options": {"bands": [50]}}
+    export = api.finished(api.post(f"{at}/exports", labels))
+    said(api.post(f"/exports/{export['id']}/download-links", {}))
+    api.json(f"{at}/exports")
+
+
+def cancel_jobs(api: Api) -> None:
+    """A run that takes a while, and an export that waits for it."""
+    street = fill(api, 40)
+    run = said(api.post(f"/datasets/{street}/runs", {"config": FROM_PIXELS}))
+    export = said(api.post(f"/datasets/{street}/exports", {"format": "yolo"}))
+    said(api.post(f"/exports/{export['id']}/cancel"))
+    said(api.post(f"/runs/{run['id']}/cancel"))
+
+
+def ask_for_datasets(api: Api, street: str) -> None:
+    at = f"/datasets/{street}"
+    for path in ("", "/stats", "/histogram"):
+        api.json(at + path)
+    refused = api.json(f"{at}/problems")["items"]
+    assert [frame["key"] for frame in refused] == ["run/c"]
+    api.json("/datasets")
+    said(api.http.patch(BASE + at, json={"description": "a street"}))
+    api.finished(api.http.patch(BASE + at, json={"palette": "carla-0.9.14"}))
+
+
+def test_every_json_answer_is_sent_in_full(api, street):
+    answers = Answers(said(api.http.get("/openapi.json")))
+    api.http.event_hooks["response"].append(answers.keep)
+
+    ask_who_comes_in(api)
+    ask_for_frames(api, street)
+    ask_for_boxes(api, street)
+    ask_for_configurations(api, street)
+    ask_for_jobs(api, street)
+    cancel_jobs(api)
+    ask_for_datasets(api, street)
+    api.dataset()
+
+    assert answers.got.keys() == answers.models.keys()
+    for place, bodies in answers.got.items():
+        for body in bodies:
+            assert_answered_by(answers.models[place], body)
+
+
+def test_events_of_jobs_are_sent_in_full(api, street):
+    labels = api.finished(api.post(f"/datasets/{street}/exports", {"format": "coco"}))
+    run = api.run(street, STRICT)
+
+    for job, model in (
+        (f"runs/{run['id']}", wire.Run),
+        (f"exports/{labels['id']}", wire.Export),
+    ):
+        told = list(parsed(iter(api.get(f"/{job}/events").text.splitlines())))
+
+        assert told[-1].name == "end"
+        for event in told:
+            assert_answered_by(model, event.data)

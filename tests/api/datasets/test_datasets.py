@@ -1,0 +1,278 @@
+"""Datasets: made, listed page by page, changed, deleted."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE
+
+MASK = {"polygons": [[[0, 0], [64, 0], [64, 48], [0, 48]]]}
+
+
+def test_a_new_dataset_is_described_whole(api):
+    answer = api.post("/datasets", {"name": "whole.set-1_a", "description": "a street"})
+
+    assert answer.status_code == 201
+    assert answer.headers["location"] == f"{BASE}/datasets/whole.set-1_a"
+    body = answer.json()
+    assert {key: body[key] for key in body if key not in ("created_at", "config")} == {
+        "name": "whole.set-1_a",
+        "description": "a street",
+        "classes": [
+            "car",
+            "truck",
+            "van",
+            "bus",
+            "motorcycle",
+            "bicycle",
+            "walker",
+            "traffic_light",
+        ],
+        "classes_frozen": False,
+        "palette": "auto",
+        "encoding": "auto",
+        "channel_order": "auto",
+        "lossy_segmentation": "refuse",
+        "has_ignore_mask": False,
+        "active_run": body["active_run"],
+        "thumbnail_frame_id": None,
+        "counts": {
+            "frames": 0,
+            "boxes": 0,
+            "kept": 0,
+            "rejected": 0,
+            "unmeasured": 0,
+            "reviewed": 0,
+            "to_review": 0,
+            "problems": 0,
+        },
+    }
+    assert api.http.get(answer.headers["location"]).json() == body
+    assert body["created_at"].endswith("Z")
+
+
+@pytest.mark.parametrize(
+    ("body", "pointer"),
+    [
+        ({}, "/name"),
+        ({"name": "Upper"}, "/name"),
+        ({"name": "a/b"}, "/name"),
+        ({"name": ".."}, "/name"),
+        ({"name": "a\n"}, "/name"),
+        ({"name": "x" * 101}, "/name"),
+        ({"name": "a", "palette": "cityscapes"}, "/palette"),
+        ({"name": "a", "colour": "blue"}, "/colour"),
+        ({"name": "a", "classes": [""]}, "/classes/0"),
+        ({"name": "a", "classes": "car"}, "/classes"),
+        ({"name": "a", "classes": ["a\nb"]}, "/classes/0"),
+        ({"name": "a", "description": "\0"}, "/description"),
+        ({"name": "a", "ignore_mask": {"polygons": []}}, "/ignore_mask/polygons"),
+        (
+            {"name": "a", "ignore_mask": {"polygons": [[[0, 0], [1, 1]]]}},
+            "/ignore_mask/polygons/0",
+        ),
+    ],
+)
+def test_a_bad_dataset_is_refused_by_its_field(api, body, pointer):
+    problem = api.post("/datasets", body).json()
+
+    assert (problem["status"], problem["code"]) == (422, "invalid_request")
+    assert [fault["pointer"] for fault in problem["errors"]] == [pointer]
+
+
+def test_a_mask_without_numbers_is_refused(api):
+    content = b'{"name": "nan", "ignore_mask": {"polygons": [[[0,0],[1,NaN],[1,1]]]}}'
+    headers = {"Content-Type": "application/json"}
+
+    answer = api.http.post(f"{BASE}/datasets", content=content, headers=headers)
+
+    assert answer.status_code == 422
+    assert api.get("/datasets/nan").status_code == 404
+
+
+@pytest.mark.parametrize("body", [b"{", b"[" * 100_000, b"\xff", b""])
+def test_a_body_that_is_no_json_is_refused(api, body):
+    headers = {"Content-Type": "application/json"}
+
+    answer = api.http.post(f"{BASE}/datasets", content=body, headers=headers)
+
+    assert answer.status_code in (400, 422)
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_name_that_is_taken_is_409(api):
+    name = api.dataset()
+
+    answer = api.post("/datasets", {"name": name})
+
+    assert (answer.status_code, answer.json()["code"]) == (409, "dataset_exists")
+
+
+def test_datasets_are_paged_by_name_along_the_links(api):
+    names = sorted(api.dataset() for _ in range(5))
+
+    seen, path = [], f"{BASE}/datasets?limit=2"
+    while path:
+        answer = api.http.get(path)
+        assert len(answer.json()["items"]) <= 2
+        seen += [item["name"] for item in answer.json()["items"]]
+        path = answer.links.get("next", {}).get("url")
+
+    assert [name for name in seen if name in names] == names
+    assert seen == sorted(set(seen))
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "code"),
+    [
+        ("/datasets/nowhere", 404, "not_found"),
+        ("/datasets/nowhere/stats", 404, "not_found"),
+        ("/datasets/nowhere/frames", 404, "not_found"),
+        ("/datasets/nowhere/runs", 404, "not_found"),
+        ("/datasets/%00", 404, "not_found"),
+        ("/datasets?limit=0", 422, "invalid_request"),
+        ("/datasets?limit=1001", 422, "invalid_request"),
+        ("/datasets?colour=blue", 400, "unknown_parameter"),
+        ("/boxes", 422, "invalid_request"),
+        ("/boxes?dataset=nowhere", 404, "not_found"),
+        ("/boxes/0", 422, "invalid_request"),
+        ("/boxes/9223372036854775808", 422, "invalid_request"),
+        ("/boxes/9223372036854775807", 404, "not_found"),
+        ("/frames/9223372036854775807", 404, "not_found"),
+        ("/frames/1/radio", 422, "invalid_request"),
+        ("/runs/9223372036854775807", 404, "not_found"),
+        ("/configs/" + "0" * 64, 404, "not_found"),
+        ("/configs/xyz", 422, "invalid_request"),
+    ],
+)
+def test_what_is_not_there_is_said_so(api, path, status, code):
+    answer = api.get(path) if "?" not in path else api.http.get(BASE + path)
+
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+@pytest.mark.parametrize(
+    "path", ["/datasets", "/boxes/1", "/runs/1", "/datasets/x/stats"]
+)
+def test_another_method_is_405_and_says_which_there_are(api, path):
+    answer = api.http.delete(BASE + path)
+
+    assert answer.status_code == 405
+    assert "GET" in answer.headers["allow"]
+
+
+def test_a_description_changes_at_once(api):
+    name = api.dataset()
+
+    answer = api.http.patch(f"{BASE}/datasets/{name}", json={"description": "new"})
+
+    assert (answer.status_code, answer.json()["description"]) == (200, "new")
+    assert api.json(f"/datasets/{name}")["description"] == "new"
+
+
+@pytest.mark.parametrize(
+    "key", ["description", "palette", "encoding", "channel_order", "lossy_segmentation"]
+)
+def test_null_is_no_value_of_a_setting(api, key):
+    """It used to be a 409 or a run that failed."""
+    answer = api.http.patch(f"{BASE}/datasets/{api.dataset()}", json={key: None})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
+    assert answer.json()["errors"][0]["pointer"] == f"/{key}"
+
+
+def test_a_mask_is_applied_by_a_run_and_can_be_taken_away(api):
+    name = api.dataset()
+    api.stored(name, "a")
+    path = f"{BASE}/datasets/{name}"
+
+    accepted = api.http.patch(path, json={"ignore_mask": MASK, "description": "masked"})
+    assert accepted.json()["kind"] == "measure"
+    assert api.finished(accepted)["counts"] == {
+        "kept": 0,
+        "rejected": 2,
+        "unmeasured": 0,
+    }
+    assert api.json(f"/datasets/{name}")["has_ignore_mask"] is True
+    assert (
+        api.finished(api.http.patch(path, json={"ignore_mask": None}))["changed"] == 1
+    )
+    assert api.json(f"/datasets/{name}")["has_ignore_mask"] is False
+    assert api.verdicts(name) == {"real": "kept", "ghost": "rejected"}
+
+
+def test_the_settings_say_how_the_current_numbers_were_read(api):
+    """They change with the run that is done, and not with one that failed."""
+    name = api.dataset()
+    api.stored(name, "town/7")
+    path = f"{BASE}/datasets/{name}"
+
+    failed = api.finished(api.http.patch(path, json={"palette": "carla-0.9.10"}))
+    unchanged = api.json(f"/datasets/{name}")["palette"]
+    done = api.finished(api.http.patch(path, json={"palette": "carla-0.9.14"}))
+
+    assert (failed["state"], failed["error"]["code"], unchanged) == (
+        "failed",
+        "segmentation_contradiction",
+        "auto",
+    )
+    assert failed["error"]["detail"].startswith("frame town/7: ")
+    assert (done["state"], done["kind"], done["changed"]) == ("done", "measure", 0)
+    assert api.json(f"/datasets/{name}")["palette"] == "carla-0.9.14"
+
+
+def test_a_setting_that_contradicts_the_config_is_refused(api):
+    name = api.dataset()
+    assert api.run(name, {"palette": "carla-0.9.14"})["state"] == "done"
+
+    answer = api.http.patch(f"{BASE}/datasets/{name}", json={"palette": "carla-0.9.10"})
+
+    assert answer.json()["code"] == "segmentation_contradiction"
+    assert name in answer.json()["detail"]
+    assert "the configuration" in answer.json()["detail"]
+
+
+def test_deleting_asks_for_the_name_again(api):
+    name = api.dataset()
+    frame = api.stored(name, "a")["frame"]["id"]
+    path = f"{BASE}/datasets/{name}"
+
+    forgotten = api.http.delete(path)
+    wrong = api.http.delete(path, params={"confirm": "other"})
+    right = api.http.delete(path, params={"confirm": name})
+
+    assert (forgotten.status_code, wrong.status_code) == (400, 400)
+    assert {each.json()["code"] for each in (forgotten, wrong)} == {"not_confirmed"}
+    assert f"expected ?confirm={name}, found nothing" in forgotten.json()["detail"]
+    assert wrong.json()["detail"].endswith("found 'other'")
+    assert (right.status_code, right.content) == (204, b"")
+    assert api.get(f"/datasets/{name}").status_code == 404
+    assert api.get(f"/frames/{frame}").status_code == 404
+    assert api.post("/datasets", {"name": name}).status_code == 201
+    assert api.boxes(name) == []
+
+
+def test_classes_keep_their_order_and_unknown_ones_are_appended(api):
+    name = api.dataset(classes=["walker", "car", "walker"])
+    boxes = [{"class": "dragon", "xyxy": [0, 0, 9, 9]}]
+
+    stored = api.stored(name, "a", {**scene.annotation(), "boxes": boxes})
+
+    assert api.json(f"/datasets/{name}")["classes"] == ["walker", "car", "dragon"]
+    assert stored["decisions"][0]["reason"] == "unmapped_class"
+
+
+def test_frozen_classes_take_no_other_one(api):
+    name = api.dataset(classes=["car"])
+    api.stored(name, "a")
+    assert api.post(f"/datasets/{name}/exports", {"format": "yolo"}).status_code == 202
+    boxes = [{"id": "b", "class": "truck", "xyxy": [0, 0, 9, 9]}]
+
+    answer = api.put(name, "b", {**scene.annotation(), "boxes": boxes})
+
+    assert api.json(f"/datasets/{name}")["classes_frozen"] is True
+    assert (answer.status_code, answer.json()["code"]) == (422, "unknown_class")
+    assert "'truck'" in answer.json()["detail"]
+    assert api.json(f"/datasets/{name}")["counts"]["problems"] == 1
+    assert api.json(f"/datasets/{name}")["classes"] == ["car"]

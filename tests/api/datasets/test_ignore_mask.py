@@ -1,0 +1,57 @@
+"""An ignore mask of a dataset, as a picture."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+
+import numpy as np
+import pytest
+
+from tests.support import frames as scene
+from tests.support.pictures import png
+
+
+def encoded(pixels: np.ndarray) -> str:
+    return b64encode(png(pixels)).decode()
+
+
+EVERYTHING = np.full((scene.HEIGHT, scene.WIDTH), 255, np.uint8)
+
+
+def test_a_mask_can_be_a_png(api):
+    dataset = api.dataset(ignore_mask={"png": encoded(EVERYTHING)})
+
+    decisions = api.stored(dataset, "a")["decisions"]
+
+    assert {each["reason"] for each in decisions} == {"no_visible_pixels"}
+    assert api.json(f"/datasets/{dataset}")["has_ignore_mask"] is True
+
+
+def test_a_mask_of_another_size_refuses_the_frame(api):
+    dataset = api.dataset(ignore_mask={"png": encoded(EVERYTHING[1:])})
+
+    problem = api.put(dataset, "a").json()
+
+    assert problem["code"] == "image_size_mismatch"
+    assert problem["detail"].startswith("frame a: ")
+    assert problem["errors"][0]["pointer"] == "/ignore_mask"
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [
+        pytest.param({}, id="neither form"),
+        pytest.param({"png": None}, id="null"),
+        pytest.param({"png": "%"}, id="not base64"),
+        pytest.param({"png": b64encode(b"GIF89a").decode()}, id="not a picture"),
+        pytest.param(
+            {"png": encoded(EVERYTHING), "polygons": [[[0, 0], [9, 0], [9, 9]]]},
+            id="both forms",
+        ),
+    ],
+)
+def test_a_mask_that_cannot_be_used_is_refused(api, mask):
+    answer = api.post("/datasets", {"name": "masked", "ignore_mask": mask})
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
+    assert answer.json()["errors"][0]["pointer"].startswith("/ignore_mask")

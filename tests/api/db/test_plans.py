@@ -1,0 +1,288 @@
+"""Every question that a request asks the database is answered by an index.
+
+Each request is sent to a real server; what SQL it (and the job it starts) runs is then
+explained by SQLite. A table that grows with the data is never read from end to end.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from sqlalchemy import inspect
+
+from app.db.base import Base
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.live import live
+from tests.support.statements import Statement, statements_of
+
+pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+
+BIG = {"frames", "frame_files", "boxes", "decisions", "evidence", "reviews", "flips"}
+BIG |= {"blobs", "claims"}
+EXCUSED = {
+    "INSERT INTO dataset_classes": "SQLite plans to look for boxes that wait for their "
+    "class; it does so only within a transaction in which one does",
+    "DELETE FROM dataset_classes": "SQLite looks for boxes of the class: 6 ms for each "
+    "100,000 boxes that there are. A class of a deleted dataset goes in a transaction "
+    "of its own, in the background, and others have their turns after each; an index "
+    "would cost every upload for that",
+}
+"""A part of a statement that may read a big table whole -> why."""
+NOT_INDEXED = {
+    ("boxes", "class_id"): "classes are only deleted with their dataset, and an index "
+    "would cost every upload for that"
+}
+READS = re.compile(r"^SCAN (\w+)")
+EXPLAINED = ("SELECT", "UPDATE", "DELETE", "INSERT", "WITH")
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+BOXES = [
+    {"class": name, "xyxy": xyxy}
+    for name in ("car", "truck", "walker")
+    for xyxy in (scene.ON_THE_CAR, scene.IN_THE_SKY, [0, 0, 64, 48], [90, 0, 99, 9])
+]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    with live(tmp_path_factory.mktemp("plans") / "data", workers=2) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def api(service) -> Iterator[Api]:
+    with service.admin() as client:
+        client.timeout = 60
+        yield Api(client)
+
+
+@pytest.fixture(scope="module")
+def street(api):
+    """A dataset with frames, answers, a claim, two runs and a problem."""
+    name = api.dataset()
+    for number in range(6):
+        annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
+        api.stored(name, f"a/{number}", annotation)
+    boxes = [box["box_id"] for box in api.boxes(name)]
+    for box_id, verdict in zip(boxes, ("keep", "reject", "unsure"), strict=False):
+        assert api.review(box_id, verdict).status_code == 201
+    api.post(
+        "/reviews/bulk", {"dataset": name, "box_ids": boxes[5:8], "verdict": "keep"}
+    )
+    api.run(name, NOTHING_VISIBLE)
+    api.run(name, {})
+    api.put(name, "bad", b"{")
+    return name
+
+
+def whole_reads(service, found: list[Statement]) -> set[str]:
+    """Statements that read a big table from end to end, with their plan."""
+    bad = set()
+    engine = service.app.state.database.engine
+    with engine.connect() as connection:
+        for statement, parameters in dict.fromkeys(
+            (sql, parameters)
+            for sql, parameters in found
+            if sql.lstrip().upper().startswith(EXPLAINED)
+        ):
+            plan = connection.exec_driver_sql(
+                f"EXPLAIN QUERY PLAN {statement}", parameters
+            )
+            steps = [row[3] for row in plan]
+            if any(reads_whole(step, statement) for step in steps):
+                bad.add(f"{statement}\n  {steps}")
+    return {each for each in bad if not any(part in each for part in EXCUSED)}
+
+
+def reads_whole(step: str, statement: str) -> bool:
+    match = READS.match(step)
+    if match is None:
+        return False
+    name = match[1]
+    alias = re.search(rf"(\w+) AS {name}\b", statement)
+    return (alias[1] if alias else name) in BIG
+
+
+def get(path: str, **parameters: Any):
+    def ask(api, street):
+        answer = api.get(path.format(d=street), **parameters)
+        assert answer.status_code == 200, answer.text
+
+    return ask
+
+
+def boxes(**parameters: Any):
+    return lambda api, street: get("/boxes", dataset=street, **parameters)(api, street)
+
+
+def post(path: str, body: Any, *, expected: int):
+    def ask(api, street):
+        answer = api.post(path.format(d=street), body)
+        assert answer.status_code == expected, answer.text
+        if expected == 202:
+            assert api.finished(answer)["state"] == "done"
+
+    return ask
+
+
+def run(config: Any, *, activate: bool):
+    body = {"config": config, "activate": activate}
+    return post("/datasets/{d}/runs", body, expected=202)
+
+
+def queue(order: str, **filters: Any):
+    body = {"order": order, "filters": filters}
+    return post("/datasets/{d}/queue", body, expected=200)
+
+
+def box_pages(api, street):
+    box_id = api.boxes(street)[0]["box_id"]
+    for path in (
+        f"/boxes/{box_id}",
+        f"/boxes/{box_id}/history",
+        f"/boxes/{box_id}/crop",
+    ):
+        get(path)(api, street)
+
+
+def frame_pages(api, street):
+    frame = api.json(f"/datasets/{street}/frames/a/1")
+    for part in ("", "/image", "/thumbnail", "/overlay"):
+        get(f"/frames/{frame['id']}{part}")(api, street)
+
+
+def frames_come_and_go(api, street):
+    api.stored(street, "later")
+    api.stored(street, "later", {**scene.annotation(), "map": "Town01"}, replace=True)
+    api.post(f"/datasets/{street}/known-frames", {"keys": ["later", "a/1"]})
+    assert api.http.delete(f"{BASE}/datasets/{street}/frames/later").status_code == 204
+
+
+def answers(api, street):
+    box = api.boxes(street, review="undecided")[0]
+    answer = api.review(box["box_id"], "keep", seen=box["revision"])
+    assert answer.status_code == 201, answer.text
+    wanted = {"verdict": "rejected", "review": "undecided"}
+    seen = api.json("/boxes", dataset=street, count="true", **wanted)["snapshot"]
+    body = {"dataset": street, "filter": wanted, "snapshot": seen}
+    batch = api.post("/reviews/bulk", {**body, "verdict": "reject"})
+    assert batch.status_code == 201, batch.text
+    undone = api.post(f"/review-batches/{batch.json()['id']}/undo")
+    assert undone.status_code == 200, undone.text
+
+
+def diffs(api, street):
+    runs = api.json(f"/datasets/{street}/runs")["items"]
+    runs = [run["id"] for run in runs if run["state"] == "done"]
+    for one, other in itertools.permutations(runs[:3], 2):
+        get(f"/runs/{one}/diff", against=other)(api, street)
+
+
+def watched_and_cancelled(api, street):
+    accepted = api.post(f"/datasets/{street}/runs", {"config": {"encoding": "palette"}})
+    run_id = accepted.json()["id"]
+    assert api.post(f"/runs/{run_id}/cancel").status_code in (202, 409)
+    get(f"/runs/{run_id}/events")(api, street)
+
+
+def deleted(api, street):
+    other = api.dataset()
+    api.stored(other, "a")
+    gone = api.http.delete(f"{BASE}/datasets/{other}", params={"confirm": other})
+    assert gone.status_code == 204
+
+
+SORTS = ("id", "doubt", "match_percent", "-match_percent", "crowding")
+FILTERS: tuple[dict[str, Any], ...] = (
+    {},
+    {"verdict": "kept"},
+    {"effective": "rejected"},
+    {"reason": "visible"},
+    {"class": "car"},
+    {"review": "undecided"},
+    {"review": "keep"},
+    {"conflict": "true"},
+    {"toss_up": "true"},
+    {"match_min": 1, "match_max": 90},
+    {"margin_max": 5},
+)
+REQUESTS = {
+    **{
+        f"boxes by {sort} {filters}": boxes(sort=sort, **filters)
+        for sort in SORTS
+        for filters in FILTERS
+    },
+    **{f"count of boxes {each}": boxes(count="true", **each) for each in FILTERS},
+    **{f"frames {each}": get("/datasets/{d}/frames", **each) for each in FILTERS},
+    "frames by arrival": get("/datasets/{d}/frames", sort="-id"),
+    "frames by key": get("/datasets/{d}/frames", key="a/", limit=2),
+    **{f"queue by {order}": queue(order) for order in ("doubt", "random", "class")},
+    "queue for an audit": queue("audit"),
+    "queue of kept cars": queue("doubt", verdict="kept", **{"class": "car"}),
+    "queue of conflicts": queue("doubt", conflict=True),
+    "datasets": get("/datasets"),
+    "a dataset": get("/datasets/{d}"),
+    **{
+        name: get(f"/datasets/{{d}}/{name}")
+        for name in (
+            *("stats", "histogram", "quality", "problems"),
+            *("runs", "configs", "config", "exports"),
+        )
+    },
+    "preview": post("/datasets/{d}/preview", {"config": CARS_ARE_SKY}, expected=200),
+    "run from numbers": run(NOTHING_VISIBLE, activate=True),
+    "run from histograms": run(CARS_ARE_SKY, activate=False),
+    "run from pixels": run({"palette": scene.FAMILY}, activate=True),
+    "diffs": diffs,
+    "a run that is watched and cancelled": watched_and_cancelled,
+    "export as YOLO": post("/datasets/{d}/exports", {"format": "yolo"}, expected=202),
+    "export of decisions": post(
+        "/datasets/{d}/exports", {"format": "decisions-jsonl"}, expected=202
+    ),
+    "a box": box_pages,
+    "a frame": frame_pages,
+    "frames come and go": frames_come_and_go,
+    "answers": answers,
+    "a dataset is deleted": deleted,
+}
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_no_big_table_is_read_from_end_to_end(service, api, street, name):
+    with statements_of(service.app.state.database.engine) as found:
+        REQUESTS[name](api, street)
+
+    assert len(found) > 1
+    assert whole_reads(service, found) == set()
+
+
+def test_a_table_that_is_read_whole_would_be_noticed(service, api, street):
+    whole = "SELECT count(*) FROM decisions AS d WHERE d.reason = 3"
+
+    assert whole_reads(service, [(whole, ())]) != set()
+    assert whole_reads(service, [("SELECT * FROM runs", ())]) == set()
+
+
+def test_rows_are_found_by_what_they_refer_to(service):
+    """A row that is deleted takes others along: SQLite looks for them by their keys."""
+    found = inspect(service.app.state.database.engine)
+    missing = {
+        (table, *key["constrained_columns"])
+        for table in BIG & set(Base.metadata.tables)
+        for key in found.get_foreign_keys(table)
+        if not leads(found, table, key["constrained_columns"])
+    }
+
+    assert missing == set(NOT_INDEXED)
+
+
+def leads(found, table, columns):
+    keys = [found.get_pk_constraint(table)["constrained_columns"]]
+    keys += [each["column_names"] for each in found.get_unique_constraints(table)]
+    keys += [each["column_names"] for each in found.get_indexes(table)]
+    return any(key[: len(columns)] == columns for key in keys)

@@ -1,0 +1,74 @@
+"""Watching an export, as one watches a run: whichever process writes it."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.api import BASE
+from tests.support.archives import frame, packed, send
+from tests.support.event_reader import events, open_events
+
+FRAMES = 30
+
+
+@pytest.fixture(scope="module")
+def dataset(api) -> str:
+    name: str = api.dataset()
+    send(api, name, packed([one for n in range(FRAMES) for one in frame(f"{n}")]))
+    return name
+
+
+@pytest.fixture(scope="module")
+def export_id(api, dataset) -> int:
+    return asked_for_export(api, dataset)
+
+
+def asked_for_export(api, dataset) -> int:
+    asked = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
+    assert asked.status_code == 202, asked.text
+    number: int = asked.json()["id"]
+    return number
+
+
+def test_events_of_an_export_end_with_what_can_be_downloaded(api, export_id):
+    found = events(api, export_id, of="exports")
+    numbers = [int(event.id) for event in found]
+
+    assert [event.name for event in found][-2:] == ["progress", "end"]
+    assert numbers == sorted(set(numbers))
+    assert found[-1].data == api.json(f"/exports/{export_id}")
+    assert (found[-1].data["state"], found[-1].data["done"]) == ("done", FRAMES)
+    assert api.http.get(found[-1].data["download"]).status_code == 200
+
+
+def test_who_has_the_last_event_is_told_to_stop_asking(api, export_id):
+    last = events(api, export_id, of="exports")[-1]
+
+    url = f"{BASE}/exports/{export_id}/events"
+    over = api.http.get(url, headers={"Last-Event-ID": last.id})
+
+    assert (over.status_code, over.content) == (204, b"")
+
+
+def test_a_run_and_an_export_of_one_number_are_told_apart(start_api):
+    _, api = start_api()
+    name = api.dataset()
+    number = asked_for_export(api, name)
+    while api.run(name, {})["id"] < number:
+        pass
+
+    with (
+        open_events(api, number) as of_run,
+        open_events(api, number, of="exports") as of_export,
+    ):
+        run, export = next(of_run).data, next(of_export).data
+
+    assert (run["id"], export["id"]) == (number, number)
+    assert ("config" in run, "format" in run) == (True, False)
+    assert ("config" in export, "format" in export) == (False, True)
+
+
+def test_an_export_that_is_not_there_is_a_problem_and_not_a_stream(api):
+    missing = api.get("/exports/999999/events")
+
+    assert (missing.status_code, missing.json()["code"]) == (404, "not_found")

@@ -1,0 +1,150 @@
+"""Every format from a real server; pushed again, the same labels come out again."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from filter_core.formats.registry import EXPORT_FORMATS
+from tests.support import frames as scene
+from tests.support.command_line import CommandLine
+from tests.support.sensors import ANNOTATION, sensors
+from unghost import Client, Invalid
+
+KEYS = ["run/000001", "Run/000001", "straße 7", "v1.2.dots", "empty"]
+CLASSES = ["walker", "traffic light", "car"]
+PUSHED_AGAIN = {"yolo": "yolo", "coco": "coco", "kitti": "kitti", "voc": "voc"}
+PUSHED_AGAIN |= {"manifest": "manifest"}
+
+
+def fill(client: Client, name: str) -> str:
+    """Frames with a kept and a rejected box each, and one frame without boxes."""
+    client.create_dataset(name, classes=CLASSES)
+    for number, key in enumerate(KEYS):
+        annotation = scene.annotation() | {"mine": {"number": number}}
+        if key == "empty":
+            annotation["boxes"] = []
+        client.put_frame(
+            name,
+            key,
+            annotation,
+            image=scene.image(number),
+            segmentation=scene.segmentation(),
+        )
+    return name
+
+
+@pytest.fixture(scope="module")
+def filled(server):
+    with Client(server.url, server.token) as client:
+        return fill(client, "formats")
+
+
+@pytest.fixture
+def client(server):
+    with Client(server.url, server.token) as client:
+        yield client
+
+
+def unpacked(client: Client, dataset: str, form: str, folder: Path, **options) -> Path:
+    """An export of the server as a folder."""
+    done = client.wait_for_export(client.start_export(dataset, form, **options))
+    archive = client.download(done, folder.with_suffix(".zip"))
+    with zipfile.ZipFile(archive) as packed:
+        assert packed.testzip() is None
+        packed.extractall(folder)
+    return folder
+
+
+def labels(folder: Path) -> dict[str, bytes]:
+    """Every file but the books, which say where the labels came from."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in files
+        if path.name != "manifest.json"
+    }
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_every_format_comes_from_the_server(client, filled, tmp_path, form):
+    folder = unpacked(client, filled, form, tmp_path / "out")
+
+    books = json.loads((folder / "manifest.json").read_text("utf-8"))
+    assert books["class_names"] == CLASSES
+    assert books["counts"]["boxes"]["in"] == 8
+    out = 8 if form.startswith("decisions") else 4
+    assert books["counts"]["boxes"]["out"] == out
+    assert books["counts"]["frames"]["in"] == len(KEYS)
+
+
+@pytest.mark.parametrize("form", PUSHED_AGAIN)
+def test_an_export_pushed_again_is_exported_the_same(
+    server, client, filled, tmp_path, form
+):
+    first = unpacked(client, filled, form, tmp_path / "first")
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    again = client.create_dataset(f"again-{form}", classes=CLASSES).name
+
+    push = CommandLine(tmp_path, settings)("push", first, "--dataset", again)
+    second = unpacked(client, again, form, tmp_path / "second", include_unmeasured=True)
+
+    assert push.code == 0, push.err
+    assert [one.key for one in client.frames(again)] == sorted(KEYS)
+    assert labels(second) == labels(first)
+
+
+def test_bands_and_regions_reach_the_server(client, filled, tmp_path):
+    folder = unpacked(
+        client, filled, "kitti", tmp_path / "out", bands=[50], rejected="dontcare"
+    )
+
+    for name in ("label_2", "label50"):
+        lines = (folder / "training" / name / "000000.txt").read_text().splitlines()
+        assert [line.split()[0] for line in lines] == ["car", "DontCare"]
+
+
+@pytest.mark.parametrize(
+    ("form", "options", "pointer"),
+    [
+        ("nothing", {}, "/format"),
+        ("cvat", {"bands": [50]}, "/options/bands"),
+        ("yolo", {"bands": [0]}, "/options/bands/0"),
+        ("yolo", {"colour": 1}, "/options/colour"),
+    ],
+)
+def test_what_a_format_cannot_do_is_refused_at_once(
+    client, filled, form, options, pointer
+):
+    with pytest.raises(Invalid) as caught:
+        client.start_export(filled, form, **options)
+
+    assert caught.value.status == 422
+    assert pointer in str(caught.value.errors)
+
+
+def test_tight_rectangles_of_a_comparison_reach_the_labels(client, tmp_path):
+    name = client.create_dataset("tight", classes=["car"]).name
+    client.put_frame(name, "a", ANNOTATION, **sensors())
+    client.wait(client.evaluate(name))
+    # The box behind has nothing of its own to be seen, so its rectangle stays.
+    coco = unpacked(client, name, "coco", tmp_path / "coco", boxes="tight")
+    yolo = unpacked(client, name, "yolo", tmp_path / "yolo", boxes="tight")
+
+    tight = [61.0, 41.0, 38.0, 38.0]
+    found = [
+        one["bbox"]
+        for path in coco.rglob("annotations/*.json")
+        for one in json.loads(path.read_text("utf-8"))["annotations"]
+    ]
+    assert tight in found
+    x, y, width, height = tight
+    label = [(x + width / 2) / 160, (y + height / 2) / 120, width / 160, height / 120]
+    (text,) = [path.read_text() for path in yolo.rglob("labels/**/*.txt")]
+    lines = [[float(word) for word in line.split()[1:]] for line in text.splitlines()]
+    assert any(line == pytest.approx(label, abs=1e-6) for line in lines)
+    books = json.loads((coco / "manifest.json").read_text("utf-8"))
+    assert books["counts"]["rectangles"] == {"tight": 1, "visible": 1}

@@ -1,0 +1,224 @@
+"""Exports over HTTP: written in the background, downloaded in parts."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from datetime import datetime, timedelta, timezone
+
+import httpx
+import pytest
+
+from app.access.service import MOST_LINKS
+from tests.support import databases
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.long_streets import FROM_PIXELS, fill
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def dataset(server):
+    api = Api.at(server.url, server.headers)
+    with api.http:
+        name = api.dataset()
+        for number in range(FRAMES):
+            api.stored(name, f"{number}", {**scene.annotation(), "number": number})
+        return name
+
+
+def exported(api, dataset, form="yolo", **options):
+    answer = api.post(
+        f"/datasets/{dataset}/exports", {"format": form, "options": options}
+    )
+    assert answer.json()["state"] in ("queued", "running", "done")
+    return api.finished(answer)
+
+
+@pytest.fixture
+def export(api, dataset):
+    return exported(api, dataset)
+
+
+def download(api, export, **headers):
+    return api.http.get(export["download"], headers=headers)
+
+
+def test_an_export_says_how_far_it_is_and_what_came_out(api, dataset, export):
+    assert (export["state"], export["done"], export["total"]) == (
+        *("done", FRAMES),
+        FRAMES,
+    )
+    content = download(api, export).content
+    assert (len(content), hashlib.sha256(content).hexdigest()) == (
+        export["size_bytes"],
+        export["sha256"],
+    )
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        assert archive.testzip() is None
+        manifest = json.loads(archive.read("manifest.json"))
+    assert manifest["counts"] == export["counts"]
+    assert (manifest["dataset"], manifest["frames"]) == (dataset, FRAMES)
+
+
+def test_the_same_state_is_the_same_file(api, dataset, export):
+    again = exported(api, dataset)
+    other = exported(api, dataset, images="none")
+
+    assert again["id"] != export["id"]
+    assert again["sha256"] == export["sha256"] != other["sha256"]
+
+
+def test_a_download_goes_on_where_it_stopped(api, export):
+    whole = download(api, export)
+    tag, size = whole.headers["etag"], len(whole.content)
+
+    first = download(api, export, Range="bytes=0-99")
+    rest = download(api, export, **{"Range": "bytes=100-", "If-Range": tag})
+    last = download(api, export, Range="bytes=-10")
+
+    assert tag == f'"{export["sha256"]}"'
+    assert whole.headers["accept-ranges"] == "bytes"
+    assert [part.status_code for part in (first, rest, last)] == [206] * 3
+    assert first.content + rest.content == whole.content
+    assert rest.headers["content-range"] == f"bytes 100-{size - 1}/{size}"
+    assert last.content == whole.content[-10:]
+
+
+@pytest.mark.parametrize("span", ["bytes=0-99", "bytes=999999999-"])
+def test_a_part_of_another_file_is_not_continued(api, export, span):
+    """A range beyond the end used to be refused, whatever it was a range of."""
+    whole = download(api, export)
+
+    stale = download(api, export, **{"Range": span, "If-Range": '"other"'})
+
+    assert (stale.status_code, stale.content) == (200, whole.content)
+
+
+def test_what_is_known_is_not_sent_again(api, export):
+    tag = download(api, export).headers["etag"]
+
+    known = download(api, export, **{"If-None-Match": tag})
+    beyond = download(api, export, Range="bytes=999999999-")
+
+    assert (known.status_code, known.content) == (304, b"")
+    assert beyond.status_code == 416
+
+
+def test_an_export_waits_its_turn_and_can_be_cancelled(start_api):
+    server, api = start_api(UNGHOST_WORKERS="1")
+    dataset = fill(api, 40)
+    run = api.post(f"/datasets/{dataset}/runs", {"config": FROM_PIXELS})
+    answer = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
+    url = answer.headers["location"]
+    early = api.http.get(f"{url}/download")
+
+    cancelled = api.http.post(f"{url}/cancel")
+    again = api.http.post(f"{url}/cancel")
+    following = exported(api, dataset)
+
+    assert (early.status_code, early.json()["code"]) == (409, "export_not_done")
+    assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
+    assert (again.status_code, again.json()["code"]) == (409, "export_over")
+    assert (following["state"], following["done"]) == ("done", 40)
+    assert api.finished(run)["state"] == "done"
+    assert api.http.get(url).json() == cancelled.json()
+    assert "Traceback" not in server.log.read_text("utf-8")
+
+
+def test_an_export_goes_on_after_the_server_was_killed(start_api):
+    server, api = start_api(UNGHOST_WORKERS="1")
+    dataset = fill(api, 30)
+    before = exported(api, dataset)
+    answer = api.post(f"/datasets/{dataset}/exports", {"format": "yolo"})
+    server.process.kill()
+    server.process.wait()
+
+    _, api = start_api()
+    after = api.finished(answer)
+
+    assert (after["state"], after["sha256"]) == ("done", before["sha256"])
+    assert hashlib.sha256(download(api, after).content).hexdigest() == after["sha256"]
+
+
+def test_there_is_nothing_to_cancel_or_to_download(api):
+    assert api.post("/exports/999999/cancel").status_code == 404
+    assert api.get("/exports/999999/download").status_code == 404
+    assert api.http.get(f"{BASE}/exports/999999").status_code == 404
+
+
+def address_of(api, export):
+    """An address of the export's file that needs no token, and the answer."""
+    answer = api.post(f"/exports/{export['id']}/download-links", {})
+    assert answer.status_code == 201, answer.text
+    return api.http.base_url.join(answer.json()["url"]), answer
+
+
+def test_an_address_gives_the_file_to_who_shows_no_token(api, export):
+    url, answer = address_of(api, export)
+    ends = datetime.fromisoformat(answer.json()["expires_at"])
+
+    whole = httpx.get(url)
+    rest = httpx.get(url, headers={"Range": "bytes=100-"})
+
+    assert answer.headers["cache-control"] == "no-store"
+    assert timedelta(0) < ends - datetime.now(timezone.utc) <= timedelta(minutes=5)
+    assert hashlib.sha256(whole.content).hexdigest() == export["sha256"]
+    assert "attachment" in whole.headers["content-disposition"]
+    assert (rest.status_code, rest.content) == (206, whole.content[100:])
+
+
+def test_an_address_is_one_of_one_file(api, dataset, export):
+    other = exported(api, dataset)
+    url, _ = address_of(api, export)
+
+    answer = httpx.get(url.copy_with(path=f"{BASE}/exports/{other['id']}/file"))
+
+    assert (answer.status_code, answer.json()["code"]) == (401, "link_over")
+    key = {"Authorization": f"Bearer {url.params['key']}"}
+    assert httpx.get(api.http.base_url.join("/version"), headers=key).status_code == 401
+
+
+def test_an_address_ends_after_minutes_and_with_the_token_that_asked(
+    server, api, export
+):
+    viewer = api.post("/tokens", {"name": "downloader", "role": "viewer"}).json()
+    ada = Api.at(server.url, {"Authorization": f"Bearer {viewer['token']}"})
+    with ada.http:
+        gone, _ = address_of(ada, export)
+    late, _ = address_of(api, export)
+    assert httpx.get(gone).status_code == 200
+
+    api.http.delete(f"{BASE}/tokens/{viewer['id']}")
+    ended = "expires_at = '2001-01-01 00:00:00'"
+    digest = hashlib.sha256(late.params["key"].encode()).hexdigest()
+    databases.change(
+        server.data,
+        f"update download_links set {ended} where hash = :one",
+        one=digest,
+    )
+
+    found = [httpx.get(url).json()["code"] for url in (gone, late)]
+    assert found == ["link_over", "link_over"]
+
+
+def test_there_is_no_address_of_what_is_not_there(api):
+    answer = api.post("/exports/999999/download-links", {})
+
+    assert answer.status_code == 404
+
+
+def test_of_many_addresses_of_a_token_the_newest_stay(server, api, export):
+    others, _ = address_of(api, export)
+    viewer = api.post("/tokens", {"name": "greedy", "role": "viewer"}).json()
+    greedy = Api.at(server.url, {"Authorization": f"Bearer {viewer['token']}"})
+    with greedy.http:
+        made = [address_of(greedy, export)[0] for _ in range(MOST_LINKS + 1)]
+
+    found = [
+        httpx.head(url).status_code for url in (made[0], made[1], made[-1], others)
+    ]
+    assert found == [401, 200, 200, 200]

@@ -1,0 +1,165 @@
+"""Before a body is read there is a limit on it: on every route, however it is sent."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import contextmanager
+
+import pytest
+from fastapi.routing import APIRoute
+
+from app.http.middleware import MAX_UNASKED_BYTES
+from app.http.routing import ApiRoute, OpenRoute
+from app.main import create_app
+from app.settings import Settings
+from tests.support.archives import header_of
+from tests.support.live import live
+from tests.support.routes import at, every_route, operations, values_of_paths
+
+LIMITS = {
+    "max_json_bytes": 5_000,
+    "max_config_bytes": 6_000,
+    "max_body_bytes": 20_000,
+    "max_part_bytes": 20_000,
+    "max_batch_bytes": 30_000,
+    "max_folder_bytes": 25_000,
+}
+FORM = (
+    b'--b\r\nContent-Disposition: form-data; name="image"\r\n\r\n',
+    "multipart/form-data; boundary=b",
+)
+STARTS = {
+    "max_json_bytes": (b"[", "application/json"),
+    "max_config_bytes": (b"# ", "application/yaml"),
+    "max_body_bytes": FORM,
+    "max_batch_bytes": (header_of("a.json", 10**6), "application/x-tar"),
+    "max_folder_bytes": (header_of("a.txt", 10**6), "application/x-tar"),
+}
+VALUES = values_of_paths(999)
+OPERATIONS = sorted(
+    (method, route.path, route)
+    for route in every_route()
+    for method, _ in operations(route)
+)
+
+
+def setting_of(route: APIRoute) -> str:
+    """Which setting bounds the body of a route; empty: it takes none."""
+    return (route.body_setting or "") if isinstance(route, OpenRoute) else ""
+
+
+def limit_of(route: APIRoute) -> int:
+    name = setting_of(route)
+    is_open = not isinstance(route, ApiRoute)
+    return MAX_UNASKED_BYTES if is_open or not name else LIMITS[name]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    with live(tmp_path_factory.mktemp("bodies") / "data", **LIMITS) as running:
+        with running.admin() as client:
+            assert client.post("/api/v1/datasets", json={"name": "street"}).is_success
+        yield running
+
+
+@contextmanager
+def connected(service):
+    host, port = service.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=60) as connection:
+        yield connection
+
+
+def head(service, method, path, *more):
+    lines = (
+        f"{method} {at(path, VALUES)} HTTP/1.1",
+        "Host: localhost",
+        f"Authorization: Bearer {service.token}",
+        *more,
+    )
+    return "\r\n".join((*lines, "", "")).encode()
+
+
+def answer_on(connection) -> bytes:
+    """Status, head and the beginning of what is answered."""
+    received = b""
+    while b"\r\n\r\n" not in received:
+        piece = connection.recv(65536)
+        assert piece, received
+        received += piece
+    return received
+
+
+def is_alive(service, client):
+    return client.get("/healthz").status_code == 200
+
+
+@pytest.mark.parametrize("keyed", [False, True], ids=["", "with a key"])
+@pytest.mark.parametrize(
+    ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
+)
+def test_nothing_is_read_of_a_body_that_says_it_is_too_large(
+    service, anybody, method, path, route, keyed
+):
+    limit = limit_of(route)
+    key = [f"Idempotency-Key: {method}-{abs(hash(path))}"] if keyed else []
+    media_type = STARTS.get(setting_of(route), (b"", "application/json"))[1]
+    lines = [f"Content-Length: {limit + 1}", f"Content-Type: {media_type}", *key]
+
+    with connected(service) as connection:
+        connection.sendall(head(service, method, path, *lines))
+        assert is_alive(service, anybody)
+        received = answer_on(connection)
+
+    if path == "/":  # the page's shell, which looks at nothing of a request
+        assert received.startswith(b"HTTP/1.1 200 "), received
+        return
+    assert received.startswith(b"HTTP/1.1 413 "), received
+    assert str(limit).encode() in received
+
+
+@pytest.mark.parametrize("keyed", [False, True], ids=["", "with a key"])
+@pytest.mark.parametrize(
+    ("method", "path", "route"), OPERATIONS, ids=[" ".join(o[:2]) for o in OPERATIONS]
+)
+def test_no_more_than_its_limit_is_read_of_a_body_in_chunks(
+    service, anybody, method, path, route, keyed
+):
+    """The body never ends: whoever would read more of it would wait for more."""
+    limit = limit_of(route)
+    name = setting_of(route)
+    start, media_type = STARTS.get(name, (b"[", "application/json"))
+    body = start.ljust(limit + 1)
+    key = [f"Idempotency-Key: c-{method}-{abs(hash(path))}"] if keyed else []
+    lines = ["Transfer-Encoding: chunked", f"Content-Type: {media_type}", *key]
+
+    with connected(service) as connection:
+        connection.sendall(head(service, method, path, *lines))
+        connection.sendall(b"%x\r\n%b\r\n" % (len(body), body))
+        assert is_alive(service, anybody)
+        received = answer_on(connection)
+
+    if name not in ("", "max_batch_bytes"):
+        assert received.startswith(b"HTTP/1.1 413 "), received
+
+
+def test_every_limit_is_a_setting():
+    named = {setting_of(route) for route in every_route()} - {""}
+
+    assert named == set(LIMITS) - {"max_part_bytes"}
+    assert named <= set(Settings.model_fields)
+
+
+def test_routes_that_take_a_body_say_how_large_it_may_be(tmp_path):
+    """A new route with a body that names no setting would be read up to 4 KiB."""
+    document = create_app(Settings(data=tmp_path)).openapi()
+    described = {
+        (method.upper(), path)
+        for path, item in document["paths"].items()
+        for method, operation in item.items()
+        if "requestBody" in operation
+    }
+
+    named = {
+        (m, path.replace(":any", "")) for m, path, r in OPERATIONS if setting_of(r)
+    }
+    assert named == described

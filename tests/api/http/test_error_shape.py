@@ -1,0 +1,213 @@
+"""Every answer that is not 2xx is one kind of document, whoever made it."""
+
+from __future__ import annotations
+
+import errno
+import json
+import socket
+
+import pytest
+from starlette.requests import ClientDisconnect
+
+from app import errors
+from app.errors import AppError
+from app.http.problems import STATUS, refusal_of
+from unghost.wire.model import Fault
+
+KEYS = {
+    *("type", "title", "status", "detail", "instance", "code", "request_id", "errors")
+}
+
+
+def subclasses(cls):
+    return [cls, *(deep for sub in cls.__subclasses__() for deep in subclasses(sub))]
+
+
+@pytest.mark.parametrize("error", subclasses(AppError))
+def test_every_error_of_the_service_has_a_status_and_a_code(error):
+    assert any(cls in STATUS for cls in error.__mro__)
+    assert error.code.islower()
+
+
+def test_codes_are_not_used_twice():
+    codes = [cls.code for cls in subclasses(AppError) if "code" in vars(cls)]
+
+    assert sorted(codes) == sorted(set(codes))
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("GET", "/probe/raise/bad-request", 400, "bad_request"),
+        ("GET", "/probe/items/1?nonsense=1", 400, "unknown_parameter"),
+        ("GET", "/no-such-page", 404, "not_found"),
+        ("GET", "/api/v1/no-such-resource", 404, "not_found"),
+        ("GET", "/healthz/", 404, "not_found"),
+        ("GET", "/static/no-such-file.js", 404, "not_found"),
+        ("GET", "/probe/raise/missing", 404, "not_found"),
+        ("PATCH", "/healthz", 405, "method_not_allowed"),
+        ("GET", "/probe/raise/conflict", 409, "frame_conflict"),
+        ("GET", "/probe/raise/stale", 412, "stale_review"),
+        ("GET", "/probe/raise/range", 416, "range_not_satisfiable"),
+        ("GET", "/probe/items/none", 422, "invalid_request"),
+        ("GET", "/probe/items/99999999999999999999", 422, "invalid_request"),
+        ("GET", "/probe/raise/filter", 422, "bad_annotation"),
+        ("GET", "/probe/raise/quota", 429, "too_many_requests"),
+        ("GET", "/probe/raise/internal", 500, "internal"),
+        ("GET", "/probe/raise/busy", 503, "database_busy"),
+        ("GET", "/probe/raise/full", 503, "storage_full"),
+        ("GET", "/probe/raise/many-files", 503, "not_ready"),
+        ("GET", "/probe/raise/away", 503, "not_ready"),
+    ],
+)
+def test_an_error_is_a_problem_document(admin, method, path, status, code):
+    answer = admin.request(method, path)
+
+    problem = answer.json()
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.status_code, problem["status"]) == (status, status)
+    assert problem.keys() - {"current"} == KEYS
+    assert problem["code"] == code
+    assert problem["instance"] == path.partition("?")[0]
+    assert problem["request_id"] == answer.headers["x-request-id"]
+
+
+@pytest.mark.parametrize(
+    ("body", "media_type", "status", "code"),
+    [
+        ('{"name": ', "application/json", 422, "invalid_request"),
+        ('{"name": 1}', "application/json", 422, "invalid_request"),
+        ("[" * 5000, "application/json", 422, "invalid_request"),
+        (b'{"name": "\xff"}', "application/json", 422, "invalid_request"),
+        ("name: x", "application/yaml", 415, "unsupported_media_type"),
+        ('{"name": "x"}', "text/plain", 415, "unsupported_media_type"),
+    ],
+)
+def test_a_body_that_cannot_be_read_is_a_problem(admin, body, media_type, status, code):
+    answer = admin.post(
+        "/probe/tokens", content=body, headers={"Content-Type": media_type}
+    )
+
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+def test_faults_of_a_body_have_json_pointers(admin):
+    answer = admin.post("/probe/tokens", json={"count": "many"})
+
+    faults = {fault["pointer"]: fault["code"] for fault in answer.json()["errors"]}
+    assert faults == {"/name": "missing", "/count": "int_parsing"}
+
+
+def test_faults_of_parameters_say_where_they_are(admin):
+    answer = admin.get("/probe/items/0?limit=all")
+
+    pointers = [fault["pointer"] for fault in answer.json()["errors"]]
+    assert pointers == ["/path/item_id", "/query/limit"]
+
+
+def test_all_faults_of_an_annotation_are_listed(admin):
+    problem = admin.get("/probe/raise/filter").json()
+
+    assert [fault["pointer"] for fault in problem["errors"]] == [
+        "/boxes/0/xyxy",
+        "/boxes/2",
+    ]
+
+
+def test_a_stale_review_carries_the_current_decision(admin):
+    problem = admin.get("/probe/raise/stale").json()
+
+    assert problem["current"] == {"box_id": 7}
+
+
+@pytest.mark.parametrize("name", ["busy", "full", "away", "internal"])
+def test_a_failure_says_nothing_of_its_insides(admin, name):
+    insides = ("locked", "select", "hunter2", "traceback")
+
+    text = admin.get(f"/probe/raise/{name}").text.lower()
+
+    assert [word for word in insides if word in text] == []
+
+
+@pytest.mark.parametrize("name", ["busy", "full", "away", "quota"])
+def test_what_may_work_later_says_when(admin, name):
+    answer = admin.get(f"/probe/raise/{name}")
+
+    assert int(answer.headers["retry-after"]) > 0
+
+
+def test_another_method_is_told_all_that_are_allowed(admin):
+    answer = admin.put("/api/v1/session")
+
+    assert answer.status_code == 405
+    assert answer.headers["allow"] == "GET, HEAD, POST, DELETE"
+
+
+def test_a_range_outside_the_file_is_told_its_size(admin):
+    answer = admin.get("/probe/raise/range")
+
+    assert answer.headers["content-range"] == "bytes */10"
+
+
+def test_a_role_that_does_not_suffice_is_403(as_role):
+    answer = as_role("viewer").post("/probe/tokens", json={"name": "x"})
+
+    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+
+
+def test_a_token_in_a_body_is_never_repeated(anybody):
+    answer = anybody.post("/api/v1/session", json={"token": ["ug_secret"]})
+
+    assert answer.status_code == 422
+    assert "ug_secret" not in answer.text
+
+
+def test_a_client_that_hangs_up_is_no_failure_of_the_service(caplog):
+    refusal = refusal_of(ClientDisconnect())
+
+    assert (refusal.status, refusal.code) == (400, "client_disconnected")
+    assert caplog.records == []
+
+
+def test_what_nobody_foresaw_is_logged_with_its_traceback(caplog):
+    refusal = refusal_of(RuntimeError("the disk is on fire"))
+
+    assert (refusal.status, refusal.code) == (500, "internal")
+    assert "fire" not in refusal.detail
+    assert "the disk is on fire" in caplog.text
+
+
+def test_a_full_disk_is_no_internal_error():
+    refusal = refusal_of(OSError(errno.ENOSPC, "No space left on device"))
+
+    assert (refusal.status, refusal.code) == (503, "storage_full")
+
+
+def test_a_message_keeps_the_pointer_of_its_fault():
+    fault = Fault(pointer="/a", code="b", detail="c")
+
+    assert refusal_of(errors.BadRequest("no", faults=[fault])).faults == (fault,)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"hello\r\n\r\n",
+        b"\x16\x03\x01\x02\r\n\r\n",
+        b"BREW / HTTP/1.1\r\nHost: a\r\n\r\n",
+        b"GET / HTTP/1.1\r\nConnection: close\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nHost: a\r\nConnection: close\r\n\r\n",
+    ],
+)
+def test_bytes_that_are_no_request_are_a_problem(service, sent):
+    host, port = service.url.removeprefix("http://").split(":")
+
+    with socket.create_connection((host, int(port))) as connection:
+        connection.sendall(sent)
+        received = b"".join(iter(lambda: connection.recv(65536), b""))
+
+    head, _, body = received.partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 400 ")
+    assert b"application/problem+json" in head
+    assert json.loads(body).keys() == KEYS

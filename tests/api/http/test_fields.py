@@ -1,0 +1,150 @@
+"""Names that come in reach no column: fields, filters and orders are lists of ours."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from app.main import create_app
+from app.settings import Settings
+from tests.support import databases
+
+SECRETS = ("hash", "token_id", "tokens", "created_by", "revoked_at")
+CRAFTED = (
+    *("hash", "token__hash", "tokens.hash", "-hash", "id; drop table tokens"),
+    *("id'", 'id"', "id)--", "(select hash from tokens)", "created_by", "\x00"),
+)
+INJECTED = ("' or 1=1 --", '"; drop table tokens; --', "%_\\{}$1")
+
+
+@pytest.fixture(scope="module")
+def document():
+    return create_app(Settings()).openapi()
+
+
+def operations(document):
+    for path, item in document["paths"].items():
+        for method, operation in item.items():
+            yield method, path, operation
+
+
+def resolved(document, schema):
+    while "$ref" in schema:
+        schema = document["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
+    return schema
+
+
+def bodies(document):
+    """The JSON objects that routes take."""
+    for method, path, operation in operations(document):
+        content = operation.get("requestBody", {}).get("content", {})
+        schema = content.get("application/json", {}).get("schema")
+        if schema is not None:
+            yield method, path, resolved(document, schema)
+
+
+def test_no_body_takes_a_key_that_it_does_not_name(document):
+    """What a client may not set (ids, authors, times, hashes) cannot be slipped in."""
+    open_ended = {
+        (method, path)
+        for method, path, schema in bodies(document)
+        if schema.get("additionalProperties") is not False
+    }
+
+    # A configuration has keys of its own; unknown ones are refused by its reader.
+    assert open_ended == {("post", "/api/v1/datasets/{dataset}/configs")}
+
+
+def test_no_body_has_a_field_of_who_or_of_secrets(document):
+    named = {
+        (path, name)
+        for _, path, schema in bodies(document)
+        for name in schema.get("properties", ())
+        if name in SECRETS or name in {"id", "reviewer", "revision", "created_at"}
+    }
+
+    assert named == set()
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/datasets", {"name": "mine", "created_by": "root"}),
+        ("/datasets", {"name": "mine", "id": 7}),
+        ("/datasets/fields/runs", {"config": "0" * 64, "created_by": "root"}),
+        ("/datasets/fields/runs", {"config": "0" * 64, "state": "done"}),
+        ("/datasets/fields/exports", {"format": "yolo", "sha256": "0" * 64}),
+        ("/datasets/fields/configs", {"digest": "0" * 64}),
+        ("/boxes/1/reviews", {"verdict": "keep", "seen_revision": 0, "reviewer": "x"}),
+        ("/tokens", {"name": "mine", "hash": "0" * 64}),
+        ("/session", {"token": "ug_x", "role": "admin"}),
+    ],
+)
+def test_what_is_slipped_in_is_refused(admin, path, body):
+    admin.post("/api/v1/datasets", json={"name": "fields"})
+
+    answer = admin.post(f"/api/v1{path}", json=body)
+
+    assert answer.status_code == 422, answer.text
+
+
+def test_every_order_is_a_choice_of_a_list(document):
+    orders = [
+        parameter["schema"]
+        for _, _, operation in operations(document)
+        for parameter in operation.get("parameters", ())
+        if parameter["name"] in {"sort", "order"}
+    ]
+
+    assert orders
+    assert all("enum" in resolved(document, schema) for schema in orders)
+
+
+@pytest.mark.parametrize("crafted", CRAFTED)
+def test_an_order_by_another_column_is_refused(admin, crafted):
+    admin.post("/api/v1/datasets", json={"name": "fields"})
+
+    answers = [
+        admin.get("/api/v1/boxes", params={"dataset": "fields", "sort": crafted}),
+        admin.get("/api/v1/datasets/fields/frames", params={"sort": crafted}),
+        admin.post("/api/v1/datasets/fields/queue", json={"order": crafted}),
+    ]
+
+    assert {answer.status_code for answer in answers} == {422}
+
+
+@pytest.mark.parametrize("name", ["hash", "token__hash__startswith", "created_by"])
+def test_a_filter_on_another_column_is_unknown(admin, document, name):
+    lists = {path for method, path, _ in operations(document) if method == "get"}
+
+    statuses = {
+        path: admin.get(re.sub(r"{.*?}", "1", path), params={name: "a"}).status_code
+        for path in sorted(lists)
+    }
+
+    assert {path for path, status in statuses.items() if status != 400} == set()
+
+
+@pytest.mark.parametrize("text", INJECTED)
+def test_text_in_a_filter_is_text(service, admin, document, text):
+    """Every parameter of every list, with text that would mean something in SQL."""
+    before = rows_of(service, "tokens")
+
+    failed = {
+        (path, parameter["name"])
+        for method, path, operation in operations(document)
+        for parameter in operation.get("parameters", ())
+        if (method, parameter["in"]) == ("get", "query")
+        and admin.get(
+            re.sub(r"{.*?}", "1", path), params={parameter["name"]: text}
+        ).status_code
+        >= 500
+    }
+
+    assert failed == set()
+    assert rows_of(service, "tokens") == before
+
+
+def rows_of(service, table):
+    return databases.rows_of(service.settings.data, f"select * from {table} order by 1")

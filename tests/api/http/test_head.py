@@ -1,0 +1,152 @@
+"""HEAD answers the same people as GET does, with the same headers and no body."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.live import live
+from tests.support.routes import ANYBODY, NEEDS, at
+
+STREET = "/api/v1/datasets/street"
+PATHS = sorted(path for method, path in NEEDS if method == "GET")
+DRAWN = {"/api/v1/frames/{frame_id}/thumbnail", "/api/v1/frames/{frame_id}/overlay"}
+DRAWN |= {"/api/v1/boxes/{box_id}/crop"}
+ASKED = {
+    "/api/v1/boxes": "?dataset=street",
+    "/api/v1/runs/{run_id}/diff": "?against=1",
+    "/api/v1/exports/{export_id}/file": "?key={key}",
+}
+CHANGING = {"/metrics", "/readyz"}
+OF_EACH = {"date", "x-request-id", "transfer-encoding"}
+
+
+@pytest.fixture(scope="module")
+def filled(service):
+    """One of everything that there is to look at."""
+    with service.admin() as admin:
+        admin.post("/api/v1/datasets", json={"name": "street"})
+        files = {
+            "annotation": scene.as_json(scene.annotation()),
+            "image": scene.image(),
+            "segmentation": scene.segmentation(),
+        }
+        frame = admin.put(f"{STREET}/frames/a", files=files).json()
+        export = admin.post(f"{STREET}/exports", json={"format": "yolo"}).json()["id"]
+        admin.get(f"/api/v1/exports/{export}/events")  # until it is done
+        link = admin.post(f"/api/v1/exports/{export}/download-links").json()["url"]
+        code = admin.post("/api/v1/login-codes").json()["id"]
+        dataset = admin.get(STREET).json()
+    return {
+        "code_id": code,
+        "key": link.partition("?key=")[2],
+        "dataset": "street",
+        "key:any": "a",
+        "kind": "image",
+        "name:path": "js/main.js",
+        "frame_id": frame["frame"]["id"],
+        "box_id": frame["decisions"][0]["box_id"],
+        "export_id": export,
+        "run_id": dataset["active_run"],
+        "digest": dataset["config"],
+    }
+
+
+def asked(path, filled):
+    """The address of a route, with what it has to be asked."""
+    return at(path, filled) + ASKED.get(path, "").format(**filled)
+
+
+def told(answer, *, less=frozenset()):
+    """The status and the headers, but for those that every answer has anew."""
+    headers = {k: v for k, v in answer.headers.items() if k not in OF_EACH | set(less)}
+    return answer.status_code, headers
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_head_says_what_get_says_without_a_body(admin, filled, path):
+    url = asked(path, filled)
+    got, head = admin.get(url), admin.head(url)
+
+    length = {"content-length"} if path in DRAWN | CHANGING else set()
+    assert told(head, less=length) == told(got, less=length)
+    assert head.content == b""
+    assert got.status_code == 200 or path == "/readyz", got.text
+
+
+@pytest.mark.parametrize("path", [path for path in PATHS if NEEDS["GET", path]])
+def test_head_lets_in_whom_get_lets_in(anybody, as_role, filled, path):
+    viewer = as_role("viewer")
+
+    for client in (anybody, viewer):
+        got, head = client.get(at(path, filled)), client.head(at(path, filled))
+        assert head.status_code == got.status_code
+        assert (got.status_code == 401) == (client is anybody)
+
+
+@pytest.mark.parametrize("path", [path for path in PATHS if path != "/"])
+def test_head_knows_the_parameters_that_get_knows(admin, filled, path):
+    assert admin.head(at(path, filled), params={"nonsense": "1"}).status_code == 400
+
+
+def test_open_routes_answer_anybody(anybody, filled):
+    opened = [path for path in PATHS if NEEDS["GET", path] is ANYBODY]
+
+    # A machine that is crowded by other tests may not be ready for a moment.
+    opened.remove("/readyz")
+    assert {anybody.head(asked(path, filled)).status_code for path in opened} == {200}
+
+
+@pytest.mark.parametrize("path", sorted(DRAWN))
+def test_no_picture_is_drawn_for_its_head(admin, filled, path):
+    """Who asks so reads nothing, and so would be kept from nothing by what it costs."""
+    head = admin.head(at(path, filled))
+    known = {"If-None-Match": head.headers["etag"]}
+
+    assert head.status_code == 200
+    assert "content-length" not in head.headers
+    assert admin.head(at(path, filled), headers=known).status_code == 304
+
+
+def test_a_range_of_a_file_is_answered_as_for_get(admin, filled):
+    path = at("/api/v1/frames/{frame_id}/{kind}", filled)
+    some = {"Range": "bytes=3-9"}
+    none = {"Range": "bytes=999999-"}
+
+    assert told(admin.head(path, headers=some)) == told(admin.get(path, headers=some))
+    assert told(admin.head(path, headers=none)) == told(admin.get(path, headers=none))
+    assert admin.head(path, headers=some).status_code == 206
+
+
+def test_what_only_writes_has_no_head(admin):
+    answer = admin.head("/api/v1/reviews/bulk")
+
+    assert (answer.status_code, answer.headers["allow"]) == (405, "POST")
+
+
+def test_a_head_of_a_stream_takes_no_place(tmp_path):
+    with (
+        live(tmp_path / "data", max_event_streams=1) as service,
+        service.admin() as admin,
+    ):
+        dataset = admin.post("/api/v1/datasets", json={"name": "street"}).json()
+        events = f"/api/v1/runs/{dataset['active_run']}/events"
+        answers = [admin.head(events) for _ in range(3)]
+        seen = admin.get("/metrics").text
+
+    assert [one.status_code for one in answers] == [200] * 3
+    assert answers[0].headers["content-type"].startswith("text/event-stream")
+    assert "unghost_event_streams_open 0" in seen
+
+
+def test_the_connection_goes_on_after_a_head(admin):
+    """A body that was sent all the same would be taken for the next answer."""
+    for _ in range(3):
+        admin.head("/api/v1/datasets")
+        assert admin.get("/healthz").json() == {"status": "ok"}
+
+
+def test_the_description_names_no_head(admin):
+    paths = admin.get("/openapi.json").json()["paths"]
+
+    assert not any("head" in operations for operations in paths.values())

@@ -1,0 +1,125 @@
+"""What does not fit a schema is refused in words, by what was expected and found."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from app.http.problems import InvalidValue, in_words
+from app.main import create_app
+from app.settings import Settings
+
+DIGEST = "a digest of 64 hexadecimal digits"
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "detail"),
+    [
+        ("POST", "/datasets", b"", "expected a body of JSON, found none"),
+        ("POST", "/datasets", b"[]", "expected an object, found a list"),
+        (
+            "POST",
+            "/datasets",
+            b'{"name',
+            "expected JSON in UTF-8, found a fault at line 1, column 2: Unterminated",
+        ),
+        ("POST", "/datasets", b'{"name": 5}', "/name: expected a text, found 5"),
+        ("POST", "/datasets", b'{"name": null}', "/name: expected a text, found null"),
+        (
+            "POST",
+            "/datasets",
+            b'{"name": "A b"}',
+            "/name: expected 1 to 100 of a-z, 0-9, dot, dash and underscore, with a "
+            "letter or a digit at both ends",
+        ),
+        (
+            "POST",
+            "/datasets",
+            b'{"name": "a", "pallete": "auto"}',
+            "/pallete: there is nothing of this name; it may be misspelt",
+        ),
+        (
+            "POST",
+            "/tokens",
+            b'{"name": "a\\n"}',
+            "/name: expected printable characters",
+        ),
+        ("POST", "/tokens", b"{}", "/name: expected, but not there"),
+        (
+            "POST",
+            "/tokens",
+            b'{"name": "a", "role": "boss"}',
+            "/role: expected 'viewer', 'reviewer' or 'admin'",
+        ),
+        (
+            "POST",
+            "/tokens",
+            b'{"name": "a", "expires_at": "yesterday"}',
+            "/expires_at: expected a time such as 2026-01-31T12:00:00Z",
+        ),
+        (
+            "POST",
+            "/datasets/a/runs",
+            b'{"config": "strict"}',
+            f"/config: expected a configuration, or {DIGEST}",
+        ),
+        (
+            "GET",
+            "/boxes?dataset=a&limit=0",
+            None,
+            "query parameter 'limit': expected at least 1, found 0",
+        ),
+        (
+            "GET",
+            "/frames/x",
+            None,
+            "path parameter 'frame_id': expected a whole number, found a text",
+        ),
+        ("GET", "/configs/x", None, f"path parameter 'digest': expected {DIGEST}"),
+    ],
+)
+def test_a_refusal_says_what_was_expected_and_found(api, method, path, body, detail):
+    headers = {"Content-Type": "application/json"}
+    answer = api.http.request(method, f"/api/v1{path}", content=body, headers=headers)
+
+    problem = answer.json()
+    assert (answer.status_code, problem["code"]) == (422, "invalid_request"), problem
+    assert problem["detail"].startswith(detail)
+
+
+def test_a_text_that_may_be_a_token_is_not_repeated(api):
+    secret = "ug_of-somebody-else"
+
+    answer = api.post("/tokens", {"name": ["a"], "role": secret, secret[:2]: secret})
+
+    assert answer.status_code == 422
+    assert secret not in answer.text
+
+
+def patterns(document):
+    if isinstance(document, dict):
+        if isinstance(document.get("pattern"), str):
+            yield document["pattern"]
+        for part in document.values():
+            yield from patterns(part)
+    elif isinstance(document, list):
+        for part in document:
+            yield from patterns(part)
+
+
+def test_every_pattern_has_words(tmp_path):
+    app = create_app(Settings(data=tmp_path))
+    # Its own message names it already.
+    known = set(patterns(json.loads(json.dumps(app.openapi())))) - {"^[!-~]{1,200}$"}
+
+    assert len(known) > 3
+    for pattern in known:
+        error = InvalidValue(
+            type="string_pattern_mismatch",
+            loc=("body", "name"),
+            msg="",
+            input="x",
+            ctx={"pattern": pattern},
+        )
+        assert in_words(error).startswith("expected ")

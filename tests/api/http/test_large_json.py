@@ -1,0 +1,95 @@
+"""Large JSON of many requests is read one document after the other."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.incoming import in_turn
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.errors import AnnotationErrors
+from tests.support import frames as scene
+from tests.support.archives import END, frame, lines_of, pieces
+from tests.support.live import live
+
+DATASETS = "/api/v1/datasets"
+NUMBERS = {"numbers": list(range(100_000))}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    with live(tmp_path_factory.mktemp("json") / "data", workers=2) as running:
+        with running.admin() as client:
+            assert client.post(DATASETS, json={"name": "street"}).is_success
+        yield running
+
+
+def put(service, key, **changed):
+    files = {
+        "annotation": scene.as_json({**scene.annotation(), **changed}),
+        "image": scene.image(),
+        "segmentation": scene.segmentation(),
+    }
+    with service.admin() as client:
+        return client.put(f"{DATASETS}/street/frames/{key}", files=files).status_code
+
+
+def send_batch(service):
+    with service.admin() as client:
+        answer = client.post(
+            f"{DATASETS}/street/batches",
+            content=pieces(frame("large", extra=NUMBERS)) + END,
+            headers={"Content-Type": "application/x-tar"},
+        )
+    return lines_of(answer.text)[0]["status"]
+
+
+def send_body(service):
+    with service.admin() as client:
+        body = {"name": "avenue", "unknown": NUMBERS["numbers"]}
+        return client.post(DATASETS, json=body).status_code
+
+
+def test_large_documents_wait_for_each_other_and_nobody_for_them(service):
+    with ThreadPoolExecutor(3) as senders:
+        with in_turn(10**9):
+            large = [
+                senders.submit(put, service, "large", extra=NUMBERS),
+                senders.submit(send_batch, service),
+                senders.submit(send_body, service),
+            ]
+            with service.client() as client:
+                for number in range(20):
+                    assert put(service, f"small-{number}") == 201
+                    assert client.get("/healthz").status_code == 200
+            assert not any(one.done() for one in large)
+
+        assert [one.result() for one in large] == [201, 201, 422]
+
+
+def test_ten_thousand_boxes_of_eight_vertices_fit():
+    """The form with the most numbers, with all names that boxes have."""
+    places = [[10.0 + n % 2, n % 4 / 4, n / 8] for n in range(8)]
+    names = {"class": "car", "type_id": "vehicle.audi.tt", "base_type": "car"}
+    boxes = [{"id": f"b{n}", **names, "vertices": places} for n in range(10_000)]
+    camera = {
+        "width": 1920,
+        "height": 1080,
+        "fov": 90,
+        "transform": dict.fromkeys("xyz", 0),
+    }
+
+    read = parse_annotation(json.dumps({"camera": camera, "boxes": boxes}).encode())
+
+    assert len(read.boxes) == 10_000
+
+
+def test_more_keys_than_boxes_have_are_refused_before_they_are_read():
+    keys = dict.fromkeys(map(str, range(200_001)))
+
+    with pytest.raises(AnnotationErrors) as refused:
+        parse_annotation(json.dumps({**scene.annotation(), "extra": keys}).encode())
+
+    assert "JSON of more than 200000 keys" in str(refused.value)

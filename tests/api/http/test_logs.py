@@ -1,0 +1,224 @@
+"""What a server writes down of what it is asked: enough to find it, and no secret."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import time
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from app.logs import JsonLines
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.api import BASE, MOST_LOOKS
+from tests.support.servers import stop
+
+pytestmark = pytest.mark.long
+
+SECRET = "hunter2"
+TOKEN = f"ug_{SECRET}{'x' * 36}"
+
+
+def log_with(server, text, times=1):
+    """The log, once it has this text: a line is written after its answer is out."""
+    for _ in range(MOST_LOOKS):
+        log = server.log.read_text("utf-8")
+        if log.count(text) >= times:
+            return log
+        time.sleep(0.01)
+    raise AssertionError(log)
+
+
+def answered(server, path):
+    """What was written of the requests for a path."""
+    lines = log_with(server, f'"path":"{path}"').splitlines()
+    return [line for line in map(json.loads, lines) if line.get("path") == path]
+
+
+def test_a_request_is_a_line_with_its_id_route_status_time_and_caller(start_api):
+    server, api = start_api()
+
+    answer = api.http.get(
+        f"{BASE}/datasets/none", headers={"X-Request-ID": "night-shift.7"}
+    )
+
+    assert answer.headers["X-Request-ID"] == "night-shift.7"
+    (line,) = answered(server, f"{BASE}/datasets/none")
+    assert line.pop("time").endswith("Z")
+    assert line.pop("duration_ms") >= 0
+    assert line.pop("message").startswith(f"GET {BASE}/datasets/none 404 ")
+    assert line == {
+        "level": "info",
+        "logger": "unghost.access",
+        "request_id": "night-shift.7",
+        "method": "GET",
+        "path": f"{BASE}/datasets/none",
+        "route": f"{BASE}/datasets/{{dataset}}",
+        "status": 404,
+        "caller": "admin",
+        "client": "127.0.0.1",
+    }
+
+
+@pytest.mark.parametrize(
+    "harmful", ["a b", "x" * 65, "-a", "a\x1b[2J", 'a","level":"none'], ids=repr
+)
+def test_a_request_id_that_could_do_harm_is_replaced(admin, harmful):
+    answer = admin.get("/healthz", headers={"X-Request-ID": harmful.encode("latin-1")})
+
+    assert answer.headers["X-Request-ID"].isalnum()
+    assert len(answer.headers["X-Request-ID"]) == 32
+
+
+def test_text_is_written_where_it_is_asked_for(start_server):
+    server = start_server(UNGHOST_LOG_FORMAT="text")
+
+    httpx.get(f"{server.url}/version", headers=server.headers)
+
+    log = log_with(server, "GET /version 200 ")
+    assert " INFO unghost.access [" in log
+
+
+def test_nothing_is_written_of_requests_where_only_warnings_are_wanted(start_server):
+    server = start_server(UNGHOST_LOG_LEVEL="warning")
+
+    httpx.get(f"{server.url}/version", headers=server.headers)
+
+    stop(server.process)
+    assert server.log.read_text("utf-8") == ""
+
+
+def test_no_secret_is_in_the_log_whatever_is_asked(start_api):
+    server, api = start_api(UNGHOST_LOG_LEVEL="debug")
+    name = api.dataset(description=SECRET)
+    box = api.stored(name, "a")["decisions"][0]["box_id"]
+    made = api.post("/tokens", {"name": "ada", "role": "reviewer"}).json()["token"]
+
+    statuses = [
+        *all_routes(api),
+        *accepted(api, name, box),
+        *refused(server, api, name),
+        *let_in_or_not(server, made),
+    ]
+    malformed(server)
+
+    log = log_with(server, '"logger":"unghost.access"', len(statuses))
+    assert {200, 201, 204, 401, 404, 415, 422} <= set(statuses)
+    assert SECRET not in log
+    assert made not in log
+    assert server.token not in log
+
+
+def all_routes(api):
+    """Every route, with everything marked that is not the path."""
+    document = api.http.get("/openapi.json").json()
+    headers = {"User-Agent": SECRET, "If-Match": f'"{SECRET}"', "X-Any": SECRET}
+    statuses = []
+    for path, methods in document["paths"].items():
+        url = re.sub(r"\{\w+\}", "1", path)
+        for method in sorted({"get", "put", "post", "patch", "delete"} & {*methods}):
+            answer = api.http.request(
+                method, url, json={"any": SECRET}, params={"q": SECRET}, headers=headers
+            )
+            statuses.append(answer.status_code)
+    assert len(statuses) > 50
+    assert max(statuses) < 500
+    return statuses
+
+
+def accepted(api, name, box):
+    """Writes whose bodies nobody but the database should keep."""
+    headers = {"Idempotency-Key": SECRET}
+    bulk = {"dataset": name, "box_ids": [box], "seen_revisions": [1]}
+    bulk |= {"verdict": "keep", "comment": SECRET}
+    body = {"verdict": "reject", "comment": SECRET, "seen_revision": 0}
+    url = f"{BASE}/boxes/{box}/reviews"
+    said = [api.http.post(url, json=body, headers=headers) for _ in range(2)]
+    batch = archives.packed(archives.frame("b", map=SECRET))
+    kind = {"Content-Type": "application/x-tar"}
+    batches = f"{BASE}/datasets/{name}/batches"
+    answers = [
+        *said,
+        api.post("/reviews/bulk", bulk),
+        api.put(name, "c", {**scene.annotation(), "map": SECRET}),
+        api.http.post(batches, content=batch, headers=kind),
+        api.get(f"/datasets/{name}"),
+    ]
+    return [answer.status_code for answer in answers]
+
+
+def refused(server, api, name):
+    """Requests that are wrong, with what is wrong marked."""
+    text = {"Content-Type": f"text/{SECRET}"}
+    form = {"Content-Type": f"multipart/form-data; boundary={SECRET}"}
+    frame = f"{BASE}/datasets/{name}/frames/d"
+    batches = f"{BASE}/datasets/{name}/batches"
+    answers = [
+        api.http.get("/version", params={"token": SECRET}),
+        api.http.get(f"/login/{TOKEN}"),
+        api.post("/datasets", {"name": [SECRET], SECRET: SECRET}),
+        api.post(f"/datasets/{name}/runs", {"config": {SECRET: SECRET}}),
+        api.put(name, "d", f'{{"boxes": "{SECRET}"'.encode()),
+        api.put(name, "d", {**scene.annotation(), "boxes": [{"id": SECRET}]}),
+        api.put(name, "d", image=SECRET.encode(), segmentation=SECRET.encode()),
+        api.http.put(frame, content=SECRET.encode(), headers=form),
+        api.http.post(batches, content=SECRET.encode() * 99, headers=text),
+        api.http.post(
+            batches,
+            content=SECRET.encode() * 999,
+            headers={"Content-Type": "application/x-tar"},
+        ),
+    ]
+    return [answer.status_code for answer in answers]
+
+
+def let_in_or_not(server, made):
+    """Tokens and sessions, right ones and wrong ones."""
+    with httpx.Client(base_url=server.url, trust_env=False) as client:
+        answers = [
+            client.get("/version", headers={"Authorization": f"Bearer {TOKEN}"}),
+            client.get("/version", headers={"Authorization": f"Basic {SECRET}"}),
+            client.get("/version", headers={"Cookie": f"unghost_session={SECRET}"}),
+            client.post(f"{BASE}/session", json={"token": TOKEN}),
+            client.get("/version"),
+            client.get("/version", headers={"Referer": f"/#token={made}"}),
+        ]
+        opened = client.post(f"{BASE}/session", json={"token": made}).json()
+        session = {"Authorization": f"Bearer {opened['session']}"}
+        code = client.post(f"{BASE}/login-codes", headers=session).json()["code"]
+        answers += [
+            client.get(f"/{code}", headers=session),
+            client.get(f"{BASE}/exports/1/file", params={"key": f"ud_{SECRET}"}),
+            client.post(f"{BASE}/session", json={"code": code}),
+        ]
+    log = server.log.read_text("utf-8")
+    assert opened["session"] not in log
+    assert code not in log
+    return [answer.status_code for answer in answers]
+
+
+def malformed(server):
+    place = urlsplit(server.url)
+    with socket.create_connection((place.hostname, place.port)) as connection:
+        connection.sendall(f"GET /{SECRET}\r\nnot http at all\r\n\r\n".encode())
+        with connection.makefile("rb") as stream:
+            answer = stream.read().decode()
+    (request_id,) = re.findall(r"^x-request-id: (\w+)\r$", answer, re.MULTILINE)
+    assert answer.startswith("HTTP/1.1 400 ")
+    log_with(server, f'"request_id":"{request_id}"')
+
+
+def test_an_error_of_the_database_does_not_tell_what_was_written(service, caplog):
+    with service.admin() as client:
+        answers = [
+            client.post("/probe/tokens/early", json={"name": SECRET}) for _ in range(2)
+        ]
+
+    lines = [JsonLines().format(record) for record in caplog.records]
+    assert [answer.status_code for answer in answers] == [201, 409]
+    assert any("INSERT INTO tokens" in line for line in lines)
+    assert [line for line in lines if SECRET in line] == []

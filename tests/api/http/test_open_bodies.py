@@ -1,0 +1,293 @@
+"""Bytes of requests in memory are counted: a few senders leave room for the others."""
+
+from __future__ import annotations
+
+import socket
+import time
+from contextlib import ExitStack, closing
+from uuid import uuid4
+
+import pytest
+
+from app.incoming import OpenBodies
+from tests.support import frames as scene
+from tests.support.archives import END, header_of, lines_of, pieces
+from tests.support.archives import frame as members_of
+from tests.support.live import live
+
+MOST, MOST_OF_ONE = 1_000_000, 600_000
+BODY = 500_000
+LIMITS = {
+    "max_open_body_bytes": MOST,
+    "max_open_body_bytes_per_token": MOST_OF_ONE,
+    "max_body_bytes": 900_000,
+    "max_json_bytes": 800_000,
+    "workers": 2,
+}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    with live(tmp_path_factory.mktemp("open") / "data", **LIMITS) as running:
+        with running.admin() as client:
+            assert client.post("/api/v1/datasets", json={"name": "street"}).is_success
+        yield running
+
+
+@pytest.fixture
+def bearers(as_role):
+    """What three reviewers show."""
+    return [as_role("reviewer").headers["authorization"] for _ in range(3)]
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left(service):
+    yield
+    assert until_free(service) == 0
+
+
+def until_free(service):
+    """Bytes that are counted when all requests have ended: some end a moment later."""
+    last = time.monotonic() + 30
+    while open_bytes(service) and time.monotonic() < last:
+        time.sleep(0.01)
+    return open_bytes(service)
+
+
+def open_bytes(service):
+    return service.app.state.services.one(OpenBodies).open_bytes
+
+
+class Sender:
+    """Sends a body piece by piece, on a connection that it keeps."""
+
+    def __init__(self, service, bearer):
+        host, port = service.url.removeprefix("http://").split(":")
+        self.socket = socket.create_connection((host, int(port)), timeout=60)
+        self.bearer = bearer
+
+    def begin(self, *lines, method="POST", path="/probe/echo", sent=b"x"):
+        head = (
+            f"{method} {path} HTTP/1.1",
+            "Host: localhost",
+            f"Authorization: {self.bearer}",
+            *lines,
+        )
+        self.socket.sendall("\r\n".join((*head, "", "")).encode() + sent)
+
+    def announce(self, size, **how):
+        self.begin(f"Content-Length: {size}", **how)
+
+    def send(self, content):
+        self.socket.sendall(content)
+
+    def answer(self):
+        """Head and body of one answer."""
+        received = b""
+        while b"\r\n\r\n" not in received:
+            received += self._more()
+        head, _, body = received.partition(b"\r\n\r\n")
+        lines = head.decode().lower().split("\r\n")
+        headers = dict(line.split(": ", 1) for line in lines[1:])
+        while len(body) < int(headers["content-length"]):
+            body += self._more()
+        return int(lines[0].split()[1]), headers, body
+
+    def _more(self):
+        piece = self.socket.recv(65536)
+        assert piece
+        return piece
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.fixture
+def sender(service):
+    """Senders whose connections end with the test."""
+    with ExitStack() as opened:
+        yield lambda bearer: opened.enter_context(closing(Sender(service, bearer)))
+
+
+def until_counted(service, size):
+    """Wait until so many bytes are counted: a request has been admitted."""
+    last = time.monotonic() + 30
+    while open_bytes(service) != size:
+        assert time.monotonic() < last, open_bytes(service)
+        time.sleep(0.01)
+
+
+def test_a_token_has_its_share_and_others_go_on(service, bearers, sender):
+    one, other, third = bearers
+    first = sender(one)
+    first.announce(BODY)
+    until_counted(service, BODY)
+
+    second = sender(one)
+    second.announce(BODY)
+    status, headers, body = second.answer()
+    assert (status, headers["content-type"]) == (429, "application/problem+json")
+    assert b'"code":"too_many_requests"' in body
+    assert int(headers["retry-after"]) >= 1
+
+    beside = sender(other)
+    beside.announce(BODY)
+    until_counted(service, 2 * BODY)
+    late = sender(third)
+    late.announce(BODY)
+    status, headers, body = late.answer()
+    assert (status, headers["retry-after"]) == (503, "2")
+    assert b'"code":"not_ready"' in body
+
+    for started in (first, beside):
+        started.send(b"x" * (BODY - 1))
+        assert started.answer()[0] == 200
+    assert until_free(service) == 0
+
+
+def test_who_is_refused_sends_again_on_the_same_connection(service, bearers, sender):
+    one = bearers[0]
+    first, second = sender(one), sender(one)
+    first.announce(BODY)
+    until_counted(service, BODY)
+    second.announce(BODY)
+    assert second.answer()[0] == 429
+    first.send(b"x" * (BODY - 1))
+    assert first.answer()[0] == 200
+    until_counted(service, 0)
+
+    second.send(b"x" * (BODY - 1))
+    second.announce(BODY, sent=b"x" * BODY)
+
+    assert second.answer()[0] == 200
+
+
+def test_what_nobody_announced_is_counted_as_it_comes(service, bearers, sender):
+    chunk = b"%x\r\n" % 100_000 + b"x" * 100_000 + b"\r\n"
+    first, second = sender(bearers[0]), sender(bearers[0])
+    first.announce(BODY)
+    until_counted(service, BODY)
+
+    second.begin("Transfer-Encoding: chunked", sent=chunk)
+    until_counted(service, BODY + 100_000)
+    second.send(chunk)
+
+    assert second.answer()[0] == 429
+    until_counted(service, BODY)
+
+
+def test_answers_of_people_are_small_and_go_on(service, bearers, sender):
+    for bearer in bearers[:2]:
+        sender(bearer).announce(BODY)
+    until_counted(service, 2 * BODY)
+
+    with service.client(Authorization=bearers[2]) as client:
+        assert client.post("/probe/echo", content=b"x" * 60_000).status_code == 200
+        assert client.get("/healthz").status_code == 200
+
+
+def test_a_body_that_is_larger_than_the_share_is_taken_alone(service, bearers):
+    with service.client(Authorization=bearers[0]) as client:
+        sent = client.post("/probe/echo", content=b"x" * 800_000)
+
+    assert sent.json() == 800_000
+
+
+def leaves(sender):
+    sender.announce(BODY)
+    sender.close()
+
+
+def sends_too_much(sender):
+    sender.begin(
+        "Transfer-Encoding: chunked", sent=b"f4240\r\n" + b"x" * 1_000_000 + b"\r\n"
+    )
+    assert sender.answer()[0] == 413
+
+
+def sends_no_json(sender):
+    sender.announce(BODY, path="/api/v1/datasets/street/bulk-reviews", sent=b"x" * BODY)
+    assert sender.answer()[0] in (404, 415, 422)
+
+
+def sends_a_form_that_ends_early(sender):
+    sender.begin(
+        f"Content-Length: {BODY}",
+        "Content-Type: multipart/form-data; boundary=b",
+        method="PUT",
+        path="/api/v1/datasets/street/frames/a",
+        sent=b"x" * BODY,
+    )
+    assert sender.answer()[0] == 400
+
+
+@pytest.mark.parametrize(
+    "act", [leaves, sends_too_much, sends_no_json, sends_a_form_that_ends_early]
+)
+def test_however_a_request_ends_its_bytes_are_given_back(service, bearers, sender, act):
+    act(sender(bearers[0]))
+
+    assert until_free(service) == 0
+    again = sender(bearers[0])
+    again.announce(BODY, sent=b"x" * BODY)
+    assert again.answer()[0] == 200
+
+
+def test_a_batch_counts_what_it_keeps_and_is_told_when_that_is_too_much(
+    service, admin, bearers, sender
+):
+    """Its first frame is stored; one that has not come as a whole is what it keeps."""
+    first = sender(bearers[0])
+    first.announce(BODY)
+    until_counted(service, BODY)
+    start = pieces(members_of("a"))
+    rest = pieces(members_of("b")) + header_of("b.lidar.bin", 300_000)
+    rest += b"x" * 299_000
+
+    dataset = f"kept-{uuid4().hex}"
+    assert admin.post("/api/v1/datasets", json={"name": dataset}).is_success
+    with service.client(Authorization=bearers[0]) as client:
+        answer = client.post(
+            f"/api/v1/datasets/{dataset}/batches",
+            content=iter([start, rest]),
+            headers={"Content-Type": "application/x-tar"},
+        )
+    stored, end = lines_of(answer.text)
+
+    assert (stored["status"], end["stored"]) == (201, 1)
+    assert (end["problem"]["status"], end["problem"]["code"]) == (
+        429,
+        "too_many_requests",
+    )
+
+
+def test_a_batch_gives_back_what_it_has_stored(service, bearers):
+    many = b"".join(
+        pieces([*members_of(f"m{n}", number=n), (f"m{n}.lidar.bin", b"x" * 200_000)])
+        for n in range(6)
+    )
+
+    with service.client(Authorization=bearers[0]) as client:
+        answer = client.post(
+            "/api/v1/datasets/street/batches",
+            content=iter(
+                [many[at : at + 50_000] for at in range(0, len(many), 50_000)]
+            ),
+            headers={"Content-Type": "application/x-tar"},
+        )
+        client.post(
+            "/api/v1/datasets/street/batches",
+            content=many + END,
+            headers={"Content-Type": "application/x-tar"},
+        )
+
+    assert len(lines_of(answer.text)) >= 2
+    assert until_free(service) == 0
+
+
+def test_a_frame_is_stored_beside_others(service, bearers):
+    files = {"annotation": scene.as_json(scene.annotation()), "image": scene.image(0)}
+    with service.client(Authorization=bearers[1]) as client:
+        stored = client.put("/api/v1/datasets/street/frames/one", files=files)
+
+    assert stored.is_success

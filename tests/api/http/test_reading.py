@@ -1,0 +1,129 @@
+"""Looking changes nothing, and what is looked at is never run."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.filled_database import contents
+from tests.support.routes import NEEDS, at
+
+MARKUP = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def filled(service):
+    """A dataset whose every name is markup."""
+    with service.admin() as admin:
+        admin.post("/api/v1/datasets", json={"name": "marked", "description": MARKUP})
+        boxes = [{"id": MARKUP, "class": MARKUP, "xyxy": scene.ON_THE_CAR}]
+        files = {
+            "annotation": scene.as_json({**scene.annotation(), "boxes": boxes}),
+            "image": scene.image(),
+            "segmentation": scene.segmentation(),
+        }
+        frame = admin.put("/api/v1/datasets/marked/frames/a", files=files).json()
+        box = frame["decisions"][0]["box_id"]
+        answer = {"verdict": "keep", "comment": MARKUP, "seen_revision": 0}
+        admin.post(f"/api/v1/boxes/{box}/reviews", json=answer)
+        dataset = admin.get("/api/v1/datasets/marked").json()
+    return {
+        "dataset": "marked",
+        "key:any": "a",
+        "kind": "image",
+        "name:path": "x",
+        "frame_id": frame["frame"]["id"],
+        "box_id": box,
+        "export_id": 1,
+        "code_id": 1,
+        "run_id": dataset["active_run"],
+        "digest": dataset["config"],
+    }
+
+
+def every_get(values):
+    return [at(path, values) for method, path in sorted(NEEDS) if method == "GET"]
+
+
+def rows_of(service):
+    """Every row of the database, but when a token was last used.
+
+    That is not written by a GET either, but by the service, once a minute: see
+    test_token_lifetimes.
+    """
+    rows = contents(service.app.state.database.engine)
+    rows["tokens"] = [{**row, "last_used_at": None} for row in rows["tokens"]]
+    return rows
+
+
+def files_of(service):
+    """Every file that is stored, with what is in it."""
+    files = (path for path in service.settings.data.rglob("*") if path.is_file())
+    kept = (path for path in files if not path.name.startswith("unghost.db"))
+    return {path: path.read_bytes() for path in kept}
+
+
+def test_no_get_has_a_side_effect(service, admin, filled):
+    """A picture on somebody's page can make a browser send one."""
+    rows, files = rows_of(service), files_of(service)
+
+    for path in every_get(filled):
+        admin.get(path)
+        admin.get(path, params={"confirm": "marked"})
+
+    assert rows_of(service) == rows
+    left = files_of(service)
+    # The thumbnail is drawn once and kept: it says nothing that the image does not.
+    assert len(left) <= len(files) + 1
+    assert files.items() <= left.items()
+
+
+def test_no_answer_is_a_page_but_the_page(admin, filled):
+    """Names from outside are in most of them: none may be taken for markup."""
+    pages, told = set(), 0
+    for path in every_get(filled):
+        answer = admin.get(path)
+        if answer.headers.get("content-type", "").startswith("text/html"):
+            pages.add(path)
+        told += MARKUP in answer.text.replace("\\u003c", "<")
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert "unsafe" not in answer.headers["content-security-policy"]
+
+    assert pages == {"/", "/docs", "/docs/content"}
+    assert told >= 3
+
+
+def test_the_pages_hold_no_name_from_outside(admin, filled):
+    for path in ("/", "/docs", "/docs/content"):
+        assert "onerror" not in admin.get(path).text
+
+
+@pytest.mark.parametrize("query", ["", "?callback=alert", "?jsonp=alert"])
+def test_an_error_repeats_markup_as_json_only(admin, query):
+    answer = admin.get(f"/api/v1/datasets/{MARKUP}{query}")
+
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.status_code == (400 if query else 404)
+
+
+def test_a_request_for_html_is_answered_in_json(admin, filled):
+    accept = {"Accept": "text/html"}
+
+    types = {
+        admin.get(path, headers=accept).headers["content-type"].partition(";")[0]
+        for path in ("/api/v1/datasets", "/api/v1/datasets/marked", "/no/such/page")
+    }
+
+    assert types == {"application/json", "application/problem+json"}
+
+
+def test_a_method_cannot_be_smuggled_into_a_get(admin, filled):
+    tricks = {"X-HTTP-Method-Override": "DELETE", "X-Method-Override": "DELETE"}
+
+    answer = admin.get("/api/v1/datasets/marked", headers=tricks)
+
+    assert answer.status_code == 200
+    assert admin.get("/api/v1/datasets/marked?_method=DELETE").status_code == 400
+    assert re.match(r"application/json", answer.headers["content-type"])

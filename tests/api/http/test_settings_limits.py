@@ -1,0 +1,277 @@
+"""Every limit of the settings is kept, with a status that says what to do."""
+
+from __future__ import annotations
+
+import json
+import threading
+from contextlib import ExitStack, contextmanager
+
+import cv2
+import numpy as np
+import pytest
+
+from app.settings import Settings
+from tests.support import frames as scene
+from tests.support.archives import frame, packed
+from tests.support.live import live
+from tests.support.sources import CHECKOUT
+
+pytestmark = pytest.mark.long
+
+LIMITS = {
+    "max_head_bytes": 2_000,
+    "max_body_bytes": 20_000,
+    "max_json_bytes": 4_000,
+    "max_batch_bytes": 60_000,
+    "max_part_bytes": 8_000,
+    "max_parts": 4,
+    "max_batch_members": 2,
+    "max_image_side_px": 100,
+    "max_image_pixels": 4_000,
+    "max_boxes_per_frame": 3,
+    "max_config_bytes": 1_024,
+    "max_bulk_boxes": 1,
+    "max_open_jobs_per_token": 2,
+    "max_event_streams_per_token": 1,
+    "max_open_batches_per_token": 1,
+    "max_folder_bytes": 30_000,
+    "max_folder_files": 3,
+}
+TOO_MUCH = (
+    "tests/api/boxes/test_expensive_pictures.py::"
+    "test_a_frame_that_needs_too_much_is_refused_and_named"
+)
+OPEN_BYTES = (
+    "tests/api/http/test_open_bodies.py::test_a_token_has_its_share_and_others_go_on"
+)
+KEEPERS = {
+    "max_pixel_seconds": TOO_MUCH,
+    "max_pixel_memory_bytes": TOO_MUCH,
+    "max_connections": "tests/api/process/test_connections.py::"
+    "test_a_house_full_of_people_at_work_says_when_to_come_again",
+    "max_connections_per_address": "tests/api/process/test_connections.py::"
+    "test_one_address_leaves_room_for_others",
+    "max_open_body_bytes": OPEN_BYTES,
+    "max_open_body_bytes_per_token": OPEN_BYTES,
+    "max_open_batches": "tests/api/ingest/test_batches.py::"
+    "test_no_more_batches_than_allowed_are_received_at_once",
+    "max_folder_seconds": "tests/api/ingest/test_folders.py::"
+    "test_a_folder_that_takes_too_long_is_given_up",
+    "max_open_runs": "tests/api/runs/test_runs.py::"
+    "test_too_many_runs_are_asked_to_come_later",
+    "max_event_streams": "tests/api/runs/test_run_events.py::"
+    "test_only_so_many_watch_and_who_goes_away_makes_room",
+}
+TAR = {"Content-Type": "application/x-tar"}
+STREET = "/api/v1/datasets/street"
+AVENUE = "/api/v1/datasets/avenue/batches"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("limits") / "data"
+    with live(folder, **LIMITS) as running:
+        with running.admin() as client:
+            client.post("/api/v1/datasets", json={"name": "street"})
+        yield running
+
+
+def put(client, **files):
+    files = {"annotation": scene.as_json(scene.annotation()), **files}
+    return client.put(f"{STREET}/frames/a", files=files)
+
+
+def picture(width, height):
+    return cv2.imencode(".png", np.zeros((height, width, 3), np.uint8))[1].tobytes()
+
+
+def boxes(count):
+    box = {"class": "car", "xyxy": [0, 0, 9, 9]}
+    found = [{**box, "id": str(number)} for number in range(count)]
+    return json.dumps({**scene.annotation(), "boxes": found})
+
+
+def filled_with(size):
+    return {"description": "x" * size, "name": "long"}
+
+
+ASKED = {
+    "max_head_bytes": (431, lambda c: c.get("/healthz", headers={"X-A": "x" * 2_000})),
+    "max_body_bytes": (
+        413,
+        lambda c: put(c, image=b"x" * 7000, a=b"x" * 7000, b=b"x" * 7000),
+    ),
+    "max_json_bytes": (
+        413,
+        lambda c: c.post("/api/v1/datasets", json=filled_with(4_000)),
+    ),
+    "max_batch_bytes": (
+        413,
+        lambda c: c.post(f"{STREET}/batches", content=bytes(70_000), headers=TAR),
+    ),
+    "max_part_bytes": (413, lambda c: put(c, image=b"x" * 9_000)),
+    "max_parts": (
+        413,
+        lambda c: put(c, **dict.fromkeys(("image", "depth", "lidar", "radar"), b"x")),
+    ),
+    "max_batch_members": (
+        413,
+        lambda c: c.post(f"{STREET}/batches", content=packed(frame("a")), headers=TAR),
+    ),
+    "max_folder_bytes": (
+        413,
+        lambda c: c.post("/api/v1/folders", content=bytes(40_000), headers=TAR),
+    ),
+    "max_folder_files": (
+        413,
+        lambda c: c.post(
+            "/api/v1/folders",
+            content=packed([(f"seg/{number}.png", b"") for number in range(3)]),
+            headers=TAR,
+        ),
+    ),
+    "max_image_side_px": (422, lambda c: put(c, image=picture(101, 1))),
+    "max_image_pixels": (422, lambda c: put(c, image=picture(100, 41))),
+    "max_boxes_per_frame": (422, lambda c: put(c, annotation=boxes(4))),
+    "max_config_bytes": (
+        413,
+        lambda c: c.post(f"{STREET}/configs", json={"x": "x" * 1_024}),
+    ),
+    "max_bulk_boxes": (
+        413,
+        lambda c: c.post(
+            "/api/v1/reviews/bulk",
+            json={"dataset": "street", "box_ids": [1, 2], "verdict": "keep"},
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_more_than_a_limit_is_refused_and_the_limit_is_named(admin, name):
+    status, ask = ASKED[name]
+
+    answer = ask(admin)
+
+    assert answer.status_code == status, answer.text
+    said = answer.json()["detail"].replace(",", "")
+    assert str(LIMITS[name]) in said
+    assert admin.get(f"{STREET}/frames").json()["items"] == []
+
+
+def test_at_its_limits_a_frame_is_taken(serve):
+    service = serve(
+        **LIMITS | {"max_boxes_per_frame": 2, "max_parts": 3, "max_image_side_px": 64},
+    )
+    with service.admin() as client:
+        client.post("/api/v1/datasets", json={"name": "street"})
+
+        answer = put(client, image=scene.image(), segmentation=scene.segmentation())
+
+    assert answer.status_code == 201, answer.text
+
+
+@pytest.fixture
+def busy(service):
+    """The one thread that works off jobs has something else to do: they wait."""
+    done = threading.Event()
+    service.app.state.services.engine.submit(lambda: done.wait(120))
+    yield
+    done.set()
+
+
+def reviewer(service, admin, name):
+    token = admin.post("/api/v1/tokens", json={"name": name}).json()["token"]
+    return service.client(Authorization=f"Bearer {token}")
+
+
+def test_the_jobs_of_one_token_leave_room_for_others(service, admin, busy):
+    digest = admin.get(f"{STREET}/config").json()["digest"]
+    asks = [
+        (f"{STREET}/runs", {"config": digest}),
+        (f"{STREET}/exports", {"format": "yolo"}),
+        (f"{STREET}/runs", {"config": digest}),
+        (f"{STREET}/exports", {"format": "yolo"}),
+        (f"{STREET}/evaluations", None),
+    ]
+    with reviewer(service, admin, "greedy") as greedy:
+        answers = [greedy.post(path, json=sent) for path, sent in asks]
+        late = answers[2]
+        path, body = asks[0]
+        other = admin.post(path, json=body)
+        greedy.post(f"{answers[0].headers['location']}/cancel")
+        again = greedy.post(path, json=body)
+
+    assert [one.status_code for one in answers] == [202, 202, 429, 429, 429]
+    assert (late.json()["code"], late.headers["retry-after"]) == ("too_many_jobs", "10")
+    assert (other.status_code, again.status_code) == (202, 202)
+
+
+def test_the_streams_of_one_token_leave_room_for_others(service, admin, busy):
+    digest = admin.get(f"{STREET}/config").json()["digest"]
+    run = admin.post(f"{STREET}/runs", json={"config": digest})
+    events = f"{run.headers['location']}/events"
+    with reviewer(service, admin, "watcher") as watcher, ExitStack() as open_streams:
+        first = open_streams.enter_context(watcher.stream("GET", events))
+        assert next(first.iter_lines()) == "retry: 1000"
+        refused = watcher.get(events)
+        other = open_streams.enter_context(admin.stream("GET", events))
+
+    assert (first.status_code, other.status_code) == (200, 200)
+    assert refused.status_code == 429
+    assert "1 streams of this token" in refused.json()["detail"]
+    assert int(refused.headers["retry-after"]) >= 1
+
+
+def test_the_batches_of_one_token_leave_room_for_others(service, admin):
+    admin.post("/api/v1/datasets", json={"name": "avenue"})
+    with reviewer(service, admin, "sender") as sender, sending(sender) as go_on:
+        refused, other = send(sender), send(admin)
+        go_on()
+    with reviewer(service, admin, "patient") as patient:
+        again = [send(patient), send(patient)]
+
+    assert refused.status_code == 429
+    assert "1 batches of this token" in refused.json()["detail"]
+    assert int(refused.headers["retry-after"]) >= 1
+    assert [one.status_code for one in (other, *again)] == [200, 200, 200]
+
+
+def send(client, content=None):
+    content = content or packed(frame("a")[:2])
+    return client.post(AVENUE, content=content, headers=TAR)
+
+
+@contextmanager
+def sending(client):
+    """A batch that is open until it is let go on."""
+    let_go = threading.Event()
+
+    def body():
+        yield bytes(512)  # enough to be taken for an archive
+        let_go.wait(120)
+        yield bytes(512)
+
+    thread = threading.Thread(target=send, args=(client, body()))
+    thread.start()
+    try:
+        while "unghost_batches_open 1" not in client.get("/metrics").text:
+            assert thread.is_alive()
+        yield let_go.set
+    finally:
+        let_go.set()
+        thread.join()
+
+
+def test_every_limit_has_a_test():
+    """A new `max_...` of the settings belongs into one of the tables above."""
+    limits = {name for name in Settings.model_fields if name.startswith("max_")}
+    here = {
+        *("max_open_jobs_per_token", "max_event_streams_per_token"),
+        "max_open_batches_per_token",
+    }
+
+    assert limits == {*ASKED, *KEEPERS, *here}
+    for keeper in KEEPERS.values():
+        path, _, name = keeper.partition("::")
+        assert f"def {name}(" in (CHECKOUT / path).read_text("utf-8")

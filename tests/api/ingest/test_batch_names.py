@@ -1,0 +1,47 @@
+"""Names in an archive, and keys in its annotations, that no frame can have."""
+
+from __future__ import annotations
+
+import tarfile
+
+import pytest
+
+from tests.support.api import BASE
+from tests.support.archives import frame, lines_of, packed
+
+TAR = {"Content-Type": "application/x-tar"}
+NOT_JSON = b"{"
+
+
+def told(api, dataset, members):
+    path = f"{BASE}/datasets/{dataset}/batches"
+    content = packed(members, tarfile.PAX_FORMAT)
+    answer = api.http.post(path, content=content, headers=TAR)
+    *lines, end = lines_of(answer.text)
+    return [(line["key"], line["status"]) for line in lines], end
+
+
+@pytest.mark.parametrize("key", ["\ud800", "a\udfffb", "a\0b"])
+def test_a_key_that_cannot_be_written_is_told_by_its_name_and_the_rest_goes_on(
+    api, key
+):
+    dataset = api.dataset()
+
+    statuses, end = told(api, dataset, [*frame("a", key=key), *frame("b")])
+
+    assert statuses == [("a", 422), ("run/b", 201)]
+    assert "problem" not in end
+    (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    (fault,) = problem["error"]["errors"]
+    assert (problem["key"], fault["code"]) == ("a", "bad_key")
+
+
+def test_a_problem_is_noted_under_as_much_of_a_name_as_a_key_may_have(api):
+    """PostgreSQL takes no more, and ended the batch."""
+    dataset, name = api.dataset(), "ü" * 600
+
+    statuses, _ = told(api, dataset, [(f"{name}.json", NOT_JSON), *frame("b")])
+
+    assert statuses == [(name, 422), ("run/b", 201)]
+    (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert problem["key"] == "ü" * 512

@@ -1,0 +1,344 @@
+"""Many frames in one request: told one by one, whatever is wrong with some of them."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import random
+from contextlib import closing
+
+import httpx
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.archives import (
+    END,
+    TAR,
+    Connection,
+    frame,
+    lines_of,
+    packed,
+    pieces,
+    send,
+    told,
+)
+
+
+def keys(api, dataset):
+    items = api.json(f"/datasets/{dataset}/frames", limit=1000)["items"]
+    return [item["key"] for item in items]
+
+
+def test_each_frame_is_told_in_order_and_the_end_counts_them(api):
+    dataset = api.dataset()
+
+    answer = send(api, dataset, packed(frame("a") + frame("b")))
+
+    assert answer.headers["content-type"] == "application/x-ndjson"
+    first, second, end = lines_of(answer.text)
+    decisions = {"kept": 1, "rejected": 1, "unmeasured": 0}
+    assert first == {
+        "key": "run/a",
+        "status": 201,
+        "frame_id": first["frame_id"],
+        "decisions": decisions,
+    }
+    assert api.json(f"/frames/{second['frame_id']}")["key"] == "run/b"
+    assert end == {"end": True, "frames": 2, "stored": 2, "same": 0, "refused": 0}
+
+
+def test_a_frame_is_told_while_the_next_ones_are_still_to_be_sent(api, server):
+    dataset = api.dataset()
+
+    with closing(Connection(server, dataset, timeout=60)) as connection:
+        connection.send(pieces(frame("0")))
+        for number in range(1, 4):
+            connection.send(pieces(frame(f"{number}")))
+            assert connection.line()["key"] == f"run/{number - 1}"
+            assert f"run/{number - 1}" in keys(api, dataset)
+
+
+def test_a_bad_frame_is_told_and_the_rest_goes_on(api):
+    dataset = api.dataset()
+    members = [
+        *frame("a"),
+        *frame("bad", boxes=[{"class": "car", "xyxy": [0, 0, "wide", 9]}]),
+        ("no-json.json", b"{"),
+        *[("torn.json", frame("torn")[0][1]), ("torn.segmentation.png", b"\x89PNG")],
+        *[*frame("odd"), ("odd.colour.png", b"x")],
+        *[*frame("twice"), ("twice.image", b"x")],
+        ("nobody.png", b"x"),
+        *frame("key", key="../x"),
+        *frame("z"),
+    ]
+
+    statuses, end = told(send(api, dataset, packed(members)))
+
+    assert statuses == [
+        ("run/a", 201),
+        ("run/bad", 422),
+        ("no-json", 422),
+        ("run/torn", 422),
+        ("odd", 422),
+        ("nobody.png", 422),
+        ("twice", 422),
+        ("../x", 422),
+        ("run/z", 201),
+    ]
+    assert (end["stored"], end["refused"]) == (2, 7)
+    assert keys(api, dataset) == ["run/a", "run/z"]
+
+
+def test_a_refusal_says_what_a_single_upload_says_and_is_remembered(api):
+    dataset, other = api.dataset(), api.dataset()
+    bad = {**scene.annotation(), "boxes": [{"class": "car", "xyxy": [0, 0, "w", 9]}]}
+    alone = api.put(other, "run/bad", bad).json()
+
+    (line, _) = lines_of(
+        send(api, dataset, packed(frame("bad", boxes=bad["boxes"]))).text
+    )
+
+    same = ("status", "code", "detail", "errors", "title")
+    assert {k: line["problem"][k] for k in same} == {k: alone[k] for k in same}
+    (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert (problem["key"], problem["error"]["code"]) == ("run/bad", alone["code"])
+
+
+def test_a_refused_frame_is_forgotten_when_it_comes_in(api):
+    dataset = api.dataset()
+    members = frame("a", boxes=3) + frame("a")
+
+    statuses, _ = told(send(api, dataset, packed(members)))
+
+    assert statuses == [("run/a", 422), ("run/a", 201)]
+    assert api.json(f"/datasets/{dataset}/problems")["items"] == []
+
+
+def test_the_same_archive_stores_nothing_twice(api):
+    dataset, archive = api.dataset(), packed(frame("a") + frame("b"))
+    first = lines_of(send(api, dataset, archive).text)
+
+    again = lines_of(send(api, dataset, archive).text)
+
+    assert [line["status"] for line in again[:-1]] == [200, 200]
+    same = ("key", "frame_id", "decisions")
+    assert [[x[k] for k in same] for x in again[:-1]] == [
+        [x[k] for k in same] for x in first[:-1]
+    ]
+    assert again[-1] == {"end": True, "frames": 2, "stored": 0, "same": 2, "refused": 0}
+
+
+@pytest.mark.parametrize("replace", [False, True])
+def test_a_key_that_comes_again_with_other_content(api, replace):
+    dataset = api.dataset()
+    members = frame("a") + frame("b", key="run/a", map="Town01") + frame("a")
+
+    wanted = {"replace": "true"} if replace else {}
+    statuses, _ = told(send(api, dataset, packed(members), **wanted))
+
+    assert [status for _, status in statuses] == (
+        [201, 201, 201] if replace else [201, 409, 200]
+    )
+    revision = api.json(f"/datasets/{dataset}/frames/run/a")["revision"]
+    assert revision == (3 if replace else 1)
+
+
+def test_what_was_sent_alone_is_the_same_in_a_batch(api):
+    dataset = api.dataset()
+    alone = api.stored(dataset, "run/a")["frame"]["id"]
+
+    (line, _) = lines_of(send(api, dataset, packed(frame("a"))).text)
+
+    assert (line["status"], line["frame_id"]) == (200, alone)
+
+
+def test_without_a_key_the_name_counts(api):
+    dataset = api.dataset()
+    content = json.dumps(scene.annotation()).encode()
+
+    statuses, _ = told(send(api, dataset, packed([("./town/7.json", content)])))
+
+    assert statuses == [("town/7", 201)]
+
+
+def test_frozen_classes_take_no_other_one(api):
+    dataset = api.dataset()
+    told(send(api, dataset, packed(frame("a"))))
+    assert api.post(f"/datasets/{dataset}/exports", {"format": "yolo"}).is_success
+    dragon = [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]
+
+    answer = send(api, dataset, packed(frame("b", boxes=dragon) + frame("c")))
+
+    refused, stored, _ = lines_of(answer.text)
+    assert (refused["status"], refused["problem"]["code"]) == (422, "unknown_class")
+    assert stored["status"] == 201
+
+
+@pytest.mark.parametrize(
+    ("headers", "content", "status", "code"),
+    [
+        pytest.param({}, b"x", 415, "unsupported_media_type", id="no type"),
+        pytest.param(
+            {"Content-Type": "application/gzip"},
+            b"x",
+            415,
+            "unsupported_media_type",
+            id="another type",
+        ),
+        pytest.param(
+            {**TAR, "Content-Encoding": "gzip"},
+            gzip.compress(packed(frame("a"))),
+            415,
+            "unsupported_media_type",
+            id="encoded",
+        ),
+        pytest.param(
+            TAR,
+            gzip.compress(
+                packed(
+                    frame("a"),
+                ),
+                compresslevel=0,
+            ),
+            415,
+            "unsupported_media_type",
+            id="compressed",
+        ),
+        pytest.param(TAR, b"x" * 2000, 422, "bad_archive", id="no tar"),
+        pytest.param(TAR, b"x", 422, "bad_archive", id="too short"),
+        pytest.param(TAR, b"", 422, "bad_archive", id="nothing"),
+    ],
+)
+def test_what_is_no_archive_is_refused_before_an_answer_begins(
+    api, headers, content, status, code
+):
+    answer = send(api, api.dataset(), content, headers)
+
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+def test_an_archive_that_is_damaged_later_keeps_what_came_before(api):
+    dataset = api.dataset()
+    archive = pieces(frame("a") + frame("b")) + b"\xff" * 512 + END
+
+    statuses, end = told(send(api, dataset, archive))
+
+    assert statuses == [("run/a", 201)]
+    assert (end["problem"]["code"], end["stored"]) == ("bad_archive", 1)
+
+
+def test_who_may_not_write_is_refused_before_the_body_is_read(as_role, service):
+
+    path = f"{BASE}/datasets/none/batches"
+    answer = as_role("viewer").post(path, content=b"x" * 2000, headers=TAR)
+    with service.client() as nobody:
+        without = nobody.post(path, content=b"x" * 2000, headers=TAR)
+
+    assert (answer.status_code, without.status_code) == (403, 401)
+
+
+def test_no_batch_is_larger_than_allowed(admin):
+    api = Api(admin)
+    members = [("a.json", b"{}"), ("a.image.png", bytes(1_100_000))]
+
+    answer = send(api, api.dataset(), packed(members))
+
+    # The length is announced: nothing has to be read.
+    assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
+
+
+def test_limits_of_a_frame_refuse_that_frame_alone(start_api):
+    _, api = start_api(UNGHOST_MAX_PART_BYTES="20000", UNGHOST_MAX_PARTS="3")
+    dataset = api.dataset()
+    large = [("large.json", frame("large")[0][1]), ("large.image.png", bytes(20001))]
+    many = [*frame("many"), ("many.depth.png", b"x")]
+
+    statuses, _ = told(send(api, dataset, packed(large + many + frame("z"))))
+
+    assert statuses == [("large", 413), ("many", 413), ("run/z", 201)]
+
+
+def test_no_more_batches_than_allowed_are_received_at_once(start_api):
+    server, api = start_api(UNGHOST_MAX_OPEN_BATCHES="1")
+    dataset = api.dataset()
+
+    with closing(Connection(server, dataset, timeout=60)) as connection:
+        connection.send(pieces(frame("a") + frame("b")))
+        assert connection.line()["key"] == "run/a"
+        refused = send(api, dataset, packed(frame("c")))
+        connection.send(END)
+        connection.end()
+        assert connection.line()["key"] == "run/b"
+        assert connection.line()["end"] is True
+
+    assert (refused.status_code, "retry-after" in refused.headers) == (429, True)
+    assert told(send(api, dataset, packed(frame("c"))))[1]["stored"] == 1
+
+
+def test_a_connection_that_is_cut_anywhere_leaves_whole_frames_only(api, server):
+    content = b"".join(pieces(frame(f"{n}", number=n)) for n in range(6)) + END
+    places = random.Random(7).sample(range(1, len(content)), 12)
+
+    for place in places:
+        dataset = api.dataset()
+        with closing(Connection(server, dataset, timeout=60)) as connection:
+            connection.send(content[:place])
+        told(send(api, dataset, packed(frame("last"))))
+        for key in keys(api, dataset):
+            files = api.json(f"/datasets/{dataset}/frames/{key}")["files"]
+            assert files.keys() == {"image", "segmentation"}
+
+
+def send_until_nobody_takes_it(connection, archive):
+    """How much was taken while nobody read the answer."""
+    sent = 0
+    for start in range(0, len(archive), 4096):
+        try:
+            connection.send(archive[start : start + 4096])
+        except TimeoutError:
+            return sent
+        sent += 4096
+    raise AssertionError("all of it was taken")
+
+
+def test_a_reader_that_waits_makes_the_server_wait(api, server):
+    bad = b"".join(pieces([(f"{number:05}.json", b"{")]) for number in range(40_000))
+
+    with closing(Connection(server, api.dataset(), timeout=60)) as connection:
+        connection.socket.settimeout(2)
+        assert send_until_nobody_takes_it(connection, bad) < len(bad)
+        connection.socket.settimeout(60)
+        lines = [connection.line()["key"] for _ in range(1000)]
+
+    assert lines == [f"{number:05}" for number in range(1000)]
+
+
+def test_frames_of_batches_are_counted_by_their_status(start_api):
+    _, api = start_api()
+    dataset = api.dataset()
+
+    told(send(api, dataset, packed(frame("a") + frame("b", boxes=3))))
+
+    text = api.http.get("/metrics").text
+    assert 'unghost_batch_frames_total{status="201"} 1' in text
+    assert 'unghost_batch_frames_total{status="422"} 1' in text
+
+
+def test_an_idempotency_key_changes_nothing(api):
+    dataset, archive = api.dataset(), packed(frame("a"))
+    headers = {**TAR, "Idempotency-Key": "one"}
+
+    first = send(api, dataset, archive, headers)
+    again = send(api, dataset, archive, headers)
+
+    assert [told(answer)[0] for answer in (first, again)] == [
+        [("run/a", 201)],
+        [("run/a", 200)],
+    ]
+
+
+def test_a_dataset_that_is_not_there_is_a_404(api):
+    answer: httpx.Response = send(api, "nowhere", packed(frame("a")))
+
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")

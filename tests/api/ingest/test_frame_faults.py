@@ -1,0 +1,296 @@
+"""Bad frames: the right status, the right words, nothing stored, the next one taken."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
+
+BOX = {"id": "a", "class": "car", "xyxy": scene.ON_THE_CAR}
+NAN = b'{"boxes": [{"class": "car", "xyxy": [0, 0, NaN, 9]}]}'
+DEEP = b'{"boxes": [], "x": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+EMPTY = {"frames": 0, "boxes": 0, "kept": 0, "rejected": 0, "unmeasured": 0}
+
+
+def annotation(*boxes, **more):
+    return {**scene.annotation(), "boxes": list(boxes), **more}
+
+
+def encoded(suffix, pixels):
+    return cv2.imencode(suffix, pixels)[1].tobytes()
+
+
+def grey(tag):
+    return encoded(".png", np.full((scene.HEIGHT, scene.WIDTH), tag, np.uint8))
+
+
+def deep_color():
+    pixels = np.zeros((scene.HEIGHT, scene.WIDTH, 3), np.uint16)
+    return encoded(".png", pixels)
+
+
+def foreign_colors():
+    return encoded(".png", np.full((scene.HEIGHT, scene.WIDTH, 3), 77, np.uint8))
+
+
+def jpeg():
+    painted = FAMILIES[scene.FAMILY].paint(scene.tags())
+    return encoded(".jpg", painted[..., ::-1])
+
+
+def half(data):
+    return data[: len(data) // 2]
+
+
+def nothing_is_stored(api, dataset):
+    described = api.json(f"/datasets/{dataset}")
+    counts = described["counts"]
+    assert {name: counts[name] for name in EMPTY} == EMPTY
+    assert described["thumbnail_frame_id"] is None
+    assert api.json(f"/datasets/{dataset}/frames")["items"] == []
+    assert api.boxes(dataset) == []
+
+
+ANNOTATIONS = [
+    pytest.param(b"{", "bad_annotation", "JSON", id="not JSON"),
+    pytest.param(b"\xff\xfe", "bad_annotation", "UTF-8", id="not UTF-8"),
+    pytest.param(DEEP, "bad_annotation", "", id="nested to overflow a stack"),
+    pytest.param(b"[]", "bad_annotation", "expected an object", id="a list"),
+    pytest.param({}, "bad_annotation", "found nothing", id="no boxes"),
+    pytest.param(NAN, "bad_annotation", "NaN", id="NaN"),
+    pytest.param(
+        annotation({**BOX, "xyxy": [0, 0, "9", 9]}), "bad_annotation", '"9"', id="text"
+    ),
+    pytest.param(
+        annotation({**BOX, "xyxy": [0, 0, 9]}), "bad_annotation", "4", id="3 numbers"
+    ),
+    pytest.param(
+        annotation({**BOX, "xyxy": [0, 0, True, 9]}), "bad_annotation", "", id="true"
+    ),
+    pytest.param(
+        annotation(BOX, BOX), "bad_annotation", '"a"', id="an id that occurs twice"
+    ),
+    pytest.param(
+        annotation(BOX, {**BOX, "id": 1}, {**BOX, "id": "1"}),
+        "bad_annotation",
+        '"1"',
+        id="ids that are the same as text",
+    ),
+    pytest.param(
+        annotation({"id": "a", "class": "car"}),
+        "bad_annotation",
+        "exactly one of",
+        id="no geometry",
+    ),
+    pytest.param(
+        annotation({**BOX, "xywh": [0, 0, 9, 9]}),
+        "bad_annotation",
+        "xywh",
+        id="two geometries",
+    ),
+    pytest.param(
+        annotation({"xyxy": [0, 0, 9, 9]}), "bad_annotation", "class", id="no class"
+    ),
+    pytest.param(
+        annotation({"class": "car", "vertices": [[0, 0, 0]] * 7}),
+        "bad_annotation",
+        "8",
+        id="seven vertices",
+    ),
+    pytest.param(
+        annotation(BOX, camera={"width": 65, "height": 48, "fov": 90}),
+        "image_size_mismatch",
+        "65",
+        id="a camera of another size",
+    ),
+    pytest.param(
+        annotation(BOX, map="\ud800"), "bad_annotation", "map", id="half a character"
+    ),
+    pytest.param(
+        annotation(BOX, note={"\ud800": "\ud800"}), "bad_annotation", "note", id="deep"
+    ),
+]
+
+
+@pytest.mark.parametrize(("sent", "code", "words"), ANNOTATIONS)
+def test_a_bad_annotation_is_refused_whole(api, sent, code, words):
+    dataset = api.dataset()
+
+    answer = api.put(dataset, "town/1", sent)
+
+    problem = answer.json()
+    assert (answer.status_code, problem["code"]) == (422, code), problem
+    assert words in problem["detail"]
+    nothing_is_stored(api, dataset)
+    (noted,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert (noted["key"], noted["error"]["detail"]) == ("town/1", problem["detail"])
+    assert noted["error"]["errors"] == problem["errors"] or not noted["error"]["errors"]
+
+
+def test_every_fault_is_named_with_index_id_and_pointer(api):
+    sent = annotation(BOX, {"id": "b", "class": "car", "xyxy": [0, 0, None, 9]}, {})
+
+    problem = api.put(api.dataset(), "a", sent).json()
+
+    pointers = {fault["pointer"] for fault in problem["errors"]}
+    assert {"/boxes/1/xyxy/2", "/boxes/2"} <= pointers
+    assert 'box 1 (id "b")' in problem["detail"]
+
+
+FILES = [
+    pytest.param("segmentation", b"", "bad_image", "", id="an empty file"),
+    pytest.param("segmentation", b"GIF89a....", "bad_image", "PNG", id="a GIF"),
+    pytest.param(
+        "segmentation", half(scene.segmentation()), "bad_image", "", id="half a PNG"
+    ),
+    pytest.param(
+        "image", half(scene.image()), "bad_image", "image", id="half an image"
+    ),
+    pytest.param("image", half(jpeg()), "bad_image", "image", id="half a JPEG"),
+    pytest.param("image", scene.image()[:-9], "bad_image", "image", id="almost all"),
+    pytest.param("image", jpeg()[:-99], "bad_image", "image", id="almost a JPEG"),
+    pytest.param("image", b"\x89PNG\r\n\x1a\n", "bad_image", "", id="a mere signature"),
+    pytest.param(
+        "segmentation", deep_color(), "bad_segmentation", "16", id="16 bits a channel"
+    ),
+    pytest.param(
+        "segmentation",
+        encoded(".png", np.zeros((9, 9, 3), np.uint8)),
+        "image_size_mismatch",
+        "9 x 9",
+        id="another size",
+    ),
+    pytest.param(
+        "segmentation",
+        foreign_colors(),
+        "foreign_colors",
+        "%",
+        id="colours of no family",
+    ),
+    pytest.param("segmentation", jpeg(), "lossy_segmentation", "nearest", id="a JPEG"),
+    pytest.param("ignore_mask", b"x", "bad_image", "ignore_mask", id="a bad mask"),
+    pytest.param("lidar", b"x", "bad_lidar", "PLY", id="no point cloud"),
+]
+
+
+@pytest.mark.parametrize(("part", "content", "code", "words"), FILES)
+def test_a_bad_file_is_refused_with_its_frame(api, part, content, code, words):
+    dataset = api.dataset()
+    files = {"image": scene.image(), "segmentation": scene.segmentation()}
+
+    answer = api.put(dataset, "a", **(files | {part: content}))
+
+    problem = answer.json()
+    assert (answer.status_code, problem["code"]) == (422, code), problem
+    assert words in problem["detail"]
+    nothing_is_stored(api, dataset)
+    assert api.put(dataset, "a").status_code == 201
+
+
+def test_raw_tags_need_somebody_to_name_their_family(api):
+    dataset, named = api.dataset(), api.dataset(palette="carla-0.9.10")
+    sent = {"boxes": [BOX]}
+
+    refused = api.put(dataset, "a", sent, segmentation=grey(10))
+    taken = api.put(named, "a", sent, segmentation=grey(10))
+
+    assert (refused.status_code, refused.json()["code"]) == (422, "family_not_named")
+    assert "carla_version" in refused.json()["detail"]
+    assert taken.json()["segmentation"]["palette"] == "carla-0.9.10"
+    assert taken.json()["decisions"][0]["match_percent"] == 100.0
+
+
+def test_a_contradiction_names_both_sides(api):
+    dataset = api.dataset(palette="carla-0.9.10")
+
+    problem = api.put(dataset, "a").json()
+
+    assert problem["code"] == "segmentation_contradiction"
+    assert dataset in problem["detail"]
+    assert "carla-0.9.10" in problem["detail"]
+    assert "carla_version 0.9.15" in problem["detail"]
+    nothing_is_stored(api, dataset)
+
+
+def test_a_lossy_segmentation_is_read_on_request_and_says_so(api):
+    dataset = api.dataset(lossy_segmentation="nearest")
+
+    stored = api.stored(dataset, "a", segmentation=jpeg())
+
+    assert stored["segmentation"]["lossy"] is True
+    assert [one["lossy"] for one in stored["decisions"]] == [True, True]
+    assert api.verdicts(dataset) == {"real": "kept", "ghost": "rejected"}
+    assert api.json(f"/datasets/{dataset}/stats")["lossy"] == 2
+    (summary,) = api.json(f"/datasets/{dataset}/frames")["items"]
+    assert summary["lossy"] is True
+
+
+def test_a_size_that_nobody_knows_is_asked_for(api):
+    dataset = api.dataset()
+
+    answer = api.put(dataset, "a", {"boxes": [BOX]}, depth=scene.image())
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "unknown_size")
+    assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 1
+
+
+def test_numbers_beyond_all_images_are_outside_and_harmless(api):
+    far = [
+        {"id": "far", "class": "car", "xyxy": [8e8, 8e8, 9e8, 9e8]},
+        {"id": "wide", "class": "car", "xywh": [-9e8, -9e8, 8e8, 8e8]},
+        {"id": "all", "class": "car", "xyxy": [-9e8, -9e8, 9e8, 9e8]},
+        {"id": "inverted", "class": "car", "xyxy": [40, 40, 20, 24]},
+    ]
+
+    answer = api.put(api.dataset(), "a", annotation(*far))
+
+    reasons = {one["id"]: one["reason"] for one in answer.json()["decisions"]}
+    assert reasons == {
+        "far": "outside_image",
+        "wide": "outside_image",
+        "all": "large_below_threshold",
+        "inverted": "degenerate",
+    }
+
+
+def test_a_refused_frame_is_one_problem_however_often_it_comes(api):
+    """Each retry used to count as another frame that was refused."""
+    dataset = api.dataset()
+    for _ in range(3):
+        api.put(dataset, "a", {})
+    api.put(dataset, "b", {})
+
+    assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 2
+    api.stored(dataset, "a")
+    assert [p["key"] for p in api.json(f"/datasets/{dataset}/problems")["items"]] == [
+        "b"
+    ]
+
+
+def test_limits_are_those_of_the_settings(start_api):
+    limits = {"UNGHOST_MAX_BOXES_PER_FRAME": "2", "UNGHOST_MAX_PART_BYTES": "2000"}
+    limits |= {"UNGHOST_MAX_IMAGE_SIDE_PX": "64", "UNGHOST_MAX_PARTS": "3"}
+    _, api = start_api(**limits)
+    dataset = api.dataset()
+    path = f"/api/v1/datasets/{dataset}/frames/a"
+    wide = encoded(".png", np.zeros((1, 65, 3), np.uint8))
+    long = json.dumps(annotation(note="x" * 3000))
+    many = {"annotation": b"{}", **dict.fromkeys(("image", "lidar", "depth"), b"x")}
+
+    boxes = api.put(dataset, "a", annotation(BOX, {**BOX, "id": "b"}, {}))
+    side = api.put(dataset, "a", annotation(), image=wide)
+    file = api.put(dataset, "a", long.encode())
+    field = api.http.put(path, data={"annotation": long}, files={"image": b"x"})
+    parts = api.http.put(path, files=many)
+
+    assert (boxes.status_code, side.status_code) == (422, 422)
+    assert "2" in boxes.json()["detail"]
+    assert side.json()["code"] == "image_too_large"
+    assert (file.status_code, field.status_code) == (413, 413)
+    assert (parts.status_code, parts.json()["code"]) == (413, "too_large")
+    nothing_is_stored(api, dataset)

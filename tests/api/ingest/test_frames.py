@@ -1,0 +1,320 @@
+"""Frames: stored once, replaced on request, listed, deleted."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE
+
+CAR = {"id": "real", "class": "car", "xyxy": scene.ON_THE_CAR}
+GHOST = {"id": "ghost", "class": "car", "xyxy": scene.IN_THE_SKY}
+
+RECOGNISED = {
+    "palette": "carla-0.9.14",
+    "encoding": "palette",
+    "channel_order": "rgb",
+    "lossy": False,
+    "unknown_percent": 0.0,
+    "notes": [],
+}
+KEPT = {
+    "id": "real",
+    "frame": "town/a b",
+    "class": "car",
+    "verdict": "kept",
+    "reason": "visible",
+    "explanation": "kept: 100 % of its pixels are Car, 10 % are needed",
+    "evidence": "semantic",
+    "match_percent": 100.0,
+    "threshold": 10.0,
+    "margin": 90.0,
+    "toss_up": False,
+    "large": False,
+    "matched_pixels": 320,
+    "box_pixels": 320,
+    "area_percent": pytest.approx(100 * 320 / (64 * 48)),
+    "crowding": 0.0,
+    "explained_by": None,
+    "hidden_by": [],
+    "lossy": False,
+    "distance": 12.5,
+    "xyxy": scene.ON_THE_CAR,
+    "amodal_xyxy": None,
+    "visible_xyxy": None,
+    "tight_xyxy": None,
+    "visible_pixels": None,
+    "occluded": 3,
+    "truncated": None,
+    "edges": None,
+    "revision": 0,
+    "review": None,
+    "effective_verdict": "kept",
+}
+
+
+def annotation(*boxes, **more):
+    return {**scene.annotation(), "boxes": list(boxes), **more}
+
+
+def test_a_stored_frame_is_answered_whole(api):
+    dataset = api.dataset()
+    sent = annotation({**CAR, "distance": 12.5}, GHOST, weather={"fog_density": 2.0})
+
+    answer = api.put(dataset, "town/a b", sent)
+
+    body = answer.json()
+    frame, (real, ghost) = body["frame"], body["decisions"]
+    described = api.json(f"/datasets/{dataset}")
+    assert answer.status_code == 201
+    assert answer.headers["location"] == f"{BASE}/frames/{frame['id']}"
+    assert body["segmentation"] == RECOGNISED
+    known_here = {
+        "box_id": real["box_id"],
+        "frame_id": frame["id"],
+        "config": described["config"],
+        "run": described["active_run"],
+    }
+    assert {key: real[key] for key in real if key != "accepted_tags"} == (
+        KEPT | known_here
+    )
+    assert [tag["name"] for tag in real["accepted_tags"]] == ["Car"]
+    assert (ghost["verdict"], ghost["reason"]) == ("rejected", "no_visible_pixels")
+    whole = api.json(f"/frames/{frame['id']}")
+    assert whole == api.json(f"/datasets/{dataset}/frames/town/a b")
+    assert whole == {
+        **frame,
+        "boxes": body["decisions"],
+        "previous_id": None,
+        "next_id": None,
+    }
+    assert whole["camera"] == sent["camera"]
+    assert (whole["weather"], whole["revision"]) == ({"fog_density": 2.0}, 1)
+    assert api.json("/boxes", dataset=dataset)["items"] == body["decisions"]
+    assert described["counts"]["frames"] == 1
+
+
+def test_the_same_frame_again_is_200_however_its_keys_are_ordered(api):
+    dataset = api.dataset()
+    first = api.put(dataset, "a")
+    turned: dict[str, Any] = dict(reversed(list(scene.annotation().items())))
+    turned["boxes"] = [dict(reversed(list(box.items()))) for box in turned["boxes"]]
+    spaced = json.dumps(turned, indent=4).encode()
+
+    again = [api.put(dataset, "a"), api.put(dataset, "a", spaced)]
+    replaced = api.put(dataset, "a", spaced, replace=True)
+
+    assert [answer.status_code for answer in (*again, replaced)] == [200, 200, 200]
+    assert [answer.json() for answer in (*again, replaced)] == [first.json()] * 3
+    assert again[0].headers["location"] == first.headers["location"]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"annotation": annotation(CAR)},
+        {"image": scene.image(1), "segmentation": scene.segmentation()},
+        {"image": scene.image()},
+    ],
+    ids=["boxes", "an image", "no segmentation"],
+)
+def test_other_content_is_409_and_changes_nothing(api, other):
+    dataset = api.dataset()
+    first = api.stored(dataset, "a")
+
+    answer = api.put(dataset, "a", **other)
+
+    assert (answer.status_code, answer.json()["code"]) == (409, "frame_conflict")
+    assert "?replace=true" in answer.json()["detail"]
+    assert api.json(f"/frames/{first['frame']['id']}")["revision"] == 1
+    assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 0
+
+
+def test_of_two_at_the_same_time_one_is_stored(api):
+    dataset = api.dataset()
+
+    with ThreadPoolExecutor(4) as pool:
+        same = list(pool.map(lambda _: api.put(dataset, "same").status_code, range(4)))
+        other = list(
+            pool.map(
+                lambda n: api.put(dataset, "b", image=scene.image(n)).status_code,
+                range(4),
+            )
+        )
+
+    assert sorted(same) == [200, 200, 200, 201]
+    assert sorted(other) == [201, 409, 409, 409]
+    assert api.json(f"/datasets/{dataset}/stats")["boxes"] == 4
+
+
+def test_a_replaced_frame_keeps_answers_where_nothing_changed(api):
+    dataset = api.dataset()
+    moved = {**CAR, "id": "moved"}
+    renamed = {**CAR, "id": "renamed"}
+    cleared = {**CAR, "id": "cleared"}
+    old = api.stored(dataset, "a", annotation(CAR, moved, renamed, cleared))
+    for box in old["decisions"]:
+        assert api.review(box["box_id"], "reject", comment="no").status_code == 201
+    api.review(old["decisions"][3]["box_id"], "clear", 1)
+
+    new = api.stored(
+        dataset,
+        "a",
+        annotation(
+            GHOST,
+            {**cleared, "instance_id": 7},
+            {**CAR, "note": "the same box"},
+            {**moved, "xyxy": [20, 24, 40, 41]},
+            {**renamed, "class": "truck"},
+        ),
+        replace=True,
+    )
+
+    boxes = {box["id"]: box for box in new["decisions"]}
+    assert (new["frame"]["revision"], len(boxes)) == (2, 5)
+    assert {key for key, box in boxes.items() if box["review"]} == {"real"}
+    assert boxes["real"]["review"] == {
+        "verdict": "reject",
+        "reviewer": "admin",
+        "revision": 1,
+        "comment": "no",
+    }
+    assert boxes["real"]["effective_verdict"] == "rejected"
+    history = api.json(f"/boxes/{boxes['real']['box_id']}/history")["items"]
+    assert [entry["kind"] for entry in history] == ["review", "decision"]
+    assert history[0]["carried_from"] == old["decisions"][0]["box_id"]
+    assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 1
+
+
+def test_an_older_revision_stays_to_be_looked_at(api):
+    dataset = api.dataset()
+    old = api.stored(dataset, "a")
+    box = old["decisions"][0]["box_id"]
+    api.review(box, "keep")
+    new = api.stored(dataset, "a", annotation(CAR), replace=True)
+    back = api.stored(dataset, "a", replace=True)
+
+    shown = api.json(f"/frames/{old['frame']['id']}")
+    assert (shown["superseded"], shown["boxes"]) == (True, [])
+    assert api.get(f"/boxes/{box}").status_code == 404
+    assert api.review(box, "reject", 1).status_code == 404
+    assert len(api.json(f"/boxes/{box}/history")["items"]) == 2
+    assert api.get(f"/frames/{old['frame']['id']}/image").content == scene.image()
+    assert [each["frame"]["revision"] for each in (new, back)] == [2, 3]
+    assert api.json(f"/datasets/{dataset}/frames/a")["id"] == back["frame"]["id"]
+    assert api.json(f"/datasets/{dataset}/stats")["boxes"] == 2
+
+
+def test_a_deleted_frame_takes_everything_with_it(api):
+    dataset = api.dataset()
+    gone = api.stored(dataset, "a/1")
+    api.stored(dataset, "a/2")
+    api.review(gone["decisions"][0]["box_id"], "reject")
+    path = f"{BASE}/datasets/{dataset}/frames/a/1"
+
+    answers = [api.http.delete(path), api.http.delete(path)]
+
+    assert [answer.status_code for answer in answers] == [204, 404]
+    box = gone["decisions"][0]["box_id"]
+    for url in (f"/frames/{gone['frame']['id']}", f"/boxes/{box}"):
+        assert api.get(url).status_code == 404
+    assert api.get(f"/boxes/{box}/history").status_code == 404
+    stats = api.json(f"/datasets/{dataset}/stats")
+    assert (stats["frames"], stats["boxes"], stats["reviewed"]) == (1, 2, 0)
+    assert api.put(dataset, "a/1").status_code == 201
+
+
+@pytest.fixture(scope="module")
+def town(api):
+    """Five frames; only the third has a truck, only the fourth a far box."""
+    dataset = api.dataset()
+    more = {2: {**CAR, "class": "truck"}, 3: {**CAR, "distance": 80.0}}
+    for number in range(5):
+        boxes = [CAR] if number == 4 else [more.get(number, CAR), GHOST]
+        api.stored(dataset, f"town{number // 3}/{number}", annotation(*boxes))
+    return dataset
+
+
+def keys(answer):
+    return [item["key"] for item in answer["items"]]
+
+
+def test_frames_are_paged_by_key_along_the_links(api, town):
+    seen, path = [], f"{BASE}/datasets/{town}/frames?limit=2&key=town"
+    while path:
+        answer = api.http.get(path)
+        seen.append(keys(answer.json()))
+        path = answer.links.get("next", {}).get("url")
+
+    assert seen == [["town0/0", "town0/1"], ["town0/2", "town1/3"], ["town1/4"]]
+
+
+@pytest.mark.parametrize("sort", ["key", "-key", "id", "-id"])
+def test_frames_are_paged_in_either_order_and_direction(api, town, sort):
+    items = api.json(f"/datasets/{town}/frames")["items"]
+    by = sort.removeprefix("-")
+    expected = sorted((item[by] for item in items), reverse=sort.startswith("-"))
+
+    seen, path = [], f"{BASE}/datasets/{town}/frames?limit=2&sort={sort}"
+    while path:
+        answer = api.http.get(path)
+        seen += [item[by] for item in answer.json()["items"]]
+        path = answer.links.get("next", {}).get("url")
+
+    assert seen == expected
+
+
+@pytest.mark.parametrize(
+    ("filters", "expected"),
+    [
+        ({"key": "town1/"}, ["town1/3", "town1/4"]),
+        ({"class": "truck"}, ["town0/2"]),
+        ({"class": "dragon"}, []),
+        ({"verdict": "rejected", "key": "town1"}, ["town1/3"]),
+        ({"reason": "visible", "distance_min": 50}, ["town1/3"]),
+        ({"review": "any"}, []),
+    ],
+)
+def test_frames_are_those_with_such_a_box(api, town, filters, expected):
+    assert keys(api.json(f"/datasets/{town}/frames", **filters)) == expected
+
+
+def test_a_frame_knows_the_one_before_and_the_one_after(api, town):
+    ids = [item["id"] for item in api.json(f"/datasets/{town}/frames")["items"]]
+
+    around = [api.json(f"/frames/{frame}") for frame in ids]
+
+    assert [frame["previous_id"] for frame in around] == [None, *ids[:-1]]
+    assert [frame["next_id"] for frame in around] == [*ids[1:], None]
+
+
+def test_a_frame_without_boxes_and_a_dataset_without_it(api):
+    dataset = api.dataset()
+
+    stored = api.stored(dataset, "empty", {"boxes": []}, image=scene.image())
+
+    assert stored["decisions"] == []
+    assert stored["segmentation"] is None
+    assert (
+        api.json(f"/datasets/{dataset}")["thumbnail_frame_id"] == stored["frame"]["id"]
+    )
+    assert api.put("nowhere", "a").status_code == 404
+
+
+def test_a_box_without_pixels_is_unmeasured_and_never_counts_as_kept(api):
+    dataset = api.dataset()
+    outside = {"id": "out", "class": "car", "xyxy": [70, 0, 80, 9]}
+
+    api.stored(dataset, "a", annotation(CAR, outside), image=scene.image())
+
+    assert api.verdicts(dataset) == {"real": "unmeasured", "out": "rejected"}
+    stats = api.json(f"/datasets/{dataset}/stats")
+    assert stats["effective"] == {"kept": 0, "rejected": 1, "unmeasured": 1}
+    assert (stats["to_review"], stats["by_reason"]) == (
+        1,
+        {"outside_image": 1, "no_segmentation": 1},
+    )

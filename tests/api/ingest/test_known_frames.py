@@ -1,0 +1,65 @@
+"""Asking for many keys at once what is stored under them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+from tests.support import frames
+
+
+def known(api, dataset, *keys):
+    answer = api.post(f"/datasets/{dataset}/known-frames", {"keys": list(keys)})
+    assert answer.status_code == 200, answer.text
+    return {item["key"]: item for item in answer.json()["items"]}
+
+
+def test_only_stored_keys_are_answered(api):
+    dataset = api.dataset()
+    frame = api.stored(dataset, "run/ü 1")["frame"]
+    api.stored(api.dataset(), "elsewhere")
+
+    found = known(api, dataset, "run/ü 1", "elsewhere", "none")
+
+    assert list(found) == ["run/ü 1"]
+    assert found["run/ü 1"]["frame_id"] == frame["id"]
+
+
+def test_the_digest_is_what_the_guide_says(api):
+    dataset = api.dataset()
+    annotation = {
+        "map": "Ünterwegs",
+        "boxes": [{"class": "car", "xyxy": [1, 2, 3.5, 1e3]}],
+    }
+    files = {"segmentation": frames.segmentation(), "image": frames.image()}
+    api.stored(dataset, "a", annotation, **files)
+
+    lines = ["frame 1"]
+    for kind in sorted(files):
+        lines.append(f"{kind} {hashlib.sha256(files[kind]).hexdigest()}")
+    lines.append(json.dumps(annotation, sort_keys=True, separators=(",", ":")))
+    expected = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+    assert known(api, dataset, "a")["a"]["digest"] == expected
+
+
+def test_a_replaced_frame_is_known_by_its_newest_content(api):
+    dataset = api.dataset()
+    before = api.stored(dataset, "a", image=frames.image(1))["frame"]
+    old = known(api, dataset, "a")["a"]
+    api.stored(dataset, "a", image=frames.image(2), replace=True)
+
+    new = known(api, dataset, "a")["a"]
+
+    assert old["frame_id"] == before["id"]
+    assert (new["frame_id"], new["digest"]) != (old["frame_id"], old["digest"])
+
+
+def test_more_than_a_thousand_keys_are_refused(api):
+    dataset = api.dataset()
+
+    answer = api.post(
+        f"/datasets/{dataset}/known-frames", {"keys": [str(n) for n in range(1001)]}
+    )
+
+    assert answer.status_code == 422

@@ -1,0 +1,60 @@
+"""Whatever is wrong with an upload, the words name the frame and the part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.support import frames as scene
+from tests.support.pictures import png
+
+CAMERA = {"width": scene.WIDTH + 1, "height": scene.HEIGHT, "fov": 90}
+SMALL = png(np.zeros((9, 9), np.uint8))
+REFUSED = [
+    pytest.param({"segmentation": SMALL}, {}, "/segmentation", id="another size"),
+    pytest.param({"segmentation": b"GIF89a"}, {}, "/segmentation", id="no picture"),
+    pytest.param(
+        {"segmentation": scene.image(1)}, {}, "/segmentation", id="foreign colours"
+    ),
+    pytest.param({"ignore_mask": SMALL}, {}, "/ignore_mask", id="a mask too small"),
+    pytest.param({}, {"camera": CAMERA}, "/camera", id="a camera of another size"),
+]
+
+
+@pytest.mark.parametrize(("files", "keys", "pointer"), REFUSED)
+def test_a_refusal_names_the_frame_and_the_part(api, files, keys, pointer):
+    dataset = api.dataset()
+    parts = {"image": scene.image(), "segmentation": scene.segmentation()} | files
+
+    problem = api.put(dataset, "town/1", scene.annotation() | keys, **parts).json()
+
+    assert problem["detail"].startswith("frame town/1"), problem
+    assert [fault["pointer"] for fault in problem["errors"]] == [pointer]
+    (noted,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert noted["error"]["errors"] == problem["errors"]
+
+
+def test_of_many_faults_a_hundred_are_told_and_the_others_counted(api):
+    dataset, count = api.dataset(), 400_000
+    kept = b'{"boxes": [], "kept": [' + b"1e999," * (count - 1) + b"1e999]}"
+
+    answer = api.put(dataset, "a", kept)
+
+    problem = answer.json()
+    assert (answer.status_code, problem["code"]) == (422, "bad_annotation")
+    assert (len(problem["errors"]), problem["more_errors"]) == (100, count - 100)
+    assert problem["errors"][99]["pointer"] == "/kept/99"
+    assert problem["detail"].endswith(f" (and {count - 1} more)")
+    (noted,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert noted["error"]["errors"] == problem["errors"]
+    assert noted["error"]["more_errors"] == problem["more_errors"]
+
+
+def test_of_many_faults_in_a_body_a_hundred_are_told(api):
+    body = {"name": "many", **{f"key{number}": 1 for number in range(1000)}}
+
+    problem = api.post("/datasets", body).json()
+
+    assert problem["code"] == "invalid_request"
+    assert (len(problem["errors"]), problem["more_errors"]) == (100, 900)
+    assert problem["detail"].endswith(" (and 999 more)")

@@ -1,0 +1,227 @@
+"""Files from outside: known by content, named by us, and data whatever they claim."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.archives import frame, lines_of, packed
+
+PAGE = b"<html><script>alert(1)</script></html>"
+SVG = b"<svg xmlns='http://www.w3.org/2000/svg' onload='alert(1)'/>"
+PATH = "/api/v1/datasets/files/frames"
+TAR = {"Content-Type": "application/x-tar"}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    from tests.support.live import live
+
+    with live(tmp_path_factory.mktemp("files") / "data") as running:
+        with running.admin() as client:
+            client.post("/api/v1/datasets", json={"name": "files"})
+        yield running
+
+
+def chunk(kind, body):
+    checksum = struct.pack(">I", zlib.crc32(kind + body))
+    return struct.pack(">I", len(body)) + kind + body + checksum
+
+
+def with_chunk(png, extra):
+    """A valid PNG with one more chunk behind its header."""
+    return png[:33] + extra + png[33:]
+
+
+def upload(client, key, image, name="a.png", media_type="image/png", **more):
+    files = {
+        "annotation": scene.as_json(scene.annotation()),
+        "image": (name, image, media_type),
+        **more,
+    }
+    return client.put(f"{PATH}/{key}", files=files)
+
+
+def stored(client, key, image, **how):
+    answer = upload(client, key, image, **how)
+    assert answer.status_code == 201, answer.text
+    return answer.json()["frame"]["id"]
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        pytest.param(scene.image(1) + PAGE, id="a page behind the picture"),
+        pytest.param(
+            with_chunk(scene.image(2), chunk(b"tEXt", b"Comment\0" + PAGE)),
+            id="a page inside it",
+        ),
+    ],
+)
+def test_a_picture_that_is_a_page_as_well_is_served_as_a_picture(admin, image):
+    name = "x.html"
+    frame_id = stored(admin, f"p{len(image)}", image, name=name, media_type="text/html")
+
+    answer = admin.get(f"/api/v1/frames/{frame_id}/image")
+
+    assert answer.content == image
+    assert answer.headers["content-type"] == "image/png"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["content-security-policy"] == "default-src 'none'; sandbox"
+    assert name not in str(answer.headers)
+
+
+@pytest.mark.parametrize("content", [SVG, b"<?xml version='1.0'?>" + SVG, PAGE])
+@pytest.mark.parametrize("part", ["image", "segmentation", "ignore_mask", "lidar"])
+def test_what_only_says_that_it_is_a_picture_is_refused(admin, part, content):
+    files = {"annotation": scene.as_json(scene.annotation())}
+    files |= {part: ("a.png", content, "image/png")}
+
+    answer = admin.put(f"{PATH}/refused", files=files)
+
+    code = "bad_lidar" if part == "lidar" else "bad_image"
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+    assert admin.get(f"{PATH}/refused").status_code == 404
+
+
+@pytest.mark.parametrize(
+    "name", ["../../etc/passwd", "C:\\x.png", "\\\\host\\share", "/etc/passwd", "a\0b"]
+)
+def test_the_name_of_a_file_is_never_used(service, admin, name):
+    before = outside_of_blobs(service)
+
+    upload(admin, "named", scene.image(3), name=name.replace("\0", "%00"))
+
+    assert outside_of_blobs(service) == before
+    blobs = [one for one in blobs_of(service) if one.is_file()]
+    assert all(set(one.name) <= set("0123456789abcdef") for one in blobs)
+
+
+def blobs_of(service):
+    return (service.settings.data / "blobs").rglob("*")
+
+
+def outside_of_blobs(service):
+    folder = service.settings.data
+    return sorted(
+        path.name for path in folder.iterdir() if not path.name.startswith("unghost.db")
+    ) + sorted(path.name for path in folder.parent.iterdir())
+
+
+def zipped(*names):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in names:
+            archive.writestr(name, bytes(1_000_000))
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "headers", "status"),
+    [
+        pytest.param(zipped("a.json"), TAR, 422, id="a zip that says it is a tar"),
+        pytest.param(
+            zipped("../x"), {"Content-Type": "application/zip"}, 415, id="a zip"
+        ),
+        pytest.param(
+            b"\x1f\x8b" + bytes(600),
+            {"Content-Type": "application/gzip"},
+            415,
+            id="a gzip",
+        ),
+        pytest.param(
+            b"\x1f\x8b" + bytes(600), TAR, 415, id="a gzip that says it is a tar"
+        ),
+        pytest.param(
+            b"\x1f\x8b" + bytes(600),
+            {**TAR, "Content-Encoding": "gzip"},
+            415,
+            id="a tar in transit compression",
+        ),
+    ],
+)
+def test_nothing_that_could_unfold_is_unpacked(admin, content, headers, status):
+    """No archive is decompressed anywhere: there is no ratio for a bomb to have."""
+    answer = admin.post(
+        "/api/v1/datasets/files/batches", content=content, headers=headers
+    )
+
+    assert answer.status_code == status, answer.text
+
+
+def test_an_archive_in_an_archive_is_a_file_of_no_frame(admin):
+    members = [("inner.zip", zipped("b.json")), *frame("nested")]
+
+    answer = admin.post(
+        "/api/v1/datasets/files/batches", content=packed(members), headers=TAR
+    )
+
+    *_, end = lines_of(answer.text)
+    assert admin.get(f"{PATH}/b").status_code == 404
+    assert end["stored"] <= 1
+
+
+def test_leftovers_in_an_archive_are_told_and_stop_nothing(admin):
+    leftovers = [("__MACOSX/._tidy.json", b"\0\5\26\7"), (".DS_Store", b"\0\0\0\1")]
+
+    answer = admin.post(
+        "/api/v1/datasets/files/batches",
+        content=packed([*leftovers, *frame("tidy")]),
+        headers=TAR,
+    )
+
+    *lines, end = lines_of(answer.text)
+    assert {line["status"] for line in lines} == {201, 422}
+    assert (end["stored"], "problem" in end) == (1, False)
+
+
+def test_a_member_that_comes_twice_is_one_frame(admin):
+    archive = packed([*frame("twice"), *frame("twice")])
+
+    answer = admin.post("/api/v1/datasets/files/batches", content=archive, headers=TAR)
+
+    found = admin.get(PATH, params={"key": "run/twice"}).json()["items"]
+    assert len(found) == 1
+    assert answer.status_code == 200
+
+
+@pytest.mark.parametrize("damaged", ["checksum", "pixels"])
+def test_a_segmentation_that_is_damaged_is_refused(admin, damaged):
+    content = bytearray(scene.segmentation())
+    at = content.index(b"IDAT")
+    size = struct.unpack(">I", content[at - 4 : at])[0]
+    content[at + 4 + (size if damaged == "checksum" else size // 2)] ^= 0xFF
+
+    files = {"segmentation": ("s.png", bytes(content), "image/png")}
+    answer = upload(admin, f"damaged-{damaged}", scene.image(4), **files)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_image")
+
+
+def test_a_picture_with_damaged_pixels_never_fails_the_service(admin):
+    content = bytearray(scene.image(5))
+    content[content.index(b"IDAT") + 8] ^= 0xFF
+
+    answer = upload(admin, "damaged", bytes(content))
+
+    assert answer.status_code in {201, 422}
+    if answer.status_code == 201:
+        frame_id = answer.json()["frame"]["id"]
+        box = answer.json()["decisions"][0]["box_id"]
+        drawn = [
+            admin.get(f"/api/v1/frames/{frame_id}/thumbnail"),
+            admin.get(f"/api/v1/frames/{frame_id}/overlay"),
+            admin.get(f"/api/v1/boxes/{box}/crop"),
+        ]
+        assert {one.status_code for one in drawn} <= {200, 404, 422}
+
+
+def test_no_number_is_told_of_files_that_others_have(admin):
+    """Files are found through their frame alone, never by their content's name."""
+    for path in ("/blobs", "/api/v1/blobs", "/data", "/unghost.db", "/token"):
+        assert admin.get(path).status_code == 404

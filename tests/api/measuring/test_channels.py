@@ -1,0 +1,127 @@
+"""Depth, instances and order over HTTP: measured once, switched without pixels."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.support.lidar import npy
+from tests.support.sensors import ANNOTATION, files, scene, sensors
+
+
+@pytest.fixture
+def dataset(api):
+    name = api.dataset()
+    api.stored(name, "a", ANNOTATION, **sensors())
+    return name
+
+
+def far_box(api, dataset):
+    return next(box for box in api.boxes(dataset) if box["id"] == "218")
+
+
+def test_a_channel_not_yet_measured_is_measured_then_switched_without_pixels(
+    api, dataset
+):
+    assert far_box(api, dataset)["verdict"] == "kept"
+
+    kinds = [
+        api.run(dataset, {"evidence": name})["kind"]
+        for name in ("auto", "semantic", "depth", "ordered", "instance", "auto")
+    ]
+
+    assert kinds == ["measure", *["decide"] * 5]
+    box = far_box(api, dataset)
+    assert (box["verdict"], box["reason"]) == ("rejected", "hidden_by_instance")
+    assert box["evidence"] == "instance"
+
+
+def test_a_box_explained_by_a_nearer_one_names_it(api, dataset):
+    api.run(dataset, {"evidence": "ordered"})
+
+    box = far_box(api, dataset)
+
+    assert box["explained_by"] == "217"
+    assert box["explanation"] == "rejected: explained by the nearer car 217"
+
+
+def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):
+    for evidence in ("ordered", "semantic", "depth"):
+        api.run(dataset, {"evidence": evidence})
+
+    path = f"/boxes/{far_box(api, dataset)['box_id']}/history"
+    said = [(one["verdict"], one["reason"]) for one in api.json(path)["items"]]
+
+    assert said == [
+        ("rejected", "hidden_by_depth"),
+        ("kept", "visible"),
+        ("rejected", "explained_by_nearer"),
+        ("kept", "visible"),
+    ]
+
+
+def test_frames_that_come_later_are_measured_alike(api, dataset):
+    api.run(dataset, {"evidence": "depth"})
+
+    answer = api.stored(dataset, "b", ANNOTATION, **sensors())
+
+    assert [box["evidence"] for box in answer["decisions"]] == ["depth", "depth"]
+    assert [box["verdict"] for box in answer["decisions"]] == ["kept", "rejected"]
+    assert api.boxes(dataset, reason="hidden_by_depth", limit=5)[1]["frame"] == "b"
+
+
+def test_other_depths_tolerated_need_the_pixels(api, dataset):
+    api.run(dataset, {"evidence": "depth"})
+
+    run = api.run(dataset, {"evidence": "depth", "depth_tolerance": 50})
+
+    assert run["kind"] == "measure"
+    assert far_box(api, dataset)["verdict"] == "kept"
+
+
+def test_other_accept_sets_need_the_pixels_while_a_channel_is_measured(api, dataset):
+    api.run(dataset, {"evidence": "ordered"})
+
+    config = {"evidence": "ordered", "classes": {"car": {"accept": ["Road"]}}}
+    run = api.run(dataset, config)
+
+    assert run["kind"] == "measure"
+
+
+def test_depth_that_is_too_coarse_is_stored_until_somebody_asks_for_it(api):
+    name = api.dataset()
+    grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
+    api.stored(name, "a", ANNOTATION, **files(depth=grey))
+
+    run = api.run(name, {"evidence": "depth"})
+
+    assert run["state"] == "failed"
+    assert "3.9 m" in run["error"]["detail"]
+    refused = api.dataset()
+    api.post(f"/datasets/{refused}/configs", {"evidence": "depth"})
+    api.run(refused, {"evidence": "depth"})
+    answer = api.put(refused, "a", ANNOTATION, **files(depth=grey))
+    assert (answer.status_code, answer.json()["code"]) == (422, "depth_too_coarse")
+    assert answer.json()["errors"][0]["pointer"] == "/depth"
+
+
+def cloud(count=3):
+    """A semantic LiDAR as NumPy writes it."""
+    return npy(np.zeros((count, 6)))
+
+
+@pytest.mark.parametrize("kind", ["lidar", "radar"])
+@pytest.mark.parametrize(
+    "content",
+    [b"ply\n", b"\x93NUMPY", cloud()[:-1], cloud() + b"x", b"ply\nend_header\n"],
+)
+def test_a_point_cloud_that_is_not_whole_is_refused_when_it_comes(api, kind, content):
+    name = api.dataset()
+
+    answer = api.put(name, "a", ANNOTATION, **files(**{kind: content}))
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_lidar")
+    assert answer.json()["errors"][0]["pointer"] == f"/{kind}"
+    assert f"the {kind} file" in answer.json()["detail"]
+    assert api.json(f"/datasets/{name}/frames")["items"] == []

@@ -1,0 +1,193 @@
+"""Figures for Prometheus: by route, never by what somebody asked for; cheap."""
+
+from __future__ import annotations
+
+import re
+import time
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.api import BASE, MOST_LOOKS
+from tests.support.databases import CHOSEN, change
+from tests.support.statements import statements_of
+
+pytestmark = pytest.mark.long
+
+FROM = re.compile(r"\bFROM (\w+)")
+SMALL = {"datasets", "tallies", "runs", "exports", "tokens"}
+
+
+def families(client):
+    text = client.get("/metrics").text
+    return {family.name: family for family in text_string_to_metric_families(text)}
+
+
+def scraped(client):
+    """Samples by name and values of labels, which are told in alphabetical order."""
+    return {
+        (sample.name, *sample.labels.values()): sample.value
+        for family in families(client).values()
+        for sample in family.samples
+    }
+
+
+def key(*parts):
+    return parts
+
+
+def test_answers_are_counted_by_route_and_status(serve):
+    with serve().admin() as client:
+        for number in (1, 2, 3):
+            client.get(f"/probe/items/{number}")
+        client.get("/probe/items/none")
+        found = scraped(client)
+
+    route = ("GET", "/probe/items/{item_id}")
+    assert found[key("unghost_requests_total", *route, "200")] == 3
+    assert found[key("unghost_requests_total", *route, "422")] == 1
+    assert found[key("unghost_request_seconds_bucket", "+Inf", *route, "200")] == 3
+    assert found[key("unghost_request_seconds_count", *route, "422")] == 1
+
+
+def test_what_has_no_route_is_counted_together(serve):
+    with serve().admin() as client:
+        client.get('/nowhere"}')
+        client.request("PROPFIND", "/nowhere")
+        text, found = client.get("/metrics").text, scraped(client)
+
+    assert found["unghost_requests_total", "GET", "other", "404"] == 1
+    assert found["unghost_requests_total", "other", "other", "404"] == 1
+    assert "nowhere" not in text
+
+
+def test_names_and_units_are_those_of_prometheus(admin):
+    admin.get("/healthz")
+
+    answer, found = admin.get("/metrics"), families(admin)
+
+    assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
+    assert all(name.startswith(("unghost_", "process_")) for name in found)
+    assert [name for name, one in found.items() if not one.documentation] == []
+    assert {one.type for one in found.values()} == {"gauge", "counter", "histogram"}
+    assert all(
+        sample.name.endswith("_total")
+        for one in found.values()
+        if one.type == "counter"
+        for sample in one.samples
+    )
+
+
+@pytest.fixture(scope="module")
+def worked(tmp_path_factory):
+    """A server that has done a little of everything; only its own process counts."""
+    from tests.support.api import Api
+    from tests.support.servers import running_server
+
+    with running_server(tmp_path_factory.mktemp("worked") / "data") as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            work(api)
+            yield server, api
+
+
+def work(api):
+    name = api.dataset()
+    car, ghost = (b["box_id"] for b in api.stored(name, "a")["decisions"])
+    batch = archives.packed(archives.frame("b", number=1))
+    kind = {"Content-Type": "application/x-tar"}
+    api.http.post(f"{BASE}/datasets/{name}/batches", content=batch, headers=kind)
+    assert api.put(name, "bad", {"boxes": [{"id": "1"}]}).status_code == 422
+    assert api.put(name, "a").status_code == 200
+    assert api.review(car, "keep").status_code == 201
+    assert api.review(car, "reject").status_code == 412
+    boxes = {"box_ids": [car, ghost], "seen_revisions": [1, 0]}
+    body = {"dataset": name, "verdict": "unsure", **boxes}
+    bulk = api.post("/reviews/bulk", body).json()
+    api.post(f"/review-batches/{bulk['id']}/undo")
+    api.run(name, {"min_visible_pixels": 10**6}, activate=False)
+
+
+def test_what_was_done_is_counted(worked):
+    found = scraped(worked[1].http)
+
+    assert found["unghost_frames_stored_total",] == 2
+    assert found["unghost_boxes_stored_total",] == 4
+    assert found["unghost_frames_refused_total",] == 1
+    assert found["unghost_batch_frames_total", "201"] == 1
+    assert found["unghost_frame_bytes_stored_total", "segmentation"] == 2 * len(
+        scene.segmentation()
+    )
+    assert found["unghost_decode_seconds_count",] == 2
+    assert found["unghost_measure_seconds_count",] == 2
+    assert found["unghost_decisions_total", "visible", "kept"] == 2
+    assert found["unghost_decisions_total", "no_visible_pixels", "rejected"] == 2
+    assert found["unghost_reviews_total", "keep"] == 1
+    assert found["unghost_reviews_total", "unsure"] == 2
+    assert found["unghost_reviews_total", "undo"] == 2
+    assert ("unghost_reviews_total", "reject") not in found
+
+
+def test_what_stands_is_told(worked):
+    server, api = worked
+    found = scraped(api.http)
+
+    assert found["unghost_boxes", "visible", "kept"] == 2
+    assert found["unghost_boxes_reviewed", "keep"] == 1
+    assert found["unghost_jobs", "run", "done"] == 2
+    assert found["unghost_jobs", "export", "queued"] == 0
+    assert found["unghost_database_up",] == found["unghost_datasets",] == 1
+    assert found["unghost_workers",] >= 1
+    nothing = ("batches_open", "event_streams_open", "stopping")
+    assert [found[f"unghost_{name}",] for name in nothing] == [0, 0, 0]
+    if not CHOSEN:
+        size = (server.data / "unghost.db").stat().st_size
+        assert found["unghost_database_bytes",] == size
+        assert found["unghost_wal_bytes",] > 0
+    assert found["unghost_database_bytes",] > 0
+    assert found["unghost_disk_bytes",] > found["unghost_disk_free_bytes",] > 0
+    assert found["process_cpu_seconds_total",] > 0
+    assert found["process_resident_memory_bytes",] > 10**7
+    assert found["process_start_time_seconds",] < time.time()
+
+
+def test_stored_files_are_counted_in_the_background(worked):
+    _, api = worked
+    for _ in range(MOST_LOOKS):
+        found = scraped(api.http)
+        if ("unghost_blobs",) in found:
+            break
+
+    sizes = [len(scene.image(number)) for number in (0, 1)]
+    assert found["unghost_blobs",] == 3
+    assert found["unghost_blob_bytes",] == sum(sizes) + len(scene.segmentation())
+
+
+def test_no_table_that_grows_with_the_boxes_is_read(serve):
+    service = serve()
+
+    with service.admin() as client:
+        client.get("/metrics")  # counts the blobs, once and aside
+        context = service.app.state.services
+        context.engine.start(str, None).result()
+        with statements_of(service.app.state.database.engine) as said:
+            found = scraped(client)
+
+    read = {table for statement, _ in said for table in FROM.findall(statement)}
+    assert found["unghost_database_up",] == 1
+    assert read <= SMALL, said
+    assert "tallies" in read
+
+
+def test_figures_that_need_no_database_are_there_without_it(serve):
+    service = serve()
+    change(service.settings.data, "DROP TABLE tallies")
+
+    with service.admin() as client:
+        found = scraped(client)
+
+    assert found["unghost_database_up",] == 0
+    assert ("unghost_datasets",) not in found
+    assert found["unghost_disk_free_bytes",] > 0

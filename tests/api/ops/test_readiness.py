@@ -1,0 +1,235 @@
+"""Ready only if it can store what is sent: each check fails for real, and recovers."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from contextlib import closing, contextmanager
+
+import httpx
+import pytest
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.db.engine import Database
+from app.db.transient import takes_writes
+from tests.support.api import Api
+from tests.support.databases import change, empty_postgres, rows_of
+from tests.support.mounts import read_only, small_disk
+from tests.support.servers import running_server
+
+pytestmark = pytest.mark.long
+
+DISK_MIB = 64
+MIN_FREE_MIB = 16
+MIB = 1024**2
+PATIENCE_S = 60
+
+
+def looks(url):
+    """Answers of /readyz for as long as anybody should have to wait for one."""
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        yield httpx.get(f"{url}/readyz", trust_env=False, timeout=PATIENCE_S)
+        time.sleep(0.1)  # it looks itself once a second
+
+
+def until_not_ready(url):
+    """The faults by their checks, once there are some."""
+    for answer in looks(url):
+        if answer.status_code == 503:
+            assert answer.json()["code"] == "not_ready"
+            assert int(answer.headers["retry-after"]) > 0
+            return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
+    raise AssertionError("it stays ready")
+
+
+def until_ready(url):
+    """What the checks found, once all are well."""
+    for answer in looks(url):
+        if answer.status_code == 200:
+            assert answer.json()["ready"] is True
+            return answer.json()["checks"]
+    raise AssertionError(answer.json())
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A server whose data folder is a small disk of its own."""
+    folder = tmp_path_factory.mktemp("small") / "data"
+    settings = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
+    with small_disk(folder, DISK_MIB), running_server(folder, settings) as server:
+        yield server
+
+
+@contextmanager
+def filled(folder, leaving_mib):
+    """The disk with little room left on it, or none."""
+    filler = folder / "filler"
+    with filler.open("wb", buffering=0) as file:
+        try:
+            for _ in range(DISK_MIB - leaving_mib):
+                file.write(bytes(MIB))
+        except OSError:
+            pass  # full: that is what was wanted
+    try:
+        yield
+    finally:
+        filler.unlink()
+
+
+def test_all_is_well(server):
+    found = until_ready(server.url)
+
+    assert found.pop("disk").endswith(" bytes free")
+    assert found.pop("migrations").startswith("at 0")
+    assert found.pop("pages") in (
+        "are whole",
+        "not all looked at",
+        "left to the server",
+    )
+    assert found == {
+        "database": "takes writes",
+        "blobs": "take files",
+        "event_loop": "goes on",
+    }
+
+
+def test_too_little_room_is_not_ready_although_all_can_be_written(server):
+    until_ready(server.url)
+
+    with filled(server.data, leaving_mib=MIN_FREE_MIB // 2):
+        found = until_not_ready(server.url)
+
+    assert list(found) == ["disk"]
+    assert f"{MIN_FREE_MIB * MIB} are needed" in found["disk"]
+    until_ready(server.url)
+
+
+@pytest.mark.sqlite_files(
+    "it shares the small disk of the folder, or its log is looked at"
+)
+def test_a_full_disk_takes_neither_rows_nor_files(server):
+    until_ready(server.url)
+
+    with filled(server.data, leaving_mib=0):
+        for _ in range(PATIENCE_S):
+            found = until_not_ready(server.url)
+            if len(found) == 3:
+                break
+
+    assert set(found) == {"database", "disk", "blobs"}
+    assert "full" in found["database"]
+    assert found["blobs"] == "No space left on device"
+    until_ready(server.url)
+
+
+def test_a_folder_of_blobs_that_takes_no_files_is_not_ready(server):
+    until_ready(server.url)
+
+    with read_only(server.data / "blobs"):
+        found = until_not_ready(server.url)
+
+    assert found == {"blobs": "Read-only file system"}
+    until_ready(server.url)
+
+
+@pytest.mark.parametrize(
+    ("revision", "advice"),
+    [("0001", "restart to migrate it"), ("9999", "it is of a newer version")],
+)
+def test_a_schema_of_another_version_is_not_ready(server, revision, advice):
+    ((head,),) = rows_of(server.data, "SELECT version_num FROM alembic_version")
+
+    change(server.data, f"UPDATE alembic_version SET version_num = '{revision}'")
+    found = until_not_ready(server.url)
+    change(server.data, f"UPDATE alembic_version SET version_num = '{head}'")
+
+    assert list(found) == ["migrations"]
+    assert f"at {revision}, this version needs {head}" in found["migrations"]
+    assert advice in found["migrations"]
+    until_ready(server.url)
+
+
+@pytest.mark.sqlite_files("its only place for writers; PostgreSQL has many")
+def test_a_database_that_somebody_writes_is_ready(server):
+    with closing(sqlite3.connect(server.data / "unghost.db")) as database:
+        database.execute("BEGIN IMMEDIATE")
+        for answer in looks(server.url):
+            assert answer.status_code == 200
+            if answer.json()["checks"]["database"] == "is being written":
+                break
+        database.rollback()
+
+    assert answer.json()["checks"]["database"] == "is being written"
+
+
+@pytest.mark.sqlite_files(
+    "it shares the small disk of the folder, or its log is looked at"
+)
+def test_asking_again_and_again_does_not_write_again_and_again(server):
+    until_ready(server.url)
+    with closing(sqlite3.connect(server.data / "unghost.db")) as database:
+        emptied = database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    begun = time.monotonic()
+
+    with httpx.Client(base_url=server.url, trust_env=False) as client:
+        answers = [client.get("/readyz").status_code for _ in range(50)]
+
+    wal = server.data / "unghost.db-wal"
+    # A page for each write, and one write a second.
+    assert wal.stat().st_size // 4096 <= time.monotonic() - begun + 2
+    assert set(answers) == {200}
+    assert emptied[0] == 0
+    assert any(wal.stat().st_size > 0 for _ in looks(server.url))
+
+
+def test_what_is_not_ready_is_in_the_log(server):
+    with read_only(server.data / "blobs"):
+        until_not_ready(server.url)
+
+    assert "not ready: blobs: Read-only file system" in server.log.read_text("utf-8")
+
+
+@pytest.mark.sqlite_files(
+    "it shares the small disk of the folder, or its log is looked at"
+)
+def test_uploads_go_on_after_a_full_disk(server):
+    api = Api.at(server.url, server.headers)
+    with api.http:
+        name = api.dataset()
+        with filled(server.data, leaving_mib=0):
+            full = api.put(name, "a")
+        until_ready(server.url)
+        again = api.put(name, "a")
+
+    assert full.json()["code"] == "storage_full"
+    assert again.status_code == 201
+
+
+def test_another_writer_on_postgresql_is_no_fault():
+    with empty_postgres() as url, closing(Database(url)) as database:
+        with database.engine.begin() as connection:
+            connection.exec_driver_sql(
+                "CREATE TABLE alembic_version (version_num text)"
+            )
+            connection.exec_driver_sql("INSERT INTO alembic_version VALUES ('1')")
+        with database.engine.connect() as other:
+            other.exec_driver_sql("UPDATE alembic_version SET version_num = '2'")
+            beside = takes_writes(database)
+        alone = takes_writes(database)
+
+    assert (beside, alone) == (False, True)
+
+
+def test_a_postgresql_that_takes_no_writes_is_one():
+    with empty_postgres() as url:
+        name = url.rpartition("/")[2]
+        with closing(Database(url)) as database, database.engine.begin() as connection:
+            connection.exec_driver_sql(
+                "CREATE TABLE alembic_version (version_num text)"
+            )
+            connection.exec_driver_sql(
+                f"ALTER DATABASE {name} SET default_transaction_read_only = on"
+            )
+        with closing(Database(url)) as database, pytest.raises(SQLAlchemyError):
+            takes_writes(database)

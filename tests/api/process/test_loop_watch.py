@@ -1,0 +1,161 @@
+"""An event loop that stands still is noticed, told, and counted; threads are not it."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from app.process.loop_watch import LONGEST_S
+from tests.support import probe_routes
+
+PATIENCE_S = 60
+THREADS = 40
+"""That requests share."""
+
+
+@pytest.fixture
+def held(serve):
+    """A service whose requests wait for `let_go`; all are let go in the end."""
+    for event in (probe_routes.is_held, probe_routes.let_go):
+        event.clear()
+    while probe_routes.waiting.acquire(blocking=False):
+        pass
+    try:
+        yield serve()
+    finally:
+        probe_routes.let_go.set()
+
+
+def counted(client):
+    return {
+        sample.name: sample.value
+        for family in text_string_to_metric_families(client.get("/metrics").text)
+        for sample in family.samples
+        if sample.name.startswith("unghost_loop_stall")
+    }
+
+
+class Noted(logging.Handler):
+    """Records of the server's log, and word that one came."""
+
+    def __init__(self):
+        super().__init__()
+        self.records, self.came = [], threading.Event()
+
+    def emit(self, record):
+        self.records.append(record)
+        self.came.set()
+
+
+@pytest.fixture
+def noted():
+    handler, logger = Noted(), logging.getLogger("unghost.server")
+    logger.addHandler(handler)
+    yield handler
+    logger.removeHandler(handler)
+
+
+def test_a_loop_that_stands_is_logged_with_its_stack_and_not_ready(held, noted):
+    with held.admin() as client, ThreadPoolExecutor(2) as threads:
+        before = counted(client)
+        assert client.get("/readyz").status_code == 200
+        holding = threads.submit(client.get, "/probe/hold")
+        assert probe_routes.is_held.wait(PATIENCE_S)
+        noted.came.clear()
+        assert noted.came.wait(PATIENCE_S)
+        asked = threads.submit(client.get, "/readyz")
+        probe_routes.let_go.set()
+        answer = asked.result(PATIENCE_S)
+        assert holding.result(PATIENCE_S).status_code == 200
+
+        assert answer.status_code == 503
+        (fault,) = answer.json()["errors"]
+        assert fault["code"] == "event_loop"
+        assert "for" in fault["detail"]
+        assert client.get("/healthz").status_code == 200
+        after = counted(client)
+        until = time.monotonic() + PATIENCE_S
+        while (ready := client.get("/readyz")).status_code != 200:
+            assert time.monotonic() < until
+
+    assert ready.json()["checks"]["event_loop"] == "goes on"
+    assert after["unghost_loop_stalls_total"] > before["unghost_loop_stalls_total"]
+    seconds = "unghost_loop_stall_seconds_total"
+    assert after[seconds] - before[seconds] >= LONGEST_S
+    stacks = [one.facts["stack"] for one in noted.records if hasattr(one, "facts")]
+    assert any(call.endswith(" hold") for stack in stacks for call in stack)
+
+
+def test_it_is_ready_while_all_threads_of_requests_are_busy(held):
+    with held.admin() as client, ThreadPoolExecutor(THREADS + 5) as threads:
+        for _ in range(THREADS + 5):
+            threads.submit(client.get, "/open/wait")
+        for _ in range(THREADS):
+            assert probe_routes.waiting.acquire(timeout=PATIENCE_S)
+
+        alive = client.get("/healthz").status_code
+        until = time.monotonic() + PATIENCE_S
+        # A crowded machine may have held the loop itself a moment ago.
+        while (ready := client.get("/readyz").status_code) != 200:
+            assert time.monotonic() < until
+        probe_routes.let_go.set()
+
+    assert (alive, ready) == (200, 200)
+
+
+STUCK = """
+import asyncio, app.process.server as graceful, uvicorn
+
+graceful.LAST_S = 0.5
+
+async def stuck(scope, receive, send):
+    print("stuck", flush=True)
+    while True:
+        pass
+
+graceful.GracefulServer(
+    uvicorn.Config(stuck, port=0, lifespan="off"),
+    ready=lambda: None, stopping=lambda: None, wait_s=0,
+).run(sockets=[SOCKET])
+"""
+
+
+def test_a_process_whose_loop_stands_ends_when_it_is_told_to():
+    listening = "__import__('socket').create_server(('127.0.0.1', 0))"
+    script = f"LISTENER = {listening}\nprint(LISTENER.getsockname()[1], flush=True)\n"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script + STUCK.replace("SOCKET", "LISTENER")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        port = int(process.stdout.readline())
+        asking = threading.Thread(target=_ask, args=(port,))
+        asking.start()
+        assert process.stdout.readline() == "stuck\n"
+
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=PATIENCE_S)
+        asking.join()
+    finally:
+        process.kill()
+        process.wait()
+
+    assert process.returncode == 1
+    assert "in stuck" in errors
+
+
+def _ask(port):
+    with pytest.raises(httpx.TransportError):
+        httpx.get(f"http://127.0.0.1:{port}", trust_env=False, timeout=PATIENCE_S)

@@ -1,0 +1,164 @@
+"""Whoever does not read what it asked for holds neither memory nor a place."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from app.package import static_dir
+from app.process.server import MOST_PIPELINED
+from tests.support.archives import frame, pieces
+from tests.support.live import live
+from tests.support.probe_routes import no_more_endless
+
+pytestmark = pytest.mark.long
+
+LONG_S = 60
+SOON_S = 0.5
+LARGE = max(
+    (static_dir() / "vendor").glob("*.js"), key=lambda file: file.stat().st_size
+)
+IO = Path("/proc/self/io")
+ADDRESS = f"/static/vendor/{LARGE.name}"
+
+
+@pytest.fixture
+def service(tmp_path):
+    with live(tmp_path / "data", answer_wait_s=SOON_S) as running:
+        yield running
+
+
+def connected(service):
+    """A connection whose own end takes next to nothing that is not read."""
+    host, port = service.url.removeprefix("http://").split(":")
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.settimeout(LONG_S)
+    connection.connect((host, int(port)))
+    return closing(connection)
+
+
+def all_of(connection):
+    return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def head(path, **more):
+    lines = (f"GET {path} HTTP/1.1", "Host: localhost")
+    return "\r\n".join(
+        (*lines, *(f"{name}: {value}" for name, value in more.items()), "", "")
+    ).encode()
+
+
+def until_alone(service):
+    """Until nobody is connected but who asks."""
+    with service.admin() as admin:
+        while "unghost_connections_open 1.0\n" not in admin.get("/metrics").text:
+            pass
+
+
+def test_answers_that_are_not_read_are_given_up(service):
+    with connected(service) as connection:
+        connection.sendall(head(ADDRESS) * (MOST_PIPELINED + 1))
+        until_alone(service)
+        with pytest.raises(ConnectionResetError):
+            all_of(connection)
+
+
+def test_a_stream_that_is_not_read_is_given_up(service):
+    no_more_endless.clear()
+    with connected(service) as connection:
+        connection.sendall(head("/probe/endless", **service.bearer))
+        assert no_more_endless.wait(LONG_S)
+        until_alone(service)
+
+
+def test_a_batch_whose_answer_is_not_read_is_given_up(service):
+    with service.admin() as admin:
+        admin.post("/api/v1/datasets", json={"name": "street"})
+    lines = (
+        "POST /api/v1/datasets/street/batches HTTP/1.1",
+        "Host: localhost",
+        f"Authorization: Bearer {service.token}",
+        "Content-Type: application/x-tar",
+        "Content-Length: 1000000000",
+    )
+    faulty = [{"id": str(number)} for number in range(100)]  # a long line for each
+    sent = b"".join(pieces(frame(f"f{number}", boxes=faulty)) for number in range(9))
+    with connected(service) as connection:
+        connection.sendall("\r\n".join((*lines, "", "")).encode() + sent)
+        assert connection.recv(1)  # it has begun
+        until_alone(service)
+        with service.admin() as admin:
+            seen = admin.get("/metrics").text
+
+    assert "unghost_batches_open 0.0\n" in seen
+
+
+def test_a_stream_ends_with_its_client_also_if_another_request_waits(service):
+    no_more_endless.clear()
+    with connected(service) as connection:
+        connection.sendall(head("/probe/endless", **service.bearer) + head("/healthz"))
+        assert connection.recv(1)
+
+    assert no_more_endless.wait(LONG_S)
+
+
+def test_who_reads_slowly_gets_everything(tmp_path):
+    last = head(ADDRESS, Connection="close")
+    wait_s, pause = 1, threading.Event()
+    received = bytearray()
+    with (
+        live(tmp_path / "data", answer_wait_s=wait_s) as service,
+        connected(service) as slow,
+    ):
+        slow.sendall(head(ADDRESS) * MOST_PIPELINED + last)
+        begun = time.monotonic()
+        while piece := slow.recv(100_000):
+            received += piece
+            if time.monotonic() - begun < 2 * wait_s:
+                pause.wait(wait_s / 20)
+
+    assert received.count(LARGE.read_bytes()) == MOST_PIPELINED + 1
+
+
+def test_no_more_requests_wait_on_a_connection_than_allowed(service):
+    received = bytearray()
+    with connected(service) as connection:
+        connection.sendall(head("/healthz") * 500)
+        try:
+            while piece := connection.recv(65536):
+                received += piece
+        except ConnectionResetError:
+            pass
+
+    assert received.count(b"HTTP/1.1 200 ") == MOST_PIPELINED + 1
+
+
+def read_by_this_process():
+    """Bytes, those of files alone: sockets are received from."""
+    counted = dict(line.split(": ") for line in IO.read_text("ascii").splitlines())
+    return int(counted["rchar"])
+
+
+@pytest.mark.skipif(not IO.exists(), reason="only Linux counts what a process reads")
+def test_a_file_is_read_no_further_than_somebody_takes_it(service, tmp_path):
+    """A download of gigabytes that is left at once would else be read to its end."""
+    size = 1 << 30
+    large = service.app.state.large_file = tmp_path / "large"
+    with large.open("wb") as file:
+        file.truncate(size)
+    before = read_by_this_process()
+    with connected(service) as connection:
+        connection.sendall(head("/probe/large-file", **service.bearer))
+        assert connection.recv(1)
+    over = 'route="/probe/large-file",status="200"} 1'
+    with service.admin() as admin:
+        while over not in admin.get("/metrics").text:
+            pass
+
+    assert read_by_this_process() - before < size / 4

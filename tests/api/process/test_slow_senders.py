@@ -1,0 +1,171 @@
+"""Whoever begins something and does not go on holds neither memory nor a place."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import closing
+
+import pytest
+
+from app.process.server import MOST_PIPELINED
+from tests.support.archives import frame, pieces
+from tests.support.live import live
+
+pytestmark = pytest.mark.long
+
+TB = str(10**12)
+SOON_S = 0.5
+LONG_S = 60
+STREET = "/api/v1/datasets/street"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("slow") / "data"
+    with live(folder, head_wait_s=SOON_S, body_wait_s=SOON_S) as running:
+        with running.admin() as client:
+            client.post("/api/v1/datasets", json={"name": "street"})
+        yield running
+
+
+def connected(service):
+    host, port = service.url.removeprefix("http://").split(":")
+    return closing(socket.create_connection((host, int(port)), timeout=LONG_S))
+
+
+def head(service, method, path, **more):
+    more = {"Host": "localhost", **service.bearer, **more}
+    lines = (f"{method} {path} HTTP/1.1", *(f"{k}: {v}" for k, v in more.items()))
+    return "\r\n".join((*lines, "", "")).encode()
+
+
+def all_of(connection):
+    """What comes until the service hangs up; a time-out if it does not."""
+    return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def test_a_head_without_end_is_cut_off(service):
+    sent = 0
+    with connected(service) as connection:
+        connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nX-Long: ")
+        try:
+            while sent < 100_000_000:
+                connection.sendall(b"x" * 10_000)
+                sent += 10_000
+        except OSError:
+            pass
+
+    assert sent < 20_000_000  # most of it in the buffers of the two ends
+
+
+def test_a_body_that_was_refused_is_not_read_without_end(service):
+    begin = head(
+        service,
+        "POST",
+        "/api/v1/datasets",
+        Authorization="no",
+        **{"Content-Length": TB},
+    )
+    sent = 0
+    with connected(service) as connection:
+        connection.sendall(begin)
+        answer = connection.recv(65536)
+        try:
+            while sent < 1_000_000_000:
+                connection.sendall(b"x" * 1_000_000)
+                sent += 1_000_000
+        except OSError:
+            pass
+
+    assert answer.startswith(b"HTTP/1.1 401 ")
+    assert sent < 200_000_000
+
+
+@pytest.mark.parametrize("begun", [b"GE", b"GET /healthz HTTP/1.1\r\nHost: loc"])
+def test_a_head_that_stops_is_told_so(service, begun):
+    with connected(service) as connection:
+        connection.sendall(begun)
+        answer = all_of(connection)
+
+    assert answer.startswith(b"HTTP/1.1 408 Request Timeout\r\n")
+    assert b'"code":"request_timeout"' in answer
+
+
+def test_who_says_nothing_is_not_waited_for(service):
+    with connected(service) as connection:
+        assert all_of(connection) == b""
+
+
+def test_who_stops_in_a_second_request_is_not_waited_for(service):
+    first = head(service, "GET", "/healthz")
+    with connected(service) as connection:
+        connection.sendall(first + b"GET /heal")
+        answer = all_of(connection)
+
+    assert answer.startswith(b"HTTP/1.1 200 ")
+    assert b"HTTP/1.1 408 " in answer
+
+
+def test_many_requests_in_one_piece_are_not_taken_for_a_long_head(service):
+    asked = head(service, "GET", "/healthz", **{"X-Long": "x" * 2_500})
+    last = head(service, "GET", "/healthz", Connection="close")
+    with connected(service) as connection:
+        connection.sendall(asked * MOST_PIPELINED + last)
+        answer = all_of(connection)
+
+    assert len(asked) * MOST_PIPELINED > 70_000
+    assert answer.count(b"HTTP/1.1 200 ") == MOST_PIPELINED + 1
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "media_type", "begun"),
+    [
+        ("POST", "/api/v1/datasets", "application/json", b"{"),
+        ("POST", "/api/v1/session", "application/json", b"{"),
+        ("PUT", f"{STREET}/frames/a", "multipart/form-data; boundary=x", b"--x"),
+        ("POST", f"{STREET}/batches", "application/x-tar", b"run/a.json"),
+    ],
+)
+def test_a_body_that_stops_is_told_so(service, method, path, media_type, begun):
+    framing = {"Content-Type": media_type, "Content-Length": "100"}
+    with connected(service) as connection:
+        connection.sendall(head(service, method, path, **framing) + begun)
+        answer = all_of(connection)
+
+    assert answer.startswith(b"HTTP/1.1 408 ")
+    assert b'"code":"request_timeout"' in answer
+    assert b"connection: close" in answer.lower()
+
+
+def test_a_batch_that_stops_keeps_what_came_and_gives_its_place_back(service, admin):
+    framing = {"Content-Type": "application/x-tar", "Content-Length": "1000000"}
+    whole, half = pieces(frame("whole")), pieces(frame("half"))[:700]
+    with connected(service) as connection:
+        connection.sendall(head(service, "POST", f"{STREET}/batches", **framing))
+        connection.sendall(whole + pieces(frame("next"))[:-512] + half)
+        lines = b""
+        while b'"end": true' not in lines:
+            lines += connection.recv(65536)
+
+    assert lines.startswith(b"HTTP/1.1 200 ")
+    assert b'"code": "request_timeout"' in lines
+    assert admin.get(f"{STREET}/frames/run/whole").status_code == 200
+    assert "unghost_batches_open 0" in admin.get("/metrics").text
+
+
+def test_who_goes_on_slowly_is_waited_for(service):
+    body = b'{"name": "slow"}'
+    framing = {"Content-Type": "application/json", "Content-Length": str(len(body))}
+    with connected(service) as connection:
+        connection.sendall(head(service, "POST", "/api/v1/datasets", **framing))
+        for one in body:
+            connection.sendall(bytes([one]))
+        answer = connection.recv(65536)
+
+    assert answer.startswith(b"HTTP/1.1 201 ")
+
+
+def test_whoever_logs_in_sends_little(service, anybody):
+    answer = anybody.post("/api/v1/session", json={"token": "x" * 5_000})
+
+    assert (answer.status_code, answer.json()["code"]) == (413, "too_large")

@@ -1,0 +1,191 @@
+"""Channels compared over HTTP, with instances and with people."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.support.lidar import ascii_ply, npy
+from tests.support.sensors import ANNOTATION, depth_png, files, scene, sensors
+
+CHANNELS = ["ordered", "depth", "depth_center", "instance", "lidar"]
+
+
+@pytest.fixture
+def dataset(api):
+    name = api.dataset()
+    api.stored(name, "a", ANNOTATION, **sensors())
+    return name
+
+
+def evaluated(api, dataset):
+    return api.finished(api.post(f"/datasets/{dataset}/evaluations"))
+
+
+def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
+    before = api.verdicts(dataset)
+
+    run = evaluated(api, dataset)
+
+    assert (run["kind"], run["state"], run["changed"]) == ("measure", "done", 0)
+    assert api.verdicts(dataset) == before
+    found = api.json(f"/datasets/{dataset}/evaluations")
+    assert (found["truth"], found["frames"], found["boxes"]) == ("instances", 1, 2)
+    assert found["not_measured"] == []
+    kept = {name: one["kept_hidden"] for name, one in found["channels"].items()}
+    assert kept == {
+        "semantic": 1,
+        "ordered": 0,
+        "depth": 0,
+        "depth_center": 0,
+        "instance": 0,
+        "lidar": 1,
+    }
+    assert found["channels"]["lidar"]["judged"] == 0
+    (worst,) = found["channels"]["semantic"]["worst"]
+    ghost = next(box for box in api.boxes(dataset) if box["id"] == "218")
+    assert (worst["box_id"], worst["error"]) == (ghost["box_id"], "kept_hidden")
+    assert worst["frame_id"] == ghost["frame_id"]
+    assert found["channels"]["depth"]["worst"] == []
+    assert found["channels"]["depth"]["by_class"]["car"]["f1"]["value"] == 1
+
+
+def test_asked_again_nothing_is_measured_and_channels_are_switched_by_numbers(
+    api, dataset
+):
+    evaluated(api, dataset)
+
+    assert evaluated(api, dataset)["kind"] == "decide"
+    assert api.run(dataset, {"evidence": "depth"})["kind"] == "decide"
+    assert api.verdicts(dataset) == {"217": "kept", "218": "rejected"}
+
+
+def test_thresholds_and_channels_are_previewed_when_all_are_measured(api, dataset):
+    evaluated(api, dataset)
+    path = f"/datasets/{dataset}/preview"
+
+    found = {
+        evidence: api.post(path, {"config": {"evidence": evidence}}).json()
+        for evidence in ("semantic", "depth", "auto")
+    }
+
+    assert [one["needs_pixels"] for one in found.values()] == [False] * 3
+    assert found["semantic"]["counts"]["kept"] == 2
+    assert found["depth"]["flips"]["kept_to_rejected"] == 1
+
+
+def test_people_can_be_the_truth(api, dataset):
+    evaluated(api, dataset)
+    for box in api.boxes(dataset):
+        answer = "keep" if box["id"] == "217" else "reject"
+        assert api.review(box["box_id"], answer).status_code == 201
+
+    found = api.json(f"/datasets/{dataset}/evaluations", truth="people")
+
+    assert found["boxes"] == 2
+    assert found["channels"]["semantic"]["kept_hidden"] == 1
+    assert found["channels"]["ordered"]["f1"]["value"] == 1
+
+
+def test_what_was_not_measured_is_named(api, dataset):
+    found = api.json(f"/datasets/{dataset}/evaluations")
+
+    assert found["not_measured"] == CHANNELS
+    assert list(found["channels"]) == ["semantic"]
+    assert found["boxes"] == 0
+
+
+def test_frames_that_come_later_count_at_once(api, dataset):
+    evaluated(api, dataset)
+    api.stored(dataset, "b", ANNOTATION, **sensors())
+
+    found = api.json(f"/datasets/{dataset}/evaluations")
+
+    assert (found["frames"], found["boxes"]) == (2, 4)
+
+
+def test_depth_that_is_too_coarse_does_not_stop_a_comparison(api, dataset):
+    grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
+    api.stored(dataset, "coarse", ANNOTATION, **files(depth=grey))
+
+    run = evaluated(api, dataset)
+
+    assert run["state"] == "done"
+
+
+def damaged(png):
+    """Of the same size, with another byte among its pixels."""
+    at = png.index(b"IDAT") + 20
+    return png[:at] + bytes([png[at] ^ 0xFF]) + png[at + 1 :]
+
+
+def whole(name, content):
+    return {**sensors(), name: content}
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "code"),
+    [
+        pytest.param("lidar", npy(np.full((3, 6), np.nan)), "bad_lidar", id="NaN"),
+        pytest.param(
+            "lidar", ascii_ply().replace(b"8.0", b"x.0"), "bad_lidar", id="word"
+        ),
+        pytest.param("depth", damaged(sensors()["depth"]), "bad_image", id="depth"),
+        pytest.param(
+            "instances", damaged(sensors()["instances"]), "bad_image", id="instances"
+        ),
+        pytest.param(
+            "depth", depth_png(np.ones((3, 5))), "image_size_mismatch", id="size"
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_one_problem_and_not_the_end(
+    api, dataset, kind, content, code
+):
+    api.stored(dataset, "bad", ANNOTATION, **whole(kind, content))
+
+    run = evaluated(api, dataset)
+
+    assert (run["state"], run["done"]) == ("done", 2)
+    (problem,) = api.json(f"/datasets/{dataset}/problems")["items"]
+    assert (problem["key"], problem["error"]["code"]) == ("bad", code)
+    assert problem["error"]["errors"][0]["pointer"] == f"/{kind}"
+    assert problem["error"]["detail"].startswith("frame bad: ")
+    api.stored(dataset, "bad", ANNOTATION, **sensors(), replace=True)
+
+    assert api.json(f"/datasets/{dataset}/problems")["items"] == []
+
+
+def test_an_unknown_truth_is_refused(api, dataset):
+    answer = api.get(f"/datasets/{dataset}/evaluations", truth="guess")
+
+    assert answer.status_code == 422
+
+
+def test_thresholds_are_suggested_from_instances_that_nobody_answered(api):
+    name = api.dataset()
+    beside = {"id": "ghost", "class": "car", "xyxy": [20, 30, 80, 100]}
+    boxes = [ANNOTATION["boxes"][0], beside]
+    api.stored(name, "a", {**ANNOTATION, "boxes": boxes}, **sensors())
+    evaluated(api, name)
+
+    found = api.json(f"/datasets/{name}/quality", truth="instances")
+
+    said = ("instances", 0, 0)
+    assert (found["truth"], found["reviewed"], found["unmeasured"]) == said
+    scores = found["confusion"]
+    assert found["by_class"] == {"car": scores}
+    assert (scores["kept_keep"], scores["kept_reject"]) == (1, 1)
+    (car,) = found["suggested"]
+    # A sixth of the ghost's box is the car that stands beside it.
+    assert (car["class"], car["current"], car["answers"]) == ("car", 10, 2)
+    assert 722 / 4200 < car["suggested"] / 100 < 0.9
+    assert car["f1_suggested"] == 1
+    assert api.json(f"/datasets/{name}/quality")["suggested"] == []
+
+
+def test_instances_that_were_not_measured_say_nothing(api, dataset):
+    found = api.json(f"/datasets/{dataset}/quality", truth="instances")
+
+    assert (found["confusion"]["f1"], found["suggested"]) == (None, [])

@@ -1,0 +1,172 @@
+"""The filter against people over HTTP, counted by hand from the lists."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import Api
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def people(api, server):
+    """Two reviewers beside the admin."""
+    opened = []
+    for name in ("ada", "eve"):
+        body = {"name": f"{name}-{api.dataset()}", "role": "reviewer"}
+        token = api.post("/tokens", body).json()["token"]
+        opened.append(Api.at(server.url, {"Authorization": f"Bearer {token}"}))
+    yield opened
+    for client in opened:
+        client.http.close()
+
+
+@pytest.fixture
+def dataset(api):
+    """Frames of a car, a quarter of a car and a ghost, at several distances."""
+    name = api.dataset()
+    for number in range(FRAMES):
+        boxes: list[dict[str, object]] = [
+            {"id": "real", "xyxy": scene.ON_THE_CAR, "distance": 50.0 * number},
+            {"id": "partly", "xyxy": [20, 24, 60, 46], "distance": 10},
+            {"id": "ghost", "xyxy": scene.IN_THE_SKY},
+        ]
+        boxes = [{**box, "class": "car"} for box in boxes]
+        api.stored(name, str(number), {**scene.annotation(), "boxes": boxes})
+    return name
+
+
+def by_source(api, dataset, source):
+    return [box["box_id"] for box in api.boxes(dataset) if box["id"] == source]
+
+
+def quality(api, dataset, **query):
+    return api.json(f"/datasets/{dataset}/quality", **query)
+
+
+def cells(confusion):
+    names = ("kept_keep", "kept_reject", "rejected_keep", "rejected_reject")
+    return [confusion[name] for name in names]
+
+
+def test_without_answers_nothing_is_said(api, dataset):
+    found = quality(api, dataset)
+
+    assert (found["reviewed"], found["unsure"], found["unmeasured"]) == (0, 0, 0)
+    assert cells(found["confusion"]) == [0, 0, 0, 0]
+    assert found["confusion"]["f1"] is None
+    assert (found["by_class"], found["reviewers"], found["suggested"]) == ({}, [], [])
+    assert found["agreement"] == {
+        "boxes": 0,
+        "agreed": 0,
+        "percent": None,
+        "kappa": None,
+        "interval": None,
+        "pairs": [],
+    }
+
+
+def test_the_filters_word_is_counted_against_peoples(api, dataset):
+    real, ghost = by_source(api, dataset, "real"), by_source(api, dataset, "ghost")
+    for box_id in real[:3]:
+        api.review(box_id, "keep")
+    api.review(real[3], "reject")
+    api.review(ghost[0], "keep")
+    api.review(ghost[1], "reject")
+    api.review(ghost[2], "unsure")
+
+    found = quality(api, dataset)
+
+    assert (found["reviewed"], found["unsure"]) == (6, 1)
+    assert cells(found["confusion"]) == [3, 1, 1, 1]
+    assert found["by_class"] == {"car": found["confusion"]}
+    assert found["confusion"]["precision"]["value"] == 0.75
+    # The Wilson interval of 3 of 4.
+    assert found["confusion"]["recall"]["low"] == pytest.approx(0.3006, abs=1e-4)
+    assert found["confusion"]["recall"]["high"] == pytest.approx(0.9544, abs=1e-4)
+    bands = {band["band"]: cells(band) for band in found["by_distance"]}
+    assert bands == {
+        "0-50": [1, 0, 0, 0],
+        "50-100": [1, 0, 0, 0],
+        "100-150": [1, 0, 0, 0],
+        "150-200": [0, 1, 0, 0],
+        ">200": [0, 0, 0, 0],
+        "unknown": [0, 0, 1, 1],
+    }
+
+
+def test_reviewers_are_compared_by_their_latest_answers(api, dataset, people):
+    ada, eve = people
+    boxes = [box["box_id"] for box in api.boxes(dataset)]
+    for box_id in boxes[:4]:
+        ada.review(box_id, "reject")
+        ada.review(box_id, "keep", 1)
+    for box_id, verdict in zip(
+        boxes[:4], ["keep", "keep", "reject", "unsure"], strict=True
+    ):
+        eve.review(box_id, verdict, 2)
+    eve.review(boxes[4], "reject")
+    eve.review(boxes[4], "clear", 1)
+
+    found = quality(api, dataset)
+
+    assert [
+        (one["answers"], one["keep"], one["reject"], one["unsure"])
+        for one in found["reviewers"]
+    ] == [(4, 4, 0, 0), (4, 2, 1, 1)]
+    agreed = found["agreement"]
+    assert (agreed["boxes"], agreed["agreed"]) == (3, 2)
+    assert agreed["percent"] == pytest.approx(200 / 3)
+    assert agreed["kappa"] == pytest.approx(0)
+    assert [(pair["boxes"], pair["agreed"]) for pair in agreed["pairs"]] == [(3, 2)]
+    assert agreed["pairs"][0]["a"].startswith("ada-")
+
+
+def test_taking_a_batch_back_is_nobodys_answer(api, dataset, people):
+    ada, eve = people
+    boxes = [box["box_id"] for box in api.boxes(dataset)][:3]
+    for box_id in boxes:
+        ada.review(box_id, "keep")
+    seen = {"box_ids": boxes, "seen_revisions": [1] * len(boxes)}
+    body = {"dataset": dataset, "verdict": "reject", **seen}
+    batch = eve.post("/reviews/bulk", body).json()
+    eve.post(f"/review-batches/{batch['id']}/undo")
+
+    found = quality(api, dataset)
+
+    assert found["agreement"]["boxes"] == 0
+    assert [one["keep"] for one in found["reviewers"]] == [3]
+    assert cells(found["confusion"])[0] + cells(found["confusion"])[2] == 3
+
+
+def test_thresholds_are_suggested_from_the_answers(api, dataset):
+    for source, verdict in [("real", "keep"), ("partly", "reject")]:
+        for box_id in by_source(api, dataset, source):
+            api.review(box_id, verdict)
+
+    (found,) = quality(api, dataset)["suggested"]
+    partly = api.boxes(dataset, sort="match_percent", match_min=1)[0]["match_percent"]
+
+    assert (found["class"], found["current"], found["answers"]) == ("car", 10, 8)
+    assert partly < found["suggested"] < 100
+    assert found["f1_current"] == pytest.approx(2 * 4 / (2 * 4 + 4))
+    assert found["f1_suggested"] == 1
+    assert found["interval"][0] <= found["suggested"] <= found["interval"][1]
+    curve = {point["threshold"]: point for point in found["curve"]}
+    assert curve[10]["precision"] == 0.5
+    assert curve[found["suggested"]]["recall"] == 1
+
+
+def test_thresholds_can_be_asked_for_a_recall(api, dataset):
+    for source, verdict in [("real", "keep"), ("partly", "reject")]:
+        for box_id in by_source(api, dataset, source):
+            api.review(box_id, verdict)
+
+    (found,) = quality(api, dataset, target="recall", recall=1)["suggested"]
+    refused = api.get(f"/datasets/{dataset}/quality", target="luck")
+
+    assert found["f1_suggested"] == 1
+    assert refused.status_code == 422
+    assert api.get(f"/datasets/{dataset}/quality", recall=0).status_code == 422

@@ -1,0 +1,387 @@
+"""One answer on many boxes: as they were seen, taken back as one, never lost."""
+
+from __future__ import annotations
+
+import base64
+import json
+
+import pytest
+from sqlalchemy import insert
+
+from app.db.tables import Review
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+
+NO_BOXES = "WyJ4IiwwLDAsMCwwXQ"
+"""A snapshot of a filter that there is not."""
+
+
+def bulk(api, dataset, verdict, **which):
+    body = {"dataset": dataset, "verdict": verdict, **which}
+    return api.post("/reviews/bulk", body)
+
+
+def bulk_as_seen(api, dataset, verdict, box_ids):
+    """The boxes as they are now."""
+    seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in box_ids]
+    return bulk(api, dataset, verdict, box_ids=box_ids, seen_revisions=seen)
+
+
+def snapshot(api, dataset, **filters):
+    page = api.json("/boxes", dataset=dataset, count="true", **filters)
+    return page["snapshot"]
+
+
+def undo(api, batch):
+    return api.post(f"/review-batches/{batch}/undo")
+
+
+def effective(api, dataset):
+    return api.json(f"/datasets/{dataset}/stats")["effective"]["kept"]
+
+
+def test_many_boxes_are_one_act_and_one_undo(api, dataset, ghosts):
+    api.review(ghosts[0], "unsure", comment="before")
+    elsewhere = api.stored(api.dataset(), "a")["decisions"][0]["box_id"]
+    ids = [*ghosts, elsewhere, ghosts[0], 2**62]
+
+    seen = [1, 0, 0, 0, 1, 0]
+    answer = bulk(
+        api, dataset, "keep", box_ids=ids, seen_revisions=seen, comment="all of them"
+    )
+    batch = answer.json()
+    kept = effective(api, dataset)
+    undone = undo(api, batch["id"]).json()
+
+    assert answer.status_code == 201
+    assert answer.headers["location"] == f"{BASE}/review-batches/{batch['id']}"
+    assert batch == {
+        "id": batch["id"],
+        "dataset": dataset,
+        "verdict": "keep",
+        "count": 3,
+        "skipped": [elsewhere, 2**62],
+        "stale": [],
+    }
+    assert kept == 6
+    assert undone == {"id": undone["id"], "undone": 3, "skipped": []}
+    review = api.json(f"/boxes/{ghosts[0]}")["review"]
+    assert (review["verdict"], review["comment"]) == ("unsure", "before")
+    assert api.json(f"/boxes/{ghosts[1]}")["review"] is None
+    assert api.json(f"/boxes/{elsewhere}")["revision"] == 0
+    assert effective(api, dataset) == 3
+    again = undo(api, batch["id"])
+    assert (again.status_code, again.json()["code"]) == (409, "already_undone")
+
+
+def test_an_undo_leaves_what_somebody_said_since(api, dataset, ghosts):
+    batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    api.review(ghosts[1], "reject", 1)
+    api.put(dataset, "2", {**scene.annotation(), "boxes": []}, replace=True)
+
+    undone = undo(api, batch).json()
+
+    assert undone == {"id": undone["id"], "undone": 1, "skipped": ghosts[1:]}
+    assert api.json(f"/boxes/{ghosts[1]}")["review"]["verdict"] == "reject"
+
+
+def test_an_undo_can_be_undone(api, dataset, ghosts):
+    batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    first = undo(api, batch).json()
+
+    second = undo(api, first["id"])
+
+    assert second.json()["undone"] == 3
+    assert effective(api, dataset) == 6
+
+
+def test_stacked_acts_are_undone_one_after_the_other(api, dataset, ghosts):
+    api.review(ghosts[0], "unsure", comment="before")
+    first = bulk_as_seen(api, dataset, "keep", ghosts).json()["id"]
+    second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
+    third = bulk_as_seen(api, dataset, "unsure", ghosts[:1]).json()["id"]
+
+    undone = [undo(api, batch).json() for batch in (third, second, first)]
+
+    assert [(one["undone"], one["skipped"]) for one in undone] == [
+        (1, []),
+        (2, []),
+        (3, []),
+    ]
+    review = api.json(f"/boxes/{ghosts[0]}")["review"]
+    assert (review["verdict"], review["comment"]) == ("unsure", "before")
+    assert [api.json(f"/boxes/{box}")["review"] for box in ghosts[1:]] == [None, None]
+    assert effective(api, dataset) == 3
+
+
+def test_an_act_under_one_that_stands_is_left(api, dataset, ghosts):
+    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
+    redone = undo(api, undo(api, second).json()["id"])
+
+    undone = undo(api, first).json()
+
+    assert redone.json()["undone"] == 2
+    assert (undone["undone"], undone["skipped"]) == (1, ghosts[:2])
+
+
+def test_an_answer_between_acts_still_stands_when_both_are_undone(api, dataset, ghosts):
+    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
+    api.review(ghosts[0], "unsure", 1)
+    second = bulk_as_seen(api, dataset, "reject", ghosts).json()["id"]
+    undo(api, second)
+
+    undone = undo(api, first).json()
+
+    assert (undone["undone"], undone["skipped"]) == (2, ghosts[:1])
+    assert api.json(f"/boxes/{ghosts[0]}")["review"]["verdict"] == "unsure"
+
+
+def test_a_filter_is_answered_if_its_boxes_are_those_that_were_seen(api, dataset):
+    filters = {"verdict": "rejected", "class": "car"}
+    seen = {"filter": filters, "snapshot": snapshot(api, dataset, **filters)}
+
+    blind = bulk(api, dataset, "keep", filter=filters, expected_count=3)
+    wrong = bulk(api, dataset, "keep", **seen, expected_count=4)
+    right = bulk(api, dataset, "keep", **seen, expected_count=3)
+
+    assert [each.status_code for each in (blind, wrong, right)] == [422, 409, 201]
+    assert "snapshot" in blind.json()["detail"]
+    assert wrong.json()["code"] == "count_changed"
+    assert "3" in wrong.json()["detail"]
+    assert wrong.json()["found"] == 3
+    assert right.json()["count"] == 3
+    assert effective(api, dataset) == 6
+
+
+@pytest.mark.parametrize(
+    ("which", "status"),
+    [
+        ({}, 422),
+        ({"box_ids": [1], "filter": {}}, 422),
+        ({"box_ids": [0]}, 422),
+        ({"box_ids": ["x"]}, 422),
+        ({"box_ids": [1, 2], "expected_count": 1}, 409),
+        ({"box_ids": [1, 2], "seen_revisions": [0]}, 422),
+        ({"box_ids": [1, 1], "seen_revisions": [0, 1]}, 422),
+        ({"box_ids": [1], "seen_revisions": [-1]}, 422),
+        ({"box_ids": [1], "snapshot": "W10"}, 422),
+        ({"filter": {}, "expected_count": 0}, 422),
+        ({"filter": {}, "seen_revisions": []}, 422),
+        ({"filter": {}, "snapshot": ""}, 422),
+        ({"filter": {}, "snapshot": "W10"}, 422),
+        ({"filter": {}, "snapshot": "\u00fc"}, 422),
+        ({"filter": {}, "snapshot": "WyJ4IiwxZTk5OSwwLDAsMF0"}, 422),
+        ({"filter": {"colour": "blue"}, "snapshot": NO_BOXES}, 422),
+        ({"filter": {"reason": "magic"}, "snapshot": NO_BOXES}, 400),
+    ],
+)
+def test_a_bad_bulk_review_is_refused(api, dataset, which, status):
+    answer = bulk(api, dataset, "keep", **which)
+
+    assert answer.status_code == status
+    assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 0
+
+
+@pytest.mark.parametrize("place", [1, 2, 3, 4])
+@pytest.mark.parametrize("number", [-1, 2**63, 10**40])
+def test_a_snapshot_with_numbers_that_no_list_gives_is_refused(
+    api, dataset, place, number
+):
+    values = json.loads(base64.urlsafe_b64decode(snapshot(api, dataset) + "=="))
+    values[place] = number
+    forged = base64.urlsafe_b64encode(json.dumps(values).encode()).decode()
+
+    answer = bulk(api, dataset, "keep", filter={}, snapshot=forged)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "bad_snapshot")
+    assert "one that a list of boxes was answered with" in answer.json()["detail"]
+
+
+def test_a_dataset_of_a_longer_name_than_any_has_is_refused(api):
+    too_long, longest = (
+        bulk(api, "x" * size, "keep", box_ids=[]) for size in (101, 100)
+    )
+
+    assert (too_long.status_code, longest.status_code) == (422, 404)
+    assert too_long.json()["errors"][0]["pointer"] == "/dataset"
+
+
+def test_a_bulk_review_without_boxes_changes_nothing(api, dataset):
+    answer = bulk(api, dataset, "keep", box_ids=[])
+
+    assert (answer.status_code, answer.json()["count"]) == (201, 0)
+    assert undo(api, answer.json()["id"]).json()["undone"] == 0
+    assert undo(api, 2**40).status_code == 404
+
+
+def test_bare_ids_take_no_box_that_has_an_answer(api, dataset, ghosts):
+    api.review(ghosts[0], "keep", comment="nobody who sends ids alone saw this")
+    api.review(ghosts[1], "reject")
+    api.review(ghosts[1], "clear", 1)
+
+    batch = bulk(api, dataset, "reject", box_ids=[*ghosts, 2**62]).json()
+
+    assert (batch["count"], batch["skipped"], batch["stale"]) == (
+        2,
+        [2**62],
+        ghosts[:1],
+    )
+    said = [api.json(f"/boxes/{box}")["review"]["verdict"] for box in ghosts]
+    assert said == ["keep", "reject", "reject"]
+
+
+def test_what_somebody_said_since_it_was_seen_is_left_and_listed(api, dataset, ghosts):
+    api.review(ghosts[0], "unsure")
+    seen = [1, 0, 0]
+    api.review(ghosts[1], "keep", comment="first")
+
+    batch = bulk(api, dataset, "reject", box_ids=ghosts, seen_revisions=seen).json()
+
+    assert (batch["count"], batch["skipped"], batch["stale"]) == (2, [], ghosts[1:2])
+    review = api.json(f"/boxes/{ghosts[1]}")["review"]
+    assert (review["verdict"], review["comment"]) == ("keep", "first")
+    undone = undo(api, batch["id"]).json()
+    assert (undone["undone"], undone["skipped"]) == (2, [])
+    said = [api.json(f"/boxes/{box}")["review"] for box in ghosts]
+    assert [one and one["verdict"] for one in said] == ["unsure", "keep", None]
+
+
+def another_came(api, dataset, boxes):
+    api.stored(dataset, "3", {**scene.annotation(), "number": 3})
+
+
+def one_went(api, dataset, boxes):
+    assert api.delete(f"/datasets/{dataset}/frames/0").status_code == 204
+
+
+def one_went_and_another_came(api, dataset, boxes):
+    one_went(api, dataset, boxes)
+    another_came(api, dataset, boxes)
+
+
+def one_was_replaced(api, dataset, boxes):
+    api.stored(dataset, "0", {**scene.annotation(), "number": 9}, replace=True)
+
+
+def one_was_answered(api, dataset, boxes):
+    assert api.review(boxes[0], "keep").status_code == 201
+
+
+def one_was_answered_and_cleared(api, dataset, boxes):
+    api.review(boxes[0], "keep")
+    assert api.review(boxes[0], "clear", 1).status_code == 201
+
+
+def all_were_decided_anew(api, dataset, boxes):
+    assert api.run(dataset, {"threshold_small_box": 8})["state"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "found", "changed"),
+    [
+        (another_came, 4, 1),
+        (one_went, 2, 0),
+        (one_went_and_another_came, 3, 1),
+        (one_was_replaced, 3, 1),
+        (one_was_answered, 3, 1),
+        (one_was_answered_and_cleared, 3, 1),
+        (all_were_decided_anew, 3, 3),
+    ],
+)
+def test_a_filter_whose_boxes_are_not_as_they_were_seen_is_not_answered(
+    api, dataset, ghosts, meanwhile, found, changed
+):
+    wanted = {"filter": {"verdict": "rejected"}}
+    seen = snapshot(api, dataset, verdict="rejected")
+    meanwhile(api, dataset, ghosts)
+    reviewed = api.json(f"/datasets/{dataset}/stats")["reviewed"]
+
+    stale = bulk(api, dataset, "reject", **wanted, snapshot=seen, expected_count=3)
+
+    problem = stale.json()
+    assert (stale.status_code, problem["code"]) == (412, "stale_snapshot")
+    now = snapshot(api, dataset, verdict="rejected")
+    assert problem["current"] == {"total": found, "snapshot": now}
+    said = f"selects {found} boxes, 3 when you looked; {changed} of"
+    assert said in problem["detail"]
+    assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == reviewed
+    again = bulk(api, dataset, "reject", **wanted, snapshot=now)
+    assert (again.status_code, again.json()["count"]) == (201, found)
+
+
+def test_what_happens_to_other_boxes_is_in_nobodys_way(api, dataset, ghosts):
+    seen = snapshot(api, dataset, verdict="rejected", review="none")
+    (kept, *_) = api.boxes(dataset, verdict="kept")
+    api.review(kept["box_id"], "keep")
+    elsewhere = api.stored(api.dataset(), "a")["decisions"][0]["box_id"]
+    api.review(elsewhere, "keep")
+
+    answer = bulk(
+        api,
+        dataset,
+        "reject",
+        filter={"verdict": "rejected", "review": "none"},
+        snapshot=seen,
+    )
+
+    assert (answer.status_code, answer.json()["count"]) == (201, 3)
+
+
+def test_a_snapshot_is_that_of_its_own_filter(api, dataset):
+    seen = snapshot(api, dataset, verdict="rejected")
+    other = api.dataset()
+    api.stored(other, "0")
+
+    wrong = [
+        bulk(api, dataset, "keep", filter={"verdict": "kept"}, snapshot=seen),
+        bulk(api, other, "keep", filter={"verdict": "rejected"}, snapshot=seen),
+    ]
+
+    assert [one.status_code for one in wrong] == [422, 422]
+    assert {one.json()["code"] for one in wrong} == {"bad_snapshot"}
+
+
+@pytest.fixture
+def answered_unseen(service):
+    """A dataset, and the box that has an answer which its decision does not show."""
+    api = Api(service.admin())
+    with api.http:
+        name = api.dataset()
+        boxes = [box["box_id"] for box in api.stored(name, "0")["decisions"]]
+        with service.app.state.database.write() as session:
+            answer = {"box_id": boxes[1], "revision": 1, "verdict": "keep"}
+            session.execute(insert(Review), {**answer, "reviewer": "ada"})
+        yield api, name, boxes
+
+
+def test_an_answer_that_is_too_late_is_stale_whatever_the_decision_shows(
+    answered_unseen,
+):
+    api, _, boxes = answered_unseen
+
+    late = api.review(boxes[1], "reject")
+
+    assert (late.status_code, late.json()["code"]) == (412, "stale_review")
+    assert "is at revision 1, you reviewed revision 0" in late.json()["detail"]
+
+
+def test_a_box_that_is_answered_in_the_same_moment_is_left_as_stale(answered_unseen):
+    api, name, boxes = answered_unseen
+
+    act = bulk(api, name, "reject", box_ids=boxes)
+
+    assert act.status_code == 201
+    assert (act.json()["count"], act.json()["stale"]) == (len(boxes) - 1, boxes[1:2])
+    assert undo(api, act.json()["id"]).json()["undone"] == len(boxes) - 1
+
+
+def test_all_of_a_filter_are_answered_or_none(answered_unseen):
+    api, name, boxes = answered_unseen
+    seen = snapshot(api, name)
+
+    act = bulk(api, name, "reject", filter={}, snapshot=seen)
+
+    assert (act.status_code, act.json()["code"]) == (412, "stale_snapshot")
+    assert act.json()["current"] == {"total": len(boxes), "snapshot": seen}
+    assert api.json(f"/boxes/{boxes[0]}")["review"] is None

@@ -1,0 +1,234 @@
+"""Answers on many boxes and the turns of writers: nobody waits for what only reads."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from functools import partial
+
+import pytest
+
+from app.db.engine import Database
+from app.review.service import Answer, review_box
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.databases import url_of
+from tests.support.statements import statements_of
+
+PATIENCE_S = 20
+MANY = 60
+
+
+@pytest.fixture
+def api(service) -> Iterator[Api]:
+    with service.admin() as client:
+        yield Api(client)
+
+
+@pytest.fixture
+def street(api):
+    """A frame with many boxes, and their ids."""
+    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
+    name = api.dataset()
+    stored = api.stored(name, "a", {**scene.annotation(), "boxes": boxes})
+    return name, [box["box_id"] for box in stored["decisions"]]
+
+
+@contextmanager
+def somebody_writes(service) -> Iterator[None]:
+    """All writers wait until the block ends."""
+    turns = service.app.state.database.turns
+    turns.take(person=True, wait_s=PATIENCE_S)
+    try:
+        yield
+    finally:
+        turns.give_back()
+
+
+def wait_for_writers(service, number: int) -> None:
+    turns = service.app.state.database.turns
+    until = time.monotonic() + PATIENCE_S
+    while turns.waiting < number:
+        assert time.monotonic() < until
+        time.sleep(0.005)
+
+
+def answer_past_the_turns(service, box_id: int, seen: int = 0) -> None:
+    """What another server on the same database does."""
+    with (
+        closing(Database(url_of(service.settings.data))) as other,
+        other.write(person=True) as session,
+    ):
+        review_box(session, box_id, Answer("unsure", "", "ada"), seen)
+
+
+def of_a_filter(api, name):
+    seen = api.json("/boxes", dataset=name, count="true")["snapshot"]
+    return {"filter": {}, "snapshot": seen}
+
+
+def bulk(api, name, **which):
+    body = {"dataset": name, "verdict": "reject", **which}
+    return api.post("/reviews/bulk", body)
+
+
+@pytest.mark.parametrize(
+    ("act", "writes"),
+    [
+        ("listed", "INSERT INTO review_batches"),
+        ("filter", "INSERT INTO review_batches"),
+        ("undo", "INSERT INTO review_batches"),
+        ("delete", "DELETE FROM frames"),
+    ],
+)
+def test_single_answers_come_before_acts_on_many_boxes(
+    service, api, street, act, writes
+):
+    name, ids = street
+    other = api.stored(api.dataset(), "b")["decisions"][0]["box_id"]
+    acts = {
+        "listed": partial(bulk, api, name, box_ids=ids),
+        "filter": partial(bulk, api, name, **of_a_filter(api, name)),
+        "delete": partial(api.delete, f"/datasets/{name}/frames/a"),
+    }
+    if act == "undo":
+        batch = bulk(api, name, box_ids=ids).json()["id"]
+        acts["undo"] = partial(api.post, f"/review-batches/{batch}/undo")
+
+    with (
+        ThreadPoolExecutor(2) as pool,
+        statements_of(service.app.state.database.engine) as found,
+    ):
+        with somebody_writes(service):
+            many = pool.submit(acts[act])
+            wait_for_writers(service, 1)
+            one = pool.submit(api.review, other, "keep")
+            wait_for_writers(service, 2)
+        assert one.result().status_code == 201
+        assert many.result().is_success
+
+    order = [statement for statement, _ in found]
+    single = next(n for n, text in enumerate(order) if is_single_answer(text))
+    long = next(n for n, text in enumerate(order) if text.startswith(writes))
+    assert single < long
+
+
+def is_single_answer(statement: str) -> bool:
+    return statement.startswith("INSERT INTO reviews ")
+
+
+def test_boxes_are_looked_at_before_it_is_the_turn_to_write(service, api, street):
+    """One statement for each revision that was claimed would hold up all others."""
+    name, ids = street
+    claimed = list(range(len(ids)))
+
+    with statements_of(service.app.state.database.engine) as found:
+        answer = bulk(api, name, box_ids=ids, seen_revisions=claimed)
+
+    assert (answer.json()["count"], len(answer.json()["stale"])) == (1, MANY - 1)
+    wrote = [text for text, _ in found if text.startswith("INSERT INTO reviews")]
+    assert len(wrote) == 1
+
+
+def while_it_waits(service, act, between):
+    """Answer to an act; `between` happens after it looked, before it may write."""
+    with ThreadPoolExecutor(1) as pool:
+        with somebody_writes(service):
+            asked = pool.submit(act)
+            wait_for_writers(service, 1)
+            between()
+        return asked.result()
+
+
+def test_a_filter_that_changes_before_the_turn_is_not_answered(service, api, street):
+    name, ids = street
+    which = of_a_filter(api, name)
+
+    answer = while_it_waits(
+        service,
+        partial(bulk, api, name, **which),
+        partial(answer_past_the_turns, service, ids[7]),
+    )
+
+    assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
+    assert answer.json()["current"]["total"] == MANY
+    reviewed = api.json(f"/datasets/{name}/stats")
+    assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
+
+
+def test_a_listed_box_that_is_answered_before_the_turn_is_left(service, api, street):
+    name, ids = street
+
+    answer = while_it_waits(
+        service,
+        partial(bulk, api, name, box_ids=ids),
+        partial(answer_past_the_turns, service, ids[7]),
+    ).json()
+
+    assert (answer["count"], answer["stale"]) == (MANY - 1, [ids[7]])
+    assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
+
+
+def test_a_box_that_is_answered_before_an_undo_has_its_turn_is_left(
+    service, api, street
+):
+    name, ids = street
+    batch = bulk(api, name, box_ids=ids).json()["id"]
+
+    answer = while_it_waits(
+        service,
+        partial(api.post, f"/review-batches/{batch}/undo"),
+        partial(answer_past_the_turns, service, ids[7], 1),
+    ).json()
+
+    assert (answer["undone"], answer["skipped"]) == (MANY - 1, [ids[7]])
+    assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
+
+
+def test_a_repeated_answer_on_a_filter_is_answered_as_the_first(api, street):
+    name, _ = street
+    body = {"dataset": name, "verdict": "keep", **of_a_filter(api, name)}
+    key = {"Idempotency-Key": f"bulk {name}".replace(" ", "-")}
+
+    first, again = (
+        api.http.post("/api/v1/reviews/bulk", json=body, headers=key) for _ in "ab"
+    )
+
+    assert (first.status_code, again.status_code) == (201, 201)
+    assert first.json() == again.json()
+    assert again.headers["idempotent-replayed"] == "true"
+
+
+def test_a_replaced_frame_is_described_without_asking_for_it(service, api, street):
+    """What is asked within the transaction, everybody who writes waits for."""
+    name, ids = street
+    assert api.review(ids[3], "keep", comment="seen").status_code == 201
+    boxes = [{"class": "car", "xyxy": scene.ON_THE_CAR} for _ in range(MANY)]
+    boxes[4] = {"class": "car", "xyxy": scene.IN_THE_SKY}
+    annotation = {**scene.annotation(), "boxes": boxes}
+
+    with statements_of(service.app.state.database.engine) as found:
+        answer = api.stored(name, "a", annotation, replace=True)
+
+    assert [text for text, _ in found if "FROM evidence" in text] == []
+    frame = api.json(f"/frames/{answer['frame']['id']}")
+    assert answer["decisions"] == frame["boxes"]
+    assert answer["decisions"][3]["review"]["comment"] == "seen"
+    assert answer["frame"]["counts"] == frame["counts"]
+    assert frame["counts"]["reviewed"] == 1
+
+
+def test_a_frame_is_described_by_asking_for_everything_once(service, api, street):
+    name, _ = street
+    frame = api.json(f"/datasets/{name}/frames")["items"][0]["id"]
+
+    with statements_of(service.app.state.database.engine) as found:
+        api.json(f"/frames/{frame}")
+
+    asked = [
+        text for text, _ in found if re.search("FROM (evidence|frame_files)", text)
+    ]
+    assert len(asked) == len(set(asked)) == 2

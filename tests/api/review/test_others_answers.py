@@ -1,0 +1,245 @@
+"""Whoever answered keeps the answers: others do not delete, undo or set them aside."""
+
+from __future__ import annotations
+
+import json
+from itertools import count
+
+import pytest
+
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+
+MOVED = {**scene.annotation(), "boxes": [], "map": "Town01"}
+_names = count(1)
+
+
+@pytest.fixture
+def person(service, admin):
+    """Makes a reviewer, or whatever the role is, with a token of their own."""
+    opened = []
+
+    def make(role="reviewer"):
+        name = f"person-{next(_names)}"
+        token = admin.post(f"{BASE}/tokens", json={"name": name, "role": role}).json()
+        api = Api(service.client(Authorization=f"Bearer {token['token']}"))
+        opened.append(api.http)
+        return name, api
+
+    yield make
+    for client in opened:
+        client.close()
+
+
+@pytest.fixture
+def street(admin):
+    """A dataset of two frames, and the ids of the first one's boxes."""
+    api = Api(admin)
+    name = f"street-{next(_names)}"
+    api.post("/datasets", {"name": name})
+    first = api.stored(name, "0")
+    api.stored(name, "1", {**scene.annotation(), "number": 1})
+    return name, [box["box_id"] for box in first["decisions"]]
+
+
+def delete(api, name):
+    return api.delete(f"/datasets/{name}/frames/0")
+
+
+def replace(api, name):
+    return api.put(name, "0", MOVED, replace=True)
+
+
+def replace_in_a_batch(api, name):
+    """What is said of the frame; the one beside it is stored in any case."""
+    other = {**scene.annotation(), "map": "Town02"}
+    documents = {"0": MOVED, "1": other}
+    members = [
+        (f"{key}.json", json.dumps({**document, "key": key}).encode())
+        for key, document in documents.items()
+    ]
+    answer = api.http.post(
+        f"{BASE}/datasets/{name}/batches",
+        params={"replace": "true"},
+        content=archives.packed(members),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    lines = [json.loads(line) for line in answer.text.splitlines()]
+    told = {line["key"]: line for line in lines if "key" in line}
+    assert told["1"]["status"] == 201
+    return told["0"]
+
+
+def refusal(answer):
+    """Status, code and detail, of an answer or of a batch's line."""
+    if isinstance(answer, dict):
+        problem = answer.get("problem", {})
+        return answer["status"], problem.get("code"), problem.get("detail", "")
+    problem = answer.json() if answer.content else {}
+    return answer.status_code, problem.get("code"), problem.get("detail", "")
+
+
+ACTS = [delete, replace, replace_in_a_batch]
+
+
+@pytest.mark.parametrize("act", ACTS)
+def test_a_reviewer_does_not_do_away_with_answers_of_others(street, person, act):
+    name, boxes = street
+    (grace, hers), (ada, his) = person(), person()
+    assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
+    assert his.review(boxes[0], "keep").status_code == 201
+
+    status, code, detail = refusal(act(his, name))
+
+    assert (status, code) == (403, "others_answers")
+    assert f"1 answer of {grace}" in detail
+    assert f"the role admin, token {ada!r} has reviewer" in detail
+    review = his.json(f"/boxes/{boxes[1]}")["review"]
+    assert (review["verdict"], review["comment"]) == ("keep", "there is one")
+    assert his.json(f"/datasets/{name}/frames/0")["revision"] == 1
+
+
+@pytest.mark.parametrize("act", ACTS)
+def test_a_reviewer_may_do_away_with_their_own(street, person, act):
+    name, boxes = street
+    _, api = person()
+    assert api.review(boxes[0], "keep").status_code == 201
+
+    status, _, detail = refusal(act(api, name))
+
+    assert status in (201, 204), detail
+
+
+@pytest.mark.parametrize("act", ACTS)
+def test_an_admin_may_and_it_is_noted(street, person, admin, act):
+    name, boxes = street
+    _, hers = person()
+    (boss, his) = person("admin")
+    assert hers.review(boxes[0], "keep").status_code == 201
+    assert his.review(boxes[1], "keep").status_code == 201
+
+    status, _, detail = refusal(act(his, name))
+
+    assert status in (201, 204), detail
+    entry = next(
+        one
+        for one in admin.get(f"{BASE}/audit").json()["items"]
+        if one["details"].get("dataset") == name and one["subject"] == "0"
+    )
+    action = "frame.deleted" if act is delete else "frame.replaced"
+    assert (entry["actor"], entry["action"]) == (boss, action)
+    assert entry["details"]["answers"] == 2
+    assert entry["details"]["of_others"] == 1
+
+
+def test_answers_that_are_carried_over_are_in_nobodys_way(street, person):
+    name, boxes = street
+    (grace, hers), (_, his) = person(), person()
+    assert hers.review(boxes[1], "keep").status_code == 201
+
+    answer = his.put(name, "0", {**scene.annotation(), "map": "Town03"}, replace=True)
+
+    assert answer.status_code == 201, answer.text
+    (carried,) = his.boxes(name, review="keep")
+    assert carried["review"]["reviewer"] == grace
+
+
+def test_an_answer_that_was_taken_back_is_not_set_aside_but_still_history(
+    street, person
+):
+    name, boxes = street
+    (_, hers), (_, his) = person(), person()
+    hers.review(boxes[1], "keep")
+    hers.review(boxes[1], "clear", 1)
+
+    replaced, deleted = replace(his, name), delete(his, name)
+
+    assert replaced.status_code == 201, replaced.text
+    assert refusal(deleted)[:2] == (403, "others_answers")
+    assert "2 answers of" in deleted.json()["detail"]
+
+
+def test_a_batch_of_answers_is_undone_by_whom_it_is_or_by_an_admin(
+    street, person, admin
+):
+    name, boxes = street
+    (grace, hers), (_, his), (boss, admins) = person(), person(), person("admin")
+    body = {"dataset": name, "box_ids": boxes, "verdict": "keep"}
+    batch = hers.post("/reviews/bulk", body).json()["id"]
+    undo = f"/review-batches/{batch}/undo"
+
+    refused = his.post(undo)
+    undone = admins.post(undo)
+    again = hers.post(f"/review-batches/{undone.json()['id']}/undo")
+    body = {**body, "verdict": "reject"}
+    own = his.post("/reviews/bulk", body).json()["id"]
+
+    assert refusal(refused)[:2] == (403, "others_answers")
+    assert f"undoing batch {batch} concerns 2 answers of {grace}" in refusal(refused)[2]
+    assert undone.json()["undone"] == 2
+    assert (again.status_code, boss in again.json()["detail"]) == (403, True)
+    assert his.post(f"/review-batches/{own}/undo").json()["undone"] == 2
+    items = admin.get(f"{BASE}/audit").json()["items"]
+    noted = [one for one in items if one["details"].get("dataset") == name]
+    assert [(one["actor"], one["action"]) for one in noted[2:4]] == [
+        (boss, "review_batch.undone"),
+        (grace, "review_batch.created"),
+    ]
+    assert noted[3]["subject"] == noted[2]["subject"] == str(batch)
+    assert noted[3]["details"] == {
+        "dataset": name,
+        "verdict": "keep",
+        "answers": 2,
+        "skipped": 0,
+    }
+    assert (noted[2]["details"]["answers"], noted[2]["details"]["skipped"]) == (2, 0)
+
+
+def test_exports_that_are_asked_for_are_noted(street, person, admin):
+    name, _ = street
+    ada, api = person()
+
+    export = api.post(f"/datasets/{name}/exports", {"format": "yolo"}).json()
+
+    entry = admin.get(f"{BASE}/audit").json()["items"][0]
+    assert (entry["actor"], entry["action"]) == (ada, "export.created")
+    assert entry["subject"] == str(export["id"])
+    assert entry["details"] == {"dataset": name, "format": "yolo"}
+
+
+def clear_all(api, name, boxes):
+    body = {"dataset": name, "box_ids": boxes, "verdict": "clear"}
+    seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in boxes]
+    return api.post("/reviews/bulk", {**body, "seen_revisions": seen})
+
+
+def answer_over(api, name, boxes):
+    """And replace the frame by one in which only one's own answers are carried on."""
+    for box_id in boxes:
+        seen = api.json(f"/boxes/{box_id}")["revision"]
+        assert api.review(box_id, "reject", seen=seen).status_code == 201
+    return api.put(name, "0", {**scene.annotation(), "number": 9}, replace=True)
+
+
+@pytest.mark.parametrize("act", ACTS)
+@pytest.mark.parametrize("first", [clear_all, answer_over])
+def test_answers_count_that_somebody_took_back_before(street, person, act, first):
+    name, boxes = street
+    (grace, hers), (_, his) = person(), person()
+    assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
+    assert first(his, name, boxes).is_success
+
+    status, code, detail = refusal(act(his, name))
+
+    assert (status, code) == (403, "others_answers")
+    assert grace in detail
+
+
+def test_answers_one_has_taken_back_oneself_are_in_nobodys_way(street, person):
+    name, boxes = street
+    _, his = person()
+    assert his.review(boxes[1], "keep").status_code == 201
+    assert clear_all(his, name, boxes).is_success
+
+    assert replace(his, name).status_code == 201

@@ -1,0 +1,278 @@
+"""The queue: what comes next, for whom, and that nobody gets the same box."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timedelta, timezone
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.databases import empty_postgres
+
+
+@pytest.fixture
+def dataset(api):
+    """Six frames, each with a car and a ghost."""
+    name = api.dataset()
+    for number in range(6):
+        api.stored(name, str(number), {**scene.annotation(), "number": number})
+    return name
+
+
+def reviewer_of(server, api, name: str) -> Api:
+    body = {"name": name, "role": "reviewer"}
+    token = api.post("/tokens", body).json()["token"]
+    return Api.at(server.url, {"Authorization": f"Bearer {token}"})
+
+
+@pytest.fixture
+def reviewer(api, server):
+    """Makes clients of reviewers with names of their own."""
+    opened = []
+
+    def named(name: str) -> Api:
+        opened.append(reviewer_of(server, api, f"{name}-{api.dataset()}"))
+        return opened[-1]
+
+    yield named
+    for client in opened:
+        client.http.close()
+
+
+def ask(api, dataset, **wanted):
+    answer = api.post(f"/datasets/{dataset}/queue", wanted)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def ids(queue):
+    return [item["box_id"] for item in queue["items"]]
+
+
+def test_boxes_are_handed_out_as_decisions_with_a_claim(api, dataset):
+    before = datetime.now(timezone.utc)
+
+    queue = ask(api, dataset, limit=2)
+
+    first = queue["items"][0]
+    until = datetime.fromisoformat(first.pop("claim")["expires_at"][:-1] + "+00:00")
+    shown = api.json(f"/boxes/{first['box_id']}")
+    assert first == {key: shown[key] for key in shown if key != "neighbours"}
+    assert timedelta(minutes=4) < until - before < timedelta(minutes=6)
+    assert (queue["remaining"], queue["unsure"], queue["claimed_by_others"]) == (
+        12,
+        0,
+        0,
+    )
+
+
+def test_most_doubtful_first_as_lists_are(api, dataset):
+    queue = ask(api, dataset, limit=50)
+
+    listed = api.boxes(dataset, sort="doubt", review="undecided")
+    assert ids(queue) == [box["box_id"] for box in listed]
+
+
+def test_an_answered_box_does_not_come_again_and_counts_down(api, dataset):
+    first, second, *_ = ids(ask(api, dataset))
+
+    api.review(first, "keep")
+    queue = ask(api, dataset, limit=50)
+
+    assert first not in ids(queue)
+    assert ids(queue)[0] == second
+    assert queue["remaining"] == 11
+
+
+def test_an_unsure_box_comes_last(api, dataset):
+    first = ids(ask(api, dataset))[0]
+
+    api.review(first, "unsure")
+    queue = ask(api, dataset, limit=50)
+
+    assert ids(queue)[-1] == first
+    assert (len(ids(queue)), queue["remaining"], queue["unsure"]) == (12, 11, 1)
+
+
+def test_what_is_at_hand_is_not_handed_out_again(api, dataset):
+    first = ids(ask(api, dataset, limit=5))
+
+    second = ids(ask(api, dataset, limit=5, exclude=first))
+
+    assert len(second) == 5
+    assert not set(first) & set(second)
+
+
+def test_what_one_was_given_nobody_else_gets_until_it_is_answered(dataset, reviewer):
+    ada, eve = reviewer("ada"), reviewer("eve")
+    hers = ids(ask(ada, dataset, limit=7))
+
+    others = ask(eve, dataset, limit=50)
+    again = ids(ask(ada, dataset, limit=7))
+    freely = eve.review(hers[0], "keep")
+
+    assert not set(hers) & set(ids(others))
+    assert len(others["items"]) == 5
+    assert others["claimed_by_others"] == 7
+    assert others["remaining"] == 12
+    assert again == hers
+    assert freely.status_code == 201
+    assert ask(eve, dataset)["claimed_by_others"] == 6
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def either(request, start_api):
+    """A server of the test's own, on either database."""
+    if request.param == "sqlite":
+        yield start_api()
+        return
+    with empty_postgres() as url:
+        server, api = start_api(UNGHOST_DATABASE_URL=url)
+        assert not list(server.data.glob("*.db"))
+        yield server, api
+
+
+def test_reviewers_who_ask_at_once_never_get_the_same_box(either):
+    server, api = either
+    dataset = api.dataset()
+    for number in range(20):
+        api.stored(dataset, str(number), {**scene.annotation(), "number": number})
+    clients = [reviewer_of(server, api, f"r{number}") for number in range(8)]
+    orders = ["doubt", "random", "class", "random"]
+
+    def ask_often(number: int) -> set[int]:
+        order = orders[number % 4]
+        answers = [ask(clients[number], dataset, order=order, limit=3)]
+        answers.append(
+            ask(clients[number], dataset, order=order, limit=2, exclude=ids(answers[0]))
+        )
+        return {box_id for answer in answers for box_id in ids(answer)}
+
+    with ThreadPoolExecutor(8) as pool:
+        given = list(pool.map(ask_often, range(8)))
+
+    for client in clients:
+        client.http.close()
+    assert [len(one) for one in given] == [5] * 8
+    assert len(set().union(*given)) == 40
+
+
+def test_class_after_class(api):
+    name = api.dataset(classes=["walker", "car"])
+    boxes = [{"class": of, "xyxy": scene.ON_THE_CAR} for of in ("car", "walker", "car")]
+    api.stored(name, "0", {**scene.annotation(), "boxes": boxes})
+
+    queue = ask(api, name, order="class")
+
+    assert [item["class"] for item in queue["items"]] == ["walker", "car", "car"]
+
+
+def test_a_random_order_is_the_seeds_own(api, dataset):
+    def asked(**more):
+        return ids(ask(api, dataset, order="random", limit=50, **more))
+
+    seeds = [asked(seed=seed) for seed in range(8)]
+
+    assert asked() == asked()
+    assert asked(seed=3) == seeds[3]
+    assert len({tuple(one) for one in seeds}) > 4
+    assert {len(set(one)) for one in seeds} == {12}
+
+
+def test_an_audit_is_of_decided_boxes(api, dataset):
+    boxes = [box["box_id"] for box in api.boxes(dataset)]
+    for box_id, verdict in zip(boxes, ["keep", "reject", "unsure"], strict=False):
+        api.review(box_id, verdict)
+
+    queue = ask(api, dataset, order="audit")
+    kept = ask(api, dataset, order="audit", filters={"review": "keep"})
+
+    assert sorted(ids(queue)) == boxes[:2]
+    assert (queue["remaining"], queue["unsure"]) == (2, 0)
+    assert ids(kept) == boxes[:1]
+
+
+@pytest.mark.parametrize("order", ["doubt", "random", "class", "audit"])
+def test_conflicts_are_queued_in_every_order(api, dataset, order):
+    ghosts = [box["box_id"] for box in api.boxes(dataset, verdict="rejected")]
+    api.review(ghosts[0], "keep")
+    api.review(ghosts[1], "reject")
+
+    queue = ask(api, dataset, order=order, filters={"conflict": True})
+
+    assert ids(queue) == ghosts[:1]
+    assert queue["remaining"] == 1
+    assert api.json(f"/datasets/{dataset}/stats")["conflicts"] == 1
+
+
+def test_filters_are_those_of_lists(api, dataset):
+    wanted = {"verdict": "rejected", "class": "car", "distance_min": 1}
+
+    assert ask(api, dataset, filters=wanted)["items"] == []
+    del wanted["distance_min"]
+    queue = ask(api, dataset, filters=wanted)
+    assert len(queue["items"]) == queue["remaining"] == 6
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        ({"order": "newest"}, 422),
+        ({"limit": 0}, 422),
+        ({"limit": 51}, 422),
+        ({"exclude": [0]}, 422),
+        ({"exclude": list(range(1, 1002))}, 422),
+        ({"seed": 2**63}, 422),
+        ({"filters": {"colour": "red"}}, 422),
+        ({"filters": {"review": "maybe"}}, 400),
+        ({"filters": {"reason": "magic"}}, 400),
+    ],
+)
+def test_a_bad_wish_is_refused(api, dataset, body, status):
+    assert api.post(f"/datasets/{dataset}/queue", body).status_code == status
+
+
+def test_an_empty_dataset_has_an_empty_queue(api):
+    name = api.dataset()
+
+    for order in ("doubt", "random", "class", "audit"):
+        assert ask(api, name, order=order) == {
+            "items": [],
+            "remaining": 0,
+            "unsure": 0,
+            "claimed_by_others": 0,
+        }
+
+
+@pytest.mark.parametrize(
+    ("filters", "total"),
+    [
+        ({}, 12),
+        ({"verdict": "rejected"}, 6),
+        ({"review": "decided"}, 2),
+        ({"conflict": "true"}, 1),
+        ({"conflict": "false"}, 11),
+        ({"effective": "kept"}, 7),
+        ({"match_min": 50}, 6),
+        ({"class": "van"}, 0),
+    ],
+)
+def test_a_list_tells_how_many_there_are_in_all(api, dataset, filters, total):
+    real, ghost = (box["box_id"] for box in api.boxes(dataset)[:2])
+    api.review(real, "keep")
+    api.review(ghost, "keep")
+
+    page = api.json("/boxes", dataset=dataset, count="true", limit=1, **filters)
+
+    assert page["total"] == total
+    assert "total" not in api.json("/boxes", dataset=dataset, limit=1)
+
+
+def test_the_page_learns_its_reviewers_name(api, reviewer):
+    ada = reviewer("ada").json("/session")
+
+    assert (ada["name"][:4], ada["role"]) == ("ada-", "reviewer")
+    assert ada["expires_at"] > datetime.now(timezone.utc).isoformat()
+    assert api.json("/session")["role"] == "admin"

@@ -1,0 +1,201 @@
+"""Answers of people on one box: stored whole, and never over what was not seen."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timezone
+
+import pytest
+from sqlalchemy import update
+
+from app.db.tables import Review, Run
+from tests.support.api import BASE, Api
+
+
+def test_an_answer_is_stored_whole(api, ghosts):
+    answer = api.review(ghosts[0], "keep", comment="there is one")
+
+    body = answer.json()
+    assert answer.status_code == 201
+    assert {key: body[key] for key in body if key != "created_at"} == {
+        "box_id": ghosts[0],
+        "revision": 1,
+        "verdict": "keep",
+        "reviewer": "admin",
+        "comment": "there is one",
+        "effective_verdict": "kept",
+    }
+    box = api.json(f"/boxes/{ghosts[0]}")
+    assert (box["verdict"], box["effective_verdict"], box["revision"]) == (
+        "rejected",
+        "kept",
+        1,
+    )
+
+
+def test_each_answer_decides_what_counts(api, dataset, ghosts):
+    seen = []
+    for revision, verdict in enumerate(["keep", "unsure", "reject", "clear"]):
+        body = api.review(ghosts[0], verdict, revision).json()
+        stats = api.json(f"/datasets/{dataset}/stats")
+        figures = [
+            stats[key] for key in ("reviewed", "unsure", "conflicts", "to_review")
+        ]
+        seen.append((verdict, body["effective_verdict"], figures))
+
+    assert seen == [
+        ("keep", "kept", [1, 0, 1, 2]),
+        ("unsure", "rejected", [0, 1, 0, 3]),
+        ("reject", "rejected", [1, 0, 0, 2]),
+        ("clear", "rejected", [0, 0, 0, 3]),
+    ]
+    box = api.json(f"/boxes/{ghosts[0]}")
+    assert (box["review"], box["revision"]) == (None, 4)
+    history = api.json(f"/boxes/{ghosts[0]}/history")["items"]
+    assert [entry["verdict"] for entry in history] == [
+        "clear",
+        "reject",
+        "unsure",
+        "keep",
+        "rejected",
+    ]
+
+
+@pytest.mark.parametrize("has_numbers", [True, False], ids=["new runs", "old runs"])
+def test_history_is_told_in_the_order_in_which_it_was_stored(service, has_numbers):
+    """A clock that was set back between two acts changes nothing."""
+    api = Api(service.admin())
+    with api.http:
+        name = api.dataset()
+        box_id = api.stored(name, "0")["decisions"][0]["box_id"]
+        api.review(box_id, "keep")
+        first = api.run(name, {"min_visible_pixels": 10**6})["id"]
+        for revision, verdict in enumerate(["reject", "unsure"], 1):
+            api.review(box_id, verdict, revision)
+        second = api.run(name, {})["id"]
+        with service.app.state.database.write() as session:
+            if has_numbers:
+                backwards = datetime(2020, 1, 1, tzinfo=timezone.utc)
+                session.execute(
+                    update(Review)
+                    .where(Review.revision > 1)
+                    .values(created_at=backwards)
+                )
+                session.execute(
+                    update(Run).where(Run.id == second).values(finished_at=backwards)
+                )
+            else:
+                session.execute(update(Run).values(last_review_id=None))
+
+        items = api.json(f"/boxes/{box_id}/history")["items"]
+
+    told = [
+        one["run"] if one["kind"] == "decision" else one["verdict"] for one in items
+    ]
+    assert told[:-1] == [second, "unsure", "reject", first, "keep"]
+
+
+def test_a_stale_answer_is_412_with_what_there_is_now(api, ghosts):
+    api.review(ghosts[0], "keep", comment="first")
+
+    stale = api.review(ghosts[0], "reject", 0)
+    early = api.review(ghosts[0], "reject", 7)
+
+    assert (stale.status_code, early.status_code) == (412, 412)
+    problem = stale.json()
+    assert (problem["code"], problem["current"]) == (
+        "stale_review",
+        {
+            key: value
+            for key, value in api.json(f"/boxes/{ghosts[0]}").items()
+            if key != "neighbours"
+        },
+    )
+    assert problem["current"]["review"]["comment"] == "first"
+
+
+def test_of_many_reviewers_at_once_one_is_first(api, ghosts):
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda _: api.review(ghosts[0], "keep"), range(8)))
+
+    assert sorted(answer.status_code for answer in answers) == [201] + [412] * 7
+    assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {},
+        {"verdict": "keep"},
+        {"verdict": "kept", "seen_revision": 0},
+        {"verdict": "keep", "seen_revision": -1},
+        {"verdict": "keep", "seen_revision": 10**20},
+        {"verdict": "keep", "seen_revision": 0, "comment": "x" * 2001},
+        {"verdict": "keep", "seen_revision": 0, "comment": "\0"},
+        {"verdict": "keep", "seen_revision": 0, "reviewer": "eve"},
+    ],
+)
+def test_a_bad_answer_is_refused_and_changes_nothing(api, ghosts, body):
+    answer = api.post(f"/boxes/{ghosts[0]}/reviews", body)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
+    assert api.json(f"/boxes/{ghosts[0]}")["revision"] == 0
+
+
+def test_half_a_character_is_no_comment(api, ghosts):
+    body = rb'{"verdict": "keep", "seen_revision": 0, "comment": "\ud800"}'
+    headers = {"Content-Type": "application/json"}
+
+    answer = api.http.post(
+        f"{BASE}/boxes/{ghosts[0]}/reviews", content=body, headers=headers
+    )
+
+    assert answer.status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("filters", "ids"),
+    [
+        ({"effective": "kept"}, ["real", "ghost", "real"]),
+        ({"effective": "rejected"}, ["real", "ghost", "ghost"]),
+        ({"review": "decided"}, ["ghost", "real"]),
+        ({"review": "unsure"}, ["ghost"]),
+        ({"review": "undecided"}, ["real", "real", "ghost", "ghost"]),
+        ({"review": "keep", "verdict": "kept"}, []),
+        ({"match_min": 50, "sort": "-match_percent"}, ["real", "real", "real"]),
+    ],
+)
+def test_boxes_are_listed_by_what_people_said(api, filters, ids):
+    name = api.dataset()
+    boxes = [
+        box for number in range(3) for box in api.stored(name, str(number))["decisions"]
+    ]
+    api.review(boxes[1]["box_id"], "keep")
+    api.review(boxes[2]["box_id"], "reject")
+    api.review(boxes[3]["box_id"], "unsure")
+
+    found = [box["id"] for box in api.boxes(name, **filters)]
+
+    assert sorted(found) == sorted(ids)
+
+
+@pytest.mark.parametrize(
+    "cursor",
+    [
+        "x",
+        "ü",
+        "bnVsbA",
+        "WzEsMiwzXQ",
+        "WzAsSW5maW5pdHksMCwwXQ",
+        "W0luZmluaXR5LDAsMCwwXQ",
+        "WzAsMCwwLDFlMzBd",
+        "WzAsMCwxMDAwMDAwMDAwMDAwMDAwMDAwMDAwMCwwXQ",
+        "WzAsTmFOLDAsMF0",
+        "W1tbW1tb" * 200,
+    ],
+)
+@pytest.mark.parametrize("sort", ["id", "doubt"])
+def test_a_cursor_that_is_not_ours_is_400(api, dataset, cursor, sort):
+    answer = api.get("/boxes", dataset=dataset, cursor=cursor, sort=sort)
+
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad_cursor")

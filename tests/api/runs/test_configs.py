@@ -1,0 +1,220 @@
+"""Configurations by their content, and previews of what they would decide."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from tests.support.api import BASE
+
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+YAML = {"Content-Type": "application/yaml"}
+
+
+@pytest.fixture
+def dataset(api):
+    name = api.dataset()
+    api.stored(name, "a")
+    return name
+
+
+def ids(api, dataset):
+    """The server's ids of the car and of the ghost."""
+    return [box["box_id"] for box in api.boxes(dataset)]
+
+
+def add_config(api, dataset, content, headers=YAML):
+    path = f"{BASE}/datasets/{dataset}/configs"
+    return api.http.post(path, content=content, headers=headers)
+
+
+def test_configs_are_versions_by_content(api, dataset):
+    yaml = b"# a comment\nthreshold_small_box: 12.0\n"
+    first = add_config(api, dataset, yaml)
+    same = add_config(api, dataset, b'{"threshold_small_box": 12}')
+    simulator = add_config(
+        api, dataset, b"sitting:\n  threshold_small_box: 4\n  cam_rgb: {width: 9}\n"
+    )
+
+    digest = first.json()["digest"]
+    assert (first.status_code, same.status_code) == (201, 200)
+    assert first.headers["location"] == f"{BASE}/configs/{digest}"
+    assert same.json()["created_at"] == first.json()["created_at"]
+    assert api.json(f"/configs/{digest}")["config"] == first.json()["config"]
+    assert first.json()["config"]["threshold_small_box"] == 12
+    assert first.json()["active"] is False
+    assert simulator.json()["config"]["profile"] == "carlasimu"
+    assert simulator.json()["unused_keys"]
+    page = api.json(f"/datasets/{dataset}/configs", limit=2)
+    assert [item["digest"] for item in page["items"]] == [
+        simulator.json()["digest"],
+        digest,
+    ]
+    (oldest,) = api.json(f"/datasets/{dataset}/configs", cursor=page["next_cursor"])[
+        "items"
+    ]
+    assert oldest["digest"] == api.json(f"/datasets/{dataset}")["config"]
+    assert oldest["active"] is True
+
+
+def test_activating_a_config_is_a_run(api, dataset):
+    digest = add_config(api, dataset, b"min_visible_pixels: 1000000").json()["digest"]
+    path = f"{BASE}/datasets/{dataset}/config"
+
+    run = api.finished(api.http.put(path, json={"digest": digest}))
+    unknown = api.http.put(path, json={"digest": "0" * 64})
+
+    active = api.json(f"/datasets/{dataset}/config")
+    assert (run["activate"], run["config"]) == (True, digest)
+    assert (active["digest"], active["active"]) == (digest, True)
+    assert unknown.status_code == 404
+    assert api.verdicts(dataset) == {"real": "rejected", "ghost": "rejected"}
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "words"),
+    [
+        (b"treshold_small_box: 1", "unknown_key", "threshold_small_box"),
+        (b"threshold_small_box: 101", "bad_config", "101"),
+        (b"threshold_small_box: .nan", "bad_config", "threshold_small_box"),
+        (b"threshold_small_box: '10'", "bad_config", "10"),
+        (b"evidence: dept", "bad_config", "did you mean 'depth'"),
+        (b"a: [", "bad_yaml", ""),
+        (b"\xff\xfe\xfa", "bad_yaml", ""),
+        (b"[" * 20_000, "bad_yaml", ""),
+        (b"{" * 20_000, "bad_yaml", ""),
+        (b"!!python/object/apply:os.system ['true']", "bad_yaml", ""),
+        (b"a: &a [1]\nb: [*a, *a]", "bad_yaml", ""),
+        (b'{"classes": {"\\ud800": {"threshold_small_box": 1}}}', "bad_yaml", ""),
+        (b"classes: {1: {threshold_small_box: 1}}", "bad_config", "class"),
+        (b"- 1", "bad_config", "mapping"),
+    ],
+)
+def test_a_bad_config_is_refused(api, dataset, content, code, words):
+    answer = add_config(api, dataset, content)
+
+    assert (answer.status_code, answer.json()["code"]) == (422, code), answer.text
+    assert words in answer.json()["detail"]
+    assert len(api.json(f"/datasets/{dataset}/configs")["items"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("headers", "content", "status"),
+    [
+        ({"Content-Type": "text/plain"}, b"{}", 415),
+        ({}, b"{}", 415),
+        (YAML, b"a" * (1024**2 + 1), 413),
+    ],
+)
+def test_another_body_is_no_config(api, dataset, headers, content, status):
+    assert add_config(api, dataset, content, headers).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status"),
+    [
+        (
+            "preview",
+            {"config": {"classes": {"\ud800": {"min_visible_pixels": 2}}}},
+            422,
+        ),
+        ("preview", {"config": {"treshold_small_box": 1}}, 422),
+        ("preview", {"config": [], "limit": 5}, 422),
+        ("preview", {"config": {}, "bins": 1}, 422),
+        ("runs", {"config": "0" * 64}, 404),
+        ("runs", {"config": "xyz"}, 422),
+        ("runs", {"config": {"palette": "cityscapes"}}, 422),
+        ("runs", {"config": {}, "scope": "frame"}, 422),
+        ("runs", {"config": {"classes": {"car": {"accept": ["Unicorn"]}}}}, 422),
+    ],
+)
+def test_a_bad_request_for_a_decision_is_refused(api, dataset, path, body, status):
+    answer = api.http.post(
+        f"{BASE}/datasets/{dataset}/{path}",
+        content=json.dumps(body).encode(),
+        headers={"Content-Type": "application/json"},
+    )
+
+    assert answer.status_code == status, answer.text
+    assert api.verdicts(dataset) == {"real": "kept", "ghost": "rejected"}
+
+
+def test_a_preview_says_what_would_flip_and_writes_nothing(api, dataset):
+    before = api.json(f"/datasets/{dataset}/runs"), api.json(f"/datasets/{dataset}")
+    body = {"config": CARS_ARE_SKY, "bins": 2}
+
+    preview = api.post(f"/datasets/{dataset}/preview", body).json()
+
+    car, ghost = ids(api, dataset)
+    kept = {"verdict": "kept", "reason": "visible"}
+    unseen = {"verdict": "rejected", "reason": "no_visible_pixels"}
+    each_way = {"kept_to_rejected": 1, "rejected_to_kept": 1}
+    frame = api.json(f"/boxes/{car}")["frame_id"]
+    items = {item["box_id"]: item for item in preview["flips"].pop("items")}
+    assert {key: preview[key] for key in preview if key != "config"} == {
+        "needs_pixels": False,
+        "counts": {"kept": 1, "rejected": 1, "unmeasured": 0},
+        "by_reason": {"no_visible_pixels": 1, "visible": 1},
+        "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},
+        "reasons_by_class": {"car": {"no_visible_pixels": 1, "visible": 1}},
+        "histograms": {
+            "edges": [0.0, 50.0, 100.0],
+            "classes": {"car": [1, 1]},
+            "thresholds": {"car": 10.0},
+        },
+        "flips": {"total": 2, **each_way, "by_class": {"car": each_way}},
+    }
+    assert items[ghost] == {
+        "box_id": ghost,
+        "frame_id": frame,
+        "class": "car",
+        "match_percent": 100.0,
+        "before": unseen,
+        "after": kept,
+    }
+    assert items[car]["after"] == unseen
+    after = api.json(f"/datasets/{dataset}/runs"), api.json(f"/datasets/{dataset}")
+    assert after == before
+
+
+def test_a_preview_that_needs_pixels_says_so(api, dataset):
+    body = {"config": {"profile": "carlasimu"}}
+
+    preview = api.post(f"/datasets/{dataset}/preview", body).json()
+
+    assert preview["needs_pixels"] is True
+    assert preview["counts"] is None
+
+
+def test_stats_and_histogram_are_those_of_the_boxes(api, dataset):
+    described = api.json(f"/datasets/{dataset}")
+
+    assert api.json(f"/datasets/{dataset}/stats") == {
+        "frames": 1,
+        "boxes": 2,
+        "kept": 1,
+        "rejected": 1,
+        "unmeasured": 0,
+        "reviewed": 0,
+        "to_review": 1,
+        "unsure": 0,
+        "conflicts": 0,
+        "toss_ups": 0,
+        "lossy": 0,
+        "effective": {"kept": 1, "rejected": 1, "unmeasured": 0},
+        "by_reason": {"visible": 1, "no_visible_pixels": 1},
+        "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},
+        "config": described["config"],
+        "run": described["active_run"],
+    }
+    assert api.json(f"/datasets/{dataset}/histogram", bins=4) == {
+        "edges": [0.0, 25.0, 50.0, 75.0, 100.0],
+        "classes": {"car": [1, 0, 0, 1]},
+        "thresholds": {"car": 10.0},
+    }
+    assert api.json(f"/datasets/{api.dataset(classes=[])}/histogram", bins=2) == {
+        "edges": [0.0, 50.0, 100.0],
+        "classes": {},
+        "thresholds": {},
+    }

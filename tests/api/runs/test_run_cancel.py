@@ -1,0 +1,184 @@
+"""Cancelling a run: at once, for good, and as if it had never been asked for."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.event_reader import events, open_events
+from tests.support.long_streets import FROM_PIXELS, OTHER_PIXELS, fill
+from tests.support.servers import running_server
+
+FRAMES = 60
+AT_ONCE_S = 10
+"""Longer than a busy machine takes for what needs no work."""
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+
+
+@pytest.fixture(scope="module")
+def slow(tmp_path_factory):
+    """A server that measures one frame at a time, and a dataset that takes a while."""
+    folder = tmp_path_factory.mktemp("slow") / "data"
+    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api, fill(api, FRAMES)
+
+
+def asked_for(api, dataset, config, *, activate=True):
+    body = {"config": config, "activate": activate}
+    answer = api.post(f"/datasets/{dataset}/runs", body)
+    assert answer.status_code == 202, answer.text
+    return answer.json()["id"]
+
+
+def part_way(api, run_id):
+    """Wait until some frames are measured; the run as it was then."""
+    with open_events(api, run_id) as stream:
+        return next(event.data for event in stream if event.data["done"])
+
+
+def what_is_known(api, dataset):
+    return api.json(f"/datasets/{dataset}"), api.boxes(dataset, limit=1000)
+
+
+def test_a_run_that_measures_ends_within_a_second_and_changes_nothing(slow):
+    _, api, dataset = slow
+    before = what_is_known(api, dataset)
+    run_id = asked_for(api, dataset, FROM_PIXELS)
+    seen = part_way(api, run_id)
+
+    begun = time.monotonic()
+    answer = api.post(f"/runs/{run_id}/cancel")
+    cancelled = time.monotonic() - begun
+    # The next job only begins when the cancelled one has let go.
+    following = api.finished(
+        api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
+    )
+    freed = time.monotonic() - begun
+
+    assert 0 < seen["done"] < FRAMES
+    assert (answer.status_code, answer.json()["state"]) == (202, "cancelled")
+    assert answer.headers["location"].endswith(f"/runs/{run_id}")
+    assert cancelled < AT_ONCE_S
+    assert freed < AT_ONCE_S
+    assert api.json(f"/runs/{run_id}")["done"] < FRAMES
+    assert following["state"] == "done"
+    assert what_is_known(api, dataset) == before
+    run = api.json(f"/runs/{run_id}")
+    assert run["finished_at"] is not None
+    assert (run["state"], run["done"] < FRAMES, run["changed"]) == (
+        *("cancelled", True),
+        0,
+    )
+
+
+def test_what_a_cancelled_run_has_measured_is_not_measured_again(slow):
+    _, api, dataset = slow
+    first = asked_for(api, dataset, OTHER_PIXELS[0])
+    part_way(api, first)
+    kept = api.post(f"/runs/{first}/cancel").json()["done"]
+
+    again = asked_for(api, dataset, OTHER_PIXELS[0])
+    found = events(api, again)
+
+    begun = [event.data["done"] for event in found if event.data["started_at"]]
+    assert begun[0] >= kept > 0
+    assert (found[-1].data["state"], found[-1].data["done"]) == ("done", FRAMES)
+    assert api.json(f"/datasets/{dataset}/stats")["kept"] == FRAMES
+
+
+def test_a_run_that_waits_never_begins(slow):
+    _, api, dataset = slow
+    working = asked_for(api, dataset, OTHER_PIXELS[1])
+    waiting = asked_for(api, dataset, NOTHING_VISIBLE)
+
+    answer = api.post(f"/runs/{waiting}/cancel")
+    api.post(f"/runs/{working}/cancel")
+    following = api.run(dataset, {})
+
+    assert (answer.status_code, following["state"]) == (202, "done")
+    run = api.json(f"/runs/{waiting}")
+    assert (run["state"], run["started_at"]) == ("cancelled", None)
+
+
+@pytest.mark.parametrize("config", [{}, NOTHING_VISIBLE])
+def test_a_run_that_is_over_cannot_be_cancelled(api, config):
+    dataset = api.dataset()
+    api.stored(dataset, "a")
+    run = api.run(dataset, config)
+
+    answer = api.post(f"/runs/{run['id']}/cancel")
+
+    assert (answer.status_code, answer.json()["code"]) == (409, "run_over")
+    assert answer.json()["detail"] == f"run {run['id']} is done already"
+    assert api.json(f"/runs/{run['id']}") == run
+
+
+def test_cancelling_twice_says_so_and_with_a_key_is_repeated(slow):
+    _, api, dataset = slow
+    working = asked_for(api, dataset, OTHER_PIXELS[2])
+    url = f"/api/v1/runs/{working}/cancel"
+
+    first, again = (
+        api.http.post(url, headers={"Idempotency-Key": "once"}) for _ in range(2)
+    )
+    other = api.http.post(url)
+
+    assert (first.status_code, again.status_code, other.status_code) == (202, 202, 409)
+    assert first.json() == again.json()
+    assert other.json()["detail"] == f"run {working} is cancelled already"
+
+
+def test_there_is_nothing_to_cancel(api):
+    assert api.post("/runs/999999/cancel").status_code == 404
+
+
+def test_who_only_looks_cannot_cancel(slow):
+    server, api, dataset = slow
+    token = api.post("/tokens", {"name": "viewer", "role": "viewer"}).json()["token"]
+    viewer = Api.at(server.url, {"Authorization": f"Bearer {token}"})
+    working = asked_for(api, dataset, OTHER_PIXELS[3])
+
+    with viewer.http:
+        answer = viewer.post(f"/runs/{working}/cancel")
+
+    assert answer.status_code == 403
+    assert api.post(f"/runs/{working}/cancel").status_code == 202
+
+
+def test_a_cancelled_run_stays_cancelled_when_the_server_is_killed(start_api):
+    server, api = start_api(UNGHOST_WORKERS="1")
+    dataset = fill(api, 40)
+    run_id = asked_for(api, dataset, FROM_PIXELS)
+    part_way(api, run_id)
+    assert api.post(f"/runs/{run_id}/cancel").status_code == 202
+    server.process.kill()
+    server.process.wait()
+
+    _, api = start_api()
+
+    assert api.run(dataset, {})["state"] == "done"
+    assert api.json(f"/runs/{run_id}")["state"] == "cancelled"
+    assert api.json(f"/datasets/{dataset}/stats")["kept"] == 40
+
+
+def test_a_dataset_that_is_deleted_in_the_middle_of_its_run_is_no_failure(slow):
+    """The log used to say that a job had failed."""
+    server, api, _ = slow
+    dataset = fill(api, 40)
+    run_id = asked_for(api, dataset, FROM_PIXELS)
+    part_way(api, run_id)
+
+    gone = api.http.delete(f"/api/v1/datasets/{dataset}", params={"confirm": dataset})
+    other = api.dataset()
+    api.stored(other, "a", {**scene.annotation()})
+
+    assert gone.status_code == 204
+    assert api.run(other, NOTHING_VISIBLE)["state"] == "done"
+    log = server.log.read_text("utf-8")
+    assert "a job failed" not in log
+    assert "Traceback" not in log

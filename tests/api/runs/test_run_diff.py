@@ -1,0 +1,155 @@
+"""Comparing runs: whatever they measured, and whether or not they were activated."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support import frames as scene
+
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+FROM_PIXELS = {"profile": "carlasimu"}
+MANY = [
+    {"id": f"{n}", "class": "car" if n % 2 else "truck", "xyxy": [10 + n, 20, 40, 40]}
+    for n in range(11)
+]
+
+
+@pytest.fixture
+def dataset(api):
+    name = api.dataset()
+    api.stored(name, "a")
+    return name
+
+
+def first_run(api, dataset):
+    return api.json(f"/datasets/{dataset}/runs")["items"][-1]["id"]
+
+
+def flips(diff):
+    return {
+        item["box_id"]: (item["before"]["verdict"], item["after"]["verdict"])
+        for item in diff["items"]
+    }
+
+
+def test_a_diff_is_against_the_run_that_was_active_before(api, dataset):
+    first = first_run(api, dataset)
+    car, _ = (box["box_id"] for box in api.boxes(dataset))
+    tried = api.run(dataset, CARS_ARE_SKY, activate=False)
+    run = api.run(dataset, NOTHING_VISIBLE)
+
+    diff = api.json(f"/runs/{run['id']}/diff")
+
+    (item,) = diff.pop("items")
+    assert diff == {
+        "run": run["id"],
+        "against": first,
+        "compared": 2,
+        "total": 1,
+        "kept_to_rejected": 1,
+        "rejected_to_kept": 0,
+        "by_class": {"car": 1},
+        "sides_by_class": {"car": {"kept_to_rejected": 1, "rejected_to_kept": 0}},
+        "next_cursor": None,
+    }
+    assert item == {
+        "box_id": car,
+        "frame_id": api.boxes(dataset)[0]["frame_id"],
+        "class": "car",
+        "match_percent": 100.0,
+        "before": {"verdict": "kept", "reason": "visible"},
+        "after": {"verdict": "rejected", "reason": "no_visible_pixels"},
+    }
+    assert api.json(f"/runs/{tried['id']}/diff")["against"] == first
+
+
+@pytest.mark.parametrize("activate", [True, False])
+@pytest.mark.parametrize("other", [NOTHING_VISIBLE, CARS_ARE_SKY, FROM_PIXELS, {}])
+def test_any_two_runs_compare_as_their_verdicts_do(api, dataset, other, activate):
+    api.stored(dataset, "many", {**scene.annotation(), "boxes": MANY})
+    one = api.run(dataset, {"threshold_small_box": 80})
+    before = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
+    two = api.run(dataset, other, activate=activate)
+    shown = two if activate else api.run(dataset, other)
+    after = {box["box_id"]: box["verdict"] for box in api.boxes(dataset)}
+
+    forth = api.json(f"/runs/{two['id']}/diff", against=one["id"])
+    back = api.json(f"/runs/{one['id']}/diff", against=two["id"])
+
+    changed = {box: (before[box], after[box]) for box in before}
+    changed = {box: pair for box, pair in changed.items() if pair[0] != pair[1]}
+    assert flips(forth) == changed
+    assert flips(back) == {box: pair[::-1] for box, pair in changed.items()}
+    assert (forth["total"], sum(forth["by_class"].values())) == (len(changed),) * 2
+    same = api.json(f"/runs/{shown['id']}/diff", against=two["id"])
+    assert (same["total"], same["items"], same["by_class"]) == (0, [], {})
+
+
+def test_pages_hold_every_flip_once_the_closest_calls_first(api, dataset):
+    api.stored(dataset, "many", {**scene.annotation(), "boxes": MANY})
+    run = api.run(dataset, {"threshold_small_box": 99.5})
+    whole = api.json(f"/runs/{run['id']}/diff")
+
+    found: list[dict] = []
+    cursor = None
+    while cursor or not found:
+        more: dict[str, str] = {"cursor": cursor} if cursor else {}
+        answer = api.get(f"/runs/{run['id']}/diff", limit=2, **more)
+        page = answer.json()
+        assert ("link" in answer.headers) == (page["next_cursor"] is not None)
+        found += page["items"]
+        cursor = page["next_cursor"]
+
+    matches = [item["match_percent"] for item in whole["items"]]
+    assert len(found) == whole["total"] > 4
+    assert found == whole["items"]
+    assert matches == sorted(matches, reverse=True)
+
+
+def test_frames_that_only_one_run_has_numbers_of_are_left_out(api, dataset):
+    first = first_run(api, dataset)
+    run = api.run(dataset, FROM_PIXELS)
+    api.stored(dataset, "later")
+
+    diff = api.json(f"/runs/{run['id']}/diff", against=first)
+
+    assert diff["compared"] == 2
+    assert api.json(f"/runs/{run['id']}/diff", against=run["id"])["compared"] == 4
+
+
+def test_an_empty_dataset_has_no_flips(api):
+    dataset = api.dataset()
+    run = api.run(dataset, FROM_PIXELS)
+
+    diff = api.json(f"/runs/{run['id']}/diff")
+
+    assert (diff["total"], diff["compared"], diff["items"]) == (0, 0, [])
+
+
+def test_what_cannot_be_compared_is_said(api, dataset):
+    first = first_run(api, dataset)
+    other = first_run(api, api.dataset())
+    empty = api.post(
+        f"/datasets/{dataset}/runs", {"config": {"palette": "carla-0.9.0"}}
+    )
+    failed = api.finished(empty)
+    run = api.run(dataset, NOTHING_VISIBLE)
+
+    def code(path, **more):
+        answer = api.get(path, **more)
+        return answer.status_code, answer.json()["code"]
+
+    assert failed["state"] == "failed"
+    assert code(f"/runs/{first}/diff") == (400, "nothing_before")
+    assert code(f"/runs/{run['id']}/diff", against=other) == (400, "other_dataset")
+    assert code(f"/runs/{run['id']}/diff", against=failed["id"]) == (
+        409,
+        "run_not_done",
+    )
+    assert code(f"/runs/{failed['id']}/diff") == (409, "run_not_done")
+    assert code(f"/runs/{run['id']}/diff", against=10**9) == (404, "not_found")
+    assert code("/runs/1000000000/diff") == (404, "not_found")
+    for cursor in ("x", "1~", "~1", "1~1.5", f"1~{2**63}", "nan~1", "-1~1", "1~-1"):
+        found = code(f"/runs/{run['id']}/diff", cursor=cursor)
+        assert found == (400, "bad_cursor"), cursor

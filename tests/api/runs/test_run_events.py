@@ -1,0 +1,217 @@
+"""Watching a run: every change, in order, at a pace, from wherever one left off."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from itertools import pairwise
+
+import pytest
+
+from tests.support.api import BASE, Api
+from tests.support.databases import change
+from tests.support.event_reader import events, open_events
+from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.servers import running_server
+from tests.support.waiting import PATIENCE_S, until
+
+FRAMES = 100
+FAST = 0.15
+"""Less than the fifth of a second between two events, for a busy machine's clock."""
+
+
+@pytest.fixture(scope="module")
+def slow(tmp_path_factory):
+    """A server that measures one frame at a time, and what a client sees of it."""
+    folder = tmp_path_factory.mktemp("slow") / "data"
+    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api, fill(api, FRAMES)
+
+
+def asked_for(api, dataset, config):
+    """The number of a new run, of which a moment later something can be seen."""
+    answer = api.post(f"/datasets/{dataset}/runs", {"config": config})
+    assert answer.status_code == 202, answer.text
+    return answer.json()["id"]
+
+
+@pytest.fixture(scope="module")
+def seen(slow):
+    """All events of one run that measures."""
+    _, api, dataset = slow
+    run_id = asked_for(api, dataset, FROM_PIXELS)
+    return run_id, events(api, run_id)
+
+
+def test_progress_moves_and_the_last_event_is_the_end(seen, slow):
+    run_id, found = seen
+    done = [event.data["done"] for event in found]
+
+    assert [event.name for event in found][-2:] == ["progress", "end"]
+    assert {event.name for event in found[:-1]} == {"progress"}
+    assert done == sorted(done)
+    assert len({number for number in done if 0 < number < FRAMES}) >= 2
+    assert found[-1].data == slow[1].json(f"/runs/{run_id}")
+    assert (found[-1].data["state"], found[-1].data["done"]) == ("done", FRAMES)
+
+
+def test_events_have_rising_numbers_and_a_pace(seen):
+    _, found = seen
+    numbers = [int(event.id) for event in found]
+    pauses = [later.at - earlier.at for earlier, later in pairwise(found[:-1])]
+
+    assert numbers == sorted(set(numbers))
+    # Single ones may arrive late, and the next then sooner.
+    assert sum(pauses) >= FAST * len(pauses)
+
+
+def test_one_goes_on_after_the_event_one_had_last(seen, slow):
+    run_id, found = seen
+    _, api, _ = slow
+    last = found[-1]
+
+    again = events(api, run_id, found[-3].id)
+    url = f"{BASE}/runs/{run_id}/events"
+    over = api.http.get(url, headers={"Last-Event-ID": last.id})
+
+    assert [event.id for event in again] == [event.id for event in found[-2:]]
+    assert (over.status_code, over.content) == (204, b"")
+
+
+@pytest.mark.parametrize("unknown", ["", "-1", "soon", "9" * 40, "²"])
+def test_a_number_that_is_none_of_ours_starts_anew(seen, slow, unknown):
+    run_id, found = seen
+
+    headers = {"Last-Event-ID": unknown.encode("latin-1")}
+    answer = slow[1].http.get(f"{BASE}/runs/{run_id}/events", headers=headers)
+
+    assert answer.text.count("event: ") == 2
+    assert f"id: {found[-1].id}\n" in answer.text
+
+
+def test_what_is_not_there_is_a_problem_and_not_a_stream(slow):
+    server, api, _ = slow
+
+    missing = api.get("/runs/999999/events")
+    stranger = api.http.get(f"{BASE}/runs/1/events", headers={"Authorization": "none"})
+
+    assert (missing.status_code, missing.json()["code"]) == (404, "not_found")
+    assert stranger.status_code == 401
+    assert server.process.poll() is None
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    """A server with room for three watchers, and a run that waits until told."""
+    folder = tmp_path_factory.mktemp("held") / "data"
+    settings = {"UNGHOST_MAX_EVENT_STREAMS": "3", "UNGHOST_EVENT_HEARTBEAT_S": "0.3"}
+    with running_server(folder, settings) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api
+
+
+def waiting_run(server, api):
+    """A run that nobody carries out here: another process says that it does."""
+    dataset = api.dataset()
+    (run,) = api.json(f"/datasets/{dataset}/runs")["items"]
+    change(
+        server.data,
+        "INSERT INTO leases (kind, job_id, holder, until) VALUES "
+        "('run', :id, 'elsewhere/1/2/3', '2999-01-01 00:00:00')",
+        id=run["id"],
+    )
+    write_row(server, run["id"], "queued")
+    return dataset, run["id"]
+
+
+def write_row(server, run_id, state):
+    change(
+        server.data,
+        "UPDATE runs SET state = :state WHERE id = :id",
+        state=state,
+        id=run_id,
+    )
+
+
+def until_there_is_room(api, run_id):
+    """Those who watched before are noticed to be gone a moment later."""
+
+    def is_let_in():
+        with api.http.stream("GET", f"{BASE}/runs/{run_id}/events") as answer:
+            return answer.status_code == 200
+
+    until(is_let_in, "nobody made room")
+
+
+def test_events_are_read_off_the_row_whoever_writes_it(held):
+    server, api = held
+    _, run_id = waiting_run(server, api)
+    until_there_is_room(api, run_id)
+    with open_events(api, run_id) as stream:
+        first = next(stream)
+        write_row(server, run_id, "failed")
+        *_, last = [event for event in stream if event.name]
+
+    assert (first.data["state"], first.id) == ("queued", "0")
+    assert (last.name, last.data["state"]) == ("end", "failed")
+
+
+def test_a_silent_stream_shows_that_it_lives_until_its_token_is_taken_back(held):
+    server, api = held
+    _, run_id = waiting_run(server, api)
+    until_there_is_room(api, run_id)
+    token = api.post("/tokens", {"name": "watcher", "role": "viewer"}).json()
+    watcher = Api.at(server.url, {"Authorization": f"Bearer {token['token']}"})
+    with watcher.http, open_events(watcher, run_id) as stream:
+        found = [next(stream), next(stream)]
+        api.http.delete(f"{BASE}/tokens/{token['id']}")
+        rest = list(stream)
+
+    assert [event.name for event in found] == ["progress", ""]
+    assert {event.name for event in rest} <= {""}
+
+
+def test_only_so_many_watch_and_who_goes_away_makes_room(held):
+    server, api = held
+    _, run_id = waiting_run(server, api)
+    with ExitStack() as watchers:
+        streams: list[Iterator] = []
+        while len(streams) < 3:
+            with suppress(AssertionError):  # one who watched before is not gone yet
+                streams.append(watchers.enter_context(open_events(api, run_id)))
+        firsts = [next(stream) for stream in streams]
+        full = api.get(f"/runs/{run_id}/events")
+
+    assert [event.name for event in firsts] == ["progress"] * 3
+    assert (full.status_code, full.headers["retry-after"]) == (429, "1")
+    until_there_is_room(api, run_id)
+
+
+def test_a_run_that_is_deleted_ends_its_stream_without_an_end(held):
+    server, api = held
+    dataset, run_id = waiting_run(server, api)
+    until_there_is_room(api, run_id)
+    with open_events(api, run_id) as stream:
+        next(stream)
+        api.http.delete(f"{BASE}/datasets/{dataset}", params={"confirm": dataset})
+        rest = [event.name for event in stream if event.name]
+
+    assert rest == []
+
+
+def test_a_server_that_stops_does_not_wait_for_watchers(start_api):
+    server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="100")
+    _, run_id = waiting_run(server, api)
+    with open_events(api, run_id) as stream:
+        next(stream)
+        begun = time.monotonic()
+        server.process.terminate()
+        names = [event.name for event in stream]
+        server.process.wait(PATIENCE_S)
+
+    assert "end" not in names
+    assert time.monotonic() - begun < 50

@@ -1,0 +1,219 @@
+"""Runs over HTTP, and a server that dies in the middle of one."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from app.db.engine import make_engine
+from app.db.migrate import migrate
+from app.package import migrations_dir
+from tests.support import frames as scene
+from tests.support.api import BASE
+from tests.support.databases import change, url_of
+from tests.support.servers import STOP_WAIT_S
+
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+
+
+@pytest.fixture
+def dataset(api):
+    name = api.dataset()
+    api.stored(name, "a")
+    return name
+
+
+def ids(api, dataset):
+    """The server's ids of the car and of the ghost."""
+    return [box["box_id"] for box in api.boxes(dataset)]
+
+
+def test_a_run_is_described_whole(api, dataset):
+    accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
+    run = api.finished(accepted)
+
+    times = ("created_at", "started_at", "finished_at")
+    assert {key: run[key] for key in run if key not in (*times, "id", "config")} == {
+        "dataset": dataset,
+        "kind": "decide",
+        "state": "done",
+        "activate": False,
+        "total": 1,
+        "done": 1,
+        "changed": 1,
+        "counts": {"kept": 0, "rejected": 2, "unmeasured": 0},
+        "error": None,
+        "created_by": "admin",
+    }
+    assert run["created_at"] <= run["started_at"] <= run["finished_at"]
+    assert api.json(f"/runs/{run['id']}") == run
+    listed = api.json(f"/datasets/{dataset}/runs", limit=1)
+    assert [item["id"] for item in listed["items"]] == [run["id"]]
+    older = api.json(f"/datasets/{dataset}/runs", cursor=listed["next_cursor"])
+    assert [item["state"] for item in older["items"]] == ["done"]
+
+
+def test_a_run_that_is_not_activated_changes_nothing(api, dataset):
+    before = (api.json(f"/datasets/{dataset}"), api.boxes(dataset))
+
+    run = api.run(dataset, NOTHING_VISIBLE, activate=False)
+
+    assert run["changed"] == 1
+    assert (api.json(f"/datasets/{dataset}"), api.boxes(dataset)) == before
+    entries = api.json(f"/boxes/{ids(api, dataset)[0]}/history")["items"]
+    assert [(e["verdict"], e.get("activated")) for e in entries] == [
+        ("rejected", False),
+        ("kept", None),
+    ]
+
+
+def test_a_run_never_touches_an_answer_and_contradictions_are_counted(api, dataset):
+    car, _ = ids(api, dataset)
+    api.review(car, "keep", comment="I see it")
+
+    api.run(dataset, NOTHING_VISIBLE)
+
+    box, stats = api.json(f"/boxes/{car}"), api.json(f"/datasets/{dataset}/stats")
+    assert (box["verdict"], box["effective_verdict"]) == ("rejected", "kept")
+    assert (box["review"]["comment"], box["revision"]) == ("I see it", 1)
+    assert (stats["conflicts"], stats["effective"]["kept"]) == (1, 1)
+
+
+def test_history_reproduces_every_earlier_verdict(api, dataset):
+    car, ghost = ids(api, dataset)
+    first = api.json(f"/datasets/{dataset}")["config"]
+    runs = [
+        api.run(dataset, config)
+        for config in (NOTHING_VISIBLE, CARS_ARE_SKY, {"profile": "carlasimu"})
+    ]
+
+    found = {
+        box: [
+            (entry["config"], entry["verdict"], entry["reason"], entry["match_percent"])
+            for entry in api.json(f"/boxes/{box}/history")["items"]
+        ]
+        for box in (car, ghost)
+    }
+
+    invisible, sky, published = (run["config"] for run in runs)
+    assert [run["kind"] for run in runs] == ["decide", "decide", "measure"]
+    assert found == {
+        car: [
+            (published, "kept", "visible", 100.0),
+            (invisible, "rejected", "no_visible_pixels", 100.0),
+            (first, "kept", "visible", 100.0),
+        ],
+        ghost: [
+            (published, "rejected", "no_visible_pixels", 0.0),
+            (sky, "kept", "visible", 100.0),
+            (first, "rejected", "no_visible_pixels", 0.0),
+        ],
+    }
+
+
+def test_numbers_are_enough_when_the_files_are_gone(start_api):
+    server, api = start_api()
+    name = api.dataset()
+    api.stored(name, "a")
+    shutil.rmtree(server.data / "blobs")
+
+    decided = api.run(name, NOTHING_VISIBLE)
+    recounted = api.run(name, CARS_ARE_SKY)
+    preview = api.post(f"/datasets/{name}/preview", {"config": {}}).json()
+    measured = api.run(name, {"profile": "carlasimu"})
+
+    assert (decided["state"], recounted["state"]) == ("done", "done")
+    assert preview["flips"]["total"] == 2
+    assert (measured["kind"], measured["state"]) == ("measure", "failed")
+    assert api.json(f"/datasets/{name}")["config"] == recounted["config"]
+
+
+def to_revision(data, revision):
+    """Take the database of a server that has ended to an earlier schema."""
+    engine = make_engine(url_of(data))
+    try:
+        migrate(engine, migrations_dir(), revision)
+    finally:
+        engine.dispose()
+
+
+@pytest.mark.parametrize(
+    ("state", "revision"),
+    [("queued", "head"), ("running", "head"), ("running", "0005")],
+)
+def test_a_run_that_a_crash_cut_off_ends_once(start_api, state, revision):
+    first, api = start_api()
+    name = api.dataset()
+    for number in range(3):
+        api.stored(name, str(number), {**scene.annotation(), "number": number})
+    run = api.run(name, {"profile": "carlasimu"})
+    first.process.kill()
+    first.process.wait(STOP_WAIT_S)
+    change(
+        first.data,
+        f"UPDATE runs SET state = '{state}' WHERE id = {run['id']}",
+        "DELETE FROM evidence WHERE frame_id = 2 AND measurement_id = 2",
+        "DELETE FROM flips",
+        "UPDATE datasets SET active_run_id = 1, active_config_id = 1",
+        "UPDATE datasets SET active_measurement_id = 1",
+    )
+    to_revision(first.data, revision)
+
+    _, api = start_api()
+    for _ in range(2000):
+        again = api.json(f"/runs/{run['id']}")
+        if again["state"] == "done":
+            break
+
+    counted = ("state", "total", "done", "changed", "counts")
+    assert [again[key] for key in counted] == [run[key] for key in counted]
+    assert api.json(f"/datasets/{name}")["active_run"] == run["id"]
+    assert api.json(f"/datasets/{name}/stats")["kept"] == 3
+    assert len(api.json(f"/datasets/{name}/runs")["items"]) == 2
+
+
+def test_a_killed_server_keeps_what_it_answered(start_api):
+    first, api = start_api()
+    name = api.dataset()
+    stored = api.stored(name, "a")
+    car = stored["decisions"][0]["box_id"]
+    accepted = api.post(f"/datasets/{name}/runs", {"config": {}, "activate": True})
+    review = api.review(car, "reject")
+    first.process.kill()
+    first.process.wait(STOP_WAIT_S)
+
+    _, api = start_api()
+
+    assert review.status_code == 201
+    assert api.finished(accepted)["state"] == "done"
+    assert api.json(f"/boxes/{car}")["effective_verdict"] == "rejected"
+    frame = api.json(f"/datasets/{name}/frames/a")
+    for file in frame["files"].values():
+        assert api.http.get(file["url"]).status_code == 200
+
+
+def test_a_dataset_can_be_deleted_while_a_run_waits(api, dataset):
+    accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
+    gone = api.http.delete(f"{BASE}/datasets/{dataset}", params={"confirm": dataset})
+
+    other = api.dataset()
+    api.stored(other, "a")
+    assert gone.status_code == 204
+    assert api.http.get(accepted.headers["location"]).status_code == 404
+    assert api.run(other, NOTHING_VISIBLE)["state"] == "done"
+
+
+def test_too_many_runs_are_asked_to_come_later(start_api):
+    _, api = start_api(UNGHOST_MAX_OPEN_RUNS="1", UNGHOST_WORKERS="1")
+    name = api.dataset()
+    for number in range(10):
+        api.stored(name, str(number), {**scene.annotation(), "number": number})
+    body = {"config": {"profile": "carlasimu"}}
+
+    answers = [api.post(f"/datasets/{name}/runs", body) for _ in range(20)]
+
+    late = [answer for answer in answers if answer.status_code == 429]
+    assert {answer.status_code for answer in answers} == {202, 429}
+    assert int(late[0].headers["retry-after"]) >= 1

@@ -1,0 +1,76 @@
+"""What the page loads: little at first, the rest with the view that needs it."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+LOADED = "() => performance.getEntriesByType('resource').map(({ name }) => name)"
+
+
+def test_first_view_loads_no_other_views_modules(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+
+    loaded = page.evaluate(LOADED)
+
+    assert any(name.endswith("/datasets/frames.js") for name in loaded)
+    others = re.compile("/stage/|uplot|/queue/|/review.css")
+    assert list(filter(others.search, loaded)) == []
+
+
+MOST_REQUESTS = 50
+"""Of the first view, from the page itself to its data and its first picture."""
+
+
+@pytest.mark.parametrize("view", ["#/datasets", "#/datasets/{}/frames"])
+def test_first_view_asks_for_little(scene, ada, view):
+    page = ada.open(view.format(scene.dataset))
+    expect(page.locator("img[src^='blob:']").first).to_be_visible()
+
+    loaded = page.evaluate(LOADED)
+
+    # How many pictures are in sight depends on what other tests have made.
+    others = [name for name in loaded if not name.endswith("/thumbnail")]
+    assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded
+
+
+def test_late_view_has_its_styles_before_it_is_drawn(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    page.route("**/review.css", lambda route: route.abort())
+    page.locator("a.thumb").click()
+    expect(page.get_by_role("alert")).to_contain_text("styles of this view")
+
+    page.unroute("**/review.css")
+    page.get_by_role("button", name="Try again").click()
+
+    answers = page.locator(".bar--answer")
+    expect(answers).to_be_visible()
+    assert answers.evaluate("(bar) => getComputedStyle(bar).display") == "flex"
+
+
+def test_view_that_cannot_be_loaded_says_so_and_comes_when_asked_again(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    page.route("**/review/frame.js", lambda route: route.abort())
+    page.locator("a.thumb").click()
+    expect(page.get_by_role("alert")).to_be_visible()
+
+    page.unroute("**/review/frame.js")
+    page.get_by_role("button", name="Try again").click()
+
+    expect(page.locator("h1")).to_have_text("run/000001")
+
+
+def test_view_stays_the_same_when_its_address_changes(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    page.locator(".stage").evaluate("(stage) => { stage.mark = 'same'; }")
+
+    ada.press("j")
+
+    expect(page.locator(".inspector__head h2")).to_have_text("walker walker")
+    assert page.locator(".stage").evaluate("(stage) => stage.mark") == "same"

@@ -1,0 +1,128 @@
+"""Several people on one machine, or in one browser: nobody acts as another."""
+
+from __future__ import annotations
+
+import json
+
+import httpx
+import pytest
+from playwright.sync_api import Error, expect
+
+from tests.support.page.windows import kept_session
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def bo(server, api):
+    """A link that signs in as somebody else."""
+    name = f"bo-{len(api.get('/tokens').json()['items'])}"
+    token = api.post("/tokens", json={"name": name}).json()["token"]
+    return name, token
+
+
+def test_foreign_link_replaces_nobody_who_is_signed_in(visit, server, bo):
+    name, token = bo
+    page = visit().open("#/datasets")
+    expect(page.locator(".who__name")).to_have_text("admin")
+    before = kept_session(page)
+
+    page.goto(server.login_link_of(token))
+
+    question = page.get_by_role("dialog")
+    expect(question).to_contain_text(f"Sign in as {name} instead of admin?")
+    assert page.url == f"{server.url}/#/datasets"
+    assert kept_session(page) == before
+    question.get_by_role("button", name="Stay admin").click()
+    expect(question).to_be_hidden()
+    page.reload()
+    expect(page.locator(".who__name")).to_have_text("admin")
+    assert kept_session(page)["session"] == before["session"]
+
+
+def test_whoever_says_so_becomes_the_other_person_in_every_tab(visit, server, bo):
+    name, token = bo
+    page = visit(sign_in=False).page
+    page.goto(server.login_link)
+    expect(page.locator(".who__name")).to_have_text("admin")
+    other = page.context.new_page()
+    other.goto(f"{server.url}/#/datasets")
+    expect(other.locator(".who__name")).to_have_text("admin")
+    before = kept_session(page)["session"]
+
+    page.goto(server.login_link_of(token))
+    page.get_by_role("button", name=f"Sign in as {name}").click()
+
+    expect(page.locator(".who__name")).to_have_text(name)
+    expect(other.locator(".who__name")).to_have_text(name)
+    shown = {"Authorization": f"Bearer {before}"}
+    while httpx.get(f"{server.url}/version", headers=shown).status_code == 200:
+        page.wait_for_timeout(20)  # it ends behind the page that starts anew
+
+
+def test_answer_of_one_person_never_goes_out_under_another_name(
+    visit, server, bo, scene
+):
+    """It waits in the browser until who gave it is back."""
+    name, token = bo
+    ada = visit(sign_in=False)
+    ada.page.goto(server.login_link)
+    expect(ada.page.locator(".who__name")).to_have_text("admin")
+    page = ada.open(scene.link("ghost"))
+    page.route("**/reviews", lambda route: route.abort())
+    ada.press("a")
+    expect(page.locator(".savestate")).to_contain_text("1 answer offline")
+
+    page.goto(server.login_link_of(token))
+    page.get_by_role("button", name=f"Sign in as {name}").click()
+    expect(page.locator(".who__name")).to_have_text(name)
+    page.unroute("**/reviews")
+    ada.open(scene.link("real"))
+    ada.press("x")
+    ada.saved()
+    assert scene.review("real")["reviewer"] == name
+    assert scene.review("ghost") is None
+
+    page.get_by_role("button", name="Settings").click()
+    page.get_by_role("button", name="Sign out").click()
+    expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
+    page.goto(server.login_link)
+    expect(page.locator(".who__name")).to_have_text("admin")
+    ada.saved()
+    while scene.review("ghost") is None:
+        page.wait_for_timeout(20)
+    assert scene.review("ghost")["reviewer"] == "admin"
+
+
+def test_page_of_another_persons_server_on_another_port_gets_nothing(
+    visit, server, start_server
+):
+    """Ports of one machine share cookies; what this page keeps they do not."""
+    ada = visit(sign_in=False)
+    page = ada.page
+    page.goto(server.login_link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    secret = kept_session(page)["session"]
+    other = start_server()
+    shown: list[tuple[str, dict[str, str]]] = []
+    page.context.on(
+        "request", lambda request: shown.append((request.url, request.all_headers()))
+    )
+
+    theirs = page.context.new_page()
+    theirs.goto(other.login_link)
+    expect(theirs.locator("[data-view=datasets]")).to_be_visible()
+    stored = theirs.evaluate("JSON.stringify({...localStorage}) + document.cookie")
+    with pytest.raises(Error, match="fetch"):
+        theirs.evaluate("(url) => fetch(url)", f"{server.url}/api/v1/session")
+
+    sent = [headers for url, headers in shown if url.startswith(other.url)]
+    assert sent
+    assert secret not in json.dumps(sent)
+    assert not any("cookie" in headers for headers in sent)
+    assert secret not in stored
+    assert page.context.cookies() == []
+    # Signing in there has ended nothing here.
+    page.reload()
+    expect(page.locator(".who__name")).to_have_text("admin")
+    assert kept_session(page)["session"] == secret

@@ -1,0 +1,219 @@
+"""The way in: the login link, a pasted token, and out again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from uuid import uuid4
+
+import httpx
+import pytest
+from playwright.sync_api import expect
+
+from tests.support import databases
+from tests.support.page.windows import Visit, kept_session
+from tests.support.waiting import until
+
+pytestmark = pytest.mark.browser
+
+
+def test_login_link_signs_in_and_leaves_no_token_behind(visit: Visit, server):
+    page = visit(sign_in=False).page
+    link = server.login_link
+
+    page.goto(link)
+
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    assert page.url == f"{server.url}/#/datasets"
+    kept = page.evaluate("JSON.stringify([{...localStorage}, {...sessionStorage}])")
+    assert server.token not in kept
+    assert link.partition("#code=")[2] not in kept
+    assert page.context.cookies() == []
+    page.reload()
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    assert page.evaluate("performance.getEntriesByType('navigation')[0].name").endswith(
+        "/#/datasets"
+    )
+
+
+def test_nothing_in_the_history_signs_anybody_in(visit, server):
+    """Neither what is left of the link's entry nor the link itself."""
+    page = visit(sign_in=False).page
+    link = server.login_link
+    page.goto(f"{server.url}/#/datasets")
+    expect(page.get_by_label("Token")).to_be_visible()
+    page.goto(link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    page.get_by_role("button", name="Settings").click()
+    page.get_by_role("button", name="Sign out").click()
+    expect(page.get_by_label("Token")).to_be_visible()
+
+    session = page.context.new_cdp_session(page)
+    entries = session.send("Page.getNavigationHistory")["entries"]
+    assert not any("code=" in entry["url"] for entry in entries)
+    page.go_back()
+    expect(page.get_by_label("Token")).to_be_visible()
+    page.goto(link)
+    expect(page.get_by_text("this login link was used already")).to_be_visible()
+
+
+def test_wrong_login_link_says_so(visit, server):
+    page = visit(sign_in=False).page
+
+    page.goto(f"{server.url}/#code=wrong")
+
+    expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
+    expect(page.get_by_role("alert")).to_contain_text(
+        "`unghost login` prints a new one"
+    )
+    assert "wrong" not in page.url
+
+
+def test_link_with_a_token_signs_nobody_in_and_says_how_to_get_another(visit, server):
+    page = visit(sign_in=False).page
+
+    page.goto(f"{server.url}/#token={server.token}")
+
+    expect(page.get_by_role("alert")).to_contain_text("no longer used")
+    expect(page.get_by_role("alert")).to_contain_text("unghost login")
+    assert page.url == f"{server.url}/#/datasets"
+    page.get_by_label("Token").fill(f"{server.url}/#token={server.token}")
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).to_contain_text("no longer used")
+
+
+@pytest.mark.parametrize("what", ["token", "login_link"])
+def test_pasted_token_or_link_signs_in_where_one_wanted_to_go(
+    visit, server, scene, what
+):
+    visitor = visit(sign_in=False)
+    page = visitor.page
+    page.goto(f"{server.url}/{scene.link('ghost')}")
+    expect(page.get_by_label("Token")).to_be_focused()
+
+    page.get_by_label("Token").fill(getattr(server, what))
+    visitor.press("Enter")
+
+    visitor.ready()
+    expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
+
+
+def test_wrong_token_is_refused_and_can_be_corrected(visit, server):
+    page = visit(sign_in=False).open("#/datasets")
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).to_have_text("Paste the token or the link first.")
+    page.get_by_label("Token").fill("wrong")
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).not_to_have_text(
+        "Paste the token or the link first."
+    )
+
+    page.get_by_label("Token").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+
+
+def test_sign_out_ends_the_session_in_every_tab(visit, server):
+    page = visit(sign_in=False).page  # a session of its own: the others share one
+    page.goto(server.login_link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    other = page.context.new_page()
+    other.goto(f"{server.url}/#/datasets")
+    expect(other.locator("[data-view=datasets]")).to_be_visible()
+    secret = kept_session(page)["session"]
+    page.get_by_role("button", name="Settings").click()
+
+    page.get_by_role("button", name="Sign out").click()
+
+    expect(page.get_by_label("Token")).to_be_visible()
+    expect(other.get_by_label("Token")).to_be_visible()
+    assert kept_session(page) is None
+    shown = {"Authorization": f"Bearer {secret}"}
+    assert httpx.get(f"{server.url}/version", headers=shown).status_code == 401
+    page.reload()
+    expect(page.get_by_label("Token")).to_be_visible()
+
+    page.goto(server.login_link)
+    expect(other.locator("[data-view=datasets]")).to_be_visible()
+
+
+def test_login_link_works_in_a_window_that_is_open_already(visit, server):
+    page = visit(sign_in=False).open("#/datasets")
+    expect(page.get_by_label("Token")).to_be_visible()
+
+    page.goto(server.login_link)
+
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+    assert "code" not in page.url
+
+
+def test_description_of_the_api_is_shown_to_who_is_signed_in(visit, server):
+    page = visit(sign_in=False).page
+    page.goto(f"{server.url}/docs")
+    expect(page.get_by_text("Sign in first")).to_be_visible()
+    page.goto(server.login_link)
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+
+    page.goto(f"{server.url}/docs")
+
+    expect(page.get_by_role("heading", level=1)).to_contain_text("API")
+    expect(page.get_by_text("/api/v1/login-codes").first).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="openapi.json").click()
+    document = json.loads(Path(download.value.path()).read_text("utf-8"))
+    assert "/api/v1/session" in document["paths"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("expires_at = '2001-01-01 00:00:00'", "this token expired on 2001-01-01"),
+        ("revoked_at = '2001-01-01 00:00:00'", "this token was taken back"),
+    ],
+)
+def test_login_link_of_a_token_that_is_over_says_why(visit, server, api, change, words):
+    token = a_token(server, api)
+    link = server.login_link_of(token)
+    change_token(server, token, change)
+    page = visit(sign_in=False).page
+
+    page.goto(link)
+
+    expect(page.get_by_role("alert")).to_contain_text(words)
+
+
+def test_page_whose_token_expires_says_so(visit, server, api, scene):
+    token = a_token(server, api)
+    page = visit(sign_in=False).page
+    page.goto(server.login_link_of(token))
+    expect(page.locator("[data-view=datasets]")).to_be_visible()
+
+    until_expired(page, server, token)
+    page.goto(f"{server.url}/{scene.link()}")
+
+    expect(page.get_by_label("Token")).to_be_visible()
+    expect(page.get_by_text("Your token has expired.")).to_be_visible()
+
+
+def until_expired(page, server, token):
+    """End a token; who was let in is remembered for a second."""
+    change_token(server, token, "expires_at = '2001-01-01 00:00:00'")
+    shown = {"Authorization": f"Bearer {kept_session(page)['session']}"}
+    until(
+        lambda: not page.request.get(f"{server.url}/api/v1/session", headers=shown).ok
+    )
+
+
+def a_token(server, api):
+    name = f"visitor-{uuid4().hex}"
+    return api.post("/tokens", json={"name": name}).json()["token"]
+
+
+def change_token(server, token, to):
+    """What only time or an admin does to a token."""
+    digest = hashlib.sha256(token.encode()).hexdigest()
+    databases.change(
+        server.data, f"update tokens set {to} where hash = :hash", hash=digest
+    )

@@ -1,0 +1,99 @@
+"""A dataset's settings: what was refused, how it is read, and its end."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import scenes
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import Scene
+from tests.support.page.windows import Visitor
+from unghost.wire.datasets import DatasetPatch
+
+pytestmark = [pytest.mark.browser, pytest.mark.long]
+
+
+def opened(ada: Visitor, scene: Scene) -> Page:
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    page.get_by_role("button", name="Dataset settings").click()
+    expect(page.get_by_role("dialog", name=scene.dataset)).to_be_visible()
+    return page
+
+
+def test_refused_frames_are_listed_in_the_servers_words(scene, ada):
+    bad = {"annotation": ("a.json", '{"boxes": [{"class": "car"}]}')}
+    scene.api.put(f"/datasets/{scene.dataset}/frames/bad", files=bad)
+    page = opened(ada, scene)
+
+    refused = page.get_by_label("Refused frames")
+
+    expect(refused).to_contain_text("bad")
+    expect(refused).to_contain_text("expected exactly one of xyxy")
+    expect(page.locator(".page__settings")).to_contain_text("1 refused frame")
+
+
+def test_description_is_stored(scene, ada):
+    page = opened(ada, scene)
+
+    page.get_by_label("Description").fill("one car, and what is not there")
+    page.get_by_role("button", name="Save").click()
+
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    stored = scenes.get(scene.api, f"/datasets/{scene.dataset}")
+    assert stored["description"] == "one car, and what is not there"
+
+
+def test_another_reading_measures_again_and_leads_to_the_run(scene, ada):
+    page = opened(ada, scene)
+
+    page.locator("select[name=palette]").select_option("auto")
+    page.get_by_role("button", name="Save").click()
+    page.get_by_role("link", name="Show the run").click()
+
+    expect(page).to_have_url(f"{ada.url}/#/datasets/{scene.dataset}/runs")
+
+
+def test_settings_offer_what_the_api_takes(scene, ada):
+    page = opened(ada, scene)
+    properties = DatasetPatch.model_json_schema()["properties"]
+    choices = {name: one["enum"] for name, one in properties.items() if "enum" in one}
+
+    for name, values in choices.items():
+        options = page.locator(f"select[name={name}] option")
+        expect(options).to_have_text(values)
+    expect(page.locator(".settings__grid select")).to_have_count(len(choices))
+    expect(page.get_by_label("Description")).to_have_attribute("maxlength", "2000")
+
+
+def test_reading_that_is_refused_is_said_and_nothing_changes(scene, ada):
+    page = opened(ada, scene)
+    problem = {"title": "Conflict", "detail": "a run is going on", "status": 409}
+    page.route(
+        f"**/datasets/{scene.dataset}",
+        lambda route: route.fulfill(status=409, json=problem),
+    )
+
+    page.locator("select[name=palette]").select_option("auto")
+    page.get_by_role("button", name="Save").click()
+
+    expect(page.get_by_text("a run is going on")).to_be_visible()
+
+
+def test_dataset_is_deleted_only_with_its_name(scene, ada):
+    page = opened(ada, scene)
+    page.get_by_text("Delete this dataset").click()
+    expect(page.get_by_role("button", name="Delete")).to_be_disabled()
+
+    page.get_by_label("Name of the dataset").fill(scene.dataset)
+    page.get_by_role("button", name="Delete").click()
+
+    expect(page.get_by_role("heading", name="Datasets", exact=True)).to_be_visible()
+    assert scene.api.get(f"/datasets/{scene.dataset}").status_code == 404
+
+
+def test_settings_have_no_serious_finding(scene, visit, scheme):  # same
+    page = opened(visit(color_scheme=scheme), scene)
+    page.get_by_text("Delete this dataset").click()
+
+    assert findings(page) == []

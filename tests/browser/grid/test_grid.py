@@ -1,0 +1,294 @@
+"""Crops by the hundred: what is shown, how one selects, where one comes back to."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.support.page import crowds
+from tests.support.page.crowds import cell, grid, selected
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.windows import Visitor
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def many(make_scene: MakeScene) -> Scene:
+    """Sixty boxes: b0, b2 ... kept, b1, b3 ... rejected."""
+    return make_scene(boxes=crowds.crowd(60))
+
+
+def opened(ada: Visitor, scene: Scene, **query: str):
+    page = ada.open(grid(scene, **query))
+    expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    return page
+
+
+def test_every_box_is_shown_with_its_crop_verdict_and_match(many, ada):
+    page = opened(ada, many)
+
+    first, second = cell(page, 0), cell(page, 1)
+    expect(first.locator("img")).to_be_visible()
+    expect(first.locator(".cell__box--kept")).to_have_css("border-style", "solid")
+    expect(second.locator(".cell__box--rejected")).to_have_css("border-style", "dashed")
+    expect(first.locator(".cell__percent")).to_have_text("100 %")
+    expect(second.locator(".cell__reason")).to_have_text("too few visible pixels")
+    expect(first).to_have_accessible_name("car b0, kept: 100 % Car ≥ 10 %")
+    expect(page.locator(".grid-status p")).to_have_text("60 boxes")
+
+
+def test_boxes_without_a_place_in_the_image_say_so(scene, ada):
+    page = opened(ada, scene, reason="outside_image")
+
+    expect(page.locator(".cell__none")).to_have_text("outside")
+
+
+def test_clicks_select_one_some_and_a_range(many, ada):
+    page = opened(ada, many)
+
+    cell(page, 3).click()
+    assert selected(page) == [3]
+    cell(page, 7).click(modifiers=["Control"])
+    assert selected(page) == [3, 7]
+    cell(page, 3).click(modifiers=["Control"])
+    cell(page, 7).click()
+    assert selected(page) == [7]
+    cell(page, 10).click(modifiers=["Shift"])
+    assert selected(page) == [7, 8, 9, 10]
+    cell(page, 5).click(modifiers=["Shift"])
+    assert selected(page) == [5, 6, 7]
+    expect(page.locator(".bar__count")).to_have_text("3 selected")
+
+
+def test_a_rectangle_drawn_with_the_mouse_selects_what_it_touches(many, ada):
+    page = opened(ada, many)
+    first, last = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
+    assert first is not None
+    assert last is not None
+    page.mouse.move(first["x"] + 20, first["y"] + 30)
+    page.mouse.down()
+    page.mouse.move(last["x"] + 10, last["y"] + 60, steps=5)
+    expect(page.locator(".lasso")).to_be_visible()
+    page.mouse.up()
+
+    expect(page.locator(".lasso")).to_have_count(0)
+    assert selected(page) == [0, 1, 2]
+    cell(page, 5).click(modifiers=["Control"])
+    assert selected(page) == [0, 1, 2, 5]
+
+
+def test_a_rectangle_with_ctrl_adds_to_the_selection(many, ada):
+    page = opened(ada, many)
+    cell(page, 9).click()
+    box = cell(page, 1).bounding_box()
+    assert box is not None
+
+    page.keyboard.down("Control")
+    page.mouse.move(box["x"] + 10, box["y"] + 10)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 60, box["y"] + 60, steps=3)
+    page.mouse.up()
+    page.keyboard.up("Control")
+
+    assert selected(page) == [1, 9]
+
+
+def test_arrows_move_and_space_and_enter_toggle(many, ada):
+    page = opened(ada, many)
+    columns = int(page.get_by_role("grid").get_attribute("aria-colcount") or 0)
+
+    ada.press("ArrowRight", "Space", "ArrowDown", "Enter")
+
+    assert selected(page) == [1, 1 + columns]
+    focused = page.get_by_role("grid").get_attribute("aria-activedescendant")
+    assert focused == cell(page, 1 + columns).get_attribute("id")
+    ada.press("Space")
+    assert selected(page) == [1]
+
+
+def test_shift_with_arrows_spans_a_range_and_escape_lets_go(many, ada):
+    page = opened(ada, many)
+
+    ada.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight")
+    assert selected(page) == [1, 2, 3]
+    ada.press("Shift+ArrowLeft")
+    assert selected(page) == [1, 2]
+    ada.press("Escape")
+
+    assert selected(page) == []
+    expect(page.locator(".bar--grid")).to_have_count(0)
+
+
+def test_end_and_home_lead_to_the_last_and_the_first_box(many, ada):
+    page = opened(ada, many)
+
+    ada.press("End")
+    expect(cell(page, 59)).to_be_in_viewport(ratio=1)
+    ada.press("Space", "Home")
+
+    expect(cell(page, 0)).to_be_in_viewport(ratio=1)
+    expect(page.locator(".bar__count")).to_have_text("1 selected")
+
+
+def test_ctrl_a_selects_all_of_the_filter(many, ada):
+    page = opened(ada, many, verdict="kept")
+
+    ada.press("Control+a")
+
+    expect(page.locator(".bar__count")).to_have_text("30 of this filter")
+    cell(page, 0).click(modifiers=["Control"])
+    expect(page.locator(".bar__count")).to_have_text("29 selected")
+
+
+@pytest.mark.parametrize(
+    ("query", "shown"),
+    [
+        ({"verdict": "rejected"}, 30),
+        ({"reason": "visible"}, 30),
+        ({"class": "truck"}, 0),
+        ({"review": "decided"}, 1),
+        ({"match_min": "50"}, 30),
+        ({"match_max": "50"}, 30),
+        ({"distance_min": "20"}, 0),
+        ({"distance_max": "20"}, 60),
+        ({"conflict": "true"}, 1),
+        ({"toss_up": "true"}, 0),
+    ],
+)
+def test_filters_of_a_link_are_obeyed_and_the_hidden_are_said(many, ada, query, shown):
+    crowds.review(many, many.box_id("b0"), "reject")
+    page = ada.open(grid(many, **query))
+
+    if shown:
+        words = f"{shown} box{'es' if shown > 1 else ''}"
+        rest = f" · {60 - shown} hidden by the filters" if shown < 60 else ""
+        expect(page.locator(".grid-status p")).to_have_text(words + rest)
+    else:
+        expect(page.get_by_role("heading", name="No box matches")).to_be_visible()
+
+
+def test_filters_and_order_are_written_into_the_address(many, ada):
+    page = opened(ada, many)
+    page.get_by_role("group", name="Verdict").get_by_text("Rejected").click()
+    page.get_by_label("Order").select_option("-match_percent")
+    page.get_by_role("button", name="More").click()
+    page.get_by_label("Distance, at most").fill("40")
+
+    expect(page).to_have_url(re.compile(r"distance_max=40"))
+    assert "verdict=rejected" in page.url
+    assert "sort=-match_percent" in page.url
+    expect(page.locator(".grid-status p")).to_contain_text("30 boxes")
+    page.get_by_role("button", name="Clear").click()
+    expect(page.locator(".grid-status p")).to_have_text("60 boxes")
+    assert "sort=-match_percent" in page.url
+
+
+def test_blind_re_check_hides_verdicts_of_boxes_without_an_answer(many, ada):
+    crowds.review(many, many.box_id("b1"), "keep")
+    page = opened(ada, many)
+    ada.press("b")
+
+    expect(cell(page, 1).locator(".cell__box--kept")).to_be_visible()
+    for index in (0, 2, 3):
+        expect(cell(page, index).locator(".cell__box--veiled")).to_be_visible()
+        name = cell(page, index).locator(".sr-only").inner_text()
+        assert not re.search("kept|rejected|%|pixel", name)
+
+
+def test_v_goes_through_the_verdicts(many, ada):
+    page = opened(ada, many)
+
+    ada.press("v")
+    expect(page.locator(".grid-status p")).to_contain_text("30 hidden")
+    assert "verdict=kept" in page.url
+    ada.press("v", "v")
+
+    expect(page.locator(".grid-status p")).to_have_text("60 boxes")
+
+
+@pytest.mark.parametrize("way", ["key", "double click", "button"])
+def test_a_box_is_opened_in_its_frame(many, ada, way):
+    page = opened(ada, many)
+    if way == "key":
+        cell(page, 5).click()
+        ada.press("c")
+    elif way == "double click":
+        cell(page, 5).dblclick()
+    else:
+        cell(page, 5).hover()
+        cell(page, 5).locator(".cell__open").click()
+
+    ada.ready()
+    expect(page.locator(".inspector__head h2")).to_have_text("car b5")
+
+
+def test_coming_back_one_is_where_one_was_with_the_same_selection(many, ada):
+    page = opened(ada, many)
+    ada.press("End")
+    cell(page, 55).click()
+    before = page.get_by_role("grid").evaluate("grid => grid.scrollTop")
+    assert before > 0
+    ada.press("c")
+    ada.ready()
+
+    ada.press("x", "g")
+
+    expect(cell(page, 55)).to_be_in_viewport()
+    assert page.get_by_role("grid").evaluate("grid => grid.scrollTop") == before
+    assert selected(page) == [55]
+    expect(cell(page, 55).locator(".sign--reject")).to_be_visible()
+    page.go_back()
+    ada.ready()
+    page.go_back()
+    expect(cell(page, 55)).to_be_in_viewport()
+
+
+def test_larger_crops_are_fewer_in_a_row_and_the_place_is_kept(many, ada):
+    page = opened(ada, many)
+    ada.press("End")
+    columns = page.get_by_role("grid").get_attribute("aria-colcount")
+
+    page.get_by_label("Size of the crops").fill("320")
+
+    expect(page.get_by_role("grid")).not_to_have_attribute("aria-colcount", columns)
+    expect(cell(page, 0)).to_have_count(0)
+    expect(cell(page, 40)).to_be_in_viewport()
+    page.reload()
+    expect(page.get_by_label("Size of the crops")).to_have_value("320")
+
+
+def test_a_list_that_cannot_be_read_says_so_and_is_tried_again(many, ada):
+    page = ada.page
+    page.route("**/api/v1/boxes?**", lambda route: route.abort())
+    ada.open(grid(many))
+    expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
+
+    page.unroute("**/api/v1/boxes?**")
+    page.get_by_role("button", name="Try again").click()
+
+    expect(page.locator(".grid-status p")).to_have_text("60 boxes")
+
+
+def test_crops_that_could_not_be_loaded_come_when_the_network_is_back(many, ada):
+    page = ada.page
+    page.route("**/crop?**", lambda route: route.abort())
+    opened(ada, many)
+    expect(cell(page, 0)).to_contain_text("not loaded")
+    page.unroute("**/crop?**")
+
+    page.context.set_offline(True)
+    page.wait_for_function("!navigator.onLine")
+    page.context.set_offline(False)
+
+    expect(cell(page, 0).locator("img")).to_be_visible()
+
+
+def test_empty_dataset_says_that_nothing_was_pushed(api, ada):
+    api.post("/datasets", json={"name": "bare"})
+
+    page = ada.open("#/datasets/bare/grid")
+
+    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()

@@ -1,0 +1,341 @@
+"""Answering many boxes at once: one act, one undo, never lost."""
+
+from __future__ import annotations
+
+import re
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import crowds
+from tests.support.page.crowds import answers, cell, grid, selected
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.windows import Visit, Visitor, lose_session
+from tests.support.servers import RunningServer
+
+pytestmark = [pytest.mark.browser, pytest.mark.long]
+
+
+@pytest.fixture
+def many(make_scene: MakeScene) -> Scene:
+    """Thirty boxes: b0, b2 ... kept, b1, b3 ... rejected."""
+    return make_scene(boxes=crowds.crowd(30))
+
+
+@pytest.fixture
+def page(many: Scene, ada: Visitor) -> Page:
+    """The grid of them, read."""
+    opened = ada.open(grid(many))
+    expect(opened.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    return opened
+
+
+def select(page: Page, first: int, last: int) -> None:
+    cell(page, first).click()
+    cell(page, last).click(modifiers=["Shift"])
+
+
+def strip(page: Page):
+    return page.locator(".strip")
+
+
+def toast(page: Page):
+    return page.locator(".toast").last
+
+
+@pytest.mark.parametrize(
+    ("key", "verdict", "words"),
+    [
+        ("a", "keep", "3 boxes kept"),
+        ("r", "reject", "3 boxes rejected"),
+        ("u", "unsure", "3 boxes flagged as unsure"),
+    ],
+)
+def test_a_key_answers_for_all_selected_at_once(many, ada, page, key, verdict, words):
+    select(page, 1, 3)
+
+    ada.press(key)
+
+    expect(toast(page)).to_contain_text(words)
+    assert answers(many) == dict.fromkeys(("b1", "b2", "b3"), verdict)
+    expect(page.locator(f".sign--{verdict}")).to_have_count(3)
+    assert selected(page) == []
+
+
+def test_delete_takes_the_answers_back(many, ada, page):
+    select(page, 1, 3)
+    ada.press("x")
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    select(page, 2, 3)
+
+    ada.press("Delete")
+
+    expect(toast(page)).to_contain_text("2 boxes without an answer again")
+    assert answers(many) == {"b1": "reject"}
+
+
+def test_one_undo_takes_the_whole_act_back_and_only_that(many, ada, page):
+    select(page, 0, 1)
+    ada.press("x")
+    expect(toast(page)).to_contain_text("2 boxes rejected")
+    select(page, 2, 5)
+    ada.press("a")
+    expect(toast(page)).to_contain_text("4 boxes kept")
+
+    ada.press("z")
+
+    expect(toast(page)).to_contain_text("4 answers taken back")
+    assert answers(many) == {"b0": "reject", "b1": "reject"}
+    expect(page.locator(".sign--keep")).to_have_count(0)
+    expect(page.locator(".sign--reject")).to_have_count(2)
+    ada.press("z")
+    expect(toast(page)).to_contain_text("2 answers taken back")
+    assert answers(many) == {}
+
+
+def test_message_takes_the_act_back_as_long_as_it_can_be(many, ada, page):
+    select(page, 0, 1)
+    ada.press("x")
+    page.get_by_role("button", name="Undo").click()
+
+    expect(toast(page)).to_contain_text("2 answers taken back")
+    expect(page.get_by_role("button", name="Undo")).to_have_count(0)
+    ada.press("z")
+    expect(toast(page)).to_contain_text("Nothing to take back")
+
+
+def test_undo_leaves_alone_and_lists_what_somebody_answered_since(many, ada, page):
+    select(page, 0, 2)
+    ada.press("x")
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    crowds.review(many, many.box_id("b1"), "keep")
+
+    ada.press("z")
+
+    expect(strip(page)).to_contain_text("1 answer was left as it is")
+    expect(strip(page).get_by_role("link")).to_have_text("car b1")
+    assert answers(many) == {"b1": "keep"}
+    strip(page).get_by_role("button", name="Dismiss").click()
+    expect(strip(page)).to_have_count(0)
+
+
+def test_bar_answers_and_says_what_it_will_do(many, page):
+    select(page, 4, 9)
+    bar = page.get_by_role("toolbar", name="Answer for the selected boxes")
+    expect(bar).to_contain_text("6 selected")
+
+    bar.get_by_role("button", name="Reject").click()
+
+    expect(toast(page)).to_contain_text("6 boxes rejected")
+    assert len(answers(many)) == 6
+
+
+def test_nothing_selected_is_said_and_nothing_is_sent(many, ada, page):
+    ada.press("x")
+
+    expect(toast(page)).to_contain_text("Select boxes first")
+    assert answers(many) == {}
+
+
+def test_answered_boxes_stay_until_the_list_is_updated(many, ada):
+    page = ada.open(grid(many, review="undecided"))
+    expect(page.locator(".grid-status p")).to_have_text("30 boxes")
+    select(page, 0, 4)
+    ada.press("x")
+    expect(toast(page)).to_contain_text("5 boxes rejected")
+    expect(cell(page, 0).locator(".sign--reject")).to_be_visible()
+
+    page.get_by_role("button", name="5 boxes no longer match").click()
+
+    expect(page.locator(".grid-status p")).to_contain_text("25 boxes")
+    expect(page.locator(".sign")).to_have_count(0)
+
+
+def test_all_of_a_filter_are_answered_by_their_number_and_undone(many, ada):
+    page = ada.open(grid(many, verdict="rejected"))
+    page.get_by_role("button", name="Select all 15").click()
+
+    ada.press("a")
+
+    expect(toast(page)).to_contain_text("15 boxes kept")
+    assert set(answers(many).values()) == {"keep"}
+    expect(page.locator(".sign--keep")).to_have_count(15)
+    ada.press("z")
+    expect(toast(page)).to_contain_text("15 answers taken back")
+    expect(page.locator(".sign")).to_have_count(0)
+    assert answers(many) == {}
+
+
+def test_a_filter_that_selects_another_number_by_now_is_counted_again(many, ada):
+    page = ada.open(grid(many, review="undecided"))
+    page.get_by_role("button", name="Select all 30").click()
+    crowds.review(many, many.box_id("b0"), "keep")
+
+    ada.press("x")
+    expect(strip(page)).to_contain_text("Not done: reject 30 boxes.")
+    assert answers(many) == {"b0": "keep"}
+    strip(page).get_by_role("button", name="Count again").click()
+    expect(toast(page)).to_contain_text("29 boxes by now, 30 when you looked")
+    toast(page).get_by_role("button", name="reject all 29").click()
+
+    expect(toast(page)).to_contain_text("29 boxes rejected")
+    expect(strip(page)).to_have_count(0)
+    assert answers(many)["b0"] == "keep"
+    assert len(answers(many)) == 30
+
+
+def test_all_of_a_filter_are_not_answered_if_somebody_else_answered_one(
+    many: Scene, visit: Visit
+):
+    ada, bo = visit(), visit()
+    hers = ada.open(grid(many, verdict="rejected"))
+    hers.get_by_role("button", name="Select all 15").click()
+    his = bo.open(grid(many))
+    expect(his.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    cell(his, 1).click()
+    bo.press("a")
+    expect(toast(his)).to_contain_text("1 box kept")
+
+    ada.press("x")
+
+    expect(strip(hers)).to_contain_text("Not done: reject 15 boxes.")
+    expect(strip(hers)).to_contain_text("1 of them came, were decided anew or were")
+    assert answers(many) == {"b1": "keep"}
+    strip(hers).get_by_role("button", name="Count again").click()
+    expect(toast(hers)).to_contain_text("15 boxes by now, 15 when you looked")
+    toast(hers).get_by_role("button", name="reject all 15").click()
+    expect(toast(hers)).to_contain_text("15 boxes rejected")
+    assert set(answers(many).values()) == {"reject"}
+
+
+def test_what_somebody_else_answered_since_it_was_seen_is_left_and_shown(
+    many: Scene, visit: Visit
+):
+    ada, bo = visit(), visit()
+    hers, his = ada.open(grid(many)), bo.open(grid(many))
+    for page in (hers, his):
+        expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    cell(his, 1).click()
+    bo.press("a")
+    expect(toast(his)).to_contain_text("1 box kept")
+    select(hers, 0, 2)
+
+    ada.press("x")
+
+    expect(toast(hers)).to_contain_text("2 boxes rejected")
+    expect(strip(hers)).to_contain_text("1 box was left out: somebody has answered")
+    expect(strip(hers).get_by_role("link")).to_have_text("car b1")
+    expect(cell(hers, 1).locator(".sign--keep")).to_be_visible()
+    assert answers(many) == {"b0": "reject", "b1": "keep", "b2": "reject"}
+    ada.press("z")
+    expect(toast(hers)).to_contain_text("2 answers taken back")
+    expect(cell(hers, 1).locator(".sign--keep")).to_be_visible()
+    expect(hers.locator(".sign--reject")).to_have_count(0)
+    assert answers(many) == {"b1": "keep"}
+
+
+def test_an_act_given_offline_says_so_and_is_sent_when_the_network_is_back(
+    many, ada, page
+):
+    page.context.set_offline(True)
+    select(page, 0, 2)
+
+    ada.press("x")
+
+    expect(strip(page)).to_contain_text("Not sent yet: reject 3 boxes.")
+    expect(page.locator(".sign.is-waiting")).to_have_count(3)
+    expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
+    assert answers(many) == {}
+    page.context.set_offline(False)
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    expect(strip(page)).to_have_count(0)
+    assert len(answers(many)) == 3
+
+
+def test_an_act_survives_a_reload_and_is_sent_once(many, ada, page):
+    arrived: list[int] = []
+
+    def lose_the_answer(route):
+        arrived.append(route.fetch().status)
+        route.abort()
+
+    page.route("**/reviews/bulk", lose_the_answer)
+    select(page, 0, 2)
+    ada.press("x")
+    expect(strip(page)).to_contain_text("Not sent yet")
+    page.unroute("**/reviews/bulk")
+
+    page.reload()
+
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    assert arrived == [201]
+    assert [many.revision(name) for name in ("b0", "b1", "b2")] == [1, 1, 1]
+
+
+def test_the_last_word_on_a_box_stays_the_last_when_the_server_was_away(
+    many, ada, page
+):
+    page.context.set_offline(True)
+    select(page, 0, 2)
+    ada.press("x")
+    expect(strip(page)).to_contain_text("Not sent yet")
+    cell(page, 1).click()
+    ada.press("a")
+
+    page.context.set_offline(False)
+
+    ada.saved()
+    assert answers(many) == {"b0": "reject", "b1": "keep", "b2": "reject"}
+
+
+def test_an_act_may_be_sent_again_or_discarded_by_hand(many, ada, page):
+    page.route("**/reviews/bulk", lambda route: route.abort())
+    select(page, 0, 2)
+    ada.press("x")
+    strip(page).get_by_role("button", name="Discard").click()
+    expect(page.locator(".sign")).to_have_count(0)
+    select(page, 0, 1)
+    ada.press("x")
+    expect(strip(page)).to_contain_text("reject 2 boxes")
+
+    page.unroute("**/reviews/bulk")
+    strip(page).get_by_role("button", name="Send now").click()
+
+    expect(toast(page)).to_contain_text("2 boxes rejected")
+    assert len(answers(many)) == 2
+
+
+def test_signed_out_an_act_waits_until_one_is_in_again(
+    many, ada, page, server: RunningServer
+):
+    select(page, 0, 2)
+    lose_session(page)
+
+    ada.press("x")
+
+    expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
+    page.get_by_label("Token").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+    expect(toast(page)).to_contain_text("3 boxes rejected")
+    assert len(answers(many)) == 3
+
+
+def test_boxes_that_are_gone_are_left_out_and_listed(
+    many: Scene, ada: Visitor, api: httpx.Client
+):
+    many.push("run/000002", boxes=crowds.crowd(2))
+    page = ada.open(grid(many))
+    expect(page.locator(".grid-status p")).to_have_text("32 boxes")
+    path = f"/datasets/{many.dataset}/frames/run/000002"
+    assert api.delete(path).status_code == 204
+    page.get_by_role("grid").focus()
+    ada.press("End")
+    cell(page, 28).click()
+    cell(page, 31).click(modifiers=["Shift"])
+
+    ada.press("x")
+
+    expect(strip(page)).to_contain_text("2 boxes were left out")
+    expect(toast(page)).to_contain_text(re.compile("^2 boxes rejected"))
+    assert answers(many) == {"b28": "reject", "b29": "reject"}

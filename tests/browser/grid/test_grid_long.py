@@ -1,0 +1,159 @@
+"""A hundred thousand boxes: little is drawn, the scrollbar is honest, jumps arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from playwright.sync_api import Browser, Page, Request, expect
+from sqlalchemy import insert, select
+
+from app.db.tables import Frame, FrameFile
+from benchmarks.bench_runs import opened
+from benchmarks.million import NAME, fill
+from tests.support.page import crowds
+from tests.support.page.crowds import cell
+from tests.support.page.windows import WIDE
+from tests.support.servers import RunningServer
+
+pytestmark = [pytest.mark.browser, pytest.mark.long]
+
+BOXES = 100_000
+NODES = "document.querySelectorAll('*').length"
+
+
+@pytest.fixture(scope="module")
+def endless(api: httpx.Client, server: RunningServer) -> str:
+    """A hundred thousand boxes, written as rows; their frames share one image."""
+    crowds.fill(api, "one-picture", frames=1, boxes=1)
+    (frame,) = api.get("/datasets/one-picture/frames").json()["items"]
+    files = api.get(f"/frames/{frame['id']}").json()["files"]
+    context = opened(server.data)
+    dataset_id = fill(context, BOXES, lambda _: None)
+    with context.database.write() as session:
+        ids = session.scalars(select(Frame.id).where(Frame.dataset_id == dataset_id))
+        image = {"kind": "image", "sha256": files["image"]["sha256"]}
+        session.execute(insert(FrameFile), [{"frame_id": n, **image} for n in ids])
+    context.close()
+    context.database.close()
+    return NAME
+
+
+@pytest.fixture
+def page(
+    browser: Browser, server: RunningServer, signed_in, endless: str
+) -> Iterator[Page]:
+    context = browser.new_context(storage_state=signed_in, viewport=WIDE)
+    grid = context.new_page()
+    grid.goto(f"{server.url}/#/datasets/{endless}/grid?sort=id")
+    expect(grid.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    yield grid
+    context.close()
+
+
+def scroll_to(page: Page, share: float) -> None:
+    page.get_by_role("grid").evaluate(
+        "(grid, share) => { grid.scrollTop = share * grid.scrollHeight; }", share
+    )
+
+
+def top_of(page: Page, index: int) -> float:
+    box = cell(page, index).bounding_box()
+    assert box is not None
+    return box["y"]
+
+
+def test_scrollbar_and_status_tell_how_many_there_are(page):
+    grid = page.get_by_role("grid")
+
+    expect(page.locator(".grid-status p")).to_have_text("100 000 boxes")
+    columns = int(grid.get_attribute("aria-colcount") or 0)
+    assert int(grid.get_attribute("aria-rowcount") or 0) == -(-BOXES // columns)
+    pitch = top_of(page, columns) - top_of(page, 0)
+    assert abs(grid.evaluate("g => g.scrollHeight") / (BOXES / columns) - pitch) < 1
+
+
+def test_as_little_is_in_the_document_at_the_end_as_at_the_start(page):
+    at_start = page.evaluate(NODES)
+
+    page.keyboard.press("End")
+
+    expect(cell(page, BOXES - 1)).to_be_visible()
+    expect(cell(page, 0)).to_have_count(0)
+    assert page.evaluate(NODES) < 1.5 * at_start
+    assert page.locator(".cell").count() < 150
+
+
+def test_a_jump_ahead_arrives(page):
+    scroll_to(page, 0.05)
+
+    expect(page.locator(".cell:has(.cell__class)").first).to_be_visible(timeout=30_000)
+    first = page.locator(".cell").first.get_attribute("data-index")
+    assert int(first or 0) > 0.04 * BOXES
+
+
+def test_places_that_are_not_read_yet_are_shown_and_filled_in(page):
+    page.route("**/api/v1/boxes?**cursor**", lambda route: None)
+    scroll_to(page, 0.02)
+    expect(page.locator(".cell__none.shimmer").first).to_be_visible()
+    expect(page.locator(".cell").first).to_have_accessible_name("Loading")
+
+    page.unroute("**/api/v1/boxes?**cursor**")
+    page.reload()
+    scroll_to(page, 0.02)
+
+    expect(page.locator(".cell:has(.cell__class) img").first).to_be_visible()
+
+
+def test_crops_are_asked_for_a_few_at_a_time_and_cancelled_when_scrolled_past(page):
+    under_way: set[str] = set()
+    most: list[int] = []
+
+    def begun(request: Request) -> None:
+        if "/crop?" in request.url:
+            under_way.add(request.url)
+            most.append(len(under_way))
+
+    page.route("**/crop?**", lambda route: None)
+    page.on("request", begun)
+    page.on("requestfailed", lambda request: under_way.discard(request.url))
+    scroll_to(page, 0.0005)
+    expect(page.locator(".cell__box").first).to_be_visible()
+    with page.expect_request("**/crop?**"):
+        scroll_to(page, 0.001)
+
+    with page.expect_event("requestfailed") as cancelled:
+        scroll_to(page, 0.002)
+
+    assert max(most) <= 12
+    assert "/crop?" in cancelled.value.url
+    page.unroute("**/crop?**")
+    scroll_to(page, 0)
+    expect(cell(page, 0).locator("img")).to_be_visible()
+
+
+def test_a_range_across_thousands_is_selected_and_answered_as_one(page, api):
+    scroll_to(page, 0.03)
+    cell(page, 0).wait_for(state="detached")
+    expect(page.locator(".cell:has(.cell__class)").first).to_be_visible()
+    page.get_by_role("grid").focus()
+    page.keyboard.press("Home")
+    cell(page, 0).click()
+    scroll_to(page, 0.02)
+    last = page.locator(".cell:has(.cell__class)").nth(20)
+    expect(last).to_be_visible()
+    index = int(last.get_attribute("data-index") or 0)
+    last.click(modifiers=["Shift"])
+    assert index > 1500
+    expect(page.locator(".bar__count b")).to_have_text(
+        f"{index + 1:,}".replace(",", " ")
+    )
+
+    page.keyboard.press("x")
+
+    expect(page.locator(".toast")).to_contain_text("boxes rejected")
+    counts = api.get("/boxes?dataset=million&review=reject&count=true&limit=1").json()
+    assert counts["total"] == index + 1
+    page.keyboard.press("z")
+    expect(page.locator(".toast").last).to_contain_text("answers taken back")

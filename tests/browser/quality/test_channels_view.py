@@ -1,0 +1,176 @@
+"""Channels compared in the browser: measured by a click, against pixels and people."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+
+import httpx
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.support.page.accessibility import findings
+from tests.support.page.windows import SCHEMES, Visit, Visitor
+from tests.support.sensors import ANNOTATION, sensors
+
+pytestmark = pytest.mark.browser
+
+CHANNELS = 6
+
+
+@pytest.fixture
+def dataset(api: httpx.Client, request: pytest.FixtureRequest) -> str:
+    """One frame with depth and instances: a car, and a ghost behind it."""
+    name = re.sub(r"\W+", "-", request.node.name).strip("-")[:60]
+    assert api.post("/datasets", json={"name": name}).status_code == 201
+    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
+    stored = api.put(f"/datasets/{name}/frames/a", files=files)
+    assert stored.status_code == 201, stored.text
+    return name
+
+
+def panel(page: Page) -> Locator:
+    return page.get_by_role("region", name="Channels compared")
+
+
+def measured(ada: Visitor, dataset: str) -> Locator:
+    """The panel when every channel has its row."""
+    page = ada.open(f"#/datasets/{dataset}/quality")
+    panel(page).get_by_role("button", name="Measure every channel").click()
+    rows = panel(page).locator("tbody tr")
+    expect(rows).to_have_count(CHANNELS, timeout=20_000)
+    return panel(page)
+
+
+def test_every_channel_is_measured_by_a_click_and_compared(ada, api, dataset):
+    found = measured(ada, dataset)
+
+    segmentation = found.get_by_role("row", name=re.compile("^Segmentation active"))
+    expect(segmentation).to_contain_text("50 %")
+    expect(segmentation.locator("td").nth(4)).to_have_text("1")
+    expect(found.get_by_role("row", name=re.compile("^Depth pixels"))).to_contain_text(
+        "100 %"
+    )
+    expect(found).to_contain_text("2 boxes of 1 frame")
+    expect(found.get_by_role("button", name="Measure every channel")).to_have_count(0)
+    boxes = api.get("/boxes", params={"dataset": dataset}).json()["items"]
+    assert [box["verdict"] for box in boxes] == ["kept", "kept"]
+
+
+def test_the_worst_boxes_of_a_channel_are_a_queue(ada, api, dataset):
+    found = measured(ada, dataset)
+    expect(found.get_by_role("link", name=re.compile("that Depth got"))).to_have_count(
+        0
+    )
+
+    found.get_by_role("link", name="Look at 1 that Segmentation got wrong").click()
+
+    page = ada.page
+    expect(page).to_have_url(re.compile(rf"/{dataset}/queue\?boxes=\d+$"))
+    expect(page.locator(".queue__listed")).to_contain_text("1 chosen box")
+    expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"218 ?$"))
+    ada.press("x")
+    ada.saved()
+    expect(page.locator(".queue__message")).to_contain_text("1 rejected")
+    answers = api.get("/boxes", params={"dataset": dataset, "review": "reject"}).json()
+    assert [box["id"] for box in answers["items"]] == ["218"]
+
+    page.locator(".queue__head").get_by_role("button", name="The whole queue").click()
+    expect(page.locator(".inspector__head h2")).to_have_text(re.compile(r"217 ?$"))
+
+
+def test_the_filter_is_compared_with_instances_without_an_answer(ada, dataset):
+    page = ada.open(f"#/datasets/{dataset}/quality")
+    page.get_by_role("button", name="Compare with instances").click()
+    expect(page).to_have_url(re.compile("against=instances$"))
+    expect(page.get_by_text("No instances have been measured")).to_be_visible()
+
+    panel(page).get_by_role("button", name="Measure every channel").click()
+
+    expect(page.locator(".field2__count")).to_have_text(
+        ["1", "1", "0", "0"], timeout=20_000
+    )
+    expect(page.locator("a.field2")).to_have_count(0)
+    expect(page.locator(".matrix")).to_contain_text("is not visible")
+    card = page.get_by_role("article", name="car")
+    expect(card).to_contain_text("2 boxes")
+    assert findings(page) == []
+
+
+def test_a_box_that_another_channel_judged_says_what_decided(ada, api, dataset):
+    body = {"config": {"evidence": "depth"}, "activate": True}
+    started = api.post(f"/datasets/{dataset}/runs", json=body)
+    assert started.is_success, started.text
+    ghost = rejected(api, dataset)
+
+    page = ada.open(f"#/datasets/{dataset}/queue?boxes={ghost}")
+
+    decided = page.locator(".match--other")
+    expect(decided).to_contain_text("Decided by Depth")
+    expect(decided).to_contain_text("0 pixels seen")
+    expect(decided).to_contain_text("which did not decide")
+    expect(page.locator(".match__track")).to_have_count(0)
+
+
+def rejected(api: httpx.Client, dataset: str) -> int:
+    """The one box that is rejected, once the run that measures is done."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        asked = {"dataset": dataset, "verdict": "rejected"}
+        items = api.get("/boxes", params=asked).json()["items"]
+        if items:
+            (box,) = items
+            return int(box["box_id"])
+        time.sleep(0.1)
+    raise AssertionError("nothing was rejected")
+
+
+def test_classes_and_distances_are_compared_too(ada, dataset):
+    found = measured(ada, dataset)
+
+    found.get_by_role("button", name="Distance").click()
+    expect(found.get_by_role("row", name=re.compile("^0–50 m"))).to_be_visible()
+
+    found.get_by_role("button", name="Class").click()
+    expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
+
+
+def test_people_as_the_truth_are_part_of_the_link(ada, api, dataset):
+    found = measured(ada, dataset)
+    found.get_by_role("button", name="People").click()
+    expect(found).to_contain_text("Nobody has kept or rejected a box yet")
+    for box in api.get("/boxes", params={"dataset": dataset}).json()["items"]:
+        body = {"verdict": "keep", "seen_revision": box["revision"]}
+        api.post(f"/boxes/{box['box_id']}/reviews", json=body)
+
+    ada.page.reload()
+
+    assert ada.page.url.endswith("truth=people")
+    depth = found.get_by_role("row", name=re.compile("^Depth pixels"))
+    expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
+
+
+def test_without_an_instance_image_the_page_says_what_else_there_is(ada, scene):
+    page = ada.open(f"#/datasets/{scene.dataset}/quality")
+    panel(page).get_by_role("button", name="Measure every channel").click()
+
+    button = panel(page).get_by_role("button", name="Compare with people")
+    expect(button).to_be_visible(timeout=20_000)
+    button.click()
+
+    expect(page).to_have_url(re.compile("truth=people$"))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", [390, 1440])
+def test_nothing_is_cut_off_and_nothing_serious_is_found(
+    dataset: str, visit: Visit, scheme: str, width: int
+) -> None:
+    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
+    assert findings(ada.open(f"#/datasets/{dataset}/quality")) == []
+    measured(ada, dataset)
+
+    assert findings(ada.page) == []
+    wide = ada.page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    assert wide <= 0

@@ -1,0 +1,186 @@
+"""The filter against people in the browser: real answers, links, suggestions."""
+
+from __future__ import annotations
+
+import re
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import scenes
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import applied_config, car_at
+from tests.support.page.windows import SCHEMES, WIDTHS, Visit, Visitor
+
+pytestmark = [pytest.mark.browser, pytest.mark.long]
+
+# The filter keeps from 10 % on, people from 5 % on: they differ about 6 and 8.
+SHARES = (1, 2, 3, 6, 8, 20, 40, 60, 80)
+PEOPLE_KEEP_FROM = 5
+
+
+@pytest.fixture
+def street(make_scene: MakeScene) -> Scene:
+    return make_scene(boxes=[car_at(share, at) for at, share in enumerate(SHARES)])
+
+
+@pytest.fixture
+def answered(street: Scene) -> Scene:
+    """Somebody has answered every box of the street, twice."""
+    scenes.push(street.api, street.dataset, "run/000002", street_boxes())
+    listed = street.api.get("/boxes", params={"dataset": street.dataset}).json()
+    for box in listed["items"]:
+        answer(street.api, box, truth(box))
+    return street
+
+
+def street_boxes() -> list[dict[str, object]]:
+    return [car_at(share, at) for at, share in enumerate(SHARES)]
+
+
+def truth(box: dict[str, float]) -> str:
+    return "keep" if box["match_percent"] >= PEOPLE_KEEP_FROM else "reject"
+
+
+def answer(api: httpx.Client, box: dict[str, float], verdict: str) -> None:
+    body = {"verdict": verdict, "seen_revision": box["revision"]}
+    stored = api.post(f"/boxes/{box['box_id']}/reviews", json=body)
+    assert stored.status_code == 201, stored.text
+
+
+def quality_page(ada: Visitor, street: Scene) -> Page:
+    page = ada.open(f"#/datasets/{street.dataset}/quality")
+    expect(page.locator(".matrix")).to_be_visible()
+    return page
+
+
+def test_every_field_of_the_matrix_counts_and_leads_to_its_boxes(ada, answered):
+    page = quality_page(ada, answered)
+    fields = page.locator(".field2__count")
+    expect(fields).to_have_text(["8", "0", "4", "6"])
+
+    page.get_by_role("link", name=re.compile("real boxes that were rejected")).click()
+
+    expect(page).to_have_url(re.compile(r"/grid\?verdict=rejected&review=keep$"))
+    expect(page.locator("main")).to_contain_text("4 boxes")
+
+
+def test_all_on_which_they_differ_are_one_link(ada, answered):
+    page = quality_page(ada, answered)
+
+    page.get_by_role("link", name="See the 4 boxes on which they differ").click()
+
+    expect(page).to_have_url(re.compile(r"/grid\?conflict=true$"))
+    expect(page.locator("main")).to_contain_text("4 boxes")
+
+
+def test_scores_have_intervals_per_class_and_per_distance(ada, answered):
+    page = quality_page(ada, answered)
+    quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
+    recall = quality["confusion"]["recall"]
+    low, high = (round(100 * recall[key], 1) for key in ("low", "high"))
+
+    expect(page.locator(".score").nth(1)).to_contain_text("66.7 %")
+    expect(page.locator(".score").nth(1)).to_contain_text(f"{low:g}–{high:g} %")
+
+    expect(page.get_by_role("row", name=re.compile("^car 18 100 %"))).to_be_visible()
+    page.get_by_role("button", name="Distance").click()
+    expect(page.get_by_role("row", name=re.compile("^0–50 m 18"))).to_be_visible()
+
+
+def test_few_answers_are_said_to_say_little(ada, answered):
+    page = quality_page(ada, answered)
+
+    expect(page.get_by_text("18 answers say little.")).to_be_visible()
+    page.get_by_role("link", name="Answer more").click()
+    expect(page).to_have_url(re.compile(f"/{answered.dataset}/queue$"))
+
+
+def test_a_suggestion_is_tried_with_its_value(ada, answered):
+    page = quality_page(ada, answered)
+    quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
+    suggested = quality["suggested"][0]["suggested"]
+    assert 3 < suggested <= 6
+
+    page.get_by_role("link", name="Try it").click()
+
+    handle = page.get_by_role("slider", name="Threshold of car", exact=True)
+    expect(handle).to_have_attribute("aria-valuenow", f"{suggested:g}")
+    expect(page.locator('[data-figure="won"] .figure__value')).to_have_text("4")
+
+
+def test_a_suggestion_becomes_a_version_by_one_click(ada, answered):
+    page = quality_page(ada, answered)
+    quality = answered.api.get(f"/datasets/{answered.dataset}/quality").json()
+    suggested = quality["suggested"][0]["suggested"]
+
+    page.get_by_role("button", name="Save as a version", exact=True).click()
+
+    expect(page.get_by_text("Saved as version")).to_be_visible()
+    path = f"/datasets/{answered.dataset}/configs"
+    newest = answered.api.get(path).json()["items"][0]["config"]
+    assert newest["classes"] == {"car": {"threshold_small_box": suggested}}
+    assert applied_config(answered)["classes"] == {}
+
+
+def test_curves_are_tables_for_whoever_cannot_see_them(ada, answered):
+    page = quality_page(ada, answered)
+    expect(page.locator(".curve__drawing canvas")).to_be_visible()
+
+    table = page.get_by_role("table", name=re.compile("Scores of car"))
+
+    expect(table.get_by_role("columnheader")).to_have_text(
+        ["Threshold", "Precision", "Recall", "F1"]
+    )
+    assert table.get_by_role("row").count() > 3
+
+
+def test_what_is_suggested_for_is_part_of_the_link(ada, answered):
+    page = quality_page(ada, answered)
+
+    page.get_by_role("button", name="Keep 99 % of the real ones").click()
+
+    expect(page).to_have_url(re.compile(r"/quality\?target=recall$"))
+    expect(page.get_by_text("the highest ones that keep")).to_be_visible()
+
+
+def test_two_people_are_compared_with_each_other(ada, answered):
+    name = f"bo-{answered.dataset}"
+    made = answered.api.post("/tokens", json={"name": name, "role": "reviewer"})
+    bearer = {"Authorization": f"Bearer {made.json()['token']}"}
+    listed = answered.api.get("/boxes", params={"dataset": answered.dataset}).json()
+    with httpx.Client(base_url=answered.api.base_url, headers=bearer) as bo:
+        for at, box in enumerate(listed["items"]):
+            answer(bo, box, "keep" if at == 0 else truth(box))
+
+    page = quality_page(ada, answered)
+
+    expect(page.locator(".together")).to_contain_text("of 18 boxes answered twice")
+    pair = page.get_by_role("row", name=re.compile(f"^admin and {name} 18 17"))
+    expect(pair).to_be_visible()
+
+
+def test_without_answers_the_page_says_how_to_give_some(ada, street):
+    page = ada.open(f"#/datasets/{street.dataset}/quality")
+
+    page.get_by_role("link", name="Answer boxes").click()
+
+    expect(page).to_have_url(re.compile(f"/{street.dataset}/queue$"))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_is_cut_off_and_nothing_serious_is_found(
+    answered: Scene,
+    visit: Visit,
+    scheme: str,
+    width: int,
+):
+    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
+    page = quality_page(ada, answered)
+    expect(page.locator(".curve__drawing canvas")).to_be_visible()
+
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert findings(page) == []

@@ -1,0 +1,84 @@
+"""Blind re-check: nothing gives the filter's verdict away before the answer."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import GREY, Scene
+from tests.support.page.stage import after_drawing, layer
+from tests.support.page.windows import Visitor
+
+pytestmark = [pytest.mark.browser, pytest.mark.long]
+
+TELLING = re.compile(
+    r"kept|rejected|threshold|visible|hidden by|\b4 %|96 %|Car|Vegetation"
+)
+
+
+@pytest.fixture
+def blind(scene: Scene, ada: Visitor) -> Page:
+    """A box that the filter has rejected, selected, with the switch on."""
+    page = ada.open(scene.link("hidden"))
+    ada.press("b")
+    expect(page.locator(".inspector__head .badge")).to_have_text("hidden")
+    return page
+
+
+def test_nothing_on_the_page_tells_the_verdict(blind):
+    panel = blind.locator(".panel--inspector").inner_text()
+    rows = blind.locator(".boxes").inner_text()
+    stage = blind.locator(".stage").get_attribute("aria-label") or ""
+
+    assert [TELLING.findall(text) for text in (panel, rows, stage)] == [[], [], []]
+    expect(blind.locator(".history")).to_have_count(0)
+
+
+def test_all_boxes_look_alike_on_the_stage(blind):
+    after_drawing(blind)
+
+    base = layer(blind, "base")[..., :3].astype(int)
+    top = layer(blind, "top")
+
+    assert np.ptp(base, axis=2).max() < 40, "a colour among greys"
+    assert np.ptp(top[top[..., 3] > 200][:, :3].astype(int), axis=1).max() < 40
+    assert GREY in base
+
+
+def test_the_answer_lifts_the_veil(scene, ada, blind):
+    ada.press("a")
+
+    expect(blind.locator(".inspector__head .badge")).to_have_text("rejected")
+    expect(blind.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
+    row = blind.locator(f"#box-{scene.box_id('ghost')}")
+    expect(row).to_contain_text("hidden until you answer")
+
+
+def test_what_is_said_aloud_does_not_tell_either(ada, blind):
+    ada.press("j")
+
+    spoken = blind.locator(".sr-only[aria-live]")
+    expect(spoken).to_have_text("truck ghost, hidden until you answer")
+
+
+def test_switch_is_remembered_and_can_be_taken_back(ada, blind):
+    blind.reload()
+    ada.ready()
+    button = blind.get_by_role("button", name=re.compile("^Blind re-check"))
+    expect(button).to_have_attribute("aria-pressed", "true")
+
+    button.click()
+
+    expect(blind.locator(".inspector__head .badge")).to_have_text("rejected")
+
+
+def test_blind_frame_has_no_serious_finding(scene, visit, scheme):  # same
+    ada = visit(color_scheme=scheme)
+    page = ada.open(scene.link("ghost"))
+    ada.press("b")
+
+    assert findings(page) == []

@@ -1,0 +1,270 @@
+"""One box at a time: what is shown, what each key does, what comes next."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import crowds
+from tests.support.page.crowds import answers, queue, queued
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.windows import PHONE, Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
+
+
+@pytest.fixture
+def many(make_scene: MakeScene) -> Scene:
+    """Twenty boxes on one frame: b0, b2 ... kept, b1, b3 ... rejected."""
+    return make_scene(boxes=crowds.crowd(20))
+
+
+def opened(ada: Visitor, scene: Scene, **query: str) -> Page:
+    page = ada.open(queue(scene, **query))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    return page
+
+
+def shows(page: Page, name: str) -> None:
+    expect(page.locator(".inspector__head h2")).to_have_text(re.compile(rf" {name} ?$"))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+
+
+@pytest.mark.parametrize(
+    ("key", "verdict"),
+    [
+        ("a", "keep"),
+        ("k", "keep"),
+        ("x", "reject"),
+        ("r", "reject"),
+        ("Space", "unsure"),
+    ],
+)
+def test_each_answer_is_saved_and_leads_to_the_next_box(many, ada, key, verdict):
+    page = opened(ada, many)
+    first = queued(page)
+
+    ada.press(key)
+
+    expect(page.locator(".queue__progress")).to_contain_text("1 answered · 19 left")
+    assert queued(page) != first
+    ada.saved()
+    assert answers(many) == {first: verdict}
+
+
+def test_the_box_is_close_and_all_around_it_is_dim(many, ada):
+    page = opened(ada, many)
+    stage = page.locator(".stage")
+    expect(stage).to_have_attribute("data-mode", "crop")
+    close = page.wait_for_function(SCALE).json_value()
+
+    ada.press("c")
+    expect(stage).to_have_attribute("data-mode", "frame")
+    # The view glides there.
+    page.wait_for_function(f"close => {SCALE} < close / 2", arg=close)
+    ada.press("c")
+    expect(stage).to_have_attribute("data-mode", "crop")
+    ada.press("f")
+    expect(stage).to_have_attribute("data-mode", "frame")
+    ada.press("Escape")
+
+    expect(stage).to_have_attribute("data-mode", "crop")
+    page.wait_for_function(f"close => {SCALE} > 0.9 * close", arg=close)
+
+
+def test_next_box_is_close_again_after_one_looked_at_the_frame(many, ada):
+    page = opened(ada, many)
+
+    ada.press("c", "a")
+
+    expect(page.locator(".stage")).to_have_attribute("data-mode", "crop")
+
+
+def test_passing_over_and_going_back(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+
+    ada.press("j")
+    second = queued(page)
+    ada.press("ArrowRight")
+    third = queued(page)
+    ada.press("ArrowLeft")
+    shows(page, second)
+    ada.press("a")
+    shows(page, third)
+    ada.press("ArrowLeft", "ArrowLeft")
+    shows(page, first)
+    ada.press("Shift+J")
+
+    shows(page, third)
+    assert len({first, second, third}) == 3
+
+
+@pytest.mark.parametrize("key", ["z", "Backspace"])
+def test_undo_goes_back_to_the_box_and_takes_the_answer_back(many, ada, key):
+    page = opened(ada, many)
+    first = queued(page)
+    ada.press("x")
+    second = queued(page)
+    ada.press("a", "j")
+
+    ada.press(key)
+    shows(page, second)
+    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    ada.press(key)
+
+    shows(page, first)
+    expect(page.locator(".queue__progress")).to_contain_text("0 answered · 20 left")
+    ada.saved()
+    assert answers(many) == {}
+
+
+def test_an_answer_can_be_corrected_by_going_back(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+    ada.press("x", "ArrowLeft")
+    shows(page, first)
+    expect(page.locator(".answerline")).to_contain_text("reject")
+
+    ada.press("a")
+
+    ada.saved()
+    assert answers(many) == {first: "keep"}
+    expect(page.locator(".queue__progress")).to_contain_text("1 answered · 19 left")
+
+
+def test_a_comment_stays_on_the_box_and_goes_with_the_answer(many, ada):
+    page = opened(ada, many)
+    first = queued(page)
+
+    ada.press("e")
+    expect(page.get_by_label("Comment")).to_be_focused()
+    page.keyboard.type("a pole")
+    ada.press("Enter")
+    shows(page, first)
+    ada.press("x")
+
+    ada.saved()
+    stored = many.review(first)
+    assert (stored["verdict"], stored["comment"]) == ("reject", "a pole")
+    assert queued(page) != first
+
+
+def test_looking_keys_work(many, ada):
+    page = opened(ada, many)
+    stage = page.locator(".stage")
+    expect(stage).not_to_have_attribute("data-lit", "")
+
+    ada.press("l", "m")
+
+    expect(stage).to_have_attribute("data-lit", "")
+    mask = page.get_by_role("button", name="Segmentation over the image")
+    expect(mask).to_have_attribute("aria-pressed", "true")
+    before = float((stage.get_attribute("data-view") or "").split()[0])
+    ada.press("+")
+    expect(stage).not_to_have_attribute("data-view", re.compile(f"^{before} "))
+    ada.press("?")
+    expect(page.get_by_role("dialog")).to_be_visible()
+
+
+def test_g_leads_to_the_grid_and_back_to_the_same_box(many, ada):
+    page = opened(ada, many, verdict="rejected")
+    ada.press("x")
+    here = queued(page)
+
+    ada.press("g")
+    expect(page.locator(".cell").first).to_be_visible()
+    assert page.url.endswith("/grid?verdict=rejected")
+    page.go_back()
+
+    shows(page, here)
+    expect(page.locator(".queue__progress")).to_contain_text("1 answered · 9 left")
+
+
+def test_v_and_the_filters_choose_what_is_queued(many, ada):
+    page = opened(ada, many)
+    ada.press("v")
+    expect(page.locator(".queue__progress")).to_contain_text("10 left")
+    assert "verdict=kept" in page.url
+
+    page.get_by_label("Verdict").select_option("rejected")
+
+    expect(page.locator(".badge")).to_have_text("rejected")
+    assert "verdict=rejected" in page.url
+    page.get_by_role("button", name="Clear").click()
+    expect(page.locator(".queue__progress")).to_contain_text("20 left")
+
+
+@pytest.mark.parametrize("order", ["Random", "By class", "Doubtful"])
+def test_orders_are_switched_and_written_into_the_address(many, ada, order):
+    page = ada.open(queue(many, order="audit"))
+    expect(page.get_by_role("heading", name="Nothing to audit")).to_be_visible()
+
+    page.get_by_role("group", name="Order").get_by_text(order).click()
+
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    value = {"Random": "random", "By class": "class", "Doubtful": "doubt"}[order]
+    assert f"order={value}" in page.url
+
+
+def test_boxes_outside_of_the_image_are_not_queued(scene, ada):
+    page = opened(ada, scene)
+
+    expect(page.locator(".queue__progress")).to_contain_text("4 left")
+
+
+def test_all_done_says_what_was_done_and_what_next(scene, ada):
+    page = opened(ada, scene)
+    ada.press("j", "a", "x", "Space")
+
+    expect(page.get_by_role("heading", name="All done")).to_be_visible()
+    expect(page.locator(".notice")).to_contain_text("1 kept, 1 rejected, 1 unsure")
+    page.get_by_role("button", name="Go through it").click()
+    ada.press("x")
+    expect(page.locator(".notice")).to_contain_text("You answered 4 boxes")
+    ada.saved()
+    assert len(answers(scene)) == 4
+    page.get_by_role("link", name="Audit the answers").click()
+    expect(page.locator(".queue__progress")).to_contain_text("3 to audit")
+
+
+def test_next_boxes_are_here_before_they_are_looked_at(scene, ada):
+    for number in (2, 3, 4):
+        scene.push(f"run/{number:06d}")
+    page = opened(ada, scene, order="random")
+    page.wait_for_load_state("networkidle")
+    page.context.set_offline(True)
+
+    stage = page.locator(".stage")
+    for _ in range(3):
+        answered = stage.get_attribute("data-box") or ""
+        ada.press("a")
+        expect(stage).not_to_have_attribute("data-box", answered)
+        expect(stage).to_have_attribute("data-picture", "shown")
+        expect(page.locator(".failure, .queue__note")).to_have_count(0)
+
+    page.context.set_offline(False)
+    ada.saved()
+    verdicts = [box["review"]["verdict"] for box in crowds.answered(scene)]
+    assert verdicts == ["keep"] * 3
+
+
+def test_phone_has_large_buttons_where_the_thumbs_are(many, visit: Visit):
+    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = opened(bo, many)
+    first = queued(page)
+    reject = page.get_by_role("button", name="Reject")
+    box = reject.bounding_box()
+    assert box is not None
+    assert box["height"] >= 48
+    assert box["width"] >= 88
+    assert box["y"] + box["height"] > PHONE["height"] - 40
+
+    reject.tap()
+
+    bo.saved()
+    assert answers(many) == {first: "reject"}

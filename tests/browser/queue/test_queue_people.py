@@ -1,0 +1,201 @@
+"""The queue with other people, without a network, and without being told."""
+
+from __future__ import annotations
+
+import re
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import crowds
+from tests.support.page.crowds import answers, queue, queued
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.windows import Visit, Visitor, lose_session
+from tests.support.servers import RunningServer
+
+pytestmark = [pytest.mark.browser, pytest.mark.long]
+
+
+@pytest.fixture
+def many(make_scene: MakeScene) -> Scene:
+    """Twenty boxes on one frame: b0, b2 ... kept, b1, b3 ... rejected."""
+    return make_scene(boxes=crowds.crowd(20))
+
+
+def opened(person: Visitor, scene: Scene, **query: str) -> Page:
+    page = person.open(queue(scene, **query))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    return page
+
+
+def test_second_of_two_sees_what_the_first_said_and_keeps_the_place(many, visit: Visit):
+    ada, bo = visit(), visit()
+    first, page = opened(ada, many), opened(bo, many)
+    contested = queued(page)
+    assert queued(first) == contested
+    ada.press("x")
+    ada.saved()
+
+    bo.press("a", "a")
+
+    place = queued(page)
+    conflict = page.locator(".conflict")
+    expect(conflict).to_contain_text(f"car {contested}: admin answered reject")
+    expect(conflict).to_contain_text("while you answered keep")
+    assert queued(page) == place
+    conflict.get_by_role("button", name="Look at it").click()
+    expect(page.locator(".inspector__head h2")).to_contain_text(contested)
+    expect(page.locator(".answerline")).to_contain_text("reject by admin")
+    assert many.review(contested)["verdict"] == "reject"
+
+
+def test_after_a_conflict_one_may_insist_or_leave_it(many, visit: Visit):
+    ada, bo = visit(), visit()
+    opened(ada, many)
+    page = opened(bo, many)
+    names = []
+    for _ in range(2):
+        names.append(queued(page))
+        bo.press("j")
+    bo.press("ArrowLeft", "ArrowLeft")
+    for name in names:
+        crowds.review(many, many.box_id(name), "reject")
+    bo.press("a", "a")
+    expect(page.locator(".conflict")).to_have_count(2)
+
+    mine = page.locator(".conflict", has_text=f"car {names[0]}:")
+    mine.get_by_role("button", name="Use mine: keep").click()
+    page.get_by_role("button", name="Leave it").click()
+
+    expect(page.locator(".conflict")).to_have_count(0)
+    bo.saved()
+    found = {name: many.review(name)["verdict"] for name in names}
+    assert found == {names[0]: "keep", names[1]: "reject"}
+
+
+def test_two_people_are_given_different_boxes(
+    many, visit: Visit, api: httpx.Client, server: RunningServer
+):
+    made = api.post("/tokens", json={"name": "bo", "role": "reviewer"})
+    assert made.status_code == 201, made.text
+    ada, bo = visit(), visit(sign_in=False)
+    mine = queued(opened(ada, many))
+    bo.page.goto(server.login_link_of(made.json()["token"]))
+    expect(bo.page.get_by_role("heading", name="Datasets")).to_be_visible()
+
+    theirs = queued(opened(bo, many))
+
+    assert mine != theirs
+
+
+def test_answers_given_offline_are_sent_when_the_network_is_back(many, ada):
+    page = opened(ada, many)
+    page.wait_for_load_state("networkidle")
+    page.context.set_offline(True)
+    names = []
+    for key in ("a", "x", "a"):
+        names.append(queued(page))
+        ada.press(key)
+
+    expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
+    assert answers(many) == {}
+    ada.press("z")
+    assert queued(page) == names[2]
+    page.context.set_offline(False)
+
+    ada.saved()
+    assert answers(many) == {names[0]: "keep", names[1]: "reject"}
+
+
+def test_answers_kept_over_a_reload_are_not_asked_for_again(many, ada):
+    page = ada.page
+    page.route("**/reviews", lambda route: route.abort())
+    opened(ada, many)
+    first = queued(page)
+    ada.press("x")
+    expect(page.locator(".savestate")).to_contain_text("1 answer offline")
+
+    page.reload()
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+
+    assert queued(page) != first
+    page.unroute("**/reviews")
+    expect(page.locator(".savestate--saved")).to_be_visible(timeout=40_000)
+    assert answers(many) == {first: "reject"}
+
+
+def test_signed_out_one_goes_on_after_signing_in(many, ada, server: RunningServer):
+    page = opened(ada, many)
+    first = queued(page)
+    lose_session(page)
+
+    ada.press("x")
+
+    expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
+    page.get_by_label("Token").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    ada.saved()
+    assert answers(many) == {first: "reject"}
+    assert queued(page) != first
+
+
+def test_an_empty_line_without_a_network_says_so_and_goes_on(many, ada):
+    page = ada.page
+    page.route("**/queue", lambda route: route.abort())
+    ada.open(queue(many))
+    expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
+
+    page.unroute("**/queue")
+    page.get_by_role("button", name="Try again").click()
+
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+
+
+def test_audit_hides_what_was_said_until_one_has_answered(scene, ada):
+    crowds.review(scene, scene.box_id("ghost"), "keep")
+    crowds.review(scene, scene.box_id("real"), "keep")
+    page = opened(ada, scene, order="audit", **{"class": "truck"})
+    body = page.locator(".queue__body")
+    expect(page.get_by_label("Blind")).to_be_checked()
+    for told in ("kept", "rejected", "admin", "too few visible pixels", "Pedestrian"):
+        assert told not in body.inner_text()
+    assert page.locator(".sign, .badge, .match").count() == 0
+    assert page.locator(".stage").get_attribute("aria-label") == "Box: truck ghost"
+
+    ada.press("x")
+
+    expect(page.get_by_role("heading", name="All done")).to_be_visible()
+    expect(page.locator(".queue__progress")).to_contain_text("agreed on 0 of 1")
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "reject"
+    ada.press("ArrowLeft")
+    expect(page.locator(".answerline")).to_contain_text("reject")
+
+
+def test_agreement_is_shown_beside_the_next_box(many, ada):
+    for name in ("b0", "b2"):
+        crowds.review(many, many.box_id(name), "keep")
+    page = opened(ada, many, order="audit")
+    first = queued(page)
+
+    ada.press("a")
+
+    expect(page.locator(".agreement")).to_have_text(
+        f"car {first}: you and admin agree, keep"
+    )
+    ada.saved()
+    assert many.revision(first) == 2
+
+
+def test_an_audit_may_see_and_any_order_may_be_blind(many, ada):
+    page = opened(ada, many)
+    page.get_by_label("Blind").check()
+    expect(page.locator(".badge")).to_have_count(0)
+    assert "blind=on" in page.url
+
+    page.get_by_role("button", name="Show verdicts").click()
+
+    expect(page.locator(".badge")).to_have_text(re.compile("kept|rejected"))
+    assert "blind=off" in page.url

@@ -1,0 +1,81 @@
+"""Boxes that overlap the selected one; and whose answers these are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from tests.support.page import scenes
+from tests.support.page.stage import after_drawing, layer, point, view
+from tests.support.page.windows import PHONE
+
+pytestmark = pytest.mark.browser
+
+NEAR, PART, FAR = [80, 200, 240, 300], [200, 220, 330, 320], [420, 30, 520, 110]
+BOXES = [
+    {"id": "near", "class": "car", "xyxy": NEAR},
+    {"id": "part", "class": "car", "xyxy": PART},
+    {"id": "inside", "class": "car", "xyxy": [90, 210, 230, 290]},
+    {"id": "far", "class": "car", "xyxy": FAR},
+]
+
+
+def test_overlapping_boxes_are_listed_the_closest_first_and_lead_on(make_scene, ada):
+    scene = make_scene(boxes=BOXES)
+    page = ada.open(scene.link("near"))
+    listed = page.get_by_label("Overlapping boxes").get_by_role("button")
+    expect(listed).to_have_count(2)
+    expect(listed.first).to_contain_text("car inside")
+
+    listed.nth(1).click()
+
+    expect(page.locator(".inspector__head h2")).to_have_text("car part")
+
+
+def test_list_of_overlaps_is_the_servers(make_scene):
+    scene = make_scene(boxes=BOXES)
+
+    box = scenes.get(scene.api, f"/boxes/{scene.box_id('near')}")
+
+    assert box["neighbours"] == [scene.box_id("part"), scene.box_id("inside")]
+
+
+def test_overlapping_boxes_stay_closer_to_the_eye_than_others(make_scene, ada):
+    scene = make_scene(boxes=BOXES)
+    page = ada.open(scene.link("near"))
+    after_drawing(page)
+
+    assert stroke(page, PART) > 1.5 * stroke(page, FAR) > 0
+
+
+def stroke(page, xyxy) -> float:
+    """How far the lower edge of a box is from the grey of the picture."""
+    scale, x0, y0 = view(page)
+    row = round(xyxy[3] * scale + y0)
+    left, right = (round(x * scale + x0) for x in (xyxy[0] + 60, xyxy[2] - 10))
+    drawn = layer(page, "base")[row - 3 : row + 3, left:right, :3].astype(float)
+    return float(np.abs(drawn - scenes.GREY).max())
+
+
+def test_reviewer_is_named_in_the_top_bar(scene, ada):
+    page = ada.open(scene.link())
+
+    expect(page.locator(".who")).to_have_text("Aadmin")
+    expect(page.locator(".who")).to_have_attribute("title", "Signed in as admin, admin")
+
+
+def test_a_tap_on_the_stage_selects_and_a_large_button_answers(scene, visit):
+    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = bo.open(scene.link())
+    x0, y0, x1, y1 = scenes.CAR
+
+    page.touchscreen.tap(*point(page, (x0 + x1) / 2, (y0 + y1) / 2))
+
+    expect(page.locator(".inspector__head h2")).to_have_text("car real")
+    for name in ("Keep", "Reject"):
+        box = page.get_by_role("button", name=name).bounding_box()
+        assert min(box["width"], box["height"]) >= 44
+    page.get_by_role("button", name="Reject").tap()
+    bo.saved()
+    assert scene.review("real")["verdict"] == "reject"

@@ -1,0 +1,270 @@
+"""A person answers: saved at once, shown as saved, and undone on request."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import Route, expect
+
+from tests.support.page.scenes import CAR, Scene, get
+from tests.support.page.stage import after_drawing, point
+from tests.support.page.windows import Visitor
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.mark.parametrize(
+    ("key", "verdict"),
+    [
+        ("a", "keep"),
+        ("k", "keep"),
+        ("x", "reject"),
+        ("r", "reject"),
+        ("Space", "unsure"),
+    ],
+)
+def test_each_answer_key_is_stored_at_once(scene: Scene, ada: Visitor, key, verdict):
+    page = ada.open(scene.link("ghost"))
+
+    ada.press(key)
+
+    ada.saved()
+    expect(page.locator(".answerline")).to_contain_text(f"{verdict} by admin")
+    expect(page.locator(".answerline__state")).to_have_text("saved")
+    review = scene.review("ghost")
+    assert (review["verdict"], review["revision"]) == (verdict, 1)
+
+
+def test_answer_changes_the_effective_verdict_but_not_the_filters(scene, ada):
+    page = ada.open(scene.link("ghost"))
+
+    ada.press("a")
+
+    expect(page.locator(".inspector__head .badge")).to_have_text("rejected")
+    row = page.locator(f"#box-{scene.box_id('ghost')}")
+    expect(row.locator(".stroke")).to_have_class(re.compile("stroke--kept"))
+    expect(row.get_by_role("img", name="answered keep")).to_be_visible()
+
+
+@pytest.mark.parametrize("key", ["z", "Backspace"])
+def test_undo_takes_back_the_last_answer(scene, ada, key):
+    page = ada.open(scene.link("ghost"))
+    ada.press("a")
+    ada.saved()
+
+    ada.press(key)
+
+    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    ada.saved()
+    assert (scene.review("ghost"), scene.revision("ghost")) == (None, 2)
+
+
+def test_undo_restores_the_answer_that_was_there_before(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    ada.press("x", "a", "z")
+
+    expect(page.locator(".answerline")).to_contain_text("reject")
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "reject"
+
+
+def test_undo_returns_to_the_frame_where_the_answer_was_given(scene, ada):
+    scene.push("run/000002")
+    page = ada.open(scene.link("ghost"))
+    ada.press("a")
+    ada.saved()
+    ada.press("PageDown")
+    expect(page.locator("h1")).to_have_text("run/000002")
+
+    ada.press("z")
+
+    expect(page.locator("h1")).to_have_text("run/000001")
+    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    ada.saved()
+    assert scene.review("ghost") is None
+
+
+PRESS_WITH_THE_FRAME = """key => {
+  const watch = new MutationObserver(() => {
+    if (document.querySelector("h1")?.textContent !== "run/000002") return;
+    watch.disconnect();
+    document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+  });
+  watch.observe(document.body, { childList: true, subtree: true, characterData: true });
+}"""
+
+
+def test_a_key_pressed_the_moment_a_frame_appears_is_heard(scene, ada):
+    scene.push("run/000002")
+    page = ada.open(scene.link("ghost"))
+    ada.press("a")
+    ada.saved()
+    page.evaluate(PRESS_WITH_THE_FRAME, "z")
+
+    ada.press("PageDown")
+
+    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+    expect(page.locator("h1")).to_have_text("run/000001")
+
+
+def test_review_flow_from_the_datasets_to_the_last_box(scene, ada):
+    page = ada.open("#/datasets")
+    page.get_by_role("link", name=scene.dataset).click()
+    page.get_by_role("link", name="run/000001").click()
+    ada.ready()
+
+    for _ in scene.frame["boxes"]:
+        ada.press("Shift+J", "x")
+
+    expect(page.locator(".boxes .sign--reject")).to_have_count(5)
+    ada.saved()
+    verdicts = [scene.review(box["id"])["verdict"] for box in scene.frame["boxes"]]
+    assert verdicts == ["reject"] * 5
+
+
+def test_boxes_are_selected_and_answered_with_the_mouse(scene, ada):
+    page = ada.open(scene.link())
+
+    page.mouse.click(*point(page, (CAR[0] + CAR[2]) / 2, (CAR[1] + CAR[3]) / 2))
+    page.get_by_role("button", name="Keep").click()
+
+    expect(page.locator(".inspector__head h2")).to_have_text("car real")
+    ada.saved()
+    assert scene.review("real")["verdict"] == "keep"
+
+
+def test_keys_still_work_after_a_click_on_a_button(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    page.get_by_role("button", name="Keep").click()
+
+    ada.press("Space")
+
+    expect(page.locator(".answerline")).to_contain_text("unsure")
+
+
+def test_click_on_nothing_lets_go_of_the_box(scene, ada):
+    page = ada.open(scene.link("ghost"))
+
+    page.mouse.click(*point(page, 10, 170))
+
+    expect(page.locator(".inspector__head h2")).to_have_text("This frame")
+
+
+def test_comment_is_stored_with_the_answer(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    ada.press("x", "e")
+    expect(page.get_by_label("Comment")).to_be_focused()
+
+    page.keyboard.type("nothing <b>there</b>")
+    ada.press("Enter")
+
+    ada.saved()
+    assert scene.review("ghost")["comment"] == "nothing <b>there</b>"
+    expect(page.locator(".history__comment")).to_have_text("nothing <b>there</b>")
+    ada.press("a")
+    expect(page.locator(".answerline")).to_contain_text("keep")
+
+
+LATE_TIMERS = """() => {
+  const start = window.setTimeout.bind(window);
+  window.setTimeout = (run, ms) => start(run, (ms ?? 0) + 400);
+}"""
+EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
+
+
+def test_keys_are_shortcuts_again_as_soon_as_a_comment_is_finished(scene, ada):
+    """A focus that was set again later took them, if the machine was busy."""
+    page = ada.open(scene.link("ghost"))
+    page.evaluate(LATE_TIMERS)
+
+    ada.press("e", "Escape")
+    page.evaluate(EARLIER_TIMERS_ARE_DONE)
+
+    expect(page.get_by_label("Comment")).not_to_be_focused()
+
+
+def test_comment_on_an_undecided_box_flags_it_as_unsure(scene, ada):
+    page = ada.open(scene.link("hidden"))
+    ada.press("e")
+
+    page.keyboard.type("look again")
+    ada.press("Enter")
+
+    ada.saved()
+    review = scene.review("hidden")
+    assert (review["verdict"], review["comment"]) == ("unsure", "look again")
+
+
+def test_history_shows_the_filter_and_every_answer(scene, ada):
+    page = ada.open(scene.link("hidden"))
+    ada.press("a", "x")
+
+    items = page.locator(".history__item")
+    expect(items).to_have_count(3)
+    expect(items.nth(0)).to_contain_text("admin reject")
+    expect(items.nth(1)).to_contain_text("admin keep")
+    expect(items.nth(2)).to_contain_text("rejected, below threshold · 4 % of 10 %")
+
+
+def test_history_says_of_a_run_that_its_numbers_are_gone(scene, ada):
+    gone = {"verdict": None, "reason": None, "match_percent": None, "threshold": None}
+    box_id = scene.box_id("hidden")
+    history = get(scene.api, f"/boxes/{box_id}/history")
+    items = [entry | gone for entry in history["items"]]
+    ada.page.route("**/history", lambda route: route.fulfill(json={"items": items}))
+
+    page = ada.open(scene.link("hidden"))
+
+    expect(page.locator(".history__item")).to_contain_text("its numbers are gone")
+
+
+def test_refused_answer_is_said_and_the_box_shown_as_it_is(scene, ada):
+    page = ada.page
+    problem = {"title": "Forbidden", "detail": "viewers cannot review", "status": 403}
+    page.route("**/reviews", lambda route: route.fulfill(status=403, json=problem))
+    ada.open(scene.link("ghost"))
+
+    ada.press("a")
+
+    expect(page.get_by_role("alert")).to_have_text(
+        re.compile("Not stored: viewers cannot review")
+    )
+    expect(page.locator(".answerline")).to_have_text("Nobody has answered yet.")
+
+
+def test_busy_server_is_shown_and_asked_again(scene, ada):
+    page = ada.page
+    seen: list[str] = []
+
+    def refuse_once(route: Route) -> None:
+        seen.append(route.request.headers["idempotency-key"])
+        if len(seen) == 1:
+            route.fulfill(status=503, headers={"Retry-After": "0"}, json={})
+        else:
+            route.continue_()
+
+    page.route("**/reviews", refuse_once)
+    ada.open(scene.link("ghost"))
+    ada.press("a")
+
+    expect(page.locator(".answerline__state")).to_have_text("saved")
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+    assert len(seen) == 2
+    assert len(set(seen)) == 1
+
+
+def test_everything_about_a_box_is_said_in_words_and_numbers(scene, ada):
+    page = ada.open(scene.link("hidden"))
+    after_drawing(page)
+
+    panel = page.locator(".panel--inspector")
+    expect(panel).to_contain_text("400 of 10\u2009000")
+    expect(panel.locator(".hidden-by li").first).to_contain_text("Vegetation96 %")
+    expect(panel.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
+    stage = page.get_by_role("img", name="Frame run/000001")
+    expect(stage).to_have_attribute(
+        "aria-label",
+        re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$"),
+    )

@@ -1,0 +1,223 @@
+"""Nothing answered is lost: offline, reload, signed out, two people at once."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.support.page import scenes
+from tests.support.page.scenes import Scene
+from tests.support.page.windows import Visit, Visitor, lose_session
+
+pytestmark = pytest.mark.browser
+
+
+def saving(page: Page):
+    return page.locator(".savestate")
+
+
+def answer_at_the_server(scene: Scene, name: str, verdict: str) -> None:
+    body = {"verdict": verdict, "seen_revision": scene.revision(name)}
+    path = f"/boxes/{scene.box_id(name)}/reviews"
+    assert scene.api.post(path, json=body).status_code == 201
+
+
+def test_answers_given_offline_are_sent_when_the_network_is_back(
+    scene: Scene, ada: Visitor
+):
+    page = ada.open(scene.link("ghost"))
+    page.context.set_offline(True)
+
+    ada.press("a", "j", "x", "j", "x", "z")
+
+    expect(saving(page)).to_contain_text("3 answers offline, kept here")
+    expect(page.locator(".sign.is-waiting").first).to_be_visible()
+    assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
+    page.context.set_offline(False)
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+    assert scene.review("walker")["verdict"] == "reject"
+    assert scene.review("away") is None
+
+
+OFFLINE_UNTIL_RETRY = """(() => {
+  const send = window.fetch;
+  let isAsked = false;
+  addEventListener("click", ({ target }) => {
+    isAsked ||= target.closest("button")?.textContent.includes("Retry") ?? false;
+  }, { capture: true });
+  window.fetch = (place, ...more) =>
+    String(place).endsWith("/reviews") && !isAsked
+      ? Promise.reject(new TypeError("offline"))
+      : send(place, ...more);
+})()"""
+
+
+def test_waiting_answers_survive_a_reload(scene, ada):
+    page = ada.page
+    # The page tries again by itself, and would be sooner than the click now and then.
+    page.add_init_script(OFFLINE_UNTIL_RETRY)
+    ada.open(scene.link("ghost"))
+    ada.press("a")
+    expect(saving(page)).to_contain_text("1 answer offline, kept here")
+
+    page.reload()
+    ada.ready()
+
+    expect(page.locator(".answerline")).to_contain_text("keep")
+    expect(page.locator(".answerline__state")).to_have_text("not saved yet")
+    page.get_by_role("button", name="Retry").click()
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+
+
+def test_answer_whose_confirmation_was_lost_is_stored_once(scene, ada):
+    page = ada.page
+    arrived: list[int] = []
+
+    def lose_the_answer(route):
+        if not arrived:
+            arrived.append(route.fetch().status)
+            route.abort()
+        else:
+            route.continue_()
+
+    page.route("**/reviews", lose_the_answer)
+    ada.open(scene.link("ghost"))
+    ada.press("a")
+    expect(saving(page)).to_contain_text("offline")
+    page.get_by_role("button", name="Retry").click()
+
+    ada.saved()
+    assert arrived == [201]
+    assert scene.revision("ghost") == 1
+
+
+def test_signed_out_while_reviewing_keeps_the_answer_until_signed_in(
+    scene, ada, server
+):
+    page = ada.open(scene.link("ghost"))
+    lose_session(page)
+
+    ada.press("a")
+
+    expect(page.get_by_role("heading", name="Sign in to Unghost")).to_be_visible()
+    expect(page.locator(".signin__note")).to_contain_text("1 answer of admin kept")
+    page.get_by_label("Token").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+    ada.ready()
+    expect(page.locator(".inspector__head h2")).to_have_text("truck ghost")
+    ada.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+
+
+def test_second_of_two_answers_is_not_stored_and_shows_the_first(
+    scene: Scene, visit: Visit
+):
+    ada, bo = visit(), visit()
+    ada.open(scene.link("ghost"))
+    page = bo.open(scene.link("ghost"))
+    ada.press("x")
+    ada.saved()
+
+    bo.press("a")
+
+    conflict = page.locator(".conflict")
+    expect(conflict).to_contain_text("admin answered reject while you answered keep")
+    expect(page.locator(".answerline")).to_contain_text("reject by admin")
+    assert scene.revision("ghost") == 1
+
+
+def test_one_may_insist_after_a_conflict(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    answer_at_the_server(scene, "ghost", "reject")
+    ada.press("a")
+
+    page.get_by_role("button", name="Use mine: keep").click()
+
+    ada.saved()
+    expect(page.locator(".conflict")).to_have_count(0)
+    review = scene.review("ghost")
+    assert (review["verdict"], review["revision"]) == ("keep", 2)
+
+
+def test_one_may_leave_it_after_a_conflict(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    answer_at_the_server(scene, "ghost", "reject")
+    ada.press("a")
+
+    page.get_by_role("button", name="Leave it").click()
+
+    expect(page.locator(".conflict")).to_have_count(0)
+    ada.press("z")
+    expect(page.locator(".toast", has_text="Nothing to take back.")).to_be_visible()
+    assert scene.review("ghost")["verdict"] == "reject"
+
+
+def test_conflict_on_another_frame_leads_there(scene, ada):
+    scene.push("run/000002")
+    page = ada.page
+    page.route("**/reviews", lambda route: route.abort())
+    ada.open(scene.link("ghost"))
+    answer_at_the_server(scene, "ghost", "reject")
+    ada.press("a", "PageDown")
+    expect(page.locator("h1")).to_have_text("run/000002")
+    page.unroute("**/reviews")
+    page.get_by_role("button", name="Retry").click()
+
+    page.get_by_role("link", name="Show box").click()
+
+    expect(page.locator("h1")).to_have_text("run/000001")
+    expect(page.locator(".conflict")).to_contain_text("Yours is not stored")
+
+
+def test_answers_of_a_closed_tab_are_sent_by_the_next_one(scene, visit):
+    first = visit()
+    page = first.page
+    page.route("**/reviews", lambda route: route.abort())
+    first.open(scene.link("ghost"))
+    first.press("a")
+    expect(saving(page)).to_contain_text("offline")
+    context = page.context
+    second = Visitor(context.new_page(), first.url)
+    second.open(scene.link("real"))
+    assert scene.revision("ghost") == 0
+    page.close()
+    second.page.close()
+
+    third = Visitor(context.new_page(), first.url)
+    third.open(scene.link("real"))
+
+    third.saved()
+    assert scene.review("ghost")["verdict"] == "keep"
+
+
+def test_image_that_does_not_arrive_leaves_boxes_and_numbers(scene, ada):
+    page = ada.page
+    page.route("**/image", lambda route: route.abort())
+    page.goto(f"{ada.url}/{scene.link('hidden')}")
+
+    expect(page.get_by_text("The image cannot be shown")).to_be_visible()
+    expect(page.locator(".box")).to_have_count(5)
+    ada.press("x")
+    ada.saved()
+    assert scene.review("hidden")["verdict"] == "reject"
+
+
+def test_text_from_outside_stays_text(make_scene, ada):
+    evil = "<img src=x onerror=alert(1)>"
+    boxes = [{"id": evil, "class": evil, "xyxy": scenes.CAR}]
+    scene = make_scene(boxes=boxes)
+    page = ada.open(scene.link(evil))
+
+    ada.press("x", "e")
+    page.keyboard.type(evil)
+    ada.press("Enter")
+
+    expect(page.locator(".history__comment")).to_have_text(evil)
+    expect(page.locator(".inspector__head h2")).to_have_text(
+        re.compile(re.escape(evil))
+    )
+    expect(page.locator("img[src=x]")).to_have_count(0)

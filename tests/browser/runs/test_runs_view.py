@@ -1,0 +1,229 @@
+"""Runs and exports in the browser: watched, cancelled, compared, downloaded."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import zipfile
+from itertools import product
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.support.page import scenes
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import car_at
+from tests.support.page.windows import PHONE, SCHEMES, WIDTHS, Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+FRAMES = 40
+PIXEL_KEYS = ("profile", "projection", "channel_order")
+
+
+@pytest.fixture
+def street(make_scene: MakeScene) -> Scene:
+    return make_scene(boxes=[car_at(30, 0), car_at(55, 1)])
+
+
+@pytest.fixture
+def long_street(street: Scene) -> Scene:
+    """Enough frames that measuring them again can be watched."""
+    for number in range(2, FRAMES + 2):
+        scenes.push(street.api, street.dataset, f"run/{number:06d}")
+    return street
+
+
+def runs_page(ada: Visitor, street: Scene, query: str = "") -> Page:
+    page = ada.open(f"#/datasets/{street.dataset}/runs{query}")
+    expect(page.locator("article.run").first).to_be_visible()
+    return page
+
+
+def apply(street: Scene, **config: object) -> int:
+    body = {"config": config, "activate": True}
+    answer = street.api.post(f"/datasets/{street.dataset}/runs", json=body)
+    assert answer.status_code == 202, answer.text
+    number: int = answer.json()["id"]
+    return number
+
+
+def run(page: Page, number: int) -> Locator:
+    return page.get_by_role("article", name=f"Run {number}", exact=True)
+
+
+def test_a_run_says_what_it_decided_and_which_one_is_active(ada, street):
+    number = apply(street, threshold_small_box=40)
+
+    page = runs_page(ada, street)
+
+    expect(run(page, number)).to_contain_text("done")
+    expect(run(page, number)).to_contain_text("active")
+    expect(run(page, number)).to_contain_text("1 kept · 1 rejected · 1 changed")
+
+
+def test_a_run_is_watched_from_its_beginning_to_its_end(ada, long_street):
+    page = runs_page(ada, long_street)
+    number = apply(long_street, profile="carlasimu")
+
+    expect(run(page, number)).to_be_visible(timeout=15_000)
+    expect(run(page, number)).to_contain_text("measured again")
+
+    expect(run(page, number).locator(".statebadge--done")).to_be_visible()
+
+
+def test_a_run_is_cancelled_and_nothing_has_changed(ada, long_street):
+    page = runs_page(ada, long_street)
+    # They are done one after the other, each over all pixels: the last one waits.
+    for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
+        keys = dict(zip(PIXEL_KEYS, choice, strict=True))
+        number = apply(long_street, **keys, threshold_small_box=77)
+    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+
+    page.get_by_role("button", name=f"Cancel run {number}").click()
+
+    expect(run(page, number).locator(".statebadge--cancelled")).to_be_visible()
+    expect(run(page, number)).to_contain_text("nothing was changed")
+    stored = long_street.api.get(f"/runs/{number}").json()
+    assert (stored["state"], stored["changed"]) == ("cancelled", 0)
+
+
+def test_two_runs_are_compared_by_class_by_key_and_by_box(ada, street):
+    first = apply(street, threshold_small_box=40)
+    second = apply(street, threshold_small_box=60)
+    page = runs_page(ada, street)
+
+    page.get_by_role("link", name=f"What changed in run {second}").click()
+
+    expect(
+        page.get_by_role("heading", name=f"What run {second} changed")
+    ).to_be_visible()
+    expect(page.get_by_role("row", name="car 1")).to_be_visible()
+    expect(page.get_by_role("row", name="threshold_small_box 40 60")).to_be_visible()
+    expect(page.locator(".flip--lost")).to_have_count(1)
+    expect(page).to_have_url(re.compile(rf"run={second}$"))
+
+    against = page.get_by_label("Run to compare with")
+    expect(against).to_have_value(str(first))
+    began = street.api.get(f"/datasets/{street.dataset}/runs").json()["items"][-1]["id"]
+    against.select_option(str(began))
+
+    expect(page.locator(".flip--lost")).to_have_count(2)
+    expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
+
+
+def test_an_export_is_made_watched_downloaded_and_can_be_checked(ada, street, tmp_path):
+    page = runs_page(ada, street)
+    page.get_by_role("button", name="New export").click()
+    page.locator(".formatcard", has_text="COCO").click()
+    page.get_by_role("combobox", name=re.compile("^Images")).select_option("none")
+
+    page.get_by_role("button", name="Make export").click()
+
+    made = page.get_by_role("article", name=re.compile("^Export"))
+    expect(made).to_contain_text("done")
+    expect(made).to_contain_text("boxes written2")
+    expect(made).to_contain_text("images: left out, labels alone")
+    with page.expect_download() as downloading:
+        made.get_by_role("button", name=re.compile("^Download")).click()
+    archive = tmp_path / "export.zip"
+    downloading.value.save_as(archive)
+    shown = made.locator("code[title]").get_attribute("title")
+    assert hashlib.sha256(archive.read_bytes()).hexdigest() == shown
+    assert any(name.endswith(".json") for name in members(archive))
+
+
+def members(archive: Path) -> list[str]:
+    with zipfile.ZipFile(archive) as opened:
+        return opened.namelist()
+
+
+def test_an_export_is_cancelled(ada, long_street):
+    page = runs_page(ada, long_street)
+    # Exports are written one after the other: the last one waits for all before it.
+    path = f"/datasets/{long_street.dataset}/exports"
+    asked = [long_street.api.post(path, json={"format": "yolo"}) for _ in range(12)]
+    number = asked[-1].json()["id"]
+    page.reload()
+
+    page.get_by_role("button", name=f"Cancel export {number}").click()
+
+    row = page.get_by_role("article", name=f"Export {number}", exact=True)
+    expect(row.locator(".statebadge--cancelled")).to_be_visible()
+    expect(row).to_contain_text("nothing was written")
+    stored = long_street.api.get(f"/exports/{number}").json()
+    assert (stored["state"], stored["download"]) == ("cancelled", None)
+
+
+def test_every_format_of_the_api_is_offered(ada, street):
+    schema = street.api.get(f"{ada.url}/openapi.json").json()["components"]["schemas"]
+    page = runs_page(ada, street)
+
+    page.get_by_role("button", name="New export").click()
+
+    expect(page.locator(".formatcard").first).to_be_visible()
+    offered = page.locator(".formatcard input").evaluate_all(
+        "inputs => inputs.map(input => input.value)"
+    )
+    assert offered == schema["ExportIn"]["properties"]["format"]["enum"]
+
+
+def test_what_the_server_refuses_is_said_in_the_form(ada, street):
+    page = runs_page(ada, street)
+    page.get_by_role("button", name="New export").click()
+    page.get_by_label("Labels per distance, metres").fill("-5")
+
+    page.get_by_role("button", name="Make export").click()
+
+    expect(page.locator(".ask").get_by_role("alert")).to_contain_text("bands")
+    expect(page.get_by_text("No export yet")).to_have_count(0)
+
+
+def test_a_dataset_without_exports_says_so_and_a_missing_one_too(ada, street):
+    page = runs_page(ada, street)
+    expect(page.get_by_text("No export yet")).to_be_visible()
+
+    ada.open("#/datasets/nothing-here/runs")
+
+    expect(page.get_by_role("alert")).to_contain_text("nothing-here")
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_is_cut_off_and_nothing_serious_is_found(
+    street: Scene,
+    visit: Visit,
+    scheme: str,
+    width: int,
+):
+    number = apply(street, threshold_small_box=40)
+    street.api.post(f"/datasets/{street.dataset}/exports", json={"format": "yolo"})
+    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
+    page = runs_page(ada, street, f"?run={number}")
+    expect(page.locator(".flip")).to_have_count(1)
+    expect(page.get_by_role("button", name=re.compile("^Download"))).to_be_visible()
+
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert findings(page) == []
+    page.get_by_role("button", name="New export").click()
+    expect(page.locator(".formatcard").first).to_be_visible()
+    assert findings(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+
+def test_a_long_list_scrolls_by_itself_and_not_the_page_past_its_end(
+    long_street, visit
+):
+    number = apply(long_street, max_distance=1)
+    ada = visit(viewport=PHONE)
+    page = runs_page(ada, long_street, f"?run={number}")
+    expect(page.locator(".flip")).to_have_count(FRAMES + 2)
+
+    below = page.evaluate(
+        "document.documentElement.scrollHeight - scrollY"
+        " - document.querySelector('main').getBoundingClientRect().bottom"
+    )
+
+    assert below <= 1

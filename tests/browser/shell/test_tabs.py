@@ -1,0 +1,30 @@
+"""The views of a dataset as tabs."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.support.page.windows import PHONE
+
+pytestmark = pytest.mark.browser
+
+
+def test_tab_on_show_is_marked_and_filters_go_along(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames?class=car&key=run")
+    tabs = page.get_by_role("navigation", name="Dataset")
+
+    current = tabs.locator("[aria-current=page]")
+
+    expect(current).to_have_text("Frames")
+    expect(current).to_have_attribute(
+        "href", f"#/datasets/{scene.dataset}/frames?class=car"
+    )
+
+
+def test_tab_on_show_is_in_sight_on_a_phone(scene, visit):
+    page = visit(viewport=PHONE).open(f"#/datasets/{scene.dataset}/frames")
+
+    tabs = page.get_by_role("navigation", name="Dataset")
+
+    expect(tabs.locator("[aria-current=page]")).to_be_in_viewport(ratio=1)

@@ -1,0 +1,382 @@
+"""Thresholds tried in the browser: moved by hand, kept as a link, saved, applied."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import keys_of
+from tests.support.page.accessibility import findings
+from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.tuning import applied_config, car_at, column, dragged
+from tests.support.page.windows import PHONE, SCHEMES, WIDTHS, Visit, Visitor
+
+pytestmark = pytest.mark.browser
+
+# Cars that fill 4, 30, 55 and 80 % of their boxes, and a walker that fills its own.
+BOXES = [car_at(share, index) for index, share in enumerate((4, 30, 55, 80))]
+WALKER = {"id": "walker", "class": "walker", "xyxy": (560, 200, 590, 280)}
+
+PREVIEW_TIMES = """() => performance.getEntriesByType("resource")
+  .filter(({ name }) => name.endsWith("/preview"))
+  .map(({ startTime, responseEnd }) => [startTime, responseEnd])"""
+
+
+@pytest.fixture
+def street(make_scene: MakeScene) -> Scene:
+    return make_scene(boxes=[*BOXES, WALKER])
+
+
+def opened(ada: Visitor, street: Scene, query: str = "") -> Page:
+    page = ada.open(f"#/datasets/{street.dataset}/thresholds{query}")
+    expect(figure(page, "kept")).not_to_have_text("–")
+    expect(page.locator(".histogram__drawing canvas").first).to_be_visible()
+    return page
+
+
+def handle(page: Page, name: str) -> Locator:
+    return page.get_by_role("slider", name=f"Threshold of {name}", exact=True)
+
+
+def figure(page: Page, which: str) -> Locator:
+    return page.locator(f'[data-figure="{which}"] .figure__value')
+
+
+def test_dragging_a_threshold_counts_at_once_and_lists_what_would_flip(ada, street):
+    page = opened(ada, street)
+    expect(figure(page, "kept")).to_have_text("4")
+
+    dragged(page, handle(page, "all classes"), to=60)
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
+    expect(figure(page, "kept")).to_have_text("2")
+    expect(figure(page, "lost")).to_have_text("2")
+    expect(page.locator(".flip--lost")).to_have_count(2)
+    expect(page.locator(".flip img").first).to_have_attribute(
+        "src", re.compile("blob:")
+    )
+    expect(page.locator(".flip img").first).to_have_js_property("complete", True)
+    width = page.locator(".flip img").first.evaluate("(img) => img.naturalWidth")
+    assert width > 0
+
+
+def test_a_flip_leads_to_its_box_in_its_frame(ada, street):
+    page = opened(ada, street, "?threshold_small_box=50")
+    expect(page.locator(".flip--lost")).to_have_count(1)
+
+    page.locator(".flip--lost").click()
+
+    box = next(one for one in street.frame["boxes"] if one["id"] == "car-30")
+    expect(page).to_have_url(re.compile(rf"#/frames/\d+\?box={box['box_id']}$"))
+
+
+def test_a_class_has_a_threshold_of_its_own_by_keyboard_alone(ada, street):
+    page = opened(ada, street)
+    handle(page, "car").focus()
+
+    ada.press("ArrowRight", "Shift+ArrowRight", "PageUp", "ArrowLeft")
+
+    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "25")
+    expect(handle(page, "car")).to_have_attribute("aria-valuetext", "25 %")
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
+    ada.press("End")
+    expect(figure(page, "kept")).to_have_text("1")
+    ada.press("Home")
+    expect(figure(page, "kept")).to_have_text("5")
+    expect(figure(page, "won")).to_have_text("1")
+    page.get_by_role("button", name="own").click()
+    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "10")
+
+
+def test_typing_a_number_moves_the_threshold_and_nonsense_does_not(ada, street):
+    page = opened(ada, street)
+    field = page.get_by_label("Threshold of all classes", exact=True).first
+
+    field = page.locator("input[aria-label='Threshold of all classes']")
+    field.fill("31.25")
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
+    field.fill("131")
+
+    expect(field).to_have_attribute("aria-invalid", "true")
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
+
+
+def test_what_is_tried_is_a_link_and_going_back_takes_it_back(ada, street):
+    page = opened(ada, street)
+    handle(page, "all classes").focus()
+    ada.press("PageUp")
+    expect(page).to_have_url(re.compile(r"\?threshold_small_box=20$"))
+
+    link = page.url.partition("#")[2]
+    ada.open("#/datasets")
+    page = ada.open(f"#{link}")
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "20")
+    page.evaluate("link => { location.hash = link }", link.replace("=20", "=35"))
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "35")
+    page.get_by_role("button", name="Reset").click()
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
+    expect(page).to_have_url(re.compile("/thresholds$"))
+
+
+def test_saving_names_the_version_and_what_differs_and_decides_nothing(ada, street):
+    page = opened(ada, street, "?threshold_small_box=40&min_visible_pixels=3")
+    page.get_by_role("button", name="Save as new config version").click()
+    dialog = page.get_by_role("dialog")
+    rows = dialog.locator("tbody tr").all_inner_texts()
+    assert [row.split() for row in rows] == [
+        ["threshold_small_box", "10", "40"],
+        ["min_visible_pixels", "1", "3"],
+    ]
+    digest = dialog.locator("code[title]").get_attribute("title")
+
+    dialog.get_by_role("button", name="Save only").click()
+
+    expect(dialog).to_have_count(0)
+    expect(page.locator(".version")).to_have_count(2)
+    versions = street.api.get(f"/datasets/{street.dataset}/configs").json()["items"]
+    assert versions[0]["digest"] == digest
+    assert versions[0]["config"]["threshold_small_box"] == 40
+    assert applied_config(street)["threshold_small_box"] == 10
+
+
+def test_applying_runs_to_the_end_and_becomes_what_is_active(ada, street):
+    page = opened(ada, street, "?threshold_small_box=40")
+    page.get_by_role("button", name="Save as new config version").click()
+
+    page.get_by_role("button", name="Save and apply").click()
+
+    expect(page.locator(".runstrip--done")).to_contain_text("is done")
+    expect(page.get_by_text("The active configuration")).to_be_visible()
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "40")
+    expect(page).to_have_url(re.compile("/thresholds$"))
+    assert applied_config(street)["threshold_small_box"] == 40
+    page.get_by_role("link", name="See what changed").click()
+    expect(page.get_by_role("heading", name=re.compile("What run"))).to_be_visible()
+    expect(page.locator(".flip--lost")).to_have_count(1)
+
+
+def test_an_older_version_can_be_tried_and_made_active_again(ada, street):
+    street.decide(threshold_small_box=60)
+    page = opened(ada, street)
+    expect(page.locator(".version.is-active")).to_contain_text("decides now")
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
+
+    page.get_by_role("button", name="Try").click()
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
+    expect(figure(page, "won")).to_have_text("2")
+    page.get_by_role("button", name="Apply").click()
+
+    expect(page.locator(".runstrip--done")).to_be_visible()
+    assert applied_config(street)["threshold_small_box"] == 10
+
+
+def test_what_needs_pixels_is_said_and_not_guessed(ada, street):
+    page = opened(ada, street)
+
+    page.evaluate("location.hash += '?profile=carlasimu'")
+
+    expect(page.get_by_text("This one has to look at pixels again.")).to_be_visible()
+    expect(figure(page, "kept")).to_have_count(0)
+    expect(page.locator(".summary__pixels")).to_contain_text("again. What it would")
+    expect(page.get_by_role("heading", name="Configuration")).to_be_visible()
+    for name in ("All classes", "Reasons", "Would flip"):
+        expect(page.get_by_role("heading", name=name)).to_have_count(0)
+    assert findings(page) == []
+
+    page.get_by_role("button", name="Reset").click()
+    expect(page.get_by_role("heading", name="Reasons")).to_be_visible()
+    expect(handle(page, "all classes")).to_be_visible()
+
+
+def test_another_channel_that_decides_is_named_with_its_own_keys(ada, street):
+    page = opened(ada, street)
+    line = page.locator(".tuning__channel")
+    expect(line).to_have_count(0)
+    street.decide(evidence="ordered")
+
+    page.reload()
+
+    expect(line).to_have_text(
+        "The channel ordered decides, by min_visible_pixels (1) and "
+        "ordered_min_pixels (3); match thresholds only decide boxes "
+        "that it has no number for."
+    )
+    expect(figure(page, "kept")).to_be_visible()
+
+
+def test_the_numbers_that_other_channels_need_can_be_tried(ada, street):
+    street.decide(evidence="ordered")
+    page = opened(ada, street)
+    expect(page.locator(".tuning__channel")).to_be_visible()
+    kept = figure(page, "kept")
+    before = int(kept.inner_text())
+
+    page.get_by_role("spinbutton", name="ordered_min_pixels").fill("100000")
+
+    expect(page).to_have_url(re.compile("ordered_min_pixels=100000"))
+    expect(kept).not_to_have_text(str(before))
+    points = page.get_by_role("spinbutton", name="lidar_min_points")
+    expect(points).to_have_value("5")
+
+
+def test_every_key_of_the_library_stands_in_the_form_as_it_is_declared(ada, street):
+    page = opened(ada, street)
+    keys = keys_of(FilterConfig)
+    rows = page.locator(".table--keys tbody tr")
+
+    expect(rows.locator("code")).to_have_text(list(keys))
+    expect(rows.locator(".table__text")).to_have_text(
+        [key.sentence for key in keys.values()]
+    )
+    asked = [name for name, key in keys.items() if not key.needs_pixels]
+    controls = rows.locator("input, select, textarea")
+    labels = controls.evaluate_all("all => all.map((one) => one.ariaLabel)")
+    assert labels == asked
+
+
+def test_a_number_that_a_key_does_not_allow_is_not_tried(ada, street):
+    page = opened(ada, street)
+    share = page.get_by_role("spinbutton", name="size_big_box")
+
+    for wrong in ("101", "-1"):
+        share.fill(wrong)
+        expect(share).to_have_attribute("aria-invalid", "true")
+    page.get_by_role("spinbutton", name="lidar_min_points").fill("2.5")
+    expect(page.locator(".summary__state")).to_have_text("The active configuration")
+
+    share.fill("70.5")
+    expect(page.locator(".summary__state")).to_contain_text("1 change tried")
+
+
+def test_reasons_and_flips_can_be_those_of_one_class(ada, street):
+    page = opened(ada, street, "?threshold_small_box=60")
+    expect(page.get_by_role("row", name=re.compile("^visible 4 2"))).to_be_visible()
+
+    page.get_by_role("button", name="walker", exact=True).click()
+
+    expect(page.get_by_role("heading", name="Reasons: walker")).to_be_visible()
+    expect(page.get_by_role("row", name=re.compile("^visible 1 1"))).to_be_visible()
+    expect(page.get_by_text("No box changes sides.")).to_be_visible()
+    expect(page).to_have_url(re.compile("class=walker"))
+
+
+def test_the_file_has_every_key_as_it_is_tried(ada, street):
+    page = opened(ada, street, "?threshold_small_box=12.5&classes.car.accept=[14]")
+    page.get_by_text("As YAML").click()
+
+    text = page.locator(".yaml pre").inner_text()
+
+    sent = {"Content-Type": "application/yaml"}
+    path = f"/datasets/{street.dataset}/configs"
+    stored = street.api.post(path, content=text, headers=sent)
+    assert stored.status_code == 201, stored.text
+    config = stored.json()["config"]
+    assert config["threshold_small_box"] == 12.5
+    assert config["classes"] == {"car": {"accept": [14]}} or config["classes"]
+
+
+def test_a_refused_value_says_why_and_the_histograms_stay(ada, street):
+    page = opened(ada, street)
+
+    page.evaluate("location.hash += '?min_distance=50&max_distance=10'")
+
+    expect(page.get_by_role("alert")).to_contain_text("min_distance")
+    expect(handle(page, "all classes")).to_be_visible()
+
+
+def test_a_server_that_is_away_is_said_and_asked_again(ada, street):
+    page = ada.page
+    page.route("**/preview", lambda route: route.abort())
+    page.goto(f"{ada.url}/#/datasets/{street.dataset}/thresholds")
+    expect(page.get_by_role("alert")).to_have_text("The server does not answer.")
+
+    page.unroute("**/preview")
+    page.get_by_role("button", name="Try again").click()
+
+    expect(figure(page, "kept")).to_have_text("4")
+
+
+def test_only_one_preview_is_on_its_way_however_fast_one_drags(ada, street):
+    page = opened(ada, street)
+    page.wait_for_load_state("networkidle")
+    page.evaluate("performance.clearResourceTimings()")
+    handle(page, "all classes").focus()
+
+    for _ in range(60):
+        page.keyboard.press("ArrowRight")
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "40")
+    expect(figure(page, "kept")).to_have_text("3")
+    times: list[list[float]] = page.evaluate(PREVIEW_TIMES)
+    assert 0 < len(times) < 60
+    ends, starts = [end for _, end in times[:-1]], [start for start, _ in times[1:]]
+    assert all(end <= start for end, start in zip(ends, starts, strict=True)), times
+
+
+def test_an_empty_dataset_says_what_is_missing(ada, api):
+    api.post("/datasets", json={"name": "no-boxes"})
+
+    page = ada.open("#/datasets/no-boxes/thresholds")
+
+    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
+
+
+def test_bars_are_hatched_below_the_threshold_and_solid_above(ada, street):
+    page = opened(ada, street, "?threshold_small_box=50")
+    drawing = page.locator(".histogram--large .histogram__drawing canvas")
+
+    below, above = column(drawing, percent=30.25), column(drawing, percent=80.25)
+
+    assert below > 1, "a rejected bar is slanted lines over a tint"
+    assert above == 1, "a kept bar is one solid colour"
+
+
+def test_drawings_take_on_another_appearance(ada, street):
+    page = opened(ada, street)
+    drawing = page.locator(".histogram--large .histogram__drawing")
+    expect(drawing).to_have_attribute("data-drawn", "1")
+    page.get_by_role("button", name="Settings").click()
+
+    page.get_by_role("button", name="Dark").click()
+
+    expect(drawing).to_have_attribute("data-drawn", "2")
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_is_cut_off_and_nothing_serious_is_found(
+    street: Scene,
+    visit: Visit,
+    scheme: str,
+    width: int,
+):
+    ada = visit(color_scheme=scheme, viewport={"width": width, "height": 844})
+    page = opened(ada, street, "?threshold_small_box=60")
+    expect(page.locator(".flip")).to_have_count(2)
+
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert findings(page) == []
+    page.get_by_role("button", name="Save as new config version").click()
+    assert findings(page) == []
+
+
+def test_a_threshold_is_moved_by_touch(street, visit):
+    bo = visit(viewport=PHONE, has_touch=True, is_mobile=True)
+    page = opened(bo, street)
+    line = handle(page, "all classes")
+    line.scroll_into_view_if_needed()
+
+    place = line.bounding_box()
+    assert place is not None
+    assert place["width"] >= 44
+    dragged(page, line, to=60)
+
+    expect(figure(page, "kept")).to_have_text("2")
+    assert json.loads(line.get_attribute("aria-valuenow") or "") == pytest.approx(
+        60, abs=1
+    )

@@ -1,0 +1,344 @@
+"""Files that are dropped or picked become frames; what does not is listed."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from tests.support.page import scenes
+from tests.support.page.accessibility import findings
+from tests.support.page.windows import Visitor, lose_session
+from tests.support.servers import RunningServer
+
+pytestmark = pytest.mark.browser
+
+CAR_LINE = "0 0.25 0.694444 0.25 0.277778\n"
+VOC = """<annotation><size><width>640</width><height>360</height></size>
+<object><name>car</name><bndbox><xmin>81</xmin><ymin>201</ymin>
+<xmax>240</xmax><ymax>300</ymax></bndbox></object></annotation>"""
+DROP = """(files) => {
+  const transfer = new DataTransfer();
+  for (const [name, data] of files) {
+    const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+    transfer.items.add(new File([bytes], name));
+  }
+  const init = { dataTransfer: transfer, bubbles: true, cancelable: true };
+  document.body.dispatchEvent(new DragEvent("dragenter", init));
+  window.dropzoneWasShown = new Promise((done) => requestAnimationFrame(() =>
+    done(document.querySelector(".dropzone") !== null)));
+  return window.dropzoneWasShown.then((was) => {
+    document.body.dispatchEvent(new DragEvent("drop", init));
+    return was;
+  });
+}"""
+
+
+@pytest.fixture
+def town(tmp_path: Path) -> Path:
+    """A YOLO folder of three frames, one stray image and one broken label."""
+    root = tmp_path / f"town-{tmp_path.name.strip('_').lower()}"
+    for folder in ("images", "labels", "seg"):
+        (root / folder).mkdir(parents=True)
+    (root / "data.yaml").write_text("names: [car, walker]\n")
+    for name in ("1", "2", "3"):
+        (root / "images" / f"{name}.png").write_bytes(scenes.picture())
+        (root / "seg" / f"{name}.png").write_bytes(scenes.segmentation("palette"))
+        (root / "labels" / f"{name}.txt").write_text(CAR_LINE)
+    (root / "images" / "stray.png").write_bytes(scenes.picture())
+    (root / "labels" / "broken.txt").write_text("9 0.5 0.5 0.1 0.1\n")
+    return root
+
+
+def pick(ada: Visitor, folder: Path) -> Page:
+    page = ada.open("#/datasets")
+    page.get_by_label("Upload a folder").last.set_input_files(folder)
+    expect(page.get_by_label("Dataset", exact=True)).to_be_visible()
+    return page
+
+
+def send(page: Page) -> None:
+    page.get_by_role("button", name=re.compile(r"^Upload \d+ frame")).click()
+
+
+def test_folder_is_matched_shown_sent_and_opened(town, ada, api):
+    page = pick(ada, town)
+    dialog = page.get_by_role("dialog", name="Upload")
+    expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
+    expect(dialog.locator(".upload__sum")).to_have_text(
+        re.compile(r"YOLO folder · 3 frames · 3 boxes · [\d.]+ kB")
+    )
+    expect(dialog.get_by_label("Cannot be read")).to_have_text(
+        "broken labels/broken.txt, line 1: expected a class from 0 to 1, found '9'"
+    )
+    dialog.get_by_text("Did not match 1").click()
+    expect(dialog.get_by_label("Did not match")).to_have_text(
+        "images/stray.png no label file for this image"
+    )
+
+    send(page)
+    page.get_by_role("link", name="Open the frames").click()
+
+    expect(page.locator("a.thumb")).to_have_count(3)
+    stored = scenes.get(api, f"/datasets/{town.name}")
+    assert (stored["classes"], stored["counts"]["kept"]) == (["car", "walker"], 3)
+
+
+def test_same_folder_again_stores_nothing_twice(town, ada):
+    page = pick(ada, town)
+    send(page)
+    page.get_by_role("button", name="Close the upload").click()
+    expect(page.get_by_role("heading", name=town.name)).to_be_visible()
+
+    page = pick(ada, town)
+    expect(page.locator("#upload-where")).to_contain_text("a dataset that has 3 frames")
+    send(page)
+
+    outcome = page.locator(".upload-panel__text")
+    expect(outcome).to_have_text("0 frames stored · 3 there already")
+
+
+def test_files_dropped_anywhere_become_frames_of_the_dataset_on_show(scene, ada):
+    page = ada.open(scene.link("ghost"))
+    files = {
+        "9.png": scenes.picture(),
+        "9_seg.png": scenes.segmentation("raw"),
+        "9.json": json.dumps({"boxes": scenes.BOXES}).encode(),
+    }
+
+    said = page.evaluate(DROP, encoded(files))
+
+    assert said
+    expect(page.get_by_label("Dataset", exact=True)).to_have_value(scene.dataset)
+    send(page)
+    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
+    page.get_by_role("link", name="Open the frames").click()
+    expect(page.locator("a.thumb")).to_have_count(2)
+
+
+def encoded(files: dict[str, bytes]) -> list[list[str]]:
+    return [[name, base64.b64encode(data).decode()] for name, data in files.items()]
+
+
+def test_nothing_is_sent_before_one_knows_whether_the_dataset_is_there(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    held: list[Route] = []
+    page.route("**/api/v1/datasets?*", lambda route: held.append(route))
+    page.evaluate(DROP, encoded({"9.png": scenes.picture()}))
+    button = page.get_by_role("button", name="Upload 1 frame")
+
+    expect(page.locator("#upload-where")).to_contain_text("Looking which datasets")
+    expect(button).to_be_disabled()
+    held[0].continue_()
+
+    expect(page.locator("#upload-where")).to_contain_text("a dataset that has 1 frame")
+    expect(button).to_be_enabled()
+
+
+def test_voc_files_are_read_as_the_library_reads_them(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "w.xml": b"<a>"}
+
+    page.evaluate(DROP, encoded(files))
+    expect(page.get_by_label("Cannot be read")).to_contain_text(
+        "w w.xml, line 1, column 4: not XML"
+    )
+    send(page)
+
+    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
+    frame = scenes.get(scene.api, f"/datasets/{scene.dataset}/frames/v")
+    assert frame["boxes"][0]["xyxy"] == [80, 200, 240, 300]
+
+
+COCO = {
+    "images": [{"id": 1, "file_name": "7.png", "width": 640, "height": 360}],
+    "annotations": [
+        {"id": 5, "image_id": 1, "category_id": 2, "bbox": [80, 200, 160, 100]}
+    ],
+    "categories": [{"id": 2, "name": "car"}],
+}
+KITTI = {
+    "label_2/000000.txt": b"Car 0 0 0 80 200 240 300 1.5 1.6 4 1 2 20 0.1\n",
+    "image_2/000000.png": scenes.picture(),
+    "calib/000000.txt": b"P2: 320 0 320 0 0 320 180 0 0 0 1 0\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("title", "files"),
+    [
+        ("KITTI folder", KITTI),
+        (
+            "COCO folder",
+            {"coco.json": json.dumps(COCO).encode(), "images/7.png": scenes.picture()},
+        ),
+        (
+            "carlasimu folder",
+            {"images/7.png": scenes.picture(), "labels/label50/7.txt": b"160 250 9 9"},
+        ),
+        (
+            "Manifest",
+            {"town.jsonl": b'{"key": "7", "image": "rgb\\\\7.png", "boxes": []}',
+             "rgb/7.png": scenes.picture()},
+        ),
+    ],
+)  # fmt: skip
+def test_every_layout_that_the_server_reads_can_be_dropped(
+    ada, api, tmp_path, title, files
+):
+    root = tmp_path / f"drop-{tmp_path.name.strip('_').lower()}"
+    for name, content in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_bytes(content)
+
+    page = pick(ada, root)
+
+    expect(page.locator(".upload__sum")).to_contain_text(f"{title} · 1 frame")
+    send(page)
+    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
+    assert scenes.get(api, f"/datasets/{root.name}")["counts"]["frames"] == 1
+
+
+def test_files_of_two_layouts_are_read_as_the_one_that_is_chosen(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+    files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "classes.txt": b"car"}
+
+    page.evaluate(DROP, encoded({**files, "w.txt": CAR_LINE.encode()}))
+    expect(page.locator(".upload__sum")).to_contain_text("Pascal VOC folder · 1 frame")
+    page.get_by_role("combobox", name="Dataset").fill("typed")
+    page.get_by_role("button", name="YOLO folder").click()
+
+    expect(page.locator(".upload__sum")).to_contain_text("YOLO folder · 1 frame")
+    expect(page.locator(".upload__table")).to_contain_text("w")
+    expect(page.get_by_role("combobox", name="Dataset")).to_have_value("typed")
+
+
+def test_images_beside_labels_that_nobody_can_read_can_be_taken_alone(scene, ada):
+    page = ada.open(f"#/datasets/{scene.dataset}/frames")
+    expect(page.locator("a.thumb")).to_have_count(1)
+
+    page.evaluate(DROP, encoded({"9.png": scenes.picture(), "9.txt": b"0 1 1 1 1"}))
+    expect(page.get_by_role("alert")).to_contain_text("No frames were recognised")
+    page.get_by_role("button", name="Take the images alone").click()
+
+    expect(page.get_by_role("button", name="Upload 1 frame")).to_be_enabled()
+    page.get_by_text("Did not match 1").click()
+    expect(page.get_by_label("Did not match")).to_contain_text(
+        "9.txt labels of another"
+    )
+
+
+def test_a_server_that_is_away_is_asked_again_and_reading_can_be_cancelled(town, ada):
+    page = ada.open("#/datasets")
+    page.route("**/api/v1/folders?*", lambda route: route.abort())
+    page.get_by_label("Upload a folder").last.set_input_files(town)
+    expect(page.get_by_role("alert")).to_contain_text("The server does not answer")
+    page.unroute("**/api/v1/folders?*")
+    held: list[Route] = []
+    page.route("**/api/v1/folders?*", lambda route: held.append(route))
+
+    page.get_by_role("button", name="Try again").click()
+    expect(page.locator(".upload__reading")).to_contain_text("reads 12 files")
+    page.get_by_role("button", name="Cancel").click()
+
+    expect(page.get_by_role("dialog", name="Upload")).to_have_count(0)
+
+
+def test_refused_frames_are_listed_and_tried_again(town, ada):
+    """The server's own words; once the cause is mended, the rest goes through."""
+    seg = town / "seg" / "2.png"
+    good = seg.read_bytes()
+    seg.write_bytes(good[:200])
+    page = pick(ada, town)
+
+    send(page)
+
+    expect(page.locator(".upload-panel__text")).to_have_text(
+        "2 frames stored · 1 refused"
+    )
+    expect(page.get_by_label("Refused")).to_contain_text("2 ")
+    expect(page.get_by_label("Refused")).to_contain_text("segmentation")
+    seg.write_bytes(good)
+    page.get_by_role("button", name="Try the refused again").click()
+    expect(page.get_by_label("Refused")).to_contain_text("can no longer be read")
+
+
+def test_upload_waits_while_the_server_is_away_and_goes_on(town, ada, api):
+    page = pick(ada, town)
+    page.route(re.compile("/frames/"), lambda route: route.abort())
+    expect_phase = expect(page.locator(".upload-panel h2"))
+    page.route("**/api/v1/datasets", lambda route: route.continue_())
+
+    send(page)
+    expect_phase.to_contain_text("The server does not answer")
+    page.unroute(re.compile("/frames/"))
+    page.get_by_role("button", name="Go on").click()
+
+    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
+    assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 3
+
+
+def test_paused_and_cancelled_uploads_send_nothing_more(town, ada, api):
+    page = pick(ada, town)
+    held: list[Route] = []
+    page.route(re.compile("/frames/"), lambda route: held.append(route))
+    send(page)
+    page.get_by_role("button", name="Pause").click()
+    expect(page.locator(".upload-panel h2")).to_contain_text("Paused")
+
+    page.get_by_role("button", name="Cancel").click()
+
+    expect(page.locator(".upload-panel h2")).to_contain_text("Stopped")
+    assert scenes.get(api, f"/datasets/{town.name}")["counts"]["frames"] == 0
+
+
+def test_upload_goes_on_from_view_to_view_and_across_a_sign_in(town, ada, server):
+    page = pick(ada, town)
+    lose_session(page)
+    page.route("**/api/v1/datasets", lambda route: made(route, server))
+
+    send(page)
+    page.get_by_label("Token or login link").fill(server.token)
+    page.get_by_role("button", name="Sign in").click()
+
+    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
+
+
+def made(route: Route, server: RunningServer) -> None:
+    """The dataset is made while the session is still good."""
+    shown = {"authorization": f"Bearer {server.token}"}
+    route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
+
+
+def test_bad_name_and_no_frames_are_said_before_anything_is_sent(town, ada, tmp_path):
+    page = pick(ada, town)
+    page.get_by_label("Dataset", exact=True).fill("Town Ten")
+    send(page)
+    expect(page.locator("#upload-error")).to_contain_text("Small letters")
+
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "a.md").write_text("no frame")
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_label("Upload a folder").last.set_input_files(tmp_path / "notes")
+
+    expect(page.get_by_role("alert")).to_contain_text("No frames were recognised")
+    expect(page.get_by_role("dialog")).to_contain_text("notes: no layout recognised")
+
+
+def test_upload_has_no_serious_finding(town, visit, scheme):  # same
+    ada = visit(color_scheme=scheme)
+    page = pick(ada, town)
+    page.get_by_text("Did not match 1").click()
+    assert findings(page) == []
+
+    send(page)
+    page.get_by_role("button", name="Close the upload").wait_for()
+
+    assert findings(page) == []

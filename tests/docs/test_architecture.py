@@ -1,0 +1,165 @@
+"""ARCHITECTURE.md is true where a machine can tell: names, files, imports, figures."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import PurePosixPath
+
+import pytest
+
+from app.ingest.batch import LONGEST_WAIT_S, MOST_TOGETHER
+from app.jobs.events import INTERVAL_S
+from app.jobs.leases import RENEW_EVERY_S
+from app.jobs.queries import LASTS
+from app.jobs.service import LOOK_EVERY_S
+from app.jobs.work import MOST_ATTEMPTS
+from app.runs.measure import COMMIT_EVERY_S
+from tests.support.sources import CHECKOUT, page_sources, python_sources
+
+TEXT = (CHECKOUT / "ARCHITECTURE.md").read_text("utf-8")
+WORDS = " ".join(TEXT.split())
+NAMED = sorted(set(re.findall(r"`([^`\n]+)`", TEXT)))
+SUFFIXES = (".py", ".js", ".md", ".json", ".toml")
+# What other programs call so.
+FOREIGN = {
+    *("BEGIN IMMEDIATE", "COPY", "executemany", "synchronous=FULL", "count(*)"),
+    "requestAnimationFrame",
+}
+COMMANDS = ("python -m", "make", "npm run", "POST ", "UNGHOST_")
+
+
+@cache
+def files() -> frozenset[str]:
+    """Files and folders that the document may name, from the top of the checkout."""
+    tops = (
+        "app filter_core unghost static migrations tests benchmarks tools deploy docs"
+    )
+    found = {
+        path.relative_to(CHECKOUT).as_posix()
+        for top in tops.split()
+        for path in (CHECKOUT / top).rglob("*")
+        if not {"__pycache__", "node_modules"} & {*path.parts}
+    }
+    return frozenset(found) | {path.name for path in CHECKOUT.iterdir()}
+
+
+def matching(named: str) -> list[str]:
+    """Files and folders whose path ends like this: a room may lack its package."""
+    wanted = named.rstrip("/")
+    return [file for file in files() if f"/{file}".endswith(f"/{wanted}")]
+
+
+@cache
+def defined_in(file: str) -> frozenset[str]:
+    """The names that a file defines: functions, classes, fields, parameters."""
+    text = (CHECKOUT / file).read_text("utf-8")
+    if not file.endswith(".py"):
+        return frozenset(re.findall(r"\b(?:const|function|class)\s+(\w+)", text))
+    return frozenset(
+        name for node in ast.walk(ast.parse(text)) for name in names_of(node)
+    )
+
+
+def names_of(node: ast.AST) -> list[str]:
+    """The names that one node of Python's syntax tree brings in, table names too."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [node.name]
+    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+        return [node.id]
+    if isinstance(node, ast.arg):
+        return [node.arg]
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return [node.value, *re.findall(r"CREATE VIEW (\w+)", node.value)]
+    return []
+
+
+@cache
+def definitions() -> frozenset[str]:
+    """All names that the code defines, and the names of its modules."""
+    sources = (*python_sources(), *page_sources())
+    stems = {PurePosixPath(file).stem for file in files()}
+    code = (source.name for source in sources if source.name.endswith((".py", ".js")))
+    return frozenset(stems).union(*(defined_in(file) for file in code))
+
+
+def is_path(named: str) -> bool:
+    return "/" in named or named.endswith(SUFFIXES)
+
+
+def is_command(named: str) -> bool:
+    return named in FOREIGN or named.startswith(COMMANDS)
+
+
+@pytest.mark.parametrize(
+    "named", [n for n in NAMED if is_path(n) and not is_command(n)]
+)
+def test_named_files_exist(named):
+    assert matching(named)
+
+
+@pytest.mark.parametrize(
+    "named", [n for n in NAMED if not is_path(n) and not is_command(n)]
+)
+def test_named_definitions_exist(named):
+    for word in re.findall(r"\w+", named.partition("=")[0]):
+        assert word in definitions()
+
+
+PLACED = re.findall(r"`(\w+)` (?:in|of)\s+`([\w./]+\.(?:py|js))`", TEXT) + re.findall(
+    r"\d\. `([\w./]+\.(?:py|js))`: `(\w+)`", TEXT
+)
+
+
+@pytest.mark.parametrize(("one", "other"), PLACED)
+def test_names_are_in_the_files_that_are_said(one, other):
+    name, file = (other, one) if is_path(one) else (one, other)
+
+    assert any(name in defined_in(found) for found in matching(file))
+
+
+def walks() -> list[tuple[str, str]]:
+    """The numbered steps below "Data in motion", each with the heading above it."""
+    part = TEXT.partition("\n## Data in motion\n")[2].partition("\n## ")[0]
+    steps = []
+    for section in part.split("\n### ")[1:]:
+        heading = section.partition("\n")[0]
+        steps += [(heading, step) for step in re.split(r"\n\d+\. ", section)[1:]]
+    return steps
+
+
+def test_every_step_of_a_walk_names_a_file_or_a_function():
+    acts = {"An upload", "An answer", "A threshold", "A run", "An export", "A command"}
+
+    assert {heading for heading, _ in walks()} >= acts
+    assert [step for _, step in walks() if "`" not in step] == []
+
+
+def test_commands_that_import_the_service_are_those_of_the_contract():
+    project = (CHECKOUT / "pyproject.toml").read_text("utf-8")
+    allowed = set(re.findall(r'"unghost\.cli\.(\w+) -> app', project))
+    said = WORDS.partition("In `unghost`, only commands")[2].partition(". ")[0]
+
+    assert set(re.findall(r"`cli/(\w+)\.py`", said)) == allowed
+
+
+@pytest.mark.parametrize(
+    ("sentence", "figure", "expected"),
+    [
+        ("holds its lease for eight seconds at a time", LASTS.total_seconds(), 8),
+        ("and renews it every two", RENEW_EVERY_S, 2),
+        ("when its watchdog looks next, every two seconds", LOOK_EVERY_S, 2),
+        ("is tried three times", MOST_ATTEMPTS, 3),
+        ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
+        ("means reading its row, five times a second", INTERVAL_S, 0.2),
+        (
+            "up to 32 of them, or those of 100 ms",
+            (MOST_TOGETHER, LONGEST_WAIT_S),
+            (32, 0.1),
+        ),
+    ],
+)
+def test_figures_are_those_of_the_code(sentence, figure, expected):
+    assert sentence in WORDS
+    assert figure == expected

@@ -1,0 +1,229 @@
+"""A backup holds what was answered before it, is whole or not there, and comes back."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tarfile
+import threading
+from contextlib import closing
+
+import pytest
+
+from app.maintenance.backup import make_backup
+from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.restore import restore
+from app.settings import Settings
+from app.storage import alone_in
+from tests.support import frames as scene
+from tests.support.data_folders import (
+    backed_up,
+    blobs,
+    examined,
+    restored,
+    served,
+    silently,
+)
+
+pytestmark = [pytest.mark.long, pytest.mark.sqlite_files("a backup copies its file")]
+
+TARGETS = ["kept", "kept.tar"]
+
+
+def keys(data):
+    with closing(sqlite3.connect(data / "unghost.db")) as database:
+        return {row[0] for row in database.execute("SELECT key FROM frames")}
+
+
+def test_what_was_answered_before_a_backup_of_a_busy_server_is_in_it(tmp_path, unghost):
+    stop = threading.Event()
+    answered: list[str] = []
+
+    def send(api, dataset):
+        while not stop.is_set():
+            number = len(answered)
+            files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+            api.stored(dataset, f"f/{number}", **files)
+            answered.append(f"f/{number}")
+
+    with served(tmp_path / "data") as (_, api):
+        sending = threading.Thread(target=send, args=(api, api.dataset()))
+        sending.start()
+        try:
+            while len(answered) < 10:
+                assert sending.is_alive()
+            before = {*answered}
+            made = unghost("backup", "kept.tar", "--json")
+        finally:
+            stop.set()
+            sending.join()
+
+    assert made.code == 0, made.err
+    restored(tmp_path / "kept.tar", tmp_path / "again")
+    assert before <= keys(tmp_path / "again") <= {*answered}
+    assert examined(tmp_path / "again").keys() <= {"token"}
+
+
+def test_a_restored_backup_is_served_as_what_it_was_made_of(filled, unghost, tmp_path):
+    backed_up(filled, tmp_path / "kept.tar")
+
+    done = unghost("restore", "kept.tar", "--data", tmp_path / "again")
+    with served(tmp_path / "again") as (_, api):
+        name = api.json("/datasets")["items"][0]["name"]
+        boxes = api.boxes(name)
+        frames = {box["frame_id"] for box in boxes}
+        pictures = {api.get(f"/frames/{frame}/image").content for frame in frames}
+
+    assert done.code == 0, done.err
+    assert sorted(box["verdict"] for box in boxes) == 2 * ["kept"] + 2 * ["rejected"]
+    assert pictures == {scene.image(0), scene.image(1)}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_backup_holds_no_token_and_is_for_its_owner_alone(filled, tmp_path, target):
+    secret = (filled / "token").read_bytes().strip()
+
+    backup = backed_up(filled, tmp_path / target)
+
+    files = [backup] if backup.is_file() else list(backup.rglob("*.*"))
+    assert not [file for file in files if secret in file.read_bytes()]
+    assert [file for file in files if file.stat().st_mode & 0o077] == []
+
+
+def test_nothing_is_replaced_and_nothing_is_left_of_what_failed(filled, tmp_path):
+    kept = tmp_path / "kept"
+    damaged = blobs(filled)[0]
+    damaged.write_bytes(b"")
+
+    with pytest.raises(CannotMaintain, match=damaged.name):
+        backed_up(filled, kept)
+    backed_up(filled, kept, incomplete=True)
+    with pytest.raises(CannotMaintain, match="exists already"):
+        backed_up(filled, kept)
+
+    assert len(blobs(kept)) == len(blobs(filled)) - 1
+    assert restored(kept, tmp_path / "again").left_out == (damaged.name,)
+    assert [path.name for path in tmp_path.glob(".kept*")] == []
+
+
+def test_a_backup_that_was_killed_leaves_nothing_in_the_way(filled, tmp_path):
+    (tmp_path / ".kept.partial" / "kept").mkdir(parents=True)
+
+    backed_up(filled, tmp_path / "kept")
+
+    assert not (tmp_path / ".kept.partial").exists()
+
+
+def test_two_backups_at_once_do_not_meet(filled, tmp_path):
+    with alone_in(filled), pytest.raises(CannotMaintain, match="at work"):
+        backed_up(filled, tmp_path / "kept")
+
+
+def damaged_folder(kept):
+    file = blobs(kept)[0]
+    file.write_bytes(file.read_bytes()[:-1] + b"?")
+
+
+def without_a_file(kept):
+    blobs(kept)[0].unlink()
+
+
+def without_its_label(kept):
+    (kept / "backup.json").unlink()
+
+
+def other_database(kept):
+    with (kept / "unghost.db").open("r+b") as file:
+        file.seek(5000)
+        file.write(b"\xff" * 64)
+
+
+def with_something_else(kept):
+    (kept / "blobs" / "aa").mkdir(exist_ok=True)
+    (kept / "blobs" / "aa" / "run.sh").write_text("no")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        damaged_folder,
+        without_a_file,
+        without_its_label,
+        other_database,
+        with_something_else,
+    ],
+)
+def test_a_backup_that_is_not_whole_is_not_restored(filled, tmp_path, spoil):
+    kept = backed_up(filled, tmp_path / "kept")
+    spoil(kept)
+
+    with pytest.raises(CannotMaintain):
+        restored(kept, tmp_path / "again")
+
+    assert [*(tmp_path / "again").iterdir()] == []
+
+
+def test_a_tar_that_was_cut_off_is_not_restored(filled, tmp_path):
+    whole = backed_up(filled, tmp_path / "kept.tar").read_bytes()
+    cut = tmp_path / "cut.tar"
+
+    for size in (0, 100, len(whole) // 2, len(whole) - 12_000):
+        cut.write_bytes(whole[:size])
+        with pytest.raises(CannotMaintain):
+            restored(cut, tmp_path / "again")
+
+    assert [*(tmp_path / "again").iterdir()] == []
+
+
+@pytest.mark.parametrize("name", ["../evil", "/evil", "blobs/../../evil"])
+def test_a_tar_is_never_unpacked_outside_the_folder(tmp_path, name):
+    with tarfile.open(tmp_path / "evil.tar", "w") as archive:
+        archive.addfile(tarfile.TarInfo(name))
+
+    with pytest.raises(CannotMaintain, match="is none of it"):
+        restored(tmp_path / "evil.tar", tmp_path / "again")
+
+
+def test_only_an_empty_folder_is_restored_into(filled, unghost, tmp_path):
+    backed_up(filled, tmp_path / "kept")
+    before = sorted(filled.rglob("*"))
+
+    refused = unghost("restore", "kept")
+
+    assert refused.code == 1
+    assert "is not empty" in refused.err
+    assert sorted(filled.rglob("*")) == before
+
+
+def test_a_restore_that_was_interrupted_is_not_served_and_can_be_repeated(
+    filled, unghost, tmp_path
+):
+    backed_up(filled, tmp_path / "kept")
+    shutil.rmtree(filled)
+    (filled / ".restoring").mkdir(parents=True)
+
+    refused = unghost("serve", "--port", "0")
+
+    assert refused.code == 1
+    assert "run `unghost restore` again" in refused.err
+    assert restored(tmp_path / "kept", filled).files == 4
+    assert examined(filled).keys() <= {"token"}
+
+
+def test_a_backup_of_a_newer_version_is_refused(filled, tmp_path):
+    with closing(sqlite3.connect(filled / "unghost.db")) as database, database:
+        database.execute("UPDATE alembic_version SET version_num = '9999'")
+    kept = backed_up(filled, tmp_path / "kept")
+
+    with pytest.raises(CannotMaintain, match="a newer Unghost wrote it"):
+        restored(kept, tmp_path / "again")
+
+
+def test_postgres_is_saved_by_its_own_tools(tmp_path):
+    url = "postgresql+psycopg://nobody@127.0.0.1:1/none"
+    settings = Settings(data=tmp_path / "data", database_url=url)
+
+    with pytest.raises(CannotMaintain, match="pg_dump"):
+        make_backup(settings, tmp_path / "kept", incomplete=False, steps=silently)
+    with pytest.raises(CannotMaintain, match="pg_restore"):
+        restore(settings, tmp_path, silently)

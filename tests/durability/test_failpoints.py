@@ -1,0 +1,230 @@
+"""Killed at any point of its work, the service keeps what it answered, and no halves.
+
+A part of the points with every test run; ``make test-long`` tries all (FAILPOINTS=all).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import contextmanager
+
+import httpx
+import pytest
+
+from app.maintenance.doctor import Severity, examine
+from app.maintenance.gc import collect
+from app.settings import Settings
+from app.storage import sha256_of
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.archives import frame, packed
+from tests.support.data_folders import blobs, silently
+from tests.support.dying_servers import Point, nursery
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.sqlite_files("its process is killed within its commits"),
+]
+
+UNSEEN = [
+    Point("draft", after=True),
+    Point("draft", after=True, turn=2),
+    Point("flush_file", after=False),
+    Point("flush_file", after=True, turn=2),
+    Point("rename", after=False),
+    Point("rename", after=True),
+    Point("rename", after=True, turn=2),
+    Point("flush_folder", after=False),
+    Point("flush_folder", after=True),
+    Point("flush_folder", after=True, turn=2),
+    Point("commit", after=False),
+]
+SEEN = [
+    Point("commit", after=True),
+    Point("answer", after=False),
+    Point("answer", after=True),
+]
+EVERY = [*UNSEEN, *SEEN]
+ALL = os.environ.get("FAILPOINTS") == "all"
+FEW = {
+    "upload": ("after-rename-1", "before-commit-1", "after-commit-1"),
+    "batch": ("after-flush_folder-1", "after-answer-1"),
+    "review": ("after-commit-1",),
+}
+
+
+@pytest.fixture(scope="module")
+def servers(tmp_path_factory):
+    with nursery(tmp_path_factory.mktemp("dying") / "data") as program:
+        yield program
+
+
+@pytest.fixture(scope="module")
+def dataset(servers):
+    with alive(servers) as api:
+        return api.dataset()
+
+
+@contextmanager
+def alive(servers):
+    """A server that lives until it is asked to end."""
+    api = Api.at(*called(servers.server()))
+    with api.http:
+        yield api
+    assert servers.ended(ask=True) == 0
+
+
+def called(link):
+    url, token = link
+    return url, {"Authorization": f"Bearer {token}"}
+
+
+def killed(servers, point, act):
+    """What was acknowledged by a server that dies at a point of this act."""
+    api = Api.at(*called(servers.server(point)))
+    with api.http:
+        prepared = act(api)
+        servers.arm()
+        acknowledged = prepared()
+    assert servers.ended(ask=False) == -9, "the server never came to that point"
+    return acknowledged
+
+
+def pictures(number):
+    """An image and a segmentation that no other frame has: one pixel is its own."""
+    tags = scene.tags()
+    tags[0, number % scene.WIDTH] = tags[-1, 0]
+    tags[1, number // scene.WIDTH] = tags[-1, 0]
+    painted = scene.png(FAMILIES[scene.FAMILY].paint(tags))
+    return {"image": scene.image(number), "segmentation": painted}
+
+
+def upload(dataset, number):
+    def send(api):
+        try:
+            answer = api.put(dataset, f"put/{number}", **pictures(number))
+        except httpx.TransportError:
+            return []
+        return [f"put/{number}"] if answer.status_code == 201 else []
+
+    return lambda api: lambda: send(api)
+
+
+def batch(dataset, number):
+    """Two frames in one stream; the lines that came are acknowledged."""
+    content = packed(
+        frame(f"{number}-a", number=number) + frame(f"{number}-b", number=number + 128)
+    )
+
+    def send(api):
+        lines = []
+        try:
+            with api.http.stream(
+                "POST",
+                f"{BASE}/datasets/{dataset}/batches",
+                content=content,
+                headers={"Content-Type": "application/x-tar"},
+            ) as answer:
+                lines += answer.iter_lines()
+        except httpx.TransportError:
+            pass
+        told = [json.loads(line) for line in lines if line.endswith("}")]
+        return [line["key"] for line in told if line.get("status") == 201]
+
+    return lambda api: lambda: send(api)
+
+
+def stored(api, dataset):
+    items = api.json(f"/datasets/{dataset}/frames", limit=1000)["items"]
+    return {item["key"]: item["id"] for item in items}
+
+
+def check_whole(api, frame_id):
+    """All of a frame: boxes that are decided, and files that are what was sent."""
+    described = api.json(f"/frames/{frame_id}")
+    assert [box["verdict"] for box in described["boxes"]] == ["kept", "rejected"]
+    for kind in ("image", "segmentation"):
+        answer = api.get(f"/frames/{frame_id}/{kind}")
+        assert answer.status_code == 200
+        assert answer.headers["etag"] == f'"{sha256_of(answer.content)}"'
+
+
+def check_folder(data):
+    found = [
+        finding
+        for finding in examine(Settings(data=data), verify=True, steps=silently)
+        if finding.severity in (Severity.WARNING, Severity.ERROR)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("act", "point"),
+    [
+        pytest.param(act, point, id=f"{act.__name__}-{point}")
+        for act in (upload, batch)
+        for point in EVERY
+        if ALL or str(point) in FEW[act.__name__]
+    ],
+)
+def test_frames_are_whole_or_not_there(servers, dataset, act, point):
+    number = 10 + 2 * EVERY.index(point) + (act is batch)
+    wanted = (
+        {f"put/{number}"} if act is upload else {f"run/{number}-a", f"run/{number}-b"}
+    )
+
+    acknowledged = killed(servers, point, act(dataset, number))
+
+    with alive(servers) as api:
+        frames = stored(api, dataset)
+        assert {*acknowledged} <= wanted & frames.keys()
+        assert wanted & frames.keys() == (wanted if point in SEEN else set())
+        for key in wanted & frames.keys():
+            check_whole(api, frames[key])
+        check_folder(servers.data)
+        act(dataset, number)(api)()
+        frames = stored(api, dataset)
+        for key in wanted:
+            check_whole(api, frames[key])
+
+
+@pytest.mark.parametrize(
+    "point",
+    [point for point in EVERY[-4:] if ALL or str(point) in FEW["review"]],
+    ids=str,
+)
+def test_an_answer_of_a_person_is_there_or_not(servers, dataset, point):
+    boxes: list[int] = []
+
+    def send(api):
+        try:
+            return api.review(boxes[0], "reject").status_code
+        except httpx.TransportError:
+            return None
+
+    def prepare(api):
+        number = 100 + EVERY.index(point)
+        frame = api.stored(dataset, f"r/{number}", **pictures(number))
+        boxes.append(frame["decisions"][0]["box_id"])
+        return lambda: send(api)
+
+    told = killed(servers, point, prepare)
+
+    with alive(servers) as api:
+        review = api.json(f"/boxes/{boxes[0]}")["review"]
+    assert (review is not None) == (point in SEEN)
+    assert told in ((None, 201) if point in SEEN else (None,))
+
+
+def test_what_the_killed_left_behind_can_be_cleared_away(servers, dataset):
+    """Runs after any of the others, or alone."""
+    killed(servers, Point("rename", after=True, turn=2), upload(dataset, 200))
+    left = len(blobs(servers.data))
+
+    settings = Settings(data=servers.data)
+    collect(settings, grace_hours=-1, dry_run=False, steps=silently)
+
+    assert len(blobs(servers.data)) < left
+    check_folder(servers.data)

@@ -1,0 +1,167 @@
+"""Disks that are full or read-only, and damage: what is said, and what goes on."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+from sqlalchemy.exc import DatabaseError
+
+from app.db.engine import make_engine, sqlite_url
+from app.http.problems import refusal_of
+from tests.support import frames as scene
+from tests.support.data_folders import blobs, examined, served
+from tests.support.mounts import read_only, small_disk
+from tests.support.servers import start
+
+pytestmark = pytest.mark.long
+
+LITTLE = {"UNGHOST_MIN_FREE_BYTES": "0"}
+
+
+def refused_start(data, tmp_path):
+    """What a server says that does not start."""
+    log = tmp_path / "refused.log"
+    with start(["app"], data, log, {}) as process:
+        assert process.wait(120) == 1
+    return log.read_text("utf-8")
+
+
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
+def test_a_full_disk_refuses_and_loses_nothing_and_goes_on_when_there_is_room(tmp_path):
+    with small_disk(tmp_path / "disk", 24) as disk:
+        data = disk / "data"
+        with served(data, **LITTLE) as (_, api):
+            dataset = api.dataset()
+            first = api.stored(dataset, "first")["decisions"][0]["box_id"]
+            stored, full = filled_by(api, dataset, disk)
+            review = api.review(first, "reject")
+            shown = api.json(f"/boxes/{first}")
+            (disk / "filler").unlink()
+            again = api.put(dataset, "again", image=scene.image(255))
+            reviewed = api.review(first, "reject")
+        with served(data, **LITTLE) as (_, api):
+            items = api.json(f"/datasets/{dataset}/frames", limit=1000)["items"]
+
+        assert (full.status_code, full.json()["code"]) == (503, "storage_full")
+        assert int(full.headers["Retry-After"]) > 0
+        assert (review.status_code, shown["review"]) == (503, None)
+        assert (again.status_code, reviewed.status_code) == (201, 201)
+        assert {item["key"] for item in items} == {"first", "again", *stored}
+        assert examined(data, min_free_bytes=0) == {}
+
+
+def filled_by(api, dataset, disk):
+    """Frames that were stored until the disk was full, and the first refusal."""
+    with (disk / "filler").open("wb", buffering=0) as filler:
+        stored: list[str] = []
+        for number in range(1000):
+            try:
+                filler.write(bytes(1 << 20))
+                filler.write(bytes(1 << 20))
+            except OSError:
+                pass
+            key = f"f/{number}"
+            answer = api.put(dataset, key, image=scene.image(number))
+            if answer.status_code != 201:
+                return stored, answer
+            stored.append(key)
+    raise AssertionError("the disk was never full")
+
+
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
+def test_a_folder_that_becomes_read_only_is_told_apart(tmp_path):
+    data = tmp_path / "data"
+    with served(data) as (_, api):
+        dataset = api.dataset()
+        api.stored(dataset, "first")
+        with read_only(data):
+            refused = api.put(dataset, "second", image=scene.image(2))
+            shown = api.boxes(dataset)
+        again = api.put(dataset, "second", image=scene.image(2))
+
+    assert (refused.status_code, refused.json()["code"]) == (503, "storage_read_only")
+    assert (len(shown), again.status_code) == (2, 201)
+    with read_only(data):
+        said = refused_start(data, tmp_path)
+        assert examined(data) == {}
+    assert "could not start with the data folder" in said.splitlines()[-1]
+
+
+def test_damaged_files_are_refused_by_name_and_mended_by_sending_them_again(tmp_path):
+    data, image = tmp_path / "data", scene.image(7)
+    with served(data) as (_, api):
+        dataset = api.dataset()
+        files = {"image": image, "segmentation": scene.segmentation()}
+        frame = api.stored(dataset, "f", **files)["frame"]["id"]
+        cut, flipped = sorted(blobs(data), key=lambda file: file.read_bytes() != image)
+        cut.write_bytes(image[:-1])
+        flipped.write_bytes(flipped.read_bytes()[:-1] + b"?")
+
+        picture = api.get(f"/frames/{frame}/image")
+        overlay = api.get(f"/frames/{frame}/overlay", layer="segmentation")
+        original = api.get(f"/frames/{frame}/segmentation")
+        run = api.run(dataset, {"profile": "carlasimu"})
+        flipped.unlink()
+        api.stored(dataset, "f", **files)
+        mended = api.get(f"/frames/{frame}/image")
+
+    for answer, file in ((picture, cut), (overlay, flipped), (original, flipped)):
+        assert (answer.status_code, answer.json()["code"]) == (500, "damaged_file")
+        assert file.name in answer.json()["detail"]
+        assert str(data) not in answer.text
+    assert (run["state"], run["error"]["code"]) == ("failed", "damaged_file")
+    assert mended.content == image
+    assert examined(data) == {}
+
+
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
+def test_a_damaged_database_is_told_at_the_start_and_by_a_code(filled, tmp_path):
+    with closing(sqlite3.connect(filled / "unghost.db")) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        pages = database.execute(
+            "SELECT rootpage FROM sqlite_master WHERE tbl_name = 'decisions' "
+            "AND rootpage > 0"
+        ).fetchall()
+    with (filled / "unghost.db").open("r+b") as file:
+        for (page,) in pages:
+            file.seek((page - 1) * 4096)
+            file.write(b"\xff" * 4096)
+
+    engine = make_engine(sqlite_url(filled / "unghost.db"))
+    with pytest.raises(DatabaseError) as raised, engine.connect() as connection:
+        connection.exec_driver_sql("SELECT * FROM decisions").all()
+    engine.dispose()
+    refusal = refusal_of(raised.value)
+
+    assert (refusal.status, refusal.code) == (503, "database_damaged")
+    assert "`unghost doctor` says more" in refused_start(filled, tmp_path)
+    assert examined(filled).keys() == {"database"}
+
+
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
+def test_a_folder_whose_database_is_gone_is_not_served_as_an_empty_one(
+    filled, tmp_path
+):
+    """A new database would have made garbage of all files."""
+    (filled / "unghost.db").unlink()
+
+    said = refused_start(filled, tmp_path)
+
+    assert "is missing, but its files are there" in said.splitlines()[-1]
+    assert "restore a backup" in said.splitlines()[-1]
+    assert not (filled / "unghost.db").exists()
+    assert len(blobs(filled)) == 4
+
+
+@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
+@pytest.mark.parametrize("content", [b"no database at all " * 300, b"SQLite format 3"])
+def test_a_file_that_is_no_database_is_said_in_one_line(tmp_path, content):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "unghost.db").write_bytes(content)
+
+    said = refused_start(tmp_path / "data", tmp_path)
+
+    assert "`unghost doctor` says more" in said.splitlines()[-1]
+    assert examined(tmp_path / "data").keys() >= {"database"}

@@ -1,0 +1,193 @@
+"""What nothing refers to is cleared away, and never a file that somebody is storing."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+import pytest
+
+from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.gc import collect
+from app.measuring.queries import DatasetRepository
+from app.settings import Settings
+from app.storage import FolderStorage, alone_in, sha256_of
+from tests.support import frames as scene
+from tests.support.api import BASE
+from tests.support.archives import frame, lines_of, packed
+from tests.support.data_folders import blobs, examined, served, silently
+from tests.support.databases import empty_postgres, settings_of
+from tests.support.services import Street, running_services
+
+pytestmark = pytest.mark.long
+
+ROUNDS = int(os.environ.get("GARBAGE_ROUNDS", "10"))
+LONG_AGO = 1_000_000_000
+
+
+def collected(data, *, grace_hours=0.0, dry_run=False, **settings):
+    chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
+    return collect(chosen, grace_hours=grace_hours, dry_run=dry_run, steps=silently)
+
+
+def aged(*paths):
+    for path in paths:
+        os.utime(path, (LONG_AGO, LONG_AGO))
+
+
+def delete_a_frame(data):
+    """One of two frames goes; its two files belong to nothing then."""
+    with running_services(data) as services:
+        with services.context.database.read() as session:
+            (row,) = DatasetRepository(session).page(after="", limit=1)
+        Street(services, row.name, row.id).delete("f/0")
+
+
+def test_files_of_a_deleted_frame_go_and_others_stay(filled):
+    delete_a_frame(filled)
+    before = {path.name for path in blobs(filled)}
+
+    only_looked = collected(filled, dry_run=True)
+    looked = {path.name for path in blobs(filled)}
+    found = collected(filled)
+
+    assert looked == before
+    assert (only_looked.files, found.files, found.rows) == (2, 2, 2)
+    assert only_looked.size_bytes == found.size_bytes
+    assert len(blobs(filled)) == 2
+    assert examined(filled) == {}
+    assert collected(filled).files == 0
+
+
+def test_what_is_younger_than_the_time_of_grace_stays(filled):
+    delete_a_frame(filled)
+
+    kept = collected(filled, grace_hours=1)
+    aged(*blobs(filled))
+    found = collected(filled, grace_hours=1)
+
+    assert (kept.files, kept.too_young, kept.rows) == (0, 2, 0)
+    assert (found.files, found.too_young) == (2, 0)
+
+
+def test_leftovers_go_when_they_are_old(filled):
+    storage = FolderStorage(filled / "blobs")
+    old, young = (
+        storage.draft({sha256_of(data): data}).files[0][0] for data in (b"old", b"new")
+    )
+    export = storage.temporary_folder() / "export-77"
+    export.mkdir()
+    (export / "export.zip").write_bytes(b"half")
+    aged(old, export / "export.zip", export)
+
+    assert examined(filled)["leftovers"].count == 2
+    assert collected(filled).leftovers == 2
+    assert (old.exists(), export.exists(), young.exists()) == (False, False, True)
+
+
+def test_an_unused_file_that_is_sent_again_is_used_again(filled):
+    """The file is there already, so it is not written: only its row says so."""
+    delete_a_frame(filled)
+    aged(*blobs(filled))
+
+    with running_services(filled) as services:
+        services.dataset().put(
+            "again",
+            scene.annotation(),
+            image=scene.image(0),
+            segmentation=scene.segmentation(0),
+        )
+        found = collected(filled)
+
+    assert found.files == 0
+    assert examined(filled) == {}
+
+
+def test_a_backup_holds_it_off(filled):
+    with alone_in(filled), pytest.raises(CannotMaintain, match="at work"):
+        collected(filled)
+
+
+def test_a_folder_that_is_not_there_is_told_so(tmp_path):
+    with pytest.raises(CannotMaintain, match=r"no folder .*--data DIR or UNGHOST_DATA"):
+        collected(tmp_path / "nowhere")
+
+
+@pytest.mark.sqlite_files("its file is missing")
+def test_a_folder_without_a_database_is_left_alone(filled):
+    (filled / "unghost.db").unlink()
+
+    with pytest.raises(CannotMaintain, match="no database"):
+        collected(filled)
+
+    assert len(blobs(filled)) == 4
+
+
+def test_postgres_is_cleared_up_as_well(tmp_path):
+    with empty_postgres() as url:
+        chosen = {"database_url": url}
+        with running_services(tmp_path / "data", **chosen) as services:
+            street = services.dataset()
+            for key in ("a", "b"):
+                street.put(key, scene.annotation(), image=scene.image(ord(key)))
+            street.delete("a")
+
+        found = collected(tmp_path / "data", **chosen)
+
+        assert (found.files, found.rows, len(blobs(tmp_path / "data"))) == (1, 1, 1)
+        assert examined(tmp_path / "data", **chosen) == {}
+
+
+def test_no_frame_loses_a_file_to_a_collection_without_grace(tmp_path):
+    """Frames that share their files come and go while garbage is collected without end.
+
+    With no time of grace, nothing but the turns of the writers keeps the files.
+    """
+    data, over = tmp_path / "data", threading.Event()
+    removed = []
+
+    def clear_away():
+        while not over.is_set():
+            removed.append(collected(data, grace_hours=-1).files)
+
+    with served(data) as (_, api):
+        dataset = api.dataset()
+        collecting = threading.Thread(target=clear_away)
+        collecting.start()
+        try:
+            for number in range(ROUNDS):
+                come_and_go(api, dataset, number)
+        finally:
+            over.set()
+            collecting.join()
+        kept = [
+            item["key"] for item in api.json(f"/datasets/{dataset}/frames")["items"]
+        ]
+
+    assert sorted(kept) == ["f/one", "run/many"]
+    assert sum(removed) > 0
+    assert examined(data) == {}
+
+
+def come_and_go(api, dataset, number):
+    """All files lose their last frame, and belong to two others at once."""
+    for key in ("f/one", "run/many") if number else ():
+        path = f"{BASE}/datasets/{dataset}/frames/{key}"
+        assert api.http.delete(path).status_code == 204
+    sent_until_stored(lambda: api.put(dataset, "f/one").status_code)
+    sent_until_stored(lambda: batch(api, dataset))
+
+
+def sent_until_stored(send):
+    """As a client does: what was cleared away meanwhile is sent again."""
+    while (status := send()) == 503:
+        pass
+    assert status == 201
+
+
+def batch(api, dataset):
+    path = f"{BASE}/datasets/{dataset}/batches"
+    headers = {"Content-Type": "application/x-tar"}
+    answer = api.http.post(path, content=packed(frame("many")), headers=headers)
+    assert answer.status_code == 200, answer.text
+    return lines_of(answer.text)[0]["status"]

@@ -1,0 +1,125 @@
+"""A server that is killed in the middle of a run goes on as if nothing had been.
+
+Not with every test run: ``make test-long`` does fifty rounds (KILL_ROUNDS).
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from collections import Counter
+from contextlib import contextmanager
+from itertools import cycle
+
+import numpy as np
+import pytest
+
+from app.runs.queries import FLIP
+from tests.support.api import Api
+from tests.support.databases import rows_of
+from tests.support.long_streets import OTHER_PIXELS, fill
+from tests.support.servers import running_server
+
+pytestmark = pytest.mark.long
+
+ROUNDS = int(os.environ.get("KILL_ROUNDS", "2"))
+SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
+FRAMES = 60
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("killed") / "data"
+
+
+@contextmanager
+def served(folder):
+    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api
+
+
+def rows(folder, statement):
+    return rows_of(folder, statement)
+
+
+def measured(folder):
+    """Evidence by its row: what is measured again gets another."""
+    return rows(folder, "SELECT id, frame_id, measurement_id FROM evidence")
+
+
+def configs():
+    """Others every time: from pixels, from histograms, from numbers alone."""
+    for number, pixels in cycle(enumerate(OTHER_PIXELS)):
+        yield {**pixels, "threshold_small_box": 3 + number}
+        yield {**pixels, **CARS_ARE_SKY}
+        yield {**pixels, **NOTHING_VISIBLE}
+
+
+def test_a_run_that_is_killed_at_any_moment_ends_once(folder):
+    print(f"KILL_SEED={SEED}")
+    dice = random.Random(SEED)
+    with served(folder) as (_, api):
+        dataset = fill(api, FRAMES)
+    wanted = configs()
+
+    for _ in range(ROUNDS):
+        run_id, before = killed(folder, dataset, next(wanted), dice)
+        with served(folder) as (_, api):
+            run = ended(api, run_id)
+            shown = api.boxes(dataset, limit=1000)
+        assert (run["state"], run["done"]) == ("done", FRAMES), run
+        check_nothing_is_lost_or_twice(folder, run, before)
+        assert Counter(box["verdict"] for box in shown) == Counter(run["counts"])
+        assert {box["run"] for box in shown} == {run_id}
+
+
+def killed(folder, dataset, config, dice):
+    """Ask for a run and kill the server; the run, and what it had measured."""
+    with served(folder) as (server, api):
+        body = {"config": config, "activate": True}
+        answer = api.post(f"/datasets/{dataset}/runs", body)
+        assert answer.status_code == 202, answer.text
+        time.sleep(dice.uniform(0, dice.choice([0.05, 1.5])))
+        server.process.kill()
+        server.process.wait()
+    return answer.json()["id"], measured(folder)
+
+
+def ended(api, run_id):
+    for _ in range(2000):
+        run = api.json(f"/runs/{run_id}")
+        if run["state"] not in ("queued", "running"):
+            return run
+        time.sleep(0.02)
+    raise AssertionError(run)
+
+
+def check_nothing_is_lost_or_twice(folder, run, before):
+    after = measured(folder)
+    (measurement,) = rows(
+        folder, f"SELECT measurement_id FROM runs WHERE id = {run['id']}"
+    )
+    frames = Counter(frame for _, frame, of in after if of == measurement[0])
+    assert set(before) <= set(after)
+    assert len(frames) == FRAMES
+    assert set(frames.values()) == {1}
+    flips = [
+        np.frombuffer(boxes, FLIP)["box_id"]
+        for (boxes,) in rows(
+            folder, f"SELECT boxes FROM flips WHERE run_id = {run['id']}"
+        )
+    ]
+    flipped = np.concatenate([np.array([], np.int64), *flips])
+    assert len(flipped) == len(set(flipped.tolist())) == run["changed"]
+    kept = "SELECT class_id, reason, toss_up, sum(boxes) FROM tallies GROUP BY 1, 2, 3"
+    counted = (
+        "SELECT class_id, reason, toss_up, count(*) FROM decisions GROUP BY 1, 2, 3"
+    )
+    assert rows(folder, kept) == rows(folder, counted)
+    assert rows(folder, "PRAGMA integrity_check") == [("ok",)]
+    assert rows(folder, "PRAGMA foreign_key_check") == []

@@ -1,0 +1,46 @@
+"""Whoever looks into the database beside the service, and goes, leaves it as it is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.support.services import running_services
+
+pytestmark = pytest.mark.sqlite_files("SQLite keeps its log beside its file")
+
+LOOK = (
+    "import sqlite3, sys; database = sqlite3.connect(sys.argv[1]); "
+    "print(*database.execute('SELECT count(*) FROM datasets').fetchone()); "
+    "database.close()"
+)
+
+
+def seen(file):
+    """How many datasets another process finds, which then closes the database."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOOK, str(file)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return int(done.stdout)
+
+
+def test_what_is_written_after_somebody_looked_is_there(tmp_path):
+    """The last one to close clears the log away: the service has it open still."""
+    file = tmp_path / "data" / "unghost.db"
+    with running_services(tmp_path / "data"):
+        pass  # the next start finds a database
+
+    with running_services(tmp_path / "data") as services:
+        services.dataset()
+        first = seen(file)
+        services.dataset()
+        second = seen(file)
+        has_log = file.with_name("unghost.db-wal").exists()
+
+    assert (first, second, has_log) == (1, 2, True)
+    assert seen(file) == 2

@@ -1,0 +1,134 @@
+"""An answer leaves when everything that it promises has reached the disk, in order.
+
+Seen from outside: by the system calls of a real server.
+"""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.archives import frame, lines_of, packed
+from tests.support.system_calls import calls_of, traced_server
+
+pytestmark = pytest.mark.sqlite_files("system calls on its log")
+
+WRITES = ("write", "pwrite64", "sendto", "sendmsg", "writev")
+FLUSHES = ("fsync", "fdatasync")
+DRAFT = re.compile(r'"([^"]*/blobs/[0-9a-f]{2})/(\.new-[0-9a-f]+)", O_WRONLY')
+LINE = '\\"status\\": 201'
+
+
+@pytest.fixture(scope="module")
+def calls(tmp_path_factory):
+    """What a server did for a dataset, an upload, a review and a batch of two."""
+    data = tmp_path_factory.mktemp("traced") / "data"
+    with traced_server(data) as (server, trace):
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            dataset = api.dataset()
+            api.stored(
+                dataset, "one", image=scene.image(1), segmentation=scene.segmentation()
+            )
+            box = api.boxes(dataset)[0]["box_id"]
+            assert api.review(box, "reject").status_code == 201
+            told = api.http.post(
+                f"{BASE}/datasets/{dataset}/batches",
+                content=packed(frame("a", number=7) + frame("b", number=8)),
+                headers={"Content-Type": "application/x-tar"},
+            )
+            assert [line.get("status") for line in lines_of(told.text)[:2]] == [201] * 2
+    return calls_of(trace)
+
+
+def answers(calls, text):
+    """Where answers with this text begin to leave."""
+    return [
+        place
+        for place, call in enumerate(calls)
+        if call.name in WRITES and "<socket" in call.words and text in call.words
+    ]
+
+
+def last(calls, end, wanted):
+    """The last place before `end` at which a call is wanted."""
+    places = [place for place in range(end) if wanted(calls[place])]
+    return places[-1] if places else -1
+
+
+def flushed(path):
+    return lambda call: call.name in FLUSHES and f"<{path}>" in call.words
+
+
+def drafts(calls, begin, end):
+    """Folder and name of every blob that was written between two places."""
+    opened = [call for call in calls[begin:end] if call.name == "openat"]
+    return [found.groups() for call in opened if (found := DRAFT.search(call.words))]
+
+
+def check_files(calls, begin, end, log):
+    """Written, flushed, named, its folder flushed; and only then the rows."""
+    rows = [
+        place
+        for place in range(begin, end)
+        if calls[place].name == "pwrite64" and log in calls[place].words
+    ]
+    for folder, name in drafts(calls, begin, end):
+        draft = f"{folder}/{name}"
+        written = last(
+            calls, end, lambda c, d=draft: c.name == "write" and d in c.words
+        )
+        whole = last(calls, end, flushed(draft))
+        named = last(
+            calls, end, lambda c, d=draft: c.name.startswith("rename") and d in c.words
+        )
+        kept = last(calls, rows[0], flushed(folder))
+        assert begin < written < whole < named < kept < rows[0], draft
+    assert last(calls, end, flushed_log(log)) > rows[-1]
+
+
+def flushed_log(log):
+    return lambda call: call.name in FLUSHES and f"/{log}>" in call.words
+
+
+def test_an_upload_is_answered_when_files_and_rows_are_on_the_disk(calls):
+    dataset, frame_answer, _ = answers(calls, "HTTP/1.1 201")[:3]
+
+    assert len(drafts(calls, dataset, frame_answer)) == 2
+    check_files(calls, dataset, frame_answer, "unghost.db-wal")
+
+
+def test_a_line_of_a_batch_leaves_when_its_frame_is_on_the_disk(calls):
+    before, first = answers(calls, "HTTP/1.1 201")[2], answers(calls, LINE)[0]
+
+    # Two images; the segmentation is there already, its folder is flushed again.
+    assert len(drafts(calls, before, first)) == 2
+    check_files(calls, before, first, "unghost.db-wal")
+
+
+def test_a_review_is_answered_when_its_row_is_on_the_disk(calls):
+    _, before, review = answers(calls, "HTTP/1.1 201")[:3]
+
+    rows = last(
+        calls, review, lambda c: c.name == "pwrite64" and "unghost.db-wal" in c.words
+    )
+    assert before < rows < last(calls, review, flushed_log("unghost.db-wal"))
+
+
+def test_the_names_of_database_log_and_folders_are_on_the_disk_before_all(calls):
+    first = answers(calls, "HTTP/1.1 201")[0]
+    made = [
+        place
+        for place, call in enumerate(calls[:first])
+        if call.name == "openat" and "unghost.db-wal" in call.words
+    ]
+
+    data = re.search(r'"([^"]*)/unghost\.db-wal"', calls[made[0]].words)
+    assert data is not None
+    assert last(calls, first, flushed(data[1])) > made[0]
+    assert last(calls, first, flushed(f"{data[1]}/blobs")) > 0
+    parent = data[1].rpartition("/")[0]
+    assert last(calls, first, flushed(parent)) > -1

@@ -1,0 +1,233 @@
+"""A picture that ends the service's process is tried thrice, and then left alone.
+
+Kills that are nobody's fault leave nothing alone, however often they come.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from contextlib import contextmanager
+from functools import partial
+
+import httpx
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import FINISHED, Api
+from tests.support.cluster import PATIENCE_S
+from tests.support.data_folders import served
+from tests.support.databases import rows_of
+from tests.support.dying_servers import nursery
+from tests.support.long_streets import FROM_PIXELS, fill
+from tests.support.poison import DECISIONS, EXPORTS, FRAMES
+from tests.support.servers import start, stop, token_of, wait_for_link
+from tests.support.sources import CHECKOUT
+from tests.support.totals import check_totals, ended, state_of
+from tests.support.waiting import until
+
+MOST_DEATHS = 3
+KILLED = -9
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+POISON = {"boxes": [], "poison": True}
+BEFORE = 60
+KILLS = 5
+MANY = 240
+
+
+@pytest.fixture
+def servers(tmp_path):
+    with nursery(tmp_path / "data") as program:
+        yield program
+
+
+@pytest.fixture
+def data(tmp_path):
+    return tmp_path / "data"
+
+
+@contextmanager
+def client(link):
+    url, token = link
+    api = Api.at(url, {"Authorization": f"Bearer {token}"})
+    with api.http:
+        yield api
+
+
+@contextmanager
+def alive(servers, link):
+    """A server that lives until it is asked to end."""
+    with client(link) as api:
+        yield api
+    assert servers.ended(ask=True) == 0
+
+
+def put(api, name, *keys):
+    for number, key in enumerate(keys):
+        files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+        api.stored(name, key, scene.annotation(), **files)
+
+
+def asked(api, url, body):
+    """Ask for a job of which the server may die before it can answer."""
+    try:
+        answer = api.post(url, body)
+    except httpx.TransportError:
+        return
+    assert answer.status_code == 202, answer.text
+
+
+def wanted(api, name, config=FROM_PIXELS):
+    asked(api, f"/datasets/{name}/runs", {"config": config, "activate": True})
+
+
+def measured(servers, run_id):
+    """The keys of the frames that a run has numbers of, and how often."""
+    rows = rows_of(
+        servers.data,
+        "SELECT frames.key FROM evidence JOIN frames ON frames.id = evidence.frame_id "
+        "JOIN runs ON runs.measurement_id = evidence.measurement_id "
+        "WHERE runs.id = :run",
+        run=run_id,
+    )
+    return Counter(key for (key,) in rows)
+
+
+def export(api):
+    return api.json("/exports/1")
+
+
+def log_of(data):
+    return data.with_name("poisoned.log")
+
+
+@contextmanager
+def poisoned(data):
+    """A server that is a process of its own, with two threads for pixels."""
+    settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "2"}
+    process = start(["tests.support.poison"], data, log_of(data), settings)
+    try:
+        yield process
+    finally:
+        stop(process)
+
+
+def last_run(data):
+    """The number of the run that was asked for, and its state and progress."""
+    return rows_of(data, "SELECT id, state, done FROM runs ORDER BY id DESC")[0]
+
+
+def over(data):
+    return last_run(data)[1] in FINISHED
+
+
+def has_gone_on(data, done):
+    return last_run(data)[2] > done
+
+
+def test_a_frame_that_kills_the_service_is_named_and_all_others_are_measured(servers):
+    with client(servers.poisoned(FRAMES)) as api:
+        name = api.dataset()
+        api.stored(name, "m-poison", POISON)
+        put(api, name, "a", "b", "x", "y")
+        wanted(api, name)
+    deaths = [servers.ended(ask=False)]
+    deaths += [servers.dies(FRAMES) for _ in range(MOST_DEATHS - 1)]
+    with alive(servers, servers.poisoned(FRAMES)) as api:
+        run_id = last_run(servers.data)[0]
+        failed = ended(api, run_id)
+
+    assert deaths == [KILLED] * MOST_DEATHS
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
+    assert failed["error"]["detail"].startswith("frame 'm-poison' ended the process")
+    assert (failed["done"], failed["total"]) == (4, 5)
+    assert measured(servers, run_id) == dict.fromkeys(("a", "b", "x", "y"), 1)
+
+    with alive(servers, servers.server()) as api:
+        check_totals(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
+
+
+@pytest.mark.long
+def test_an_export_that_kills_the_service_fails_and_says_so(servers):
+    with client(servers.poisoned(EXPORTS)) as api:
+        name = api.dataset()
+        put(api, name, "a")
+        asked(api, f"/datasets/{name}/exports", {"format": "yolo"})
+    deaths = [servers.ended(ask=False)]
+    deaths += [servers.dies(EXPORTS) for _ in range(MOST_DEATHS - 1)]
+    with alive(servers, servers.poisoned(EXPORTS)) as api:
+        until(lambda: export(api)["state"] in FINISHED, "the export does not end")
+        failed = export(api)
+
+    assert deaths == [KILLED] * MOST_DEATHS
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
+    assert failed["error"]["detail"].startswith("writing it ended the process")
+
+
+@pytest.mark.long
+def test_a_decision_that_kills_the_service_changes_nothing_and_says_so(servers):
+    with client(servers.poisoned(DECISIONS)) as api:
+        name = api.dataset()
+        put(api, name, "a", "b")
+        before = api.json(f"/datasets/{name}/stats")
+        wanted(api, name, NOTHING_VISIBLE)
+    deaths = [servers.ended(ask=False)]
+    deaths += [servers.dies(DECISIONS) for _ in range(MOST_DEATHS - 1)]
+    with alive(servers, servers.poisoned(DECISIONS)) as api:
+        run = api.json(f"/datasets/{name}/runs")["items"][0]
+        failed = ended(api, run["id"])
+        after = api.json(f"/datasets/{name}/stats")
+
+    assert deaths == [KILLED] * MOST_DEATHS
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
+    assert failed["error"]["detail"].startswith("deciding its boxes ended the process")
+    assert after == before
+
+
+@pytest.mark.long
+def test_frames_that_kill_among_many_cost_no_other_one_its_numbers(data):
+    """Some are measured before, some behind, and some between, all in one chunk."""
+    with served(data) as (_, api):
+        name = fill(api, BEFORE)
+        for key in ("p", "q"):
+            api.stored(name, key, POISON)
+            put(api, name, f"{key}1", f"{key}2")
+    with poisoned(data) as process:
+        url = wait_for_link(process, log_of(data)).partition("/#")[0]
+        with client((url, token_of(data))) as api:
+            wanted(api, name)
+            assert process.wait(PATIENCE_S) == KILLED
+    deaths = 1
+    while not over(data):
+        with poisoned(data) as process:
+            until(lambda: process.poll() is not None or over(data), "nothing happens")
+            deaths += not over(data)
+    with served(data) as (_, api):
+        failed = state_of(api, last_run(data)[0])
+        run = api.run(name, FROM_PIXELS)
+        check_totals(api, name, run, BEFORE + 6, empty=2)
+
+    assert failed["error"]["code"] == "quarantined"
+    assert failed["error"]["detail"].startswith("frames 'p', 'q' ended the process")
+    assert failed["done"] == failed["total"] - 2 == BEFORE + 4
+    # Three for each, beside those of processes that had stored something.
+    assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS
+
+
+@pytest.mark.long
+def test_a_run_that_is_killed_again_and_again_is_not_to_blame(data):
+    done = 0
+    with served(data, UNGHOST_WORKERS="1") as (_, api):
+        name = fill(api, MANY)
+    for kill in range(KILLS):
+        with served(data, UNGHOST_WORKERS="1") as (server, api):
+            if kill == 0:
+                wanted(api, name)
+            until(partial(has_gone_on, data, done), "the run does not go on")
+            server.process.kill()
+            server.process.wait()
+        chunks = rows_of(data, "SELECT state, attempts FROM chunks ORDER BY number")
+        assert chunks[0] == ("waiting", 0)
+        _, _, done = last_run(data)
+        assert 0 < done < MANY
+    with served(data) as (_, api):
+        check_totals(api, name, ended(api, last_run(data)[0]), MANY)

@@ -1,0 +1,167 @@
+"""Server and client are killed in the middle of pushes; nothing that was said is lost.
+
+Not with every test run: ``make test-long`` does fifty rounds (KILL_ROUNDS).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import random
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.support.command_line import CommandLine
+from tests.support.databases import problems_of
+from tests.support.frames import write_manifest
+from tests.support.servers import RunningServer, running_server
+from unghost import Client, OutgoingFrame
+
+pytestmark = pytest.mark.long
+
+ROUNDS = int(os.environ.get("KILL_ROUNDS", "1"))
+SEED = int(os.environ.get("KILL_SEED", str(random.SystemRandom().randrange(10**6))))
+FRAMES = 80
+DONE, UNAVAILABLE = 0, 69
+VICTIMS = ("client", "server", "server that comes back", "both")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """A folder with the frames; the server's data comes beside them."""
+    folder: Path = tmp_path_factory.mktemp("killed")
+    write_manifest(folder / "frames", FRAMES)
+    return folder
+
+
+@contextmanager
+def served(place: Path, port: int = 0) -> Iterator[RunningServer]:
+    settings = {"UNGHOST_LOG_LEVEL": "warning", "UNGHOST_PORT": str(port)}
+    with running_server(place / "data", settings) as server:
+        yield server
+
+
+def command_line(place: Path, server: RunningServer) -> CommandLine:
+    return CommandLine(
+        place, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    )
+
+
+def test_whatever_is_killed_what_was_acknowledged_is_there(place):
+    print(f"KILL_SEED={SEED}")
+    dice = random.Random(SEED)
+    wanted = digests(place)
+
+    for number in range(ROUNDS):
+        dataset = f"round-{number}"
+        # Each kind of death comes up, however few rounds there are.
+        victim = VICTIMS[(SEED + number) % len(VICTIMS)]
+        acknowledged = push_and_kill(place, dataset, victim, dice)
+        with served(place) as server, Client(server.url, server.token) as client:
+            stored = check_whole(place, client, dataset, wanted)
+            assert set(acknowledged) <= set(stored), (number, victim)
+            again = command_line(place, server)(
+                "push", "frames", "--dataset", dataset, "--json"
+            )
+            check_complete(client, dataset, again, (wanted, stored))
+        check_database(place)
+
+
+def push_and_kill(place, dataset, victim, dice) -> list[str]:
+    """Push until somebody dies; the keys that the client has told of."""
+    with served(place) as server:
+        words = ("push", "frames", "--dataset", dataset, "--json")
+        with command_line(place, server).running(*words) as client:
+            assert client.stdout is not None
+            told = [client.stdout.readline() for _ in range(dice.randrange(FRAMES))]
+            time.sleep(dice.uniform(0, dice.choice([0.02, 1.5])))
+            if victim in ("client", "both"):
+                client.kill()
+            if victim != "client":
+                server.process.kill()
+                server.process.wait()
+            if victim == "server that comes back":
+                port = int(server.url.rpartition(":")[2])
+                with served(place, port):
+                    told += client.stdout.readlines()
+            else:
+                told += client.stdout.readlines()
+            code = client.wait()
+    assert code in (DONE, UNAVAILABLE, -9), victim
+    return list(keys_of(told))
+
+
+def keys_of(lines: list[str]) -> Iterator[str]:
+    """Frames that the server is said to have; a line may be cut short."""
+    for line in lines:
+        if line.endswith("\n"):
+            record = json.loads(line)
+            if record.get("outcome") in ("stored", "already_there"):
+                yield record["key"]
+
+
+def digests(place: Path) -> dict[str, str]:
+    """What each frame is, by the documented digest of its content."""
+    found = {}
+    for line in (place / "frames" / "manifest.jsonl").read_text().splitlines():
+        frame = json.loads(line)
+        files = {
+            name: place / "frames" / frame.pop(name)
+            for name in ("image", "segmentation")
+        }
+        key = frame.pop("key")
+        found[key] = OutgoingFrame(key, frame, files).digest()
+    return found
+
+
+def check_whole(place, client, dataset, wanted) -> list[str]:
+    """The keys that are there; each with every byte and every decision."""
+    if dataset not in [each.name for each in client.datasets()]:
+        return []
+    stored = []
+    for listed in client.frames(dataset):
+        frame = client.frame(listed.id)
+        assert {box.verdict for box in frame.boxes} == {"kept", "rejected"}
+        lines = ["frame 1"]
+        for name in sorted(frame.files):
+            content = client.frame_file(frame.id, name)
+            lines.append(f"{name} {hashlib.sha256(content).hexdigest()}")
+            assert frame.files[name].sha256 == lines[-1].partition(" ")[2]
+        assert sorted(frame.files) == ["image", "segmentation"]
+        stored.append(frame.key)
+    assert known(client, dataset, stored) == {key: wanted[key] for key in stored}
+    return stored
+
+
+def known(client: Client, dataset: str, keys: list[str]) -> dict[str, str]:
+    """What the server says these frames are."""
+    answer = httpx.post(
+        f"{client.url}/api/v1/datasets/{dataset}/known-frames",
+        json={"keys": keys},
+        headers={"Authorization": f"Bearer {client.token}"},
+        trust_env=False,
+    )
+    return {item["key"]: item["digest"] for item in answer.json()["items"]}
+
+
+def check_complete(client, dataset, again, before) -> None:
+    """A second push only sends what is missing, and ends as one that was not hurt."""
+    wanted, stored = before
+    assert again.code == DONE, again.err
+    summary = again.records[-1]
+    assert summary["already_there"] == len(stored)
+    assert summary["stored"] == FRAMES - len(stored)
+    stats = client.stats(dataset)
+    assert (stats.frames, stats.kept, stats.rejected) == (FRAMES, FRAMES, FRAMES)
+    assert known(client, dataset, list(wanted)) == wanted
+    assert list(client.problems(dataset)) == []
+
+
+def check_database(place: Path) -> None:
+    assert problems_of(place / "data") == []

@@ -1,0 +1,138 @@
+"""A deleted dataset is gone at once; its rows go bit by bit, whoever dies meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import NamedTuple
+
+import pytest
+
+from app.maintenance.removals import BOXES_AT_A_TIME
+from benchmarks.million import Wanted, make
+from tests.support.data_folders import count, served
+from tests.support.databases import problems_of
+from tests.support.services import running_services
+from tests.support.waiting import until
+
+FRAMES, BOXES_PER_FRAME = 800, 50
+BOXES = FRAMES * BOXES_PER_FRAME
+NAME = "large"
+TABLES = (
+    *("frames", "boxes", "decisions", "evidence", "reviews", "claims", "problems"),
+    *("runs", "flips", "tallies", "exports", "measurements", "config_versions"),
+    *("dataset_classes", "datasets", "review_batches", "chunks", "leases"),
+)
+
+
+class Ids(NamedTuple):
+    """What there is in the dataset that is deleted."""
+
+    frame: int
+    box: int
+    run: int
+    export: int
+    batch: int
+    config: str
+
+    def paths(self):
+        """Addresses that do not name the dataset."""
+        return (
+            f"/frames/{self.frame}",
+            f"/frames/{self.frame}/overlay",
+            f"/boxes/{self.box}",
+            f"/boxes/{self.box}/history",
+            f"/boxes/{self.box}/crop",
+            f"/runs/{self.run}",
+            f"/runs/{self.run}/diff?against={self.run}",
+            f"/exports/{self.export}",
+            f"/exports/{self.export}/download",
+            f"/configs/{self.config}",
+        )
+
+
+@pytest.fixture
+def data(tmp_path):
+    """A data folder with a dataset of several portions, not served."""
+    folder = tmp_path / "data"
+    with running_services(folder) as services:
+        make(services.context, Wanted(NAME, FRAMES, BOXES_PER_FRAME), lambda _: None)
+    return folder
+
+
+def fill(api):
+    """Of everything a little, beside the many boxes."""
+    api.stored(NAME, "one")
+    refused = api.put(NAME, "refused", {"boxes": [{"class": "car"}]})
+    assert refused.status_code == 422
+    # The newest: frames go in the order of their ids.
+    newest = api.json(f"/datasets/{NAME}/frames/one")
+    box = newest["boxes"][0]["box_id"]
+    body = {"dataset": NAME, "box_ids": [box], "verdict": "keep"}
+    batch = api.post("/reviews/bulk", body).json()
+    run = api.run(NAME, {"threshold_small_box": 30})
+    accepted = api.post(f"/datasets/{NAME}/exports", {"format": "yolo"})
+    export = api.finished(accepted)
+    config = api.json(f"/datasets/{NAME}")["config"]
+    return Ids(newest["id"], box, run["id"], export["id"], batch["id"], config)
+
+
+def test_it_is_gone_for_everybody_before_its_rows_are(data):
+    with served(data) as (_, api):
+        ids = fill(api)
+
+        api.remove(NAME)
+        found = {path: api.get(path).status_code for path in ids.paths()}
+        answer = api.review(ids.box, "reject", 1).status_code
+        undone = api.post(f"/review-batches/{ids.batch}/undo").status_code
+        again = api.post("/datasets", {"name": NAME}).status_code
+        metrics = api.http.get("/metrics").text
+        left = count(data)
+
+        until(lambda: count(data) == 0)
+        assert api.json(f"/datasets/{NAME}")["counts"]["frames"] == 0
+    assert left > 0
+    assert found == dict.fromkeys(ids.paths(), 404)
+    assert (answer, undone, again) == (404, 404, 201)
+    assert "unghost_datasets 1.0\n" in metrics
+    assert 'unghost_jobs{kind="export",state="done"} 0' in metrics
+
+
+def test_what_a_killed_server_left_goes_with_the_next_one(data):
+    with served(data) as (server, api):
+        fill(api)
+        stored = count(data)
+        api.remove(NAME)
+        until(lambda: count(data) <= stored - BOXES_AT_A_TIME)
+        os.kill(server.process.pid, signal.SIGKILL)
+        server.process.wait()
+    between = count(data)
+
+    with served(data) as (_, api):
+        missing = api.get(f"/datasets/{NAME}").status_code
+        listed = api.json("/datasets")["items"]
+        until(lambda: count(data, "datasets") == 0)
+        log = api.json("/audit")["items"]
+
+    assert 0 < between < stored
+    assert missing == 404
+    assert listed == []
+    assert {table: count(data, table) for table in TABLES} == dict.fromkeys(TABLES, 0)
+    assert [entry["action"] for entry in log].count("dataset.deleted") == 1
+    assert problems_of(data) == []
+
+
+def test_others_write_between_two_portions(data):
+    with served(data) as (_, api):
+        fill(api)
+        beside = api.dataset()
+        api.stored(beside, "a")
+        box, *others = api.boxes(beside)
+
+        api.remove(NAME)
+        answers = [api.review(box["box_id"], "keep", seen) for seen in range(3)]
+        left = count(data)
+
+        until(lambda: count(data) == 1 + len(others))
+    assert [answer.status_code for answer in answers] == [201] * 3
+    assert left > 1 + len(others)

@@ -1,0 +1,124 @@
+"""Room on the disk: nothing is taken in without it, and deleting needs none."""
+
+from __future__ import annotations
+
+import json
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from app.storage.room import RESERVE
+from benchmarks.million import Wanted, make
+from tests.support.archives import frame, packed
+from tests.support.data_folders import blobs, count, served
+from tests.support.mounts import small_disk
+from tests.support.services import running_services
+from tests.support.waiting import until
+
+pytestmark = pytest.mark.sqlite_files("its database shares the small disk")
+
+DISK_MIB, MIN_FREE_MIB = 128, 16
+NAME = "large"
+MIB = 1024**2
+SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
+
+
+@pytest.fixture
+def data(tmp_path):
+    """A data folder on a small disk, with a dataset that takes long to delete."""
+    with small_disk(tmp_path / "disk", DISK_MIB) as disk:
+        folder = disk / "data"
+        with running_services(folder, min_free_bytes=0) as services:
+            make(services.context, Wanted(NAME, 400, 50), lambda _: None)
+        yield folder
+
+
+@contextmanager
+def filled(data, leaving_bytes):
+    """The disk with so much room left, or none, until the block ends."""
+    filler = data.parent / "filler"
+    with filler.open("wb", buffering=0) as file:
+        for piece in (MIB, 4096):
+            with suppress(OSError):  # full: that is what is wanted
+                while file.write(bytes(piece)) == piece:
+                    pass
+        file.truncate(file.tell() - leaving_bytes)
+    try:
+        yield
+    finally:
+        filler.unlink()
+
+
+def test_below_what_has_to_stay_free_nothing_is_taken_in_but_answers(data):
+    with served(data, **SETTINGS) as (_, api):
+        beside = api.dataset()
+        api.stored(beside, "a")
+        (box, *_) = api.boxes(beside)
+        with filled(data, MIN_FREE_MIB * MIB // 2):
+            upload = api.put(beside, "c")
+            batch = api.http.post(
+                f"/api/v1/datasets/{beside}/batches",
+                content=packed(frame("b")),
+                headers={"Content-Type": "application/x-tar"},
+            )
+            export = api.post(f"/datasets/{beside}/exports", {"format": "yolo"})
+            review = api.review(box["box_id"], "keep")
+        again = api.put(beside, "c")
+
+    for refused in (upload, batch, export):
+        problem = refused.json()
+        assert (refused.status_code, problem["code"]) == (503, "storage_full")
+        assert f"{MIN_FREE_MIB * MIB} have to stay free" in problem["detail"]
+        assert int(refused.headers["retry-after"]) > 0
+    assert (review.status_code, again.status_code) == (201, 201)
+
+
+def test_on_a_full_disk_datasets_are_deleted_and_garbage_is_collected(data, unghost):
+    with served(data, **SETTINGS) as (_, api):
+        small = api.dataset()
+        api.stored(small, "a")
+        until((data / RESERVE).exists)
+        with filled(data, 0):
+            full = api.put(small, "b").status_code
+            api.remove(NAME)
+            gone = api.http.delete(f"/api/v1/datasets/{small}?confirm={small}")
+            until(lambda: count(data, "datasets") == 0)
+            collected = unghost("gc", "--data", data, "--grace", "0", "--json")
+            left = blobs(data)
+        stored = api.post("/datasets", {"name": NAME}).status_code
+        until((data / RESERVE).exists)
+
+    assert (full, gone.status_code, stored) == (503, 204, 201)
+    assert collected.code == 0, collected.err
+    assert json.loads(collected.out)["files"] == 2
+    assert left == []
+
+
+def test_the_reserve_is_kept_from_who_deletes_nothing_or_needs_no_room(data):
+    with served(data, **SETTINGS) as (_, api):
+        name = api.dataset()
+        api.stored(name, "a")
+        token = api.post("/tokens", {"name": "ada", "role": "viewer"}).json()["id"]
+        until((data / RESERVE).exists)
+        with filled(data, 0):
+            absent = [
+                api.delete(path).status_code
+                for path in (
+                    f"/datasets/{name}/frames/b",
+                    "/datasets/nowhere?confirm=nowhere",
+                    f"/datasets/{name}",
+                    "/tokens/999",
+                    "/session",
+                )
+            ]
+            kept = [(data / RESERVE).exists()]
+        with filled(data, 6 * MIB):
+            revoked = api.delete(f"/tokens/{token}").status_code
+            kept.append((data / RESERVE).exists())
+        with filled(data, 0):
+            deleted = api.delete(f"/datasets/{name}/frames/a").status_code
+            kept.append((data / RESERVE).exists())
+        until((data / RESERVE).exists)
+
+    assert absent[:4] == [404, 404, 400, 404]
+    assert (revoked, deleted, kept) == (204, 204, [True, True, False])

@@ -1,0 +1,290 @@
+"""SIGTERM in the middle of everything: what was begun ends well, and goes on later."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import time
+from urllib.parse import urlsplit
+
+import httpx
+import numpy as np
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.api import BASE
+from tests.support.databases import rows_of, writing
+from tests.support.event_reader import open_events
+from tests.support.long_streets import FROM_PIXELS, fill
+
+pytestmark = pytest.mark.long
+
+PATIENCE_S = 120
+FRAMES = 60
+MANY_BOXES = 300
+BOUNDARY = "end-of-part"
+
+
+class SlowUpload:
+    """A PUT of a frame whose body comes in two halves."""
+
+    def __init__(self, server, dataset, key):
+        body = _form(
+            annotation=json.dumps(scene.annotation()).encode(),
+            image=scene.image(),
+            segmentation=scene.segmentation(),
+        )
+        place = urlsplit(server.url)
+        head = (
+            f"PUT {BASE}/datasets/{dataset}/frames/{key} HTTP/1.1",
+            f"Host: {place.netloc}",
+            f"Content-Type: multipart/form-data; boundary={BOUNDARY}",
+            f"Content-Length: {len(body)}",
+            f"Authorization: Bearer {server.token}",
+        )
+        self._socket = socket.create_connection((place.hostname, place.port))
+        self._socket.settimeout(PATIENCE_S)
+        self._socket.sendall("\r\n".join((*head, "", "")).encode())
+        self._socket.sendall(body[: len(body) // 2])
+        self._rest = body[len(body) // 2 :]
+
+    def finish(self):
+        self._socket.sendall(self._rest)
+
+    def answer(self):
+        """Status, and the body up to where the connection is closed."""
+        with self._socket, self._socket.makefile("rb") as stream:
+            text = stream.read().decode()
+        head, _, body = text.partition("\r\n\r\n")
+        return (int(head.split()[1]) if head else None), body
+
+
+def _form(**parts):
+    head = '--{}\r\nContent-Disposition: form-data; name="{}"\r\n\r\n'
+    lines = [
+        head.format(BOUNDARY, name).encode() + content + b"\r\n"
+        for name, content in parts.items()
+    ]
+    return b"".join((*lines, f"--{BOUNDARY}--\r\n".encode()))
+
+
+def until_it_works(server, api):
+    """Wait until requests that were sent are begun: their tasks are counted at once."""
+    for _ in range(PATIENCE_S * 10):
+        if "unghost_batches_open 1" in api.http.get("/metrics").text:
+            return
+        time.sleep(0.1)
+    raise AssertionError(server.log.read_text("utf-8"))
+
+
+def terminate(server):
+    """Ask it to stop, and wait until it says that it does."""
+    server.process.send_signal(signal.SIGTERM)
+    for _ in range(PATIENCE_S * 10):
+        ready = httpx.get(f"{server.url}/readyz", trust_env=False, timeout=PATIENCE_S)
+        if ready.status_code == 503:
+            assert [e["code"] for e in ready.json()["errors"]] == ["shutdown"]
+            return
+        time.sleep(0.1)
+    raise AssertionError("it stays ready")
+
+
+def rows(server, statement):
+    return rows_of(server.data, statement)
+
+
+def ended(server):
+    return server.process.wait(PATIENCE_S)
+
+
+def test_what_arrived_is_stored_and_answered_and_nothing_new_is_begun(start_api):
+    server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
+    name = api.dataset()
+    upload = SlowUpload(server, name, "slow")
+    batch = archives.Connection(server, name)
+    members = [frame for n in range(3) for frame in archives.frame(str(n), number=n)]
+    # The first member of another frame says that those before it are whole.
+    batch.send(archives.pieces([*members, archives.frame("3")[0]]))
+    until_it_works(server, api)
+
+    terminate(server)
+    late = api.put(name, "late")
+    read = api.get(f"/datasets/{name}")
+    lines = [batch.line() for _ in range(4)]
+    upload.finish()
+    status, body = upload.answer()
+
+    assert (late.status_code, late.json()["code"]) == (503, "not_ready")
+    assert int(late.headers["retry-after"]) > 0
+    assert read.status_code == 200
+    assert [line["status"] for line in lines[:3]] == [201, 201, 201]
+    assert (lines[3]["end"], lines[3]["stored"], lines[3]["frames"]) == (True, 3, 3)
+    assert lines[3]["problem"]["code"] == "not_ready"
+    assert (status, json.loads(body)["frame"]["key"]) == (201, "slow")
+    assert ended(server) == 0
+    batch.close()
+    keys = [key for (key,) in rows(server, "SELECT key FROM frames ORDER BY key")]
+    assert keys == ["run/0", "run/1", "run/2", "slow"]
+    assert "Traceback" not in server.log.read_text("utf-8")
+
+
+def test_a_run_pauses_and_goes_on_with_nothing_measured_twice(start_api):
+    first, api = start_api(UNGHOST_WORKERS="1")
+    name = fill(api, FRAMES)
+    accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
+    run_id = accepted.json()["id"]
+    with open_events(api, run_id) as events:
+        seen = next(event for event in events if event.data and event.data["done"] > 0)
+        first.process.send_signal(signal.SIGTERM)
+        last = [seen, *events][-1]  # ends without an error: the stream was ended well
+
+    assert ended(first) == 0
+    assert last.name == "progress"
+    of_run = f"SELECT state, done FROM runs WHERE id = {run_id}"
+    ((state, done),) = rows(first, of_run)
+    before = rows(first, "SELECT id, frame_id, measurement_id FROM evidence")
+    assert (state, done) == ("running", len(before) - FRAMES)
+    assert 0 < done < FRAMES
+
+    second, api = start_api(UNGHOST_WORKERS="1")
+    run = api.finished(accepted)
+
+    after = rows(second, "SELECT id, frame_id, measurement_id FROM evidence")
+    assert (run["state"], run["done"], run["total"]) == ("done", FRAMES, FRAMES)
+    assert set(before) <= set(after)
+    assert len({row[1:] for row in after}) == len(after) == 2 * FRAMES
+    assert measured_by(api) == FRAMES - done
+    assert "Traceback" not in first.log.read_text("utf-8")
+
+
+def measured_by(api):
+    """How many frames this process has measured."""
+    text = api.http.get("/metrics").text
+    found = {
+        sample.name: sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+    return found["unghost_measure_seconds_count"]
+
+
+@pytest.mark.long
+def test_an_export_is_made_anew_and_is_the_same(start_api):
+    first, api = start_api()
+    name = api.dataset()
+    box = {"class": "car", "xyxy": scene.ON_THE_CAR}
+    boxes = [{**box, "id": str(number)} for number in range(MANY_BOXES)]
+    for number in range(20):
+        annotation = {**scene.annotation(), "boxes": boxes, "number": number}
+        api.stored(name, str(number), annotation)
+    body = {"format": "decisions-jsonl"}
+    whole = api.finished(api.post(f"/datasets/{name}/exports", body))
+    assert whole["state"] == "done", whole
+    accepted = api.post(f"/datasets/{name}/exports", body)
+    of_export = f"SELECT state FROM exports WHERE id = {accepted.json()['id']}"
+    while rows(first, of_export) == [("queued",)]:
+        time.sleep(0.001)
+
+    first.process.send_signal(signal.SIGTERM)
+    code = ended(first)
+    left = rows(first, of_export)
+    temporary = list((first.data / "blobs" / "tmp").iterdir())
+    second, api = start_api()
+    again = api.finished(accepted)
+
+    assert (code, left, temporary) == (0, [("running",)], [])
+    assert (again["state"], again["sha256"]) == ("done", whole["sha256"])
+    assert rows(second, "SELECT count(*) FROM exports") == [(2,)]
+
+
+@pytest.mark.long
+def test_a_request_that_takes_too_long_is_told_so(start_api):
+    server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="1")
+    upload = SlowUpload(server, api.dataset(), "never")
+    until_open(server, api)
+
+    server.process.send_signal(signal.SIGTERM)
+    status, body = upload.answer()
+
+    assert (status, json.loads(body)["code"]) == (503, "not_ready")
+    assert ended(server) == 0
+    assert "1 requests are cut off" in server.log.read_text("utf-8")
+    assert rows(server, "SELECT count(*) FROM frames") == [(0,)]
+
+
+@pytest.mark.long
+def test_a_download_is_finished_for_who_reads_slowly(start_api):
+    server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S=str(PATIENCE_S))
+    noise = np.random.default_rng(7).integers(0, 256, (2000, 3000, 3), np.uint8)
+    image = scene.png(noise)
+    stored = api.stored(api.dataset(), "a", {"boxes": []}, image=image)
+    url = stored["frame"]["files"]["image"]["url"]
+
+    with (
+        reading_little_by_little(server) as client,
+        client.stream("GET", url) as answer,
+    ):
+        pieces = answer.iter_bytes(1000)
+        got = [next(pieces)]
+        terminate(server)
+        got += pieces
+
+    assert b"".join(got) == image
+    assert ended(server) == 0
+
+
+def reading_little_by_little(server):
+    """A client for whom next to nothing waits but in the server."""
+    little = (socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)
+    transport = httpx.HTTPTransport(socket_options=[little])
+    return httpx.Client(
+        base_url=server.url,
+        headers=server.headers,
+        transport=transport,
+        timeout=PATIENCE_S,
+    )
+
+
+@pytest.mark.long
+def test_work_that_does_not_end_is_ended_and_goes_on_later(start_api):
+    first, api = start_api(UNGHOST_WORKERS="1", UNGHOST_SHUTDOWN_WAIT_S="0")
+    name = fill(api, FRAMES)
+    accepted = api.post(f"/datasets/{name}/runs", {"config": FROM_PIXELS})
+    while not api.http.get(accepted.headers["location"]).json()["done"]:
+        time.sleep(0.01)
+
+    with writing(first.data):  # the run cannot store what it measures
+        first.process.send_signal(signal.SIGTERM)
+        code = ended(first)
+    _, api = start_api()
+    run = api.finished(accepted)
+
+    assert code == 1
+    assert "did not end in time" in first.log.read_text("utf-8")
+    assert (run["state"], run["done"]) == ("done", FRAMES)
+
+
+@pytest.mark.parametrize(
+    "sig", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
+)
+def test_a_second_signal_ends_it_at_once(start_api, sig):
+    server, api = start_api(UNGHOST_SHUTDOWN_WAIT_S="3600")
+    upload = SlowUpload(server, api.dataset(), "never")
+    until_open(server, api)
+    terminate(server)
+
+    server.process.send_signal(sig)
+
+    assert ended(server) == 128 + sig
+    assert upload.answer() == (None, "")
+
+
+def until_open(server, api):
+    """Wait until the upload that was sent before is one that the server has begun."""
+    # Another connection's requests come after it: both have been read by then.
+    for _ in range(3):
+        assert api.http.get("/readyz").status_code == 200
+    assert server.process.poll() is None

@@ -1,0 +1,145 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { withAnswer, withStored } from "../../../static/js/boxes/box.js";
+import { createBoxes } from "../../../static/js/boxes/store.js";
+import { createValue } from "../../../static/js/core/observable.js";
+import { createSteps } from "../../../static/js/review/answers.js";
+import { decision } from "../builders.js";
+
+/** @param {string} verdict @param {number} revision */
+const answered = (verdict, revision) => decision({ revision, review: { verdict, reviewer: "bo", revision, comment: "" } });
+
+/** What observers are told. @param {import("../../../static/js/boxes/store.js").Boxes} boxes */
+function changesOf(boxes) {
+  /** @type {number[][]} */
+  const told = [];
+  boxes.observe((changed) => told.push([...changed]));
+  return told;
+}
+
+const swept = () => new Promise((resolve) => setImmediate(resolve));
+
+test("a box is kept once, whichever list it came with", () => {
+  const boxes = createBoxes();
+  assert.deepEqual(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]), [1, 2]);
+  const first = boxes.get(1);
+
+  boxes.receive([decision({ box_id: 1 })]);
+
+  assert.equal(boxes.get(1), first);
+  assert.deepEqual(boxes.all([2, 3, 1]).map((box) => box.box_id), [2, 1]);
+  assert.throws(() => Object.assign(boxes.get(1) ?? {}, { verdict: "kept" }), TypeError);
+});
+
+test("the higher revision wins; of two with the same, that which came later", () => {
+  const boxes = createBoxes();
+  boxes.receive([answered("keep", 2)]);
+  const told = changesOf(boxes);
+
+  boxes.receive([answered("reject", 1)]);
+  assert.deepEqual([boxes.get(1)?.review?.verdict, told], ["keep", []]);
+  boxes.receive([{ ...answered("keep", 2), threshold: 12 }]);
+  assert.deepEqual([boxes.get(1)?.threshold, told], [12, [[1]]]);
+  boxes.receive([answered("reject", 3)]);
+  assert.equal(boxes.get(1)?.review?.verdict, "reject");
+});
+
+test("an unconfirmed answer lies over the box until it is lifted off, and keeps the server's revision", () => {
+  const boxes = createBoxes();
+  boxes.layOver(new Map([[1, { verdict: /** @type {const} */ ("keep"), comment: "far" }]]));
+  boxes.receive([decision({ revision: 4 })]);
+  const told = changesOf(boxes);
+  const shown = boxes.get(1);
+  assert.deepEqual([shown?.effective_verdict, shown?.review?.comment, shown?.revision], ["kept", "far", 4]);
+  assert.equal(boxes.get(1), shown);
+
+  boxes.layOver(new Map());
+
+  assert.deepEqual([boxes.get(1)?.review, boxes.get(1)?.effective_verdict, told], [null, "rejected", [[1]]]);
+});
+
+test("who observes is told of boxes whose answer is another, and of no others", () => {
+  const boxes = createBoxes();
+  boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]);
+  const keep = { verdict: /** @type {const} */ ("keep"), comment: "" };
+  boxes.layOver(new Map([[1, keep]]));
+  const told = changesOf(boxes);
+
+  boxes.layOver(new Map([[1, { ...keep }], [2, keep]]));
+
+  assert.deepEqual(told, [[2]]);
+});
+
+test("a box that nobody holds any more goes; one that is held again at once stays", async () => {
+  const boxes = createBoxes();
+  boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 }), decision({ box_id: 3 })]);
+  const give = boxes.hold([1, 2]);
+  const other = boxes.hold([2]);
+  give();
+  give();
+  boxes.hold([1]);
+  await swept();
+  assert.deepEqual([1, 2].map((id) => boxes.get(id)?.box_id), [1, 2]);
+
+  other();
+  await swept();
+
+  assert.deepEqual([1, 2].map((id) => boxes.get(id)?.box_id), [1, undefined]);
+});
+
+test("an answer changes the effective verdict, never the filter's", () => {
+  const box = decision();
+  assert.deepEqual(["keep", "reject", "unsure", "clear"].map((answer) => withAnswer(box, /** @type {any} */ (answer)).effective_verdict), ["kept", "rejected", "rejected", "rejected"]);
+  assert.equal(withAnswer(box, "keep").verdict, "rejected");
+  assert.equal(withAnswer(box, "clear").review, null);
+});
+
+test("what the server has stored brings its revision", () => {
+  const stored = /** @type {any} */ ({ box_id: 1, revision: 4, verdict: "clear", reviewer: "ada", comment: "", effective_verdict: "rejected" });
+  const box = withStored(withAnswer(decision(), "keep"), stored);
+  assert.deepEqual([box.review, box.revision, box.effective_verdict], [null, 4, "rejected"]);
+});
+
+test("steps are taken back the newest first, and keep their boxes until then", async () => {
+  const boxes = createBoxes();
+  const steps = createSteps(boxes);
+  const view = boxes.hold(boxes.receive([decision({ box_id: 1 }), decision({ box_id: 2 })]));
+  const first = { before: [{ boxId: 1, verdict: /** @type {const} */ ("clear"), comment: "" }] };
+  const second = { before: [{ boxId: 2, verdict: /** @type {const} */ ("keep"), comment: "far" }] };
+  steps.push(first);
+  steps.push(second);
+  view();
+  await swept();
+
+  assert.equal(steps.last(), second);
+  steps.drop(second);
+  await swept();
+
+  assert.deepEqual([steps.last(), boxes.get(1)?.box_id, boxes.get(2)], [first, 1, undefined]);
+});
+
+test("what somebody else has answered since is not ours to take back; an act on many boxes is", () => {
+  const steps = createSteps(createBoxes());
+  const before = (/** @type {number} */ boxId) => [{ boxId, verdict: /** @type {const} */ ("clear"), comment: "" }];
+  for (const boxId of [1, 2, 1]) steps.push({ before: before(boxId) });
+  steps.push({ before: before(1), batchId: 7 });
+
+  steps.forget(1);
+
+  assert.equal(steps.last(), steps.ofBatch(7));
+  steps.drop(/** @type {any} */ (steps.last()));
+  assert.equal(steps.last()?.before[0]?.boxId, 2);
+});
+
+test("observers may leave while they are told", () => {
+  const value = createValue(0);
+  /** @type {number[]} */
+  const seen = [];
+  const stop = value.observe((n) => (seen.push(n), stop()));
+  value.observe((n) => seen.push(n * 10));
+  value.set(1);
+  value.set(1);
+  value.set(2);
+  assert.deepEqual(seen, [1, 10, 20]);
+});

@@ -1,0 +1,89 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { agoText, countOf, percentText } from "../../../static/js/core/numbers.js";
+import { endedText } from "../../../static/js/core/connection.js";
+import { labelText, matchText, reasonText, shortText, spokenText } from "../../../static/js/boxes/wording.js";
+import { decision } from "../builders.js";
+
+test("the label says the number, what was needed, and what hides the box", () => {
+  assert.equal(labelText(decision()), "4.1 % Car < 10 % · hidden by Vegetation 71 %");
+});
+
+test("a kept box does not say what hides it", () => {
+  assert.equal(labelText(decision({ verdict: "kept", reason: "visible", match_percent: 62 })), "62 % Car ≥ 10 %");
+});
+
+test("each reason has words of its own", () => {
+  const bike = [{ tag: 18, name: "Motorcycle", rgb: [0, 0, 230] }, { tag: 13, name: "Rider", rgb: [255, 0, 0] }];
+  const cases = [
+    [{ reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "too few Motorcycle or Rider pixels"],
+    [{ matched_pixels: 0, reason: "no_visible_pixels", match_percent: 0, threshold: null, hidden_by: [], accepted_tags: bike }, "no Motorcycle or Rider pixel"],
+    [{ reason: "out_of_range", distance: 214.3, hidden_by: [] }, "214 m: out of range"],
+    [{ reason: "outside_image", hidden_by: [] }, "outside the image"],
+    [{ reason: "explained_by_nearer", explained_by: "12", hidden_by: [] }, "explained by nearer box 12"],
+    [{ reason: "no_segmentation", verdict: "unmeasured", match_percent: null, hidden_by: [] }, "not measured"],
+  ];
+  for (const [some, expected] of cases) assert.equal(labelText(decision(/** @type {any} */ (some))), expected);
+});
+
+test("a box that another channel judged says that channel's words, not a share that decided nothing", () => {
+  const judged = { match_percent: 69.8, threshold: null, margin: null, explained_by: "122" };
+  const cases = [
+    ["ordered", "rejected", "explained_by_nearer", "explained by the nearer car 122"],
+    ["depth", "rejected", "hidden_by_depth", "all Car pixels here are 2.6 m nearer than the box"],
+    ["instance", "rejected", "hidden_by_instance", "no instance in the image belongs to it"],
+    ["lidar", "rejected", "too_few_lidar_points", "no LiDAR points of Car lie inside it, 5 are needed"],
+    ["depth", "kept", "visible", "1,125 of its Car pixels are at its own distance"],
+  ];
+  for (const [evidence, verdict, reason, words] of cases) {
+    const box = decision({ ...judged, evidence, verdict, reason, explanation: `${verdict}: ${words}` });
+    assert.equal(labelText(box), words);
+    assert.equal(shortText(box), "car");
+    assert.equal(matchText(box), "");
+  }
+});
+
+test("without the server's sentence the reason is named", () => {
+  const box = decision({ evidence: "lidar", reason: "too_few_lidar_points", threshold: null });
+  assert.equal(labelText(box), "too few LiDAR points");
+});
+
+test("percentages keep what matters", () => {
+  assert.deepEqual([0, 0.04, 0.96, 4.08, 10, 71.25, 99.97, null].map(percentText), ["0 %", "0.04 %", "0.96 %", "4.1 %", "10 %", "71.3 %", "100 %", "–"]);
+});
+
+test("a reason of a later server is still readable", () => {
+  assert.equal(reasonText("eaten_by_grue"), "eaten by grue");
+});
+
+test("what is heard names box, verdict and answer", () => {
+  const box = decision({ review: { verdict: "keep", reviewer: "ada", revision: 1 } });
+  assert.equal(spokenText(box), "car 217, rejected, answered keep: 4.1 % Car < 10 % · hidden by Vegetation 71 %");
+  assert.equal(shortText(box), "car 4.1 %");
+});
+
+test("counts are grouped and agree in number", () => {
+  assert.deepEqual([countOf(1, "box", "boxes"), countOf(12345, "box", "boxes")], ["1 box", "12\u2009345 boxes"]);
+});
+
+test("times are told as people do", () => {
+  const now = Date.parse("2026-01-01T12:00:00Z");
+  assert.equal(agoText("2026-01-01T11:59:50Z", now), "just now");
+  assert.equal(agoText("2026-01-01T11:30:00Z", now), "30 min ago");
+  assert.equal(agoText("2026-01-01T09:00:00Z", now), "3 h ago");
+  assert.equal(agoText("2025-12-24T09:00:00Z", now), "Dec 24, 2025");
+});
+
+test("lists show the share where it decided, and nothing where nothing was measured", () => {
+  assert.equal(matchText(decision()), "4.1 %");
+  assert.equal(matchText(decision({ evidence: null, match_percent: null, threshold: null })), "");
+});
+
+test("why one is signed out is said where it is known", () => {
+  assert.match(endedText("token_expired"), /has expired/);
+  assert.match(endedText("token_revoked"), /taken back/);
+  assert.match(endedText("session_expired"), /has ended/);
+  assert.equal(endedText("unauthorised"), "");
+  assert.equal(endedText(undefined), "");
+});

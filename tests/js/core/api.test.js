@@ -1,0 +1,69 @@
+import assert from "node:assert/strict";
+import { once } from "node:events";
+import { createServer } from "node:http";
+import { after, before, test } from "node:test";
+
+import { ApiError, NoAnswer, send, showSession, url, whenSignedOut } from "../../../static/js/core/api.js";
+
+/** What the server was shown, in order. @type {(string | undefined)[]} */
+const shown = [];
+const server = createServer((request, response) => {
+  shown.push(request.headers.authorization);
+  const isIn = request.headers.authorization === "Bearer us_good";
+  response.writeHead(isIn ? 200 : 401, { "Content-Type": "application/problem+json", "Retry-After": "7" });
+  response.end(JSON.stringify(isIn ? {} : { code: "session_expired", detail: "Sign in again." }));
+});
+let address = "";
+
+before(async () => {
+  server.listen(0, "127.0.0.1");
+  await once(server, "listening");
+  address = `http://127.0.0.1:${/** @type {import("node:net").AddressInfo} */ (server.address()).port}/`;
+});
+
+after(() => server.close());
+
+test("an address has its parts in it, escaped, and only the parameters that are set", () => {
+  assert.equal(
+    url("/api/v1/datasets/{dataset}/frames", { path: { dataset: "a b/ü" }, query: { verdict: "kept", key: "", class: null, cursor: undefined, toss_up: false, limit: 5 } }),
+    "/api/v1/datasets/a%20b%2F%C3%BC/frames?verdict=kept&toss_up=false&limit=5",
+  );
+  assert.equal(url("/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset: "s", key: "run 1/000?" } }), "/api/v1/datasets/s/frames/run%201/000%3F");
+  assert.equal(url("/api/v1/session"), "/api/v1/session");
+});
+
+test("the server refusing the page's own session is told at once, and of no other one", async () => {
+  /** @type {(string | undefined)[]} */
+  const told = [];
+  whenSignedOut(({ problem }) => told.push(problem.code));
+
+  showSession("us_good");
+  await send(address);
+  await assert.rejects(send(address, {}, "us_another"), ApiError);
+  await assert.rejects(send(address, {}, ""), ApiError);
+  assert.deepEqual(told, []);
+
+  showSession("us_old");
+  await assert.rejects(send(address), (error) => error instanceof ApiError && error.status === 401 && error.retryAfterS === 7 && error.message === "Sign in again.");
+  assert.deepEqual(told, ["session_expired"]);
+  assert.deepEqual(shown, ["Bearer us_good", "Bearer us_another", undefined, "Bearer us_old"]);
+});
+
+test("an answer to a session that has been replaced meanwhile signs nobody out", async () => {
+  let times = 0;
+  whenSignedOut(() => void (times += 1));
+  showSession("us_old");
+  const asked = send(address);
+  showSession("us_good");
+
+  await assert.rejects(asked, ApiError);
+
+  assert.equal(times, 0);
+});
+
+test("no answer is another error than a refusal, and giving up is neither", async () => {
+  await assert.rejects(send("http://127.0.0.1:1/"), NoAnswer);
+  const stop = new AbortController();
+  stop.abort();
+  await assert.rejects(send(address, { signal: stop.signal }), { name: "AbortError" });
+});

@@ -1,0 +1,45 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { fieldsOf, parseNumber } from "../../../static/js/core/form.js";
+
+/** @param {Record<string, unknown>} properties */
+const described = (properties) => fieldsOf({ components: { schemas: { Thing: { properties } } } }, "Thing");
+
+test("a field has its range, unit, default and sentence from the description", () => {
+  const [field] = described({
+    min_points: { type: ["integer", "null"], minimum: 0, maximum: 9, "x-unit": "points", "x-needs-pixels": true, "x-evidence": ["lidar"], default: 5, description: "Fewest points." },
+  });
+
+  assert.deepEqual(
+    { ...field, shown: undefined },
+    {
+      key: "min_points", kind: "number", text: "Min points", help: "Fewest points.", initial: 5, choices: [], min: 0, max: 9, unit: "points",
+      isWhole: true, isEmptyAllowed: true, isShare: false, shown: undefined, needsPixels: true, evidence: ["lidar"],
+    },
+  );
+});
+
+test("units are written short where people do so", () => {
+  const units = described(Object.fromEntries(["percent", "pixels", "metres", "points"].map((unit) => [unit, { type: "number", "x-unit": unit }])));
+  assert.deepEqual(units.map(({ unit }) => unit), ["%", "px", "m", "points"]);
+});
+
+test("words, switches, texts and lists of numbers are asked for; what is more is not", () => {
+  const fields = described({
+    a: { type: "string", enum: ["x", "y"] },
+    b: { type: "boolean" },
+    c: { type: "string", maxLength: 20 },
+    d: { type: "array", items: { type: "integer" } },
+    e: { anyOf: [{ $ref: "#" }, { type: "null" }] },
+    f: { type: ["object", "null"] },
+  });
+  assert.deepEqual(fields.map(({ key, kind }) => key + kind), ["achoice", "bswitch", "ctext", "dnumbers"]);
+  assert.equal(fields[2]?.max, 20);
+});
+
+test("a number is taken as the field allows it", () => {
+  const share = { min: 0, max: 100, isWhole: false };
+  assert.deepEqual(["0", " 70.5 ", "100", "100.5", "-1", "", "x"].map((text) => parseNumber(share, text)), [0, 70.5, 100, null, null, null, null]);
+  assert.deepEqual(["2", "2.5"].map((text) => parseNumber({ ...share, isWhole: true }, text)), [2, null]);
+});

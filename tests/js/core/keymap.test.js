@@ -1,0 +1,69 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { DEFAULT_SETTINGS, KEYMAP, actionOf, keysIn, loadKeys, nameOf, rebind, saveKeys } from "../../../static/js/core/keymap.js";
+import { memoryStorage } from "../builders.js";
+
+/** @param {string} key @param {object} [some] */
+const press = (key, some = {}) => ({ key, shiftKey: false, ctrlKey: false, metaKey: false, altKey: false, ...some });
+
+test("in every view, every key does exactly one thing", () => {
+  for (const view of ["frame", "queue", "grid"]) {
+    const keys = keysIn(DEFAULT_SETTINGS, view).flatMap((row) => row.keys);
+    assert.equal(new Set(keys).size, keys.length, view);
+  }
+  assert.deepEqual([...new Set(KEYMAP.map(({ where }) => where))], [undefined, "grid"]);
+});
+
+test("a key that means something else in one view means that there, and its other meaning elsewhere", () => {
+  const actions = (/** @type {string} */ view) => [" ", "ArrowLeft", "PageDown", "Delete", "u"].map((key) => actionOf(press(key), DEFAULT_SETTINGS, view));
+  assert.deepEqual(actions("frame"), ["unsure", "previous", "nextFrame", null, "unsure"]);
+  assert.deepEqual(actions("grid"), ["select", "left", "pageDown", "clear", "unsure"]);
+  assert.equal(actionOf(press("a", { ctrlKey: true }), DEFAULT_SETTINGS, "grid"), "selectAll");
+  assert.deepEqual(keysIn(DEFAULT_SETTINGS, "grid").find(({ action }) => action === "unsure")?.keys, ["U"]);
+});
+
+test("a key given to an action of one view stays with those of others", () => {
+  const settings = rebind(DEFAULT_SETTINGS, "select", "K");
+  assert.deepEqual([actionOf(press("k"), settings, "grid"), actionOf(press("k"), settings, "frame")], ["select", "keep"]);
+});
+
+test("the promised keys are there", () => {
+  const promised = { a: "keep", k: "keep", x: "reject", r: "reject", " ": "unsure", z: "undo", Backspace: "undo", j: "next", ArrowRight: "next", ArrowLeft: "previous", m: "mask", "[": "opacityDown", "]": "opacityUp", v: "cycleVerdict", c: "crop", f: "fit", g: "grid", e: "comment", "?": "help", Escape: "escape" };
+  for (const [key, action] of Object.entries(promised)) assert.equal(actionOf(press(key), DEFAULT_SETTINGS), action, key);
+  assert.equal(actionOf(press("J", { shiftKey: true }), DEFAULT_SETTINGS), "nextUndecided");
+});
+
+test("Shift matters for letters only", () => {
+  assert.equal(nameOf(press("?", { shiftKey: true })), "?");
+  assert.equal(actionOf(press("A", { shiftKey: true }), DEFAULT_SETTINGS), null);
+});
+
+test("browser shortcuts are never taken", () => {
+  for (const modifier of ["ctrlKey", "metaKey", "altKey"]) assert.equal(actionOf(press("r", { [modifier]: true }), DEFAULT_SETTINGS), null);
+});
+
+test("switched off, only keys that are no characters work", () => {
+  const off = { ...DEFAULT_SETTINGS, off: true };
+  for (const key of ["a", " ", "?", "["]) assert.equal(actionOf(press(key), off), null, key);
+  assert.equal(actionOf(press(" "), off, "grid"), "select");
+  assert.equal(actionOf(press("ArrowRight"), off), "next");
+  assert.equal(actionOf(press("Escape"), off), "escape");
+});
+
+test("a key given to another action is taken from the first", () => {
+  const settings = rebind(DEFAULT_SETTINGS, "reject", "A");
+  assert.equal(actionOf(press("a"), settings), "reject");
+  assert.equal(actionOf(press("k"), settings), "keep");
+  assert.equal(actionOf(press("x"), settings), null);
+  const keys = keysIn(settings, "frame").flatMap((row) => row.keys);
+  assert.equal(new Set(keys).size, keys.length);
+});
+
+test("own keys survive a reload, and rubbish in the storage does not matter", () => {
+  const storage = memoryStorage();
+  saveKeys(storage, rebind(DEFAULT_SETTINGS, "fit", "Q"));
+  assert.equal(actionOf(press("q"), loadKeys(storage)), "fit");
+  storage.setItem("unghost.keys.v1", "not json");
+  assert.deepEqual(loadKeys(storage), DEFAULT_SETTINGS);
+});

@@ -1,0 +1,360 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { ApiError, NoAnswer } from "../../../static/js/core/api.js";
+import { createOutbox, createSender } from "../../../static/js/review/outbox.js";
+import { decision, memoryStorage } from "../builders.js";
+
+/** @typedef {{boxId: number, verdict: string, comment: string, seen_revision: number, key: string}} Sent */
+
+/** @type {Storage} */
+let storage;
+/** Who is signed in. */
+let person = "ada";
+/** @type {Sent[]} */
+let sent;
+/** What the server says next; nothing: it stores. @type {Error[]} */
+let refusals;
+/** @type {any[]} */
+let acts;
+/** @type {Map<number, number>} */
+let revisions;
+/** @type {{run: () => void, ms: number}[]} */
+let timers;
+/** @type {any[]} */
+let told;
+
+beforeEach(() => {
+  storage = memoryStorage();
+  person = "ada";
+  sent = [];
+  acts = [];
+  refusals = [];
+  revisions = new Map();
+  timers = [];
+  told = [];
+});
+
+/** @param {string} [tab] */
+function saverOf(tab = "t1") {
+  const outbox = createOutbox(storage, tab, () => person);
+  /** @type {any} */
+  const send = async (/** @type {number} */ boxId, /** @type {any} */ answer, /** @type {string} */ key) => {
+    sent.push({ boxId, ...answer, key });
+    const refusal = refusals.shift();
+    if (refusal) throw refusal;
+    const found = revisions.get(boxId) ?? 0;
+    if (found !== answer.seen_revision) throw new ApiError(412, { current: decision({ box_id: boxId, revision: found, review: { verdict: "keep", reviewer: found === 9 ? "bo" : "ada", revision: found, comment: "" } }) }, null);
+    const revision = found + 1;
+    revisions.set(boxId, revision);
+    return { box_id: boxId, revision, verdict: answer.verdict, reviewer: "ada", effective_verdict: "kept" };
+  };
+  const events = {
+    onStored: (/** @type {any} */ stored) => told.push(["stored", stored.box_id, stored.revision]),
+    onConflict: (/** @type {any} */ item, /** @type {any} */ current) => told.push(["conflict", item.verdict, current?.review?.verdict]),
+    onRefused: (/** @type {any} */ item, /** @type {Error} */ error) => told.push(["refused", item.verdict, error.message]),
+  };
+  const act = async (/** @type {any} */ act) => {
+    acts.push(act);
+    const refusal = refusals.shift();
+    if (refusal) throw refusal;
+    if (act.filter) {
+      for (const id of [1, 2]) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+      return { id: 7, count: 2, skipped: [], stale: [] };
+    }
+    const stale = act.boxIds.filter((/** @type {number} */ id, /** @type {number} */ i) => (revisions.get(id) ?? 0) !== act.seen[i]);
+    for (const id of act.boxIds) if (!stale.includes(id)) revisions.set(id, (revisions.get(id) ?? 0) + 1);
+    return { id: 7, count: act.boxIds.length, skipped: [], stale };
+  };
+  const ofActs = {
+    onDone: (/** @type {any} */ done) => told.push(["done", done.stale]),
+    onActFailed: () => {},
+    onSignedOut: () => {},
+    onGivenUp: () => told.push(["given up"]),
+  };
+  return { outbox, saver: createSender(outbox, { answer: send, act }, { ...events, ...ofActs }, (run, ms) => void timers.push({ run, ms })) };
+}
+
+/** An answer that has seen what the server last said of the box: nothing yet. @param {any} saver @param {number} boxId @param {any} verdict */
+const answer = (saver, boxId, verdict) => saver.answer({ boxId, frameId: 10, verdict, comment: "", seenRevision: 0 });
+
+const settled = () => new Promise((resolve) => setImmediate(resolve));
+const verdicts = () => sent.map((item) => [item.boxId, item.verdict, item.seen_revision]);
+
+test("an answer is sent at once, with what was seen", async () => {
+  const { saver, outbox } = saverOf();
+  answer(saver, 1, "keep");
+  assert.equal(saver.state.get().phase, "saving");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0]]);
+  assert.deepEqual(told, [["stored", 1, 1]]);
+  assert.deepEqual([saver.state.get().phase, outbox.items()], ["saved", []]);
+});
+
+test("a second answer waits for the first and has seen its revision", async () => {
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  answer(saver, 1, "reject");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "reject", 1]]);
+  assert.deepEqual(told, [["stored", 1, 1], ["stored", 1, 2]]);
+});
+
+test("without a network answers wait, survive a reload, and are sent in order", async () => {
+  refusals = [new NoAnswer("gone"), new NoAnswer("gone")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answer(saver, 2, "reject");
+  await settled();
+  assert.deepEqual([saver.state.get().phase, saver.state.get().waiting.size], ["offline", 2]);
+
+  const reloaded = saverOf().saver;
+  sent = [];
+  await reloaded.resume();
+
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [2, "reject", 0]]);
+  assert.equal(reloaded.state.get().phase, "saved");
+});
+
+test("an answer that may have arrived is repeated word for word, under the same key", async () => {
+  refusals = [new NoAnswer("lost on the way back")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answer(saver, 1, "reject");
+  await settled();
+  assert.deepEqual(verdicts(), [[1, "keep", 0], [1, "keep", 0], [1, "reject", 1]]);
+  assert.equal(sent[0]?.key, sent[1]?.key);
+  assert.notEqual(sent[1]?.key, sent[2]?.key);
+});
+
+test("answers that were never sent are replaced by the latest on that box", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 7, "keep");
+  await settled();
+  for (const verdict of ["keep", "reject", "unsure"]) answer(saver, 1, verdict);
+  assert.deepEqual(outbox.items().map((item) => [item.boxId, item.verdict]), [[7, "keep"], [1, "unsure"]]);
+});
+
+test("the pause between attempts grows, and any success resets it", async () => {
+  refusals = [new NoAnswer(""), new NoAnswer(""), new NoAnswer("")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  for (let i = 0; i < 4; i++) {
+    await settled();
+    timers.at(-1)?.run();
+  }
+  await settled();
+  assert.deepEqual(timers.map((timer) => timer.ms), [1000, 2000, 4000]);
+  assert.equal(saver.state.get().phase, "saved");
+});
+
+test("a busy server is asked again when it says", async () => {
+  refusals = [new ApiError(503, {}, 7)];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  assert.deepEqual([timers[0]?.ms, saver.state.get().phase], [7000, "busy"]);
+});
+
+test("signed out, answers are kept and nothing is tried until somebody signs in", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answer(saver, 2, "keep");
+  await settled();
+  assert.deepEqual([sent.length, saver.state.get().phase, timers.length], [1, "signed-out", 0]);
+  await saver.resume();
+  assert.deepEqual(verdicts().slice(1), [[1, "keep", 0], [2, "keep", 0]]);
+});
+
+test("a conflict is told with the other's answer, is not repeated, and does not stop the rest", async () => {
+  const theirs = decision({ review: { verdict: "reject", reviewer: "bo", revision: 3 } });
+  refusals = [new ApiError(412, { current: theirs }, null)];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  answer(saver, 2, "keep");
+  await settled();
+  assert.deepEqual(told, [["conflict", "keep", "reject"], ["stored", 2, 1]]);
+  assert.equal(saver.state.get().phase, "saved");
+});
+
+test("what the server will never take is told and let go", async () => {
+  refusals = [new ApiError(403, { detail: "viewers cannot review" }, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  assert.deepEqual(told, [["refused", "keep", "viewers cannot review"]]);
+  assert.deepEqual(outbox.items(), []);
+});
+
+test("a tab leaves the answers of another open tab alone and adopts those of a closed one", () => {
+  const mine = createOutbox(storage, "t1", () => person);
+  const given = { frameId: 1, verdict: /** @type {const} */ ("keep"), comment: "", seenRevision: 0 };
+  createOutbox(storage, "open", () => person).add({ boxId: 1, ...given });
+  createOutbox(storage, "closed", () => person).add({ boxId: 2, ...given });
+  mine.adopt(new Set(["t1", "open"]));
+  assert.deepEqual(mine.items().map((item) => item.boxId), [2]);
+});
+
+test("an answer goes out under the name of who gave it, and under no other", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+
+  person = "bo";
+  await saver.resume();
+  assert.deepEqual([sent.length, outbox.items()], [1, []]);
+  answer(saver, 2, "reject");
+  await settled();
+  assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2]);
+  assert.deepEqual([...outbox.kept()], [["ada", 1]]);
+
+  person = "ada";
+  await saver.resume();
+  assert.deepEqual(sent.map(({ boxId }) => boxId), [1, 2, 1]);
+});
+
+test("rubbish in the storage is not an answer", () => {
+  storage.setItem("unghost.outbox.v1.x", "{");
+  storage.setItem("unghost.outbox.v1.y", "{}");
+  assert.deepEqual(createOutbox(storage, "t1", () => person).items(), []);
+});
+
+test("a network that comes back while an attempt is still failing is not waited for", async () => {
+  const { saver } = saverOf();
+  refusals = [new NoAnswer(new Error("down")), new NoAnswer(new Error("down")), new NoAnswer(new Error("down"))];
+  answer(saver, 1, "keep");
+  void saver.resume();
+  await settled();
+
+  assert.equal(timers.at(-1)?.ms, 0);
+  timers.at(-1)?.run();
+  await settled();
+  assert.equal(timers.at(-1)?.ms, 2000);
+});
+
+/** @param {any} saver @param {any} verdict @param {number[]} boxIds @param {number[]} seen */
+const answerMany = (saver, verdict, boxIds, seen) => saver.start({ dataset: "d", verdict, boxIds, seen, count: boxIds.length });
+
+test("away from the server, an answer after an act on many boxes is sent after it", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1, 2], [0, 0]);
+  await settled();
+  answer(saver, 1, "keep");
+  await settled();
+
+  await saver.resume();
+
+  assert.deepEqual(told, [["done", []], ["stored", 1, 2]]);
+  assert.deepEqual([saver.state.get().phase, saver.open.get()], ["saved", []]);
+});
+
+test("away from the server, an act on many boxes is sent after the answers before it", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answerMany(saver, "reject", [1, 2], [0, 0]);
+  await settled();
+  assert.deepEqual([saver.state.get().count, saver.open.get().map(({ state }) => state)], [3, ["waiting"]]);
+
+  await saver.resume();
+
+  assert.deepEqual(told, [["stored", 1, 1], ["done", []]]);
+});
+
+test("what an earlier version of the page has kept is sent and forgotten, its acts, which had no order, first", async () => {
+  const kept = { person: "ada", tab: "closed", verdict: "keep" };
+  const old = {
+    "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: true },
+    "unghost.bulk.v1.k2": { ...kept, key: "k2", dataset: "d", boxIds: [1, 2], seen: [0, 0], count: 2 },
+  };
+  for (const [name, item] of Object.entries(old)) storage.setItem(name, JSON.stringify(item));
+  const { saver } = saverOf();
+
+  saver.adopt(new Set(["t1"]));
+  await saver.resume();
+  await settled();
+
+  assert.deepEqual(acts.map(({ key, boxIds, seen }) => [key, boxIds, seen]), [["k2", [1, 2], [0, 0]]]);
+  assert.deepEqual(sent.map(({ key, boxId, verdict, seen_revision }) => [key, boxId, verdict, seen_revision]), [["k1", 3, "keep", 0]]);
+  assert.deepEqual(told, [["done", []], ["stored", 3, 1]]);
+  assert.equal(storage.length, 0);
+});
+
+test("an answer is not replaced by one that was given after an act on the box", async () => {
+  refusals = [new ApiError(401, {}, null)];
+  const { saver, outbox } = saverOf();
+  answer(saver, 7, "keep");
+  await settled();
+  answer(saver, 1, "keep");
+  answerMany(saver, "reject", [1], [0]);
+  answer(saver, 1, "unsure");
+
+  assert.deepEqual(outbox.items().map(({ verdict }) => verdict), ["keep", "keep", "reject", "unsure"]);
+  await saver.resume();
+  assert.deepEqual([...revisions], [[7, 1], [1, 3]]);
+});
+
+test("what rests on an answer that somebody was faster than overwrites nothing", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  answer(saver, 1, "keep");
+  await settled();
+  answerMany(saver, "unsure", [1, 2], [0, 0]);
+  answer(saver, 1, "reject");
+  await settled();
+  revisions.set(1, 1); // another person's
+
+  await saver.resume();
+
+  assert.deepEqual(told.map((event) => event.slice(0, 2)), [["conflict", "keep"], ["done", [1]], ["conflict", "reject"]]);
+  assert.equal(revisions.get(1), 1);
+});
+
+test("an act that is given up takes nothing with it that was answered later", async () => {
+  refusals = [new ApiError(413, { detail: "too many" }, null)];
+  const { saver } = saverOf();
+  answerMany(saver, "reject", [1, 2], [0, 0]);
+  answer(saver, 1, "keep");
+  await settled();
+
+  assert.deepEqual(told, [["stored", 1, 1]]);
+  assert.deepEqual(saver.open.get().map(({ state }) => state), ["refused"]);
+  saver.giveUp(saver.open.get()[0]?.act.key ?? "");
+  assert.deepEqual(saver.open.get(), []);
+});
+
+test("an answer after one's own act on all of a filter meets nobody else", async () => {
+  refusals = [new NoAnswer("away"), new NoAnswer("away")];
+  const { saver } = saverOf();
+  saver.start({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
+  await settled();
+  answer(saver, 1, "keep");
+  answer(saver, 3, "keep");
+  await settled();
+  revisions.set(3, 9); // another person's
+
+  await saver.resume();
+
+  assert.deepEqual(told.map((event) => event.slice(0, 3)), [["done", []], ["stored", 1, 2], ["conflict", "keep", "keep"]]);
+});
+
+test("what was said of each box last is known, whatever it was said with", () => {
+  const outbox = createOutbox(storage, "t1", () => person);
+  outbox.add({ boxId: 1, frameId: 10, verdict: "keep", comment: "seen twice", seenRevision: 0 });
+  outbox.addAct({ dataset: "d", verdict: "reject", boxIds: [2, 3], seen: [0, 0], count: 2 });
+  outbox.add({ boxId: 3, frameId: 10, verdict: "unsure", comment: "", seenRevision: 0 });
+
+  assert.deepEqual(Object.fromEntries(outbox.given()), {
+    1: { verdict: "keep", comment: "seen twice" },
+    2: { verdict: "reject", comment: "" },
+    3: { verdict: "unsure", comment: "" },
+  });
+});

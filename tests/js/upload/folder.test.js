@@ -1,0 +1,84 @@
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, readFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { test } from "node:test";
+
+import { archiveOf, linesOf, planOf, topOf, visibleEntries } from "../../../static/js/upload/folder.js";
+import { entriesOf } from "../builders.js";
+
+const never = new AbortController().signal;
+const silent = () => {};
+
+/** What the tar of the system makes of an archive. @param {Blob} archive */
+async function unpacked(archive) {
+  const folder = mkdtempSync(join(tmpdir(), "folder-"));
+  execFileSync("tar", ["-x", "-C", folder], { input: new Uint8Array(await archive.arrayBuffer()) });
+  return (/** @type {string} */ name) => readFileSync(join(folder, name), "utf8");
+}
+
+test("texts go whole, pictures by name alone, and KITTI's pictures as far as their size", async () => {
+  const long = `street/${"straße/".repeat(14)}labels/1.txt`;
+  const files = { [long]: "0 .5 .5 .1 .2\n", "street/images/1.png": "pixels", "street/data.yaml": "names: [car]", "k/image_2/0.png": "x".repeat(500), "k/image_2/0.JPG": "y".repeat(70_000), "a.bin": "b" };
+
+  const read = await unpacked(await archiveOf(entriesOf(files), never, silent));
+
+  assert.equal(read(long), files[long]);
+  assert.equal(read("street/data.yaml"), "names: [car]");
+  assert.deepEqual(["street/images/1.png", "a.bin"].map(read), ["", ""]);
+  assert.deepEqual(["k/image_2/0.png", "k/image_2/0.JPG"].map((name) => read(name).length), [24, 65_536]);
+});
+
+test("how many labels are collected is told, and who has left ends it", async () => {
+  const files = Object.fromEntries(Array.from({ length: 250 }, (_, i) => [`${i}.txt`, "x"]));
+  const stop = new AbortController();
+  /** @type {number[][]} */
+  const told = [];
+
+  await archiveOf(entriesOf({ ...files, "a.png": "" }), never, (...counts) => told.push(counts));
+  stop.abort();
+
+  assert.deepEqual(told, [[100, 250], [200, 250]]);
+  await assert.rejects(archiveOf(entriesOf(files), stop.signal, silent), { name: "AbortError" });
+});
+
+test("a label that is gone is named", async () => {
+  const gone = Object.assign(new Blob(["x"]), { arrayBuffer: () => Promise.reject(new Error("NotFound")) });
+  const entry = { path: "labels/1.txt", size: 1, blob: Object.assign(new Blob(), { slice: () => gone }) };
+
+  await assert.rejects(archiveOf([entry], never, silent), /labels\/1.txt can no longer be read/);
+});
+
+const HEAD = { layout: "voc", layouts: ["voc", "yolo"], classes: null, count: 2 };
+const END = { end: true, frames: 2, faulty: 1, unmatched: 1 };
+
+/** @param {unknown[]} lines */
+const answering = (lines) => linesOf(new Response(lines.map((line) => `${JSON.stringify(line)}\n`).join("")));
+
+test("lines become frames with their files, problems and what belongs to none", async () => {
+  const entries = entriesOf({ "t/ä.png": "", "t/ä.xml": "", "t/b.md": "" });
+  const frame = { key: "ä", annotation: { boxes: [] }, files: { image: "t/ä.png" }, fault: null };
+  const faulty = { key: "b", annotation: null, files: {}, fault: { pointer: "", code: "bad_layout", detail: "b.xml, line 1: not XML" } };
+  const lost = { ...frame, key: "c", files: { image: "t/c.png" } };
+  const stray = { path: "b.md", why: "neither an image nor a label" };
+
+  const plan = await planOf(answering([HEAD, frame, faulty, lost, stray, END]), entries, silent);
+
+  assert.deepEqual([plan.layout, plan.layouts], ["voc", ["voc", "yolo"]]);
+  assert.deepEqual(plan.frames, [{ key: "ä", annotation: { boxes: [] }, files: { image: entries[0] } }]);
+  assert.deepEqual(plan.problems, [{ key: "b", why: "b.xml, line 1: not XML" }, { key: "c", why: "t/c.png is not among these files" }]);
+  assert.deepEqual(plan.unmatched, [stray]);
+});
+
+test("an answer that was cut off is not taken for a whole one", async () => {
+  await assert.rejects(planOf(answering([HEAD]), [], silent), /cut off/);
+});
+
+test("hidden files stay at home, and one folder around everything gives its name", () => {
+  const entries = visibleEntries(entriesOf({ "town/a.png": "", "town/.git/x.txt": "", "town/b/c.png": "", "__MACOSX/town/._a.png": "" }));
+
+  assert.deepEqual(entries.map(({ path }) => path), ["town/a.png", "town/b/c.png"]);
+  assert.equal(topOf(entries), "town");
+  assert.deepEqual([topOf(entriesOf({ "images/a.png": "", "seg/a.png": "" })), topOf(entriesOf({ "a.png": "" })), topOf([])], ["", "", ""]);
+});

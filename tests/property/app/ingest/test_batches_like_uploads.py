@@ -1,0 +1,110 @@
+"""A batch stores what uploads one by one would have stored, and decides alike."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import suppress
+
+from anyio import CapacityLimiter
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.boxes import frames as described
+from app.errors import FrameConflict, NotFound
+from app.ingest.batch import BatchIntake
+from app.ingest.frame import RefusedFrame, UploadedFrame, UploadRequest
+from app.ingest.rows import NewFrame
+from app.ingest.service import add_frame
+from filter_core.errors import FilterError
+from tests.support import frames as scene
+
+OWN = {
+    *("id", "box_id", "frame_id", "run", "created_at", "dataset", "url"),
+    *("previous_id", "next_id"),
+}
+
+boxes = st.lists(
+    st.fixed_dictionaries(
+        {
+            "class": st.sampled_from(["car", "walker", "vase"]),
+            "xyxy": st.lists(st.integers(-10, 70), min_size=4, max_size=4),
+        },
+        optional={"distance": st.sampled_from([5.0, 80.0, "far"])},
+    ),
+    max_size=4,
+)
+uploads = st.lists(
+    st.tuples(st.sampled_from("abcd"), boxes, st.booleans(), st.integers(0, 2)),
+    min_size=1,
+    max_size=7,
+)
+
+
+def files_of(number, has_segmentation):
+    files = {"image": scene.image(number)}
+    return files | ({"segmentation": scene.segmentation()} if has_segmentation else {})
+
+
+def annotation_of(boxes):
+    return json.dumps({**scene.annotation(), "boxes": boxes}).encode()
+
+
+def one_by_one(street, frames, replace):
+    for key, boxes, has_segmentation, number in frames:
+        files = files_of(number, has_segmentation)
+        request = UploadRequest(street.name, street.by, replace)
+        upload = UploadedFrame(key, annotation_of(boxes), files)
+        try:
+            yield status(add_frame(street.context, request, upload))
+        except FrameConflict:
+            yield 409
+        except FilterError:
+            yield 422
+
+
+async def at_once(street, frames, replace):
+    async def incoming():
+        for key, boxes, has_segmentation, number in frames:
+            files = files_of(number, has_segmentation)
+            yield UploadedFrame(key, annotation_of(boxes), files, may_rename=True)
+
+    request = UploadRequest(street.name, street.by, replace)
+    intake = BatchIntake(street.context, request, CapacityLimiter(1))
+    return [frame async for some in intake.ended(incoming()) for frame in some]
+
+
+def status(frame):
+    if isinstance(frame, RefusedFrame):
+        return 409 if isinstance(frame.error, FrameConflict) else 422
+    return 201 if isinstance(frame, NewFrame) else 200
+
+
+def without_ids(value):
+    if isinstance(value, dict):
+        return {k: without_ids(v) for k, v in value.items() if k not in OWN}
+    return [without_ids(one) for one in value] if isinstance(value, list) else value
+
+
+def stored(street):
+    found = {}
+    with street.context.database.read() as session:
+        for key in "abcd":
+            with suppress(NotFound):
+                frame_id = described.frame_id_of(session, street.name, key)
+                frame = described.describe_frame(session, frame_id)
+                found[key] = without_ids(frame)
+    return found
+
+
+@settings(max_examples=25)
+@given(frames=uploads, replace=st.booleans())
+def test_a_batch_is_like_its_frames_one_by_one(services, frames, replace):
+    alone, together = services.dataset(), services.dataset()
+
+    statuses = list(one_by_one(alone, frames, replace))
+    ended = asyncio.run(at_once(together, frames, replace))
+
+    assert [status(frame) for frame in ended] == statuses
+    assert stored(together) == stored(alone)
+    assert together.tallies() == together.recounted()

@@ -1,0 +1,76 @@
+"""Whatever an engine does with chunks, in whatever order: the same totals, once."""
+
+from __future__ import annotations
+
+import random
+import threading
+from concurrent.futures import Future
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.engine import WorkerDied
+from app.jobs.driver import carry_out
+from app.jobs.work import MOST_ATTEMPTS
+from tests.support import chunks as runs
+from tests.support.services import run_job
+
+FATES = ("once", "twice", "dies before", "dies after", "lost before", "lost after")
+
+
+class Fateful(runs.SmallChunks):
+    """Takes chunks in an order of its own, and does to each what is drawn."""
+
+    def __init__(self, fates: list[str], seed: int) -> None:
+        super().__init__()
+        self._fates, self._dice = list(fates), random.Random(seed)
+        self._deaths = 0
+        self._waiting: list[tuple[Any, ...]] = []
+        self._pulling = threading.Lock()
+
+    def start_chunk(self, here, job, number):
+        future: Future[str] = Future()
+        with self._pulling:
+            self._waiting.append((future, here, job, number))
+        self._chunks.submit(self._pull)
+        return future
+
+    def _pull(self):
+        with self._pulling:
+            place = self._dice.randrange(len(self._waiting))
+            future, here, job, number = self._waiting.pop(place)
+            fate = self._fates.pop() if self._fates else "once"
+            if fate.startswith("dies"):
+                # One less than what is taken for the chunk's own fault.
+                fate = fate if self._deaths < MOST_ATTEMPTS - 1 else "once"
+                self._deaths += fate.startswith("dies")
+        self._meet(fate, future, lambda: here(job.kind, job.id, number))
+
+    def _meet(self, fate, future, work):
+        if fate == "twice":
+            work()
+        told = None if fate.endswith("before") else work()
+        if fate.startswith("lost"):
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        elif fate.startswith("dies"):
+            future.set_exception(WorkerDied("as drawn"))
+        else:
+            future.set_result(told)
+
+    outcome = runs.Forgetful.outcome
+
+
+@settings(max_examples=15)
+@given(fates=st.lists(st.sampled_from(FATES), max_size=8), seed=st.integers(0, 10**6))
+def test_whatever_becomes_of_chunks_each_frame_counts_once(services, fates, seed):
+    street = services.dataset()
+    for number in range(runs.FRAMES):
+        runs.put(street, number)
+    run_id = street.request(runs.FROM_PIXELS)
+
+    with runs.engine_of(street, Fateful(fates, seed)) as context:
+        carry_out(context, run_job(run_id))
+
+    runs.check_whole(street, runs.run_of(street, run_id))

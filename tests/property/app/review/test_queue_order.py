@@ -1,0 +1,178 @@
+"""The queue and its counts against sorting and counting everything."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sqlalchemy import select
+
+from app.boxes.counts import count_alike, count_boxes
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxFilter, BoxProbes, Selection, to_filter
+from app.boxes.orders import BoxPages
+from app.db.tables import Decision
+from app.review.queue import QueueOrder, Shuffle, boxes_in_order
+from tests.support import frames as scene
+
+BOXES = [
+    {"class": name, "xyxy": xyxy, "distance": distance}
+    for name, distance in (("car", 10.0), ("truck", 120.0), ("walker", None))
+    for xyxy in (
+        scene.ON_THE_CAR,
+        scene.IN_THE_SKY,
+        [20, 24, 60, 46],
+        [15, 20, 64, 48],
+        [0, 0, 64, 48],
+        [90, 0, 99, 9],
+    )
+]
+FILTERS = st.builds(
+    Selection,
+    verdict=st.sampled_from([None, "kept", "rejected"]),
+    class_name=st.sampled_from([None, "car", "truck,walker", "van"]),
+    review=st.sampled_from(
+        [None, "undecided", "none", "decided", "unsure", "reject", "any"]
+    ),
+    conflict=st.sampled_from([None, None, True, False]),
+    effective=st.sampled_from([None, None, "kept"]),
+    toss_up=st.sampled_from([None, None, True, False]),
+    margin_max=st.sampled_from([None, None, 5.0, 60.0]),
+    match_min=st.sampled_from([None, None, 0.0, 30.0]),
+    match_max=st.sampled_from([None, None, 50.0]),
+    distance_max=st.sampled_from([None, None, 10.0]),
+)
+
+
+@pytest.fixture(scope="module")
+def street(services):
+    """Six frames of boxes of every kind, a third of them answered."""
+    street = services.dataset()
+    for number in range(6):
+        annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
+        street.put(f"{number}", annotation, segmentation=scene.segmentation())
+    for place, box_id in enumerate(street.box_ids()[::3]):
+        street.review(box_id, ["keep", "reject", "unsure", "clear"][place % 4])
+    return street
+
+
+def by_definition(session, street, wanted: BoxFilter, order: QueueOrder) -> list[int]:
+    """All boxes of the filter in order."""
+    if order.name in ("random", "audit"):
+        ids = street.box_ids()
+        shuffle = Shuffle(ids[0], ids[-1], order.seed)
+        every = np.arange(shuffle.places, dtype=np.uint64)
+        chosen = set(BoxProbes(session).every(wanted).tolist())
+        return [box_id for box_id in shuffle.numbers(every) if box_id in chosen]
+    sort = "id" if wanted.review == "unsure" else "doubt"
+    present = TallyRepository(session).present(street.id)
+    listed, _ = BoxPages(session, wanted, present).page(sort, "", 1000)
+    if order.name == "doubt":
+        return listed
+    rows = session.execute(select(Decision.box_id, Decision.class_id))
+    class_of = {row[0]: row[1] for row in rows}
+    place = [each.class_id for each in wanted.thresholds]
+    return sorted(listed, key=lambda box_id: place.index(class_of[box_id]))
+
+
+@pytest.mark.parametrize("most", [0, 1 << 14], ids=["read all", "probe"])
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
+@given(
+    chosen=FILTERS,
+    name=st.sampled_from(["doubt", "random", "class", "audit"]),
+    seed=st.sampled_from(["1 0", "2 7"]),
+    limit=st.integers(1, 50),
+    blocked=st.sets(st.integers(0, 107), max_size=30),
+)
+def test_the_queue_is_everything_sorted_less_what_is_blocked(
+    street, most, chosen, name, seed, limit, blocked
+):
+    ids = street.box_ids()
+    with street.context.database.read() as session:
+        wanted = to_filter(session, street.row(session), chosen)
+        tallies = TallyRepository(session)
+        expected = count_alike(tallies.of_dataset(street.id), wanted)
+        blocked_ids = {ids[n] for n in blocked}
+        order = QueueOrder(name, seed, limit, blocked_ids, expected, most)
+        found = boxes_in_order(session, wanted, tallies.present(street.id), order)
+        slow = by_definition(session, street, wanted, order)
+
+    free = [box_id for box_id in slow if box_id not in order.blocked]
+    assert found == free[:limit]
+
+
+@settings(max_examples=80, suppress_health_check=list(HealthCheck))
+@given(chosen=FILTERS)
+def test_counts_are_what_counting_gives(street, chosen):
+    with street.context.database.read() as session:
+        dataset = street.row(session)
+        wanted = to_filter(session, dataset, chosen)
+
+        found = count_boxes(street.context, session, dataset, wanted)
+
+        assert found == BoxProbes(session).count(wanted)
+        assert found == len(BoxProbes(session).every(wanted))
+        assert found <= count_alike(
+            TallyRepository(session).of_dataset(street.id), wanted
+        )
+
+
+def test_counts_of_a_range_follow_new_frames_and_answers(services):
+    street = services.dataset()
+    selection = Selection(match_min=50, review="none")
+    counts = []
+
+    for number in range(3):
+        annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
+        street.put(f"{number}", annotation, segmentation=scene.segmentation())
+        for answered in range(2):
+            street.review(street.box_ids()[len(BOXES) * number + answered], "keep")
+            with street.context.database.read() as session:
+                dataset = street.row(session)
+                wanted = to_filter(session, dataset, selection)
+                found = count_boxes(street.context, session, dataset, wanted)
+                counts.append((found, BoxProbes(session).count(wanted)))
+
+    assert all(found == counted for found, counted in counts)
+    assert len({found for found, _ in counts}) > 2
+
+
+@settings(max_examples=60)
+@given(
+    low=st.integers(0, 2**50),
+    count=st.integers(1, 500),
+    seed=st.text(max_size=5),
+    first=st.integers(1, 40),
+)
+def test_a_shuffle_is_every_number_once_and_knows_their_places(low, count, seed, first):
+    shuffle = Shuffle(low, low + count - 1, seed)
+
+    numbers = [n for part in shuffle.portions(first, 2, 64) for n in part]
+
+    assert sorted(numbers) == list(range(low, low + count))
+    places = shuffle.places_of(np.array(numbers, np.int64))
+    assert (np.diff(places.astype(np.int64)) > 0).all()
+
+
+def test_a_shuffle_spreads_evenly_wherever_it_is_cut():
+    shuffle = Shuffle(1, 1_000_000, "7 0")
+    drawn = np.array(next(shuffle.portions(1 << 14, 1, 1 << 14)))
+
+    in_tenths = np.bincount((drawn - 1) // 100_000, minlength=10)
+
+    # The chi-squared statistic of ten equal parts is above 27.9 once in a thousand.
+    expected = len(drawn) / 10
+    assert ((in_tenths - expected) ** 2 / expected).sum() < 27.9
+    neighbours = np.abs(np.diff(drawn))
+    assert np.median(neighbours) > 200_000
+
+
+@pytest.mark.parametrize("seeds", [("1 0", "2 0"), ("1 0", "1 1")])
+def test_other_seeds_are_other_orders(seeds):
+    one, other = (
+        [n for part in Shuffle(0, 999, seed).portions(64, 2, 512) for n in part]
+        for seed in seeds
+    )
+
+    assert np.mean(np.array(one) == np.array(other)) < 0.02

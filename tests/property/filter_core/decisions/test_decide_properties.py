@@ -1,0 +1,189 @@
+"""Deciding agrees with a slow, obvious definition, in any order and in any blocks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.rules import decide
+from filter_core.types import BoxState, Reason
+from tests.support.evidence import ACCEPTS_CAR, evidence_of
+
+NAMES = ("car", "van", "traffic_light")
+PERCENT = st.sampled_from([0, 0.1, 2, 10, 33.3, 50, 70, 99.9, 100])
+METRES = st.sampled_from([None, 0, 5, 50.5, 100])
+Z95 = 1.959963984540054
+
+
+@st.composite
+def boxes(draw):
+    pixels = draw(st.integers(1, 5000))
+    matched = draw(st.integers(0, pixels))
+    return {
+        "class_index": draw(st.integers(0, len(NAMES) - 1)),
+        "state": draw(st.sampled_from([0, 0, 0, *BoxState])),
+        "accept_mask": draw(st.sampled_from([ACCEPTS_CAR, ACCEPTS_CAR, 0])),
+        "measured": draw(st.sampled_from([True, True, False])),
+        "box_pixels": pixels,
+        "matched_pixels": matched,
+        "match_percent": 100 * matched / pixels,
+        "area_percent": draw(PERCENT),
+        "distance": draw(st.sampled_from([math.nan, 0, 5, 50.5, 100, 101])),
+    }
+
+
+@st.composite
+def thresholds(draw, keys):
+    kinds = {"min_visible_pixels": st.integers(0, 50), "max_distance": METRES}
+    return {key: draw(kinds.get(key, PERCENT)) for key in draw(st.sets(keys))}
+
+
+NUMBERS = st.sampled_from(
+    [
+        "threshold_small_box",
+        "size_big_box",
+        "threshold_big_box",
+        "min_visible_pixels",
+        "max_distance",
+    ]
+)
+
+
+@st.composite
+def configs(draw):
+    raw = draw(thresholds(NUMBERS))
+    raw["profile"] = draw(st.sampled_from(["paper", "carlasimu"]))
+    raw["classes"] = {name: draw(thresholds(NUMBERS)) for name in NAMES[1:]}
+    return FilterConfig.from_mapping(raw)
+
+
+def slow(box, config):
+    """Algorithm 2, box by box, as filter.md tells it: reason and threshold."""
+    name = NAMES[box["class_index"]]
+
+    def limit(key):
+        return getattr(config.limits_of(name), key)
+
+    published = config.profile == "carlasimu"
+    match, area = box["match_percent"], box["area_percent"]
+    small, big = limit("threshold_small_box"), limit("threshold_big_box")
+    size = limit("size_big_box")
+    large = area >= size if published else area > size
+
+    def fails(threshold):
+        return match <= threshold if published else match < threshold
+
+    early = early_reason(box, limit("max_distance"), limit("min_visible_pixels"))
+    if early is not None:
+        return early, None
+    if large and fails(big):
+        return Reason.LARGE_BELOW_THRESHOLD, big
+    if (published or not large) and fails(small):
+        return Reason.BELOW_THRESHOLD, small
+    if not large:
+        return Reason.VISIBLE, small
+    return Reason.VISIBLE, max(small, big) if published else big
+
+
+def early_reason(box, max_distance, min_visible_pixels):
+    states = {
+        BoxState.OUTSIDE_IMAGE: Reason.OUTSIDE_IMAGE,
+        BoxState.COVERS_IMAGE: Reason.COVERS_IMAGE,
+        BoxState.DEGENERATE: Reason.DEGENERATE,
+    }
+    if box["state"] in states:
+        return states[box["state"]]
+    if max_distance is not None and box["distance"] > max_distance:
+        return Reason.OUT_OF_RANGE
+    if box["accept_mask"] == 0:
+        return Reason.UNMAPPED_CLASS
+    if not box["measured"]:
+        return Reason.NO_SEGMENTATION
+    if box["matched_pixels"] < min_visible_pixels:
+        return Reason.NO_VISIBLE_PIXELS
+    return None
+
+
+def wilson_interval(share, pixels):
+    """Wilson 1927, as textbooks print it."""
+    z2 = Z95 * Z95
+    centre = (share + z2 / (2 * pixels)) / (1 + z2 / pixels)
+    half = math.sqrt(share * (1 - share) / pixels + z2 / (4 * pixels**2))
+    half *= Z95 / (1 + z2 / pixels)
+    return centre - half, centre + half
+
+
+@given(st.lists(boxes(), min_size=1, max_size=40), configs())
+def test_deciding_agrees_with_the_slow_definition(given_boxes, config):
+    decisions = decide(evidence_of(given_boxes, NAMES), config)
+
+    for index, box in enumerate(given_boxes):
+        reason, threshold = slow(box, config)
+        assert decisions.reason[index] == reason
+        if threshold is None:
+            assert np.isnan(decisions.threshold[index])
+        else:
+            assert decisions.threshold[index] == threshold
+            assert decisions.margin[index] == box["match_percent"] - threshold
+
+
+@given(st.lists(boxes(), min_size=1, max_size=40), configs())
+def test_a_toss_up_is_what_wilson_s_interval_says(given_boxes, config):
+    decisions = decide(evidence_of(given_boxes, NAMES), config)
+
+    for index, box in enumerate(given_boxes):
+        threshold = decisions.threshold[index] / 100
+        if np.isnan(threshold):
+            continue
+        share = box["matched_pixels"] / box["box_pixels"]
+        low, high = wilson_interval(share, box["box_pixels"])
+        if min(abs(threshold - low), abs(threshold - high)) > 1e-9:
+            assert decisions.toss_up[index] == (low <= threshold <= high)
+
+
+@given(st.lists(boxes(), min_size=2, max_size=40), configs(), st.randoms())
+def test_the_order_of_the_boxes_changes_nothing(given_boxes, config, random):
+    order = list(range(len(given_boxes)))
+    random.shuffle(order)
+
+    straight = decide(evidence_of(given_boxes, NAMES), config)
+    mixed = decide(evidence_of([given_boxes[i] for i in order], NAMES), config)
+
+    for spec in fields(straight):
+        expected = getattr(straight, spec.name)[order]
+        np.testing.assert_array_equal(getattr(mixed, spec.name), expected)
+
+
+@given(configs())
+def test_many_boxes_decide_as_few_do(config):
+    """More than one block: the seams must not show."""
+    few = evidence_of(
+        [{"class_index": i % 3, "match_percent": 7.0 * i} for i in range(15)], NAMES
+    )
+    rows = np.arange(70_000) % len(few)
+    many = replace(
+        few,
+        **{
+            spec.name: getattr(few, spec.name)[rows]
+            for spec in fields(few)
+            if isinstance(getattr(few, spec.name), np.ndarray)
+        },
+    )
+
+    one, all_of_them = decide(few, config), decide(many, config)
+
+    np.testing.assert_array_equal(all_of_them.reason, one.reason[rows])
+    np.testing.assert_array_equal(all_of_them.margin, one.margin[rows])
+
+
+@given(configs())
+def test_a_configuration_survives_its_own_dict(config):
+    again = FilterConfig.from_mapping(config.as_dict())
+
+    assert again == config
+    assert again.digest == config.digest

@@ -1,0 +1,271 @@
+"""Channels against their slow definitions, over random scenes."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import Any
+
+import cv2
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from filter_core.evidence.depth import depth_interval
+from filter_core.evidence.instances import assign_instances
+from filter_core.evidence.lidar import LidarPoints, points_inside
+from filter_core.evidence.ordered import islands, owned_pixels, silhouette_bounds
+from filter_core.evidence.silhouettes import (
+    AcceptedPixels,
+    Silhouette,
+    centred_pixels,
+    touched_pixels,
+)
+from filter_core.geometry.camera import Camera
+from filter_core.geometry.pose import Transform, transform_matrices
+from tests.support.sensors import box_ahead
+
+WH = (12, 8)
+weights = hnp.arrays(
+    np.float64,
+    st.tuples(st.integers(1, 4), st.integers(1, 4)),
+    elements=st.sampled_from([0.0, 1.0, 2.0, 3.5, 7.0]),
+)
+
+
+def total(weight, chosen):
+    return sum(weight[row, column] for row, column in enumerate(chosen) if column >= 0)
+
+
+@given(weights)
+def test_no_other_assignment_weighs_more(weight):
+    rows, columns = weight.shape
+    chosen = assign_instances(weight, np.full(rows, -1))
+
+    padded = np.pad(weight, ((0, 0), (0, rows)))
+    best = max(
+        total(padded, order) for order in permutations(range(columns + rows), rows)
+    )
+    used = chosen[chosen >= 0].tolist()
+    assert len(used) == len(set(used))
+    assert np.isclose(total(weight, chosen), best)
+
+
+@st.composite
+def frames(draw):
+    """Some boxes with accepted pixels, their distances and ids."""
+    count = draw(st.integers(1, 6))
+    boxes = []
+    for row in range(count):
+        x0 = draw(st.integers(0, WH[0] - 1))
+        y0 = draw(st.integers(0, WH[1] - 1))
+        x1, y1 = draw(st.integers(x0 + 1, WH[0])), draw(st.integers(y0 + 1, WH[1]))
+        # Mostly accepted: boxes that share no pixel have nothing to share out.
+        pixels = hnp.arrays(np.bool_, (y1 - y0, x1 - x0), fill=st.just(True))
+        around, inside, centred = draw(pixels), draw(pixels), draw(pixels)
+        outline = Silhouette(row, x0, y0, x1, y1, inside, centred & inside)
+        boxes.append(AcceptedPixels(outline, around & inside, around))
+    metres = st.sampled_from([5.0, 10.0, 20.0, float("nan")])
+    return boxes, np.array(draw(st.lists(metres, min_size=count, max_size=count)))
+
+
+def in_image(box, mask):
+    """The pixels of a mask of the box's region, in the image."""
+    outline = box.silhouette
+    return {(int(x) + outline.x0, int(y) + outline.y0) for y, x in np.argwhere(mask)}
+
+
+def patches(pixels):
+    """Sets of pixels that touch each other, at a corner at least."""
+    left = set(pixels)
+    while left:
+        found, edge = set(), {left.pop()}
+        while edge:
+            found |= edge
+            near = {
+                (x + dx, y + dy)
+                for x, y in edge
+                for dx in (-1, 0, 1)
+                for dy in (-1, 0, 1)
+            }
+            edge = near & left
+            left -= edge
+        yield found
+
+
+def slow_islands(box, behind):
+    """Small patches that end within the rectangle and that one box behind holds."""
+    outline = box.silhouette
+    own = in_image(box, box.own)
+    all_of_them = list(patches(in_image(box, box.around)))
+    most = max(len(patch & own) for patch in all_of_them)
+    inner = {
+        (x, y)
+        for x in range(outline.x0 + 1, outline.x1 - 1)
+        for y in range(outline.y0 + 1, outline.y1 - 1)
+    }
+    return [
+        patch
+        for patch in all_of_them
+        if len(patch) <= most / 2
+        and patch <= inner
+        and any(
+            patch <= in_image(other, other.mask)
+            and len(patch) >= other.silhouette.pixels / 50
+            for other in behind
+        )
+    ]
+
+
+def slow_owned(boxes, distance, ids):
+    """The definition, pixel by pixel."""
+    owner: dict[tuple[int, int], int] = {}
+    tested = [row for row in range(len(boxes)) if not np.isnan(distance[row])]
+    ranked = sorted(tested, key=lambda row: (distance[row], ids[row]))
+    counts = [-1] * len(boxes)
+    for rank, row in enumerate(ranked):
+        box = boxes[row]
+        free = in_image(box, box.mask) - owner.keys()
+        counts[row] = len(free)
+        if free:
+            behind = [boxes[other] for other in ranked[rank + 1 :]]
+            left = set().union(*slow_islands(box, behind))
+            taken = (free & in_image(box, box.own)) - left
+            owner.update(dict.fromkeys(taken, row))
+    return counts
+
+
+@given(frames(), st.randoms())
+def test_pixels_are_owned_as_defined_whatever_the_order_of_the_boxes(frame, dice):
+    boxes, distance = frame
+    # Not in the order of the rows, so that ties cannot be broken by place.
+    ids = [f"b{row}" for row in range(len(boxes))][::-1]
+    shuffled = list(boxes)
+    dice.shuffle(shuffled)
+
+    owned, explained = owned_pixels(boxes, distance, ids, WH)
+    again, explained_again = owned_pixels(shuffled, distance, ids, WH)
+
+    assert owned.tolist() == slow_owned(boxes, distance, ids)
+    assert again.tolist() == owned.tolist()
+    assert explained_again.tolist() == explained.tolist()
+
+
+@given(
+    hnp.arrays(np.bool_, (8, 12), elements=st.booleans()),
+    st.integers(1, 11),
+    st.integers(1, 7),
+)
+def test_islands_are_found_as_defined(scattered, width, height):
+    whole = AcceptedPixels(Silhouette(0, 0, 0, *WH), scattered, scattered)
+    part = scattered[:height, 12 - width :]
+    outline = Silhouette(1, 12 - width, 0, 12, height)
+    behind = [AcceptedPixels(outline, part, part)]
+
+    found = islands(whole, behind, silhouette_bounds(behind))
+
+    expected = set().union(*slow_islands(whole, behind)) if scattered.any() else set()
+    assert (set() if found is None else in_image(whole, found)) == expected
+
+
+angles = st.floats(-180, 180)
+places = st.tuples(*[st.floats(-500, 500)] * 3)
+
+
+@given(places, st.tuples(angles, angles, angles), st.floats(2, 90))
+def test_moving_camera_and_world_together_keeps_the_depth_interval(
+    place, turn, distance
+):
+    still = Camera.from_fov(64, 48, 90.0, Transform())
+    moved = Camera.from_fov(64, 48, 90.0, Transform(place, turn))
+    box = box_ahead(distance, half=1.0)
+    matrix = transform_matrices([place], [turn])[0]
+    carried = box @ matrix[:3, :3].T + matrix[:3, 3]
+
+    first = depth_interval(box[None], still, 0.15)
+    second = depth_interval(carried[None], moved, 0.15)
+
+    np.testing.assert_allclose(first, second, atol=1e-6)
+
+
+@given(
+    hnp.arrays(
+        np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
+    )
+)
+def test_a_silhouette_touches_every_pixel_that_a_point_of_the_hull_is_in(points):
+    (mask,) = touched_pixels([points], np.array([[0, 0, *WH]]))
+
+    shares = np.random.default_rng(0).dirichlet(np.full(8, 0.4), 400)
+    inside = shares @ points
+    # OpenCV's hull has 32 bits: a point next to a pixel's edge may lie beyond it.
+    clear = (np.abs(inside - np.round(inside)) > 1e-4).all(axis=1)
+    seen = clear & ((inside >= 0) & (inside < WH)).all(axis=1)
+    assert all(mask[y, x] for x, y in np.floor(inside[seen]).astype(int))
+
+
+@given(
+    hnp.arrays(
+        np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
+    )
+)
+def test_a_centre_lies_in_the_hull_or_its_pixel_is_left_out(points):
+    (mask,) = centred_pixels([points], np.array([[0, 0, *WH]]))
+    (touched,) = touched_pixels([points], np.array([[0, 0, *WH]]))
+
+    hull: Any = cv2.convexHull(points.astype(np.float32))
+    assume(hull is not None)
+    for y, x in np.ndindex(mask.shape):
+        depth = cv2.pointPolygonTest(hull, (x + 0.5, y + 0.5), measureDist=True)
+        # Next to the edge, 32 bits cannot tell.
+        if abs(depth) > 1e-4:
+            assert mask[y, x] == (depth > 0)
+    assert not (mask & ~touched).any()
+
+
+@st.composite
+def outlines(draw):
+    """Points of one shape, and the part of the image that is looked at."""
+    points = hnp.arrays(
+        np.float64,
+        st.tuples(st.integers(1, 8), st.just(2)),
+        elements=st.sampled_from([-3.0, 0.5, 2.0, 2.25, 7.0, 11.0]),
+    )
+    x0, y0 = draw(st.integers(0, WH[0] - 1)), draw(st.integers(0, WH[1] - 1))
+    x1, y1 = draw(st.integers(x0 + 1, WH[0])), draw(st.integers(y0 + 1, WH[1]))
+    return draw(points), (x0, y0, x1, y1)
+
+
+@given(st.lists(outlines(), min_size=1, max_size=5))
+def test_shapes_touch_the_same_pixels_together_as_each_alone(shapes):
+    points, bounds = zip(*shapes, strict=True)
+
+    together = touched_pixels(points, np.array(bounds))
+
+    for one, part, mask in zip(points, bounds, together, strict=True):
+        x0, y0, x1, y1 = part
+        (whole,) = touched_pixels([one], np.array([[0, 0, *WH]]))
+        assert mask.tolist() == whole[y0:y1, x0:x1].tolist()
+
+
+@settings(max_examples=50)
+@given(
+    hnp.arrays(np.float64, (30, 3), elements=st.floats(-6, 6)),
+    st.floats(-180, 180),
+    st.floats(0.5, 4),
+)
+def test_points_are_counted_as_by_hand(xyz, yaw, half):
+    corners = (
+        box_ahead(0.0, half)
+        @ transform_matrices([[0, 0, 0]], [[0, yaw, 0]])[0][:3, :3].T
+    )
+    tags = np.arange(30) % 3
+    points = LidarPoints(xyz, np.zeros(30, np.int64), tags)
+
+    counted = points_inside(points, Transform(), corners[None], np.array([0b110]))
+
+    back = xyz @ transform_matrices([[0, 0, 0]], [[0, yaw, 0]])[0][:3, :3]
+    gap = np.abs(np.abs(back).max(axis=1) - half)
+    by_hand = (np.abs(back) <= half).all(axis=1) & (tags > 0)
+    unsure = (gap < 1e-9).sum()
+    assert abs(int(counted[0]) - int(by_hand.sum())) <= unsure

@@ -1,0 +1,192 @@
+"""Measuring equals its definition on any picture, with any boxes, in any way."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from filter_core.evidence.counting import (
+    Regions,
+    count_by_comparing,
+    count_by_pixels,
+    count_by_tables,
+    count_codes_in,
+)
+from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
+from filter_core.segmentation.palettes import FAMILIES
+from filter_core.segmentation.reading import (
+    SegmentationOptions,
+    read_segmentation,
+    segmentation_from_tags,
+)
+from filter_core.types import FrameBoxes
+from tests.support.pictures import FAMILY, painted, png
+from tests.support.slow_definitions import slow_counts
+
+CLASSES = {"car": 1 << 14, "truck": 3 << 14, "walker": 1 << 12, "unicorn": 0}
+KNOWN_TAGS = st.sampled_from(range(30))
+SOME_TAGS = st.one_of(KNOWN_TAGS, st.just(14), st.just(255), st.just(77))
+
+
+def pictures(elements=SOME_TAGS, fill=14):
+    sides = npst.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=24)
+    return npst.arrays(np.uint8, sides, elements=elements, fill=st.just(fill))
+
+
+COORDINATE = st.one_of(
+    st.integers(-3, 27).map(float),
+    st.floats(-30.0, 60.0),
+    st.sampled_from([-1e308, 1e308, -0.0, 1e-300, 23.999999999999996]),
+)
+BOXES = st.lists(st.tuples(*[COORDINATE] * 4), max_size=12)
+
+
+def frame_boxes(picture, boxes, names):
+    height, width = picture.shape
+    classes = [names[index % len(names)] for index in range(len(boxes))]
+    return FrameBoxes.of(
+        np.array(boxes).reshape(-1, 4), classes, CLASSES, (width, height)
+    )
+
+
+names_of_classes = st.lists(st.sampled_from(sorted(CLASSES)), min_size=1, max_size=4)
+
+
+@given(pictures(), BOXES, names_of_classes, st.data())
+def test_evidence_equals_its_definition(picture, boxes, names, data):
+    ignore = data.draw(st.none() | npst.arrays(np.bool_, picture.shape))
+    given_boxes = frame_boxes(picture, boxes, names)
+
+    found = measure(segmentation_from_tags(picture, FAMILY), given_boxes, ignore=ignore)
+
+    tags = np.where(picture < 30, picture, 255)
+    assert found.tag_counts is not None
+    for index, box in enumerate(given_boxes.xyxy):
+        mask = int(given_boxes.accept_mask[index])
+        expected = slow_counts(tags, box, mask, ignore)
+        counted = found.box_pixels[index], found.matched_pixels[index]
+        assert (*counted, found.tag_counts[index].tolist()) == expected
+
+
+@given(pictures(), BOXES, names_of_classes, st.booleans())
+def test_the_order_of_boxes_does_not_matter(picture, boxes, names, histogram):
+    options = MeasureOptions(histogram=histogram)
+    segmentation = segmentation_from_tags(picture, FAMILY)
+    forward = frame_boxes(picture, boxes, names)
+    backward = FrameBoxes(
+        forward.xyxy[::-1],
+        forward.class_names,
+        forward.class_index[::-1],
+        forward.accept_mask[::-1],
+        forward.distance[::-1],
+        forward.image_wh,
+    )
+
+    one, other = (measure(segmentation, some, options) for some in (forward, backward))
+
+    for name in ("matched_pixels", "match_percent", "crowding", "xyxy", "tag_counts"):
+        if getattr(one, name) is not None:
+            np.testing.assert_array_equal(
+                getattr(one, name), getattr(other, name)[::-1]
+            )
+
+
+@given(pictures(), BOXES, names_of_classes)
+def test_mirroring_picture_and_boxes_changes_no_count(picture, boxes, names):
+    width = picture.shape[1]
+    whole = [tuple(np.clip(np.round(box), -50, 50)) for box in boxes]
+    mirrored = [(width - x1, y0, width - x0, y1) for x0, y0, x1, y1 in whole]
+
+    one = measure(
+        segmentation_from_tags(picture, FAMILY), frame_boxes(picture, whole, names)
+    )
+    other = measure(
+        segmentation_from_tags(np.ascontiguousarray(picture[:, ::-1]), FAMILY),
+        frame_boxes(picture, mirrored, names),
+    )
+
+    np.testing.assert_array_equal(one.tag_counts, other.tag_counts)
+
+
+@given(pictures(), BOXES, names_of_classes, st.booleans())
+def test_measuring_never_changes_what_it_is_given(picture, boxes, names, histogram):
+    given_boxes = frame_boxes(picture, boxes, names)
+    ignore = picture == 14
+    before = picture.copy(), given_boxes.xyxy.copy(), ignore.copy()
+
+    measure(
+        segmentation_from_tags(picture, FAMILY),
+        given_boxes,
+        MeasureOptions(histogram=histogram),
+        ignore=ignore,
+    )
+
+    for now, then in zip((picture, given_boxes.xyxy, ignore), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+
+
+@given(pictures(), BOXES, names_of_classes, st.data())
+def test_other_accept_sets_equal_measuring_again(picture, boxes, names, data):
+    segmentation = segmentation_from_tags(picture, FAMILY)
+    first = frame_boxes(picture, boxes, names)
+    masks = npst.arrays(np.int64, len(boxes), elements=st.integers(0, (1 << 30) - 1))
+    second = FrameBoxes(
+        first.xyxy,
+        first.class_names,
+        first.class_index,
+        data.draw(masks),
+        first.distance,
+        first.image_wh,
+    )
+
+    changed = with_accept_masks(measure(segmentation, first), second.accept_mask)
+
+    again = measure(segmentation, second)
+    for name in ("matched_pixels", "match_percent", "crowding"):
+        np.testing.assert_array_equal(getattr(changed, name), getattr(again, name))
+
+
+@pytest.mark.parametrize("form", ["tags", "rgb", "bgr"])
+@given(pictures(KNOWN_TAGS), st.data())
+def test_all_strategies_count_the_same(form, picture, data):
+    height, width = picture.shape
+    segmentation = (
+        segmentation_from_tags(picture, FAMILY)
+        if form == "tags"
+        else read_segmentation(
+            png(painted(picture), form),
+            SegmentationOptions(palette=FAMILY, channel_order=form),
+        )
+    )
+    columns = st.tuples(*[st.integers(0, width)] * 2).map(sorted)
+    rows = st.tuples(*[st.integers(0, height)] * 2).map(sorted)
+    drawn = data.draw(st.lists(st.tuples(columns, rows), max_size=8))
+    bounds = np.array([(x0, y0, x1, y1) for (x0, x1), (y0, y1) in drawn], np.int64)
+    keep = data.draw(st.none() | npst.arrays(np.bool_, picture.shape))
+    regions = Regions(segmentation.codes, bounds.reshape(-1, 4), keep)
+    codes = segmentation.codes.occurring
+
+    by_pixels = count_by_pixels(regions, codes)
+
+    np.testing.assert_array_equal(by_pixels, count_by_tables(regions, codes))
+    np.testing.assert_array_equal(by_pixels, count_codes_in(regions, codes))
+    for column, code in enumerate(codes):
+        compared = count_by_comparing(
+            regions, [code], np.ones((len(drawn), 1), np.bool_)
+        )
+        np.testing.assert_array_equal(by_pixels[:, column], compared)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+@given(data=st.data())
+def test_what_was_painted_is_read_back(family, order, data):
+    known = st.integers(0, len(FAMILIES[family].tags) - 1)
+    tags = data.draw(pictures(known, fill=1))
+    options = SegmentationOptions(palette=family, channel_order=order)
+
+    segmentation = read_segmentation(png(painted(tags, family), order), options)
+
+    np.testing.assert_array_equal(segmentation.tags, tags)
+    assert segmentation.unknown_pixels == 0

@@ -1,0 +1,134 @@
+"""Written, then read: the same boxes, within what the format itself can say."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from filter_core.annotation.frame import frame_boxes_2d
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.formats.registry import read_source
+from tests.support.exporting import (
+    CLASSES,
+    WH,
+    box,
+    convert,
+    export,
+    frame,
+    labels_of,
+    unpacked,
+)
+
+# Pixels by which a rectangle may move: half a unit of the format's last digit, and of
+# VOC half a pixel, or a whole one where half a pixel would leave nothing.
+PRECISION = {"yolo": 2e-6, "coco": 1e-4, "kitti": 1e-4, "manifest": 0.0, "voc": 1.0}
+
+KEYS = st.text(
+    st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")),
+    min_size=1,
+    max_size=20,
+)
+
+
+def rectangle(x, y, beyond):
+    """From a start and an extent inside the image, and how far it goes beyond."""
+    (x_min, width), (y_min, height) = x, y
+    return x_min - beyond, y_min, x_min + width, y_min + height + beyond
+
+
+def span(side):
+    """A start inside, and an extent that may reach outside."""
+    return st.tuples(
+        st.floats(0, side - 1, width=32), st.floats(0.0625, side, width=32)
+    )
+
+
+RECTANGLES = st.lists(
+    st.tuples(
+        st.sampled_from(CLASSES),
+        st.builds(rectangle, span(WH[0]), span(WH[1]), st.sampled_from((0, 0.5, 30))),
+    ),
+    max_size=4,
+)
+FRAMES = st.dictionaries(KEYS, RECTANGLES, min_size=1, max_size=4)
+
+
+def frames_of(drawn):
+    """In the order of their keys, as a server gives them."""
+    for key in sorted(drawn):
+        boxes = [
+            box(number, xyxy, class_name=name, given={"id": str(number)})
+            for number, (name, xyxy) in enumerate(drawn[key])
+        ]
+        yield frame(key, *boxes, map="Town 1")
+
+
+def read_again(folder):
+    """Classes and rectangles by key."""
+    found = {}
+    for one in read_source(folder):
+        assert one.problem is None, one.problem
+        assert one.image is not None
+        parsed = parse_annotation(one.annotation or {})
+        names = [each.class_name for each in parsed.boxes]
+        found[one.key] = names, frame_boxes_2d(parsed, WH).xyxy
+    return found
+
+
+SLOW = settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+
+
+@pytest.mark.parametrize("name", PRECISION)
+@SLOW
+@given(drawn=FRAMES)
+def test_what_is_written_is_read_again(name, drawn):
+    with tempfile.TemporaryDirectory() as folder:
+        found = read_again(unpacked(Path(folder), export(name, frames_of(drawn))))
+
+    assert set(found) == set(drawn)
+    for key, boxes in drawn.items():
+        names, rectangles = found[key]
+        words = {"traffic light": "traffic_light"} if name == "kitti" else {}
+        assert names == [words.get(one, one) for one, _ in boxes]
+        given_xyxy = np.array([xyxy for _, xyxy in boxes], float).reshape(-1, 4)
+        if name != "manifest":
+            given_xyxy = np.clip(given_xyxy, 0, [*WH, *WH])
+        atol = PRECISION[name]
+        np.testing.assert_allclose(rectangles, given_xyxy, rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("name", PRECISION)
+@SLOW
+@given(drawn=FRAMES)
+def test_what_is_exported_read_and_exported_again_is_identical(name, drawn):
+    first = export(name, frames_of(drawn), bands=[] if name == "manifest" else [50])
+    with tempfile.TemporaryDirectory() as folder:
+        source = unpacked(Path(folder), first)
+        bands = {} if name == "manifest" else {"bands": [50]}
+        again = convert(name, source, name, **bands)
+
+    assert again.keys() == first.keys()
+    for file in labels_of(first):
+        if name == "kitti" or not file.startswith("labelmap"):
+            assert again[file] == first[file], file
+
+
+@SLOW
+@given(drawn=FRAMES)
+def test_names_are_apart_on_systems_that_fold_capitals_and_accents(drawn):
+    for name in ("yolo", "coco", "voc", "cvat"):
+        files = export(name, frames_of(drawn))
+
+        folded = {file.casefold() for file in files}
+        assert len(folded) == len(files)
+        for file in files:
+            assert ".." not in file.split("/")
+            assert not file.startswith("/")
+            assert "\\" not in file

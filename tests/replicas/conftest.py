@@ -1,0 +1,85 @@
+"""Two servers on two ports, of one PostgreSQL database and one data folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import count
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import Api
+from tests.support.databases import migrated_postgres
+from tests.support.servers import RunningServer, running_server
+
+_numbers = count(1)
+
+
+@dataclass(frozen=True)
+class Replica:
+    """One of the servers, and an admin's client of it."""
+
+    server: RunningServer
+    api: Api
+
+
+@dataclass(frozen=True)
+class Replicas:
+    """Both, and the database that they share."""
+
+    one: Replica
+    two: Replica
+    database_url: str
+
+    @property
+    def both(self) -> tuple[Replica, Replica]:
+        return self.one, self.two
+
+    def people(self, role: str = "reviewer") -> tuple[Api, Api]:
+        """One person's client of each server; made by the first of them."""
+        made = self.one.api.post(
+            "/tokens", {"name": f"person-{next(_numbers)}", "role": role}
+        )
+        token = made.json()["token"]
+        headers = {"Authorization": f"Bearer {token}"}
+        one, two = (Api.at(each.server.url, headers) for each in self.both)
+        return one, two
+
+    def street(self, frames: int = 1) -> str:
+        """A dataset; each frame has a car and a ghost. The servers take turns."""
+        name = self.one.api.dataset()
+        for number in range(frames):
+            api = self.both[number % 2].api
+            api.stored(name, f"{number:03}", {**scene.annotation(), "number": number})
+        return name
+
+
+@pytest.fixture(scope="module")
+def replicas(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replicas]:
+    """They start at the same time, over an empty folder."""
+    data = tmp_path_factory.mktemp("shared") / "data"
+    with migrated_postgres() as url, ExitStack() as opened:
+        settings = {"UNGHOST_DATABASE_URL": url, "UNGHOST_WORKERS": "1"}
+        pair = []
+        for _ in range(2):
+            server = opened.enter_context(running_server(data, settings))
+            api = Api.at(server.url, server.headers)
+            opened.enter_context(api.http)
+            pair.append(Replica(server, api))
+        yield Replicas(pair[0], pair[1], url)
+
+
+@pytest.fixture
+def person(replicas: Replicas) -> Iterator[Callable[[], tuple[Api, Api]]]:
+    """Makes reviewers; their clients are closed with the test."""
+    with ExitStack() as opened:
+
+        def make() -> tuple[Api, Api]:
+            clients = replicas.people()
+            for client in clients:
+                opened.enter_context(client.http)
+            return clients
+
+        yield make

@@ -1,0 +1,311 @@
+"""A database server that is killed, restarted or away: nothing answered is lost."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import httpx
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE, FINISHED, Api
+from tests.support.archives import frame, lines_of, packed
+from tests.support.event_reader import open_events
+from tests.support.long_streets import OTHER_PIXELS, fill
+from tests.support.postgres_cluster import Cluster, own_cluster
+from tests.support.servers import RunningServer, running_server
+
+LONG = pytest.mark.long
+FRAMES = 60
+PATIENCE_S = 60
+GOOD = {200, 201, 202, 412}
+
+
+@dataclass(frozen=True)
+class Place:
+    """A server of a cluster of its own, and an admin's client."""
+
+    cluster: Cluster
+    server: RunningServer
+    api: Api
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Iterator[Place]:
+    data = tmp_path_factory.mktemp("lost") / "data"
+    with own_cluster() as cluster:
+        settings = {"UNGHOST_DATABASE_URL": cluster.url, "UNGHOST_WORKERS": "1"}
+        with running_server(data, settings) as server:
+            api = Api.at(server.url, server.headers)
+            with api.http:
+                yield Place(cluster, server, api)
+
+
+@dataclass
+class Writers:
+    """Clients that write without end and note what they were answered."""
+
+    place: Place
+    dataset: str
+    over: threading.Event = field(default_factory=threading.Event)
+    stored: set[str] = field(default_factory=set)
+    reviewed: dict[int, str] = field(default_factory=dict)
+    refused: list[httpx.Response] = field(default_factory=list)
+
+    @contextmanager
+    def at_work(self) -> Iterator[None]:
+        threads = [
+            threading.Thread(target=work) for work in (self._upload, self._review)
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            yield
+        finally:
+            self.over.set()
+            for thread in threads:
+                thread.join()
+
+    def _upload(self) -> None:
+        with self._client().http as http:
+            api, number = Api(http), 0
+            while not self.over.is_set():
+                number += 1
+                annotation = {**scene.annotation(), "number": number}
+                answer = api.put(self.dataset, f"w/{number:05}", annotation)
+                if self._is_good(answer):
+                    self.stored.add(f"w/{number:05}")
+
+    def _review(self) -> None:
+        with self._client().http as http:
+            api = Api(http)
+            while not self.over.is_set():
+                listed = api.get("/boxes", dataset=self.dataset, review="none", limit=5)
+                if not self._is_good(listed):
+                    continue
+                for box in listed.json()["items"]:
+                    answer = api.review(box["box_id"], "keep")
+                    if self._is_good(answer) and answer.status_code == 201:
+                        self.reviewed[box["box_id"]] = "keep"
+
+    def _client(self) -> Api:
+        return Api.at(self.place.server.url, self.place.server.headers)
+
+    def _is_good(self, answer: httpx.Response) -> bool:
+        if answer.status_code in GOOD:
+            return True
+        self.refused.append(answer)
+        time.sleep(0.05)
+        return False
+
+    def check(self) -> None:
+        """What was acknowledged is there, and refusals were proper ones."""
+        for answer in self.refused:
+            assert answer.status_code == 503, answer.text
+            assert int(answer.headers["Retry-After"]) > 0
+            assert answer.json()["code"] in ("not_ready", "database_busy")
+            assert "127.0.0.1" not in answer.text
+        api = self.place.api
+        keys = {each["key"] for each in every(api, f"/datasets/{self.dataset}/frames")}
+        assert self.stored <= keys
+        for box_id, verdict in self.reviewed.items():
+            assert api.json(f"/boxes/{box_id}")["review"]["verdict"] == verdict
+        stats = api.json(f"/datasets/{self.dataset}/stats")
+        assert stats["frames"] == len(keys)
+        assert stats["kept"] + stats["rejected"] == 2 * len(keys)
+
+
+def every(api, path):
+    items: list[dict] = []
+    cursor: dict[str, str] | None = {}
+    while cursor is not None:
+        page = api.json(path, limit=1000, **cursor)
+        items += page["items"]
+        cursor = page["next_cursor"] and {"cursor": page["next_cursor"]}
+    return items
+
+
+def until_it_answers(api):
+    """The service itself is never started again; how long it takes to recover."""
+    begun = time.monotonic()
+    while True:
+        try:
+            if api.get("/datasets").status_code == 200:
+                return time.monotonic() - begun
+        finally:
+            assert time.monotonic() - begun < PATIENCE_S
+        time.sleep(0.02)
+
+
+def lose_connections(cluster):
+    assert cluster.kill_backends(signal.SIGTERM) > 0
+
+
+def kill_a_backend(cluster):
+    """The server then ends all others and goes through its recovery."""
+    assert cluster.kill_backends() > 0
+
+
+def restart(cluster):
+    cluster.stop()
+    cluster.start()
+
+
+WAYS = [
+    pytest.param(lose_connections, marks=LONG),
+    pytest.param(kill_a_backend, marks=LONG),
+    restart,
+]
+
+
+@pytest.mark.parametrize("lose", WAYS)
+def test_what_was_answered_is_there_and_the_rest_was_told_to_come_back(place, lose):
+    writers = Writers(place, place.api.dataset())
+    with writers.at_work():
+        for _ in range(2):
+            stored = len(writers.stored)
+            while len(writers.stored) < stored + 10:
+                time.sleep(0.01)
+            lose(place.cluster)
+            until_it_answers(place.api)
+        stored = len(writers.stored)
+        while len(writers.stored) < stored + 5:
+            time.sleep(0.01)
+
+    assert place.server.process.poll() is None
+    assert writers.reviewed
+    writers.check()
+
+
+def test_while_it_is_away_every_request_is_told_so_at_once(place):
+    name = place.api.dataset()
+    box = place.api.stored(name, "a")["decisions"][0]["box_id"]
+    place.cluster.stop()
+    try:
+        begun = time.monotonic()
+        answers = [
+            place.api.get("/datasets"),
+            place.api.get("/boxes", dataset=name),
+            place.api.put(name, "b"),
+            place.api.review(box, "keep"),
+            place.api.post(f"/datasets/{name}/queue", {}),
+            place.api.post(f"/datasets/{name}/runs", {"config": {}}),
+            place.api.http.get("/readyz"),
+            place.api.http.get("/"),
+            place.api.http.get("/healthz"),
+        ]
+        took = time.monotonic() - begun
+    finally:
+        place.cluster.start()
+    until_it_answers(place.api)
+
+    *asked, page, health = answers
+    assert [answer.status_code for answer in asked] == [503] * len(asked)
+    assert all(int(answer.headers["Retry-After"]) > 0 for answer in asked)
+    assert (page.status_code, health.status_code) == (200, 200)
+    assert took < 10
+    assert place.api.review(box, "keep").status_code == 201
+
+
+@LONG
+def test_a_batch_that_loses_the_database_says_what_is_stored(place):
+    name = place.api.dataset()
+    members = [
+        member
+        for number in range(60)
+        for member in frame(f"{number:02}", number=number)
+    ]
+    lines: list[dict] = []
+    with place.api.http.stream(
+        "POST",
+        f"{BASE}/datasets/{name}/batches",
+        content=packed(members),
+        headers={"Content-Type": "application/x-tar"},
+    ) as answer:
+        for line in answer.iter_lines():
+            lines += lines_of(line)
+            if len(lines) == 1:
+                restart(place.cluster)
+    until_it_answers(place.api)
+    *told, end = lines
+    keys = {item["key"] for item in every(place.api, f"/datasets/{name}/frames")}
+    again = place.api.http.post(
+        f"{BASE}/datasets/{name}/batches",
+        content=packed(members),
+        headers={"Content-Type": "application/x-tar"},
+    )
+
+    assert {line["key"] for line in told if line["status"] == 201} <= keys
+    assert end["end"] is True
+    if "problem" in end:
+        assert end["problem"]["status"] == 503
+    else:
+        assert len(keys) == 60
+    summary = lines_of(again.text)[-1]
+    assert summary["same"] >= len(keys)
+    assert summary["same"] + summary["stored"] == 60
+
+
+@pytest.fixture(scope="module")
+def street(place):
+    """A dataset that takes a second to measure."""
+    return fill(place.api, FRAMES)
+
+
+def is_over(api, where):
+    until = time.monotonic() + PATIENCE_S
+    while (found := api.http.get(where).json())["state"] not in FINISHED:
+        assert time.monotonic() < until, found
+        time.sleep(0.1)
+    return found
+
+
+@pytest.mark.parametrize("lose", [pytest.param(kill_a_backend, marks=LONG), restart])
+def test_a_run_goes_on_by_itself(place, street, lose):
+    other = OTHER_PIXELS[0 if lose is restart else 1]
+    accepted = place.api.post(f"/datasets/{street}/runs", {"config": other})
+    with open_events(place.api, accepted.json()["id"]) as events:
+        seen = next(event.data for event in events if event.data["done"])
+
+    lose(place.cluster)
+    until_it_answers(place.api)
+    found = is_over(place.api, accepted.headers["location"])
+
+    assert seen["done"] < FRAMES
+    assert (found["state"], found["done"]) == ("done", FRAMES), found
+
+
+def cut_at_work(cluster):
+    """End one connection in the middle of a transaction; all others go on."""
+    until = time.monotonic() + PATIENCE_S
+    while not cluster.end_a_transaction():
+        assert time.monotonic() < until
+
+
+def test_a_connection_that_is_cut_at_work_fails_no_run(place, street):
+    """An administrator ended one connection, and the run was over as "internal"."""
+    accepted = place.api.post(f"/datasets/{street}/runs", {"config": OTHER_PIXELS[2]})
+    with open_events(place.api, accepted.json()["id"]) as events:
+        next(event.data for event in events if event.data["done"])
+
+    cut_at_work(place.cluster)
+    found = is_over(place.api, accepted.headers["location"])
+
+    assert (found["state"], found["done"]) == ("done", FRAMES), found
+
+
+@LONG
+@pytest.mark.parametrize("lose", [kill_a_backend, restart])
+def test_an_export_that_was_accepted_is_written(place, street, lose):
+    accepted = place.api.post(f"/datasets/{street}/exports", {"format": "yolo"})
+    lose(place.cluster)
+    until_it_answers(place.api)
+    found = is_over(place.api, accepted.headers["location"])
+
+    assert accepted.status_code == 202
+    assert (found["state"], found["done"]) == ("done", FRAMES), found

@@ -1,0 +1,239 @@
+"""A bucket that is away, silent or cut off: told as such, and nothing stored is lost.
+
+The server answers for it within seconds, whatever the store does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import threading
+import time
+
+import httpx
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.archives import frame, lines_of, packed
+from tests.support.long_streets import FROM_PIXELS
+from tests.support.s3_service import served_on_s3
+
+MOST_TRIES = 200
+
+
+def files(number):
+    return {"image": scene.image(number), "segmentation": scene.segmentation()}
+
+
+def problem(answer):
+    return answer.status_code, answer.json()["code"]
+
+
+def until_ready(server):
+    for _ in range(MOST_TRIES):
+        answer = httpx.get(f"{server.url}/readyz", trust_env=False, timeout=60)
+        if answer.status_code == 200:
+            return
+        time.sleep(0.1)  # it looks itself once a second
+    raise AssertionError(answer.text)
+
+
+@pytest.fixture(params=["shut", pytest.param("hold", marks=pytest.mark.long)])
+def away(on_s3, request):
+    """The store goes away, or takes connections and says nothing, until the end."""
+    dataset = on_s3.api.dataset()
+    stored = on_s3.api.stored(dataset, "before", **files(1))
+    getattr(on_s3.gate, request.param)()
+    try:
+        yield dataset, stored["frame"]["id"]
+    finally:
+        on_s3.gate.flow()
+        on_s3.gate.open()
+
+
+def test_a_store_that_is_away_is_told_as_503_and_what_is_stored_comes_back(on_s3, away):
+    dataset, frame_id = away
+
+    refused = on_s3.api.put(dataset, "after", **files(2))
+    picture = on_s3.api.get(f"/frames/{frame_id}/image")
+    ready = httpx.get(f"{on_s3.server.url}/readyz", trust_env=False, timeout=60)
+    listed = on_s3.api.json(f"/datasets/{dataset}/frames")["items"]
+    on_s3.gate.flow()
+    on_s3.gate.shut()
+    on_s3.gate.open()
+    until_ready(on_s3.server)
+
+    assert problem(refused) == problem(picture) == (503, "storage_away")
+    assert int(refused.headers["retry-after"]) > 0
+    faults = {fault["code"] for fault in ready.json()["errors"]}
+    assert (ready.status_code, faults) == (503, {"blobs"})
+    assert [each["key"] for each in listed] == ["before"]
+    assert on_s3.api.get(f"/frames/{frame_id}/image").content == scene.image(1)
+    assert on_s3.api.put(dataset, "after", **files(2)).status_code == 201
+
+
+def test_a_batch_ends_at_the_frame_that_could_not_be_put(on_s3):
+    api, dataset = on_s3.api, on_s3.api.dataset()
+    members = [one for name in ("a", "b") for one in frame(name)]
+    on_s3.gate.shut()
+
+    answer = send(api, dataset, members)
+    on_s3.gate.open()
+    again = send(api, dataset, members)
+
+    (end,) = lines_of(answer.text)
+    assert (end["problem"]["status"], end["problem"]["code"]) == (503, "storage_away")
+    assert [line.get("status") for line in lines_of(again.text)] == [201, 201, None]
+
+
+def send(api, dataset, members):
+    return api.http.post(
+        f"{BASE}/datasets/{dataset}/batches",
+        content=packed(members),
+        headers={"Content-Type": "application/x-tar"},
+    )
+
+
+def complaints(server):
+    return server.log.read_text("utf-8").count("the store of the files does not answer")
+
+
+def until_it_complains(server, before):
+    """A job has asked the store in vain."""
+    for _ in range(MOST_TRIES):
+        if complaints(server) > before:
+            return
+        time.sleep(0.1)  # what a job does is seen nowhere else
+    raise AssertionError("nobody has asked the store")
+
+
+@pytest.fixture
+def measured_in_vain(on_s3):
+    """A run that needs pixels while the store is away."""
+    dataset = on_s3.api.dataset()
+    for number in range(3):
+        on_s3.api.stored(dataset, f"{number}", **files(number))
+    before = complaints(on_s3.server)
+    on_s3.gate.shut()
+    try:
+        run = on_s3.api.post(f"/datasets/{dataset}/runs", {"config": FROM_PIXELS})
+        until_it_complains(on_s3.server, before)
+        yield dataset, run
+    finally:
+        on_s3.gate.open()
+
+
+def test_a_run_and_an_export_outlast_a_store_that_is_away(on_s3, measured_in_vain):
+    dataset, run = measured_in_vain
+    body = {"format": "yolo", "options": {"images": "copy"}}
+    export = on_s3.api.post(f"/datasets/{dataset}/exports", body)
+
+    on_s3.gate.open()
+
+    assert on_s3.api.finished(run)["state"] == "done"
+    assert on_s3.api.finished(export)["state"] == "done"
+
+
+def test_a_run_can_be_cancelled_while_the_store_is_away(on_s3, measured_in_vain):
+    _, run = measured_in_vain
+    begun = time.monotonic()
+
+    on_s3.api.http.post(f"{run.headers['location']}/cancel")
+
+    assert on_s3.api.finished(run)["state"] == "cancelled"
+    assert time.monotonic() - begun < 10
+    assert all_threads_are_free(on_s3)
+
+
+def all_threads_are_free(on_s3):
+    """Of those that measure pixels, none waits for a store on behalf of nobody."""
+    until = time.monotonic() + 5
+    while time.monotonic() < until:
+        metrics = on_s3.api.http.get("/metrics").text
+        if "\nunghost_workers_busy 0.0\n" in metrics:
+            return True
+    return False
+
+
+def send_one_by_one(api, dataset, count):
+    """As a client does: again after 503, until it is stored."""
+    for number in range(count):
+        for _ in range(MOST_TRIES):
+            status = api.put(dataset, f"one/{number}", **files(number)).status_code
+            if status in (200, 201):
+                break
+            assert status == 503
+        else:
+            raise AssertionError(f"frame {number} was never stored")
+
+
+def send_in_batches(api, dataset, count):
+    """The frames that no line said to be stored are sent again."""
+    left = set(range(count))
+    for _ in range(MOST_TRIES):
+        members = [
+            one for number in sorted(left) for one in frame(f"{number}", number=number)
+        ]
+        for line in lines_of(send(api, dataset, members).text):
+            if line.get("status") in (200, 201):
+                left.discard(int(line["key"].removeprefix("run/")))
+        if not left:
+            return
+    raise AssertionError(f"never stored: {left}")
+
+
+def come_and_go(way, over, seed):
+    """The store is away for a moment, again and again, in the middle of anything."""
+    chance = random.Random(seed)
+    while not over.wait(chance.uniform(0.05, 0.4)):
+        way.shut()
+        time.sleep(chance.uniform(0.0, 0.3))
+        way.open()
+
+
+def check_that_nothing_is_lost(running, count):
+    """Frames are sent one by one and in batches, while the store comes and goes."""
+    api, over = running.api, threading.Event()
+    dataset = api.dataset()
+    troubles = threading.Thread(target=come_and_go, args=(running.gate, over, count))
+    with Api.at(running.server.url, running.server.headers).http as http:
+        batches = threading.Thread(
+            target=send_in_batches, args=(Api(http), dataset, count)
+        )
+        troubles.start()
+        batches.start()
+        try:
+            send_one_by_one(api, dataset, count)
+            batches.join()
+        finally:
+            over.set()
+            troubles.join()
+    until_ready(running.server)
+    check_every_frame(running, dataset, count)
+
+
+def check_every_frame(running, dataset, count):
+    api = running.api
+    found = api.json(f"/datasets/{dataset}/frames", limit=200)["items"]
+    contents = {
+        hashlib.sha256(api.get(f"/frames/{each['id']}/image").content).hexdigest()
+        for each in found
+    }
+    doctor = running.command("doctor", "--verify", "--json")
+
+    assert len(found) == 2 * count
+    assert contents == {
+        hashlib.sha256(scene.image(number)).hexdigest() for number in range(count)
+    }
+    assert doctor.code == 0, doctor.out
+
+
+def test_nothing_acknowledged_is_lost_while_the_store_comes_and_goes(on_s3):
+    check_that_nothing_is_lost(on_s3, 15)
+
+
+@pytest.mark.long
+def test_nothing_acknowledged_is_lost_in_a_long_trouble(tmp_path, s3):
+    with served_on_s3(tmp_path, s3) as running:
+        check_that_nothing_is_lost(running, 100)

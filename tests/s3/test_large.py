@@ -1,0 +1,83 @@
+"""Large archives go into a bucket and out of it without being held as a whole."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
+from tests.support.s3_service import served_on_s3
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc"),
+]
+
+WIDE, HIGH, FRAMES = 2000, 1500, 24
+MIB = 1024**2
+
+
+def peak_bytes(process):
+    """The most memory that the process ever had."""
+    text = Path(f"/proc/{process.pid}/status").read_text()
+    return int(text.partition("VmHWM:")[2].split()[0]) * 1024
+
+
+def forget_peak(process):
+    Path(f"/proc/{process.pid}/clear_refs").write_text("5")
+
+
+@pytest.fixture
+def patient(tmp_path, s3):
+    """A service that gives a busy machine time."""
+    with served_on_s3(tmp_path, s3, UNGHOST_STORAGE_TIMEOUT_S="60") as running:
+        yield running
+
+
+@pytest.fixture
+def export(patient):
+    """The archive of frames whose images cannot be compressed."""
+    api, process = patient.api, patient.server.process
+    dataset = api.dataset()
+    tags = np.full((HIGH, WIDE), FAMILIES[scene.FAMILY].tag_of("Road"), np.uint8)
+    segmentation = scene.png(FAMILIES[scene.FAMILY].paint(tags))
+    noise = np.random.default_rng(7)
+    annotation = {"carla_version": "0.9.15", "boxes": []}
+    for number in range(FRAMES):
+        pixels = noise.integers(0, 256, (HIGH, WIDE, 3), np.uint8)
+        written, image = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 0])
+        assert written
+        files = {"image": image.tobytes(), "segmentation": segmentation}
+        api.stored(dataset, f"{number:03}", annotation, **files)
+    forget_peak(process)
+    before = peak_bytes(process)
+    body = {"format": "yolo", "options": {"images": "copy"}}
+    made = api.finished(api.post(f"/datasets/{dataset}/exports", body))
+    assert made["state"] == "done"
+    assert made["size_bytes"] > 200 * MIB
+    return made, peak_bytes(process) - before
+
+
+def test_an_archive_is_put_and_sent_in_parts(patient, export):
+    made, grown_while_put = export
+    process, digest = patient.server.process, hashlib.sha256()
+    forget_peak(process)
+    before = peak_bytes(process)
+
+    with patient.api.http.stream("GET", made["download"]) as answer:
+        for piece in answer.iter_bytes():
+            digest.update(piece)
+
+    grown = peak_bytes(process) - before
+    print(
+        f"{made['size_bytes'] / MIB:.0f} MiB: {grown_while_put / MIB:.0f} MiB more "
+        f"while it was written, {grown / MIB:.0f} MiB while it was sent"
+    )
+    assert digest.hexdigest() == made["sha256"]
+    assert grown < 64 * MIB
+    assert grown_while_put < 128 * MIB

@@ -1,0 +1,58 @@
+"""Exports are the same, byte by byte, wherever files are stored."""
+
+from __future__ import annotations
+
+import time
+
+from app.exports.queries import ExportRepository
+from app.exports.service import ExportRequest, request_export
+from tests.support import frames as scene
+from tests.support.services import Street, running_services
+
+FORMATS = {
+    "yolo": {"images": "copy"},
+    "coco": {},
+    "manifest": {},
+    "decisions-jsonl": {},
+}
+PATIENCE_S = 60
+
+
+def exports(folder, name, **chosen):
+    """Digests of what a new service writes of a dataset with this name."""
+    with running_services(folder, **chosen) as services:
+        street = renamed(services, name)
+        for number in range(3):
+            files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+            street.put(f"{number}", scene.annotation(), **files)
+        street.review(street.box_ids()[0], "reject")
+        return {form: digest_of(street, form) for form in FORMATS}
+
+
+def renamed(services, name) -> Street:
+    made = services.dataset()
+    with services.context.database.write() as session:
+        made.row(session).name = name
+    return Street(services, name, made.id)
+
+
+def digest_of(street, form):
+    wanted = ExportRequest(form, FORMATS[form], "ada")
+    with street.context.database.write() as session:
+        made = request_export(street.context, session, street.row(session), wanted)
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        with street.context.database.read() as session:
+            export = ExportRepository(session).with_id(made.id)
+        if export.state not in ("queued", "running"):
+            return export.state, export.sha256
+        time.sleep(0.01)
+    raise AssertionError(export.state)
+
+
+def test_a_bucket_and_a_folder_give_the_same_archives(tmp_path, s3):
+    in_folder = exports(tmp_path / "folder", "street")
+    in_bucket = exports(tmp_path / "bucket", "street", **s3.bucket().settings)
+
+    assert in_bucket == in_folder
+    assert {state for state, _ in in_folder.values()} == {"done"}

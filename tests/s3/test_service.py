@@ -1,0 +1,192 @@
+"""The whole product with its files in a bucket: a real service, over a real port."""
+
+from __future__ import annotations
+
+import hashlib
+
+import httpx
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE
+from tests.support.archives import frame, lines_of, packed
+from tests.support.long_streets import FROM_PIXELS
+
+FRAMES = 3
+HOUR_S = 3600
+
+
+def batch(api, dataset, *names):
+    members = [
+        one for number, name in enumerate(names) for one in frame(name, number=number)
+    ]
+    answer = api.http.post(
+        f"{BASE}/datasets/{dataset}/batches",
+        content=packed(members),
+        headers={"Content-Type": "application/x-tar"},
+    )
+    assert answer.status_code == 200, answer.text
+    return lines_of(answer.text)
+
+
+def filled(api):
+    """A dataset of frames that came one by one and in a batch."""
+    dataset = api.dataset()
+    for number in range(FRAMES):
+        api.stored(
+            dataset,
+            f"one/{number}",
+            image=scene.image(number),
+            segmentation=scene.segmentation(number),
+        )
+    *told, end = batch(api, dataset, "a", "b", "c")
+    assert [line["status"] for line in told] == [201] * 3
+    assert end["stored"] == 3
+    return dataset
+
+
+def exported(api, dataset, **options):
+    body = {"format": "yolo", "options": options}
+    return api.finished(api.post(f"/datasets/{dataset}/exports", body))
+
+
+@pytest.fixture(scope="module")
+def dataset(on_s3):
+    return filled(on_s3.api)
+
+
+def test_every_file_is_in_the_bucket_under_its_digest_and_none_in_the_folder(
+    on_s3, dataset
+):
+    api = on_s3.api
+    frames = api.json(f"/datasets/{dataset}/frames")["items"]
+    pictures = [api.get(f"/frames/{each['id']}/image") for each in frames]
+
+    digests = {hashlib.sha256(answer.content).hexdigest() for answer in pictures}
+    keys = {f"some/where/{digest[:2]}/{digest}" for digest in digests}
+    assert len(frames) == 2 * FRAMES
+    assert keys <= {*on_s3.bucket.keys()}
+    stored_here = [
+        path for path in on_s3.server.data.rglob("*") if len(path.name) == 64
+    ]
+    assert stored_here == []
+
+
+def test_a_picture_is_answered_in_parts_and_only_once(on_s3, dataset):
+    (first, *_) = on_s3.api.json(f"/datasets/{dataset}/frames")["items"]
+    path = f"/frames/{first['id']}/image"
+    whole = on_s3.api.get(path)
+    address = f"{BASE}{path}"
+
+    part = on_s3.api.http.get(address, headers={"Range": "bytes=5-9"})
+    last = on_s3.api.http.get(address, headers={"Range": "bytes=-4"})
+    known = on_s3.api.http.get(
+        address, headers={"If-None-Match": whole.headers["etag"]}
+    )
+    beyond = on_s3.api.http.get(address, headers={"Range": "bytes=999999-"})
+
+    assert (whole.status_code, whole.headers["content-type"]) == (200, "image/png")
+    assert whole.headers["content-length"] == str(len(whole.content))
+    assert (part.status_code, part.content) == (206, whole.content[5:10])
+    assert part.headers["content-range"] == f"bytes 5-9/{len(whole.content)}"
+    assert (last.status_code, last.content) == (206, whole.content[-4:])
+    assert (known.status_code, beyond.status_code) == (304, 416)
+
+
+def test_pictures_are_drawn(on_s3, dataset):
+    box = on_s3.api.boxes(dataset)[0]
+    frame_path = f"/frames/{box['frame_id']}"
+
+    for path in (
+        f"{frame_path}/thumbnail",
+        f"{frame_path}/overlay",
+        f"/boxes/{box['box_id']}/crop",
+    ):
+        answer = on_s3.api.get(path)
+        assert answer.status_code == 200, answer.text
+        assert answer.headers["content-type"] in ("image/jpeg", "image/png")
+
+
+def test_a_run_measures_again_from_the_bucket(on_s3):
+    dataset = filled(on_s3.api)
+
+    run = on_s3.api.run(dataset, FROM_PIXELS)
+
+    assert (run["state"], run["done"]) == ("done", 2 * FRAMES)
+
+
+def test_a_frame_that_is_sent_again_mends_its_files(on_s3):
+    api, bucket = on_s3.api, on_s3.bucket
+    dataset = api.dataset()
+    content = scene.image(77)
+    digest = hashlib.sha256(content).hexdigest()
+    files = {"image": content, "segmentation": scene.segmentation()}
+    stored = api.stored(dataset, "k", **files)
+    path = f"/frames/{stored['frame']['id']}/image"
+
+    bucket.overwrite(digest, content[:-1])
+    damaged = api.get(path)
+    bucket.delete(digest)
+    gone = api.get(path)
+    api.stored(dataset, "k", **files)
+
+    assert (damaged.status_code, damaged.json()["code"]) == (500, "damaged_file")
+    assert (gone.status_code, gone.json()["code"]) == (500, "damaged_file")
+    assert api.get(path).content == content
+
+
+def test_a_download_goes_on_where_it_stopped(on_s3, dataset):
+    made = exported(on_s3.api, dataset, images="copy")
+    whole = on_s3.api.http.get(made["download"])
+    tag, size = whole.headers["etag"], made["size_bytes"]
+
+    first = on_s3.api.http.get(made["download"], headers={"Range": "bytes=0-999"})
+    rest = on_s3.api.http.get(
+        made["download"], headers={"Range": "bytes=1000-", "If-Range": tag}
+    )
+    stale = on_s3.api.http.get(
+        made["download"], headers={"Range": "bytes=1000-", "If-Range": '"other"'}
+    )
+
+    assert made["state"] == "done"
+    assert tag == f'"{made["sha256"]}"'
+    assert [part.status_code for part in (first, rest, stale)] == [206, 206, 200]
+    assert rest.headers["content-range"] == f"bytes 1000-{size - 1}/{size}"
+    assert hashlib.sha256(first.content + rest.content).hexdigest() == made["sha256"]
+    assert first.content + rest.content == whole.content == stale.content
+    assert made["sha256"] in on_s3.bucket.blobs()
+
+
+def test_it_is_ready_and_counts_what_is_stored(on_s3, dataset):
+    ready = httpx.get(f"{on_s3.server.url}/readyz", trust_env=False).json()
+    for _ in range(1000):
+        text = on_s3.api.http.get("/metrics").text
+        if "\nunghost_blob_bytes " in text:
+            break
+
+    assert ready["checks"]["blobs"] == "take files"
+    counted = text.partition("\nunghost_blobs ")[2].split()[0]
+    assert float(counted) > FRAMES
+
+
+def test_what_nothing_refers_to_is_cleared_away_and_the_rest_is_whole(on_s3, s3):
+    api, command, dataset = on_s3.api, on_s3.command, on_s3.api.dataset()
+    images = {"old": scene.image(99), "young": scene.image(98)}
+    digests = {key: hashlib.sha256(image).hexdigest() for key, image in images.items()}
+    with s3.at_another_time(-25 * HOUR_S):
+        api.stored(dataset, "old", image=images["old"])
+    api.stored(dataset, "young", image=images["young"])
+    for key in images:
+        api.http.delete(f"{BASE}/datasets/{dataset}/frames/{key}")
+
+    collected = command("gc", "--json")
+    doctor = command("doctor", "--verify", "--json")
+
+    assert (collected.code, doctor.code) == (0, 0), collected.err + doctor.out
+    (told,) = collected.records
+    assert (told["files"], told["too_young"]) == (1, 1)
+    assert digests["old"] not in on_s3.bucket.blobs()
+    assert digests["young"] in on_s3.bucket.blobs()
+    found = {record["check"]: record for record in doctor.records}
+    assert found["store"]["severity"] == "ok"
+    assert found["files"]["found"] == "all are compared with their names"

@@ -1,0 +1,113 @@
+"""A bucket that cannot be used is said at the start: which one, and why; no secrets."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from app.maintenance.datafolder import CannotMaintain
+from tests.support import frames as scene
+from tests.support.command_line import CommandLine
+from tests.support.data_folders import examined
+from tests.support.s3_server import TestBucket, answering
+from tests.support.services import running_services
+
+SECRET, TOKEN = "never-to-be-seen", "a-session-that-nobody-sees"
+
+
+def refusal(folder, bucket, **chosen):
+    settings = {**bucket.settings, "storage_timeout_s": 1, **chosen}
+    with pytest.raises(CannotMaintain) as refused, running_services(folder, **settings):
+        pass
+    return str(refused.value)
+
+
+def test_a_bucket_that_is_not_there(tmp_path, s3):
+    said = refusal(tmp_path / "data", TestBucket(s3.url, "no-such-bucket"))
+
+    assert said.startswith(f"the bucket 'no-such-bucket' at {s3.url} cannot be used: ")
+    assert "there is no such bucket" in said
+
+
+def test_a_server_that_is_not_there(tmp_path, s3):
+    said = refusal(tmp_path / "data", TestBucket("http://127.0.0.1:1", "pictures"))
+
+    assert "'pictures' at http://127.0.0.1:1" in said
+    assert "it does not answer" in said
+
+
+@pytest.mark.parametrize("status", [pytest.param(500, marks=pytest.mark.long), 503])
+def test_a_server_that_fails(tmp_path, s3, status):
+    with answering(lambda _: (status, "")) as url:
+        said = refusal(tmp_path / "data", TestBucket(url, "pictures"))
+
+    assert "it does not answer" in said
+
+
+def test_refused_keys_are_named_by_their_variables_and_never_shown(tmp_path):
+    """Amazon's answer to a wrong signature repeats the headers of the request."""
+
+    def echo(headers):
+        told = "".join(f"{name}:{value}\n" for name, value in headers.items())
+        return 403, (
+            "<Error><Code>SignatureDoesNotMatch</Code><CanonicalRequest>"
+            f"{told}</CanonicalRequest></Error>"
+        )
+
+    with answering(echo) as url:
+        bucket = TestBucket(url, "pictures")
+        unghost = CommandLine(
+            tmp_path,
+            {
+                **bucket.environment,
+                "UNGHOST_DATA": str(tmp_path / "data"),
+                "AWS_SECRET_ACCESS_KEY": SECRET,
+                "AWS_SESSION_TOKEN": TOKEN,
+            },
+        )
+        served = unghost("serve", "--port", "0")
+        doctor = unghost("doctor")
+
+    assert served.code == 1
+    assert "the credentials are refused (SignatureDoesNotMatch)" in served.err
+    assert f"'pictures' at {url}" in served.err
+    said = served.err + served.out + doctor.out + doctor.err
+    assert (SECRET in said, TOKEN in said, "x-amz" in said) == (False, False, False)
+
+
+def test_a_library_that_is_not_installed_is_named(tmp_path, s3, monkeypatch):
+    bucket = s3.bucket()
+    monkeypatch.setitem(sys.modules, "app.storage.s3", None)
+
+    said = refusal(tmp_path / "data", bucket)
+
+    assert "pip install 'unghost[s3]'" in said
+
+
+def test_files_have_to_be_where_the_database_is_told_that_they_are(tmp_path, s3):
+    with running_services(tmp_path / "data") as services:
+        services.dataset().put("k", scene.annotation(), image=scene.image())
+    bucket = s3.bucket()
+
+    said = refusal(tmp_path / "data", bucket)
+    for file in (tmp_path / "data" / "blobs").glob("??/*"):
+        bucket.overwrite(file.name, file.read_bytes())
+
+    assert f"none is in s3://{bucket.name}/{bucket.prefix}: copy them there" in said
+    with running_services(tmp_path / "data", **bucket.settings):
+        assert examined(tmp_path / "data", **bucket.settings) == {}
+
+
+@pytest.mark.sqlite_files("databases of a server are copies of one with all tables")
+def test_a_new_database_does_not_take_over_the_files_of_another(tmp_path, s3):
+    """It would make garbage of all files that it does not know."""
+    bucket = s3.bucket()
+    with running_services(tmp_path / "one", **bucket.settings) as services:
+        services.context.storage.put({"0" * 64: b"any"})
+
+    said = refusal(tmp_path / "two", bucket)
+
+    assert "the database is new" in said
+    with running_services(tmp_path / "one", **bucket.settings) as services:
+        assert len(list(services.context.storage.files())) == 1

@@ -1,0 +1,49 @@
+"""Answers of the service, held against the wire models."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx
+
+from unghost.wire.model import ResponseModel
+
+
+def said(answer: httpx.Response) -> Any:
+    assert answer.is_success, answer.text
+    return answer.json()
+
+
+def assert_answered_by(kind: type[ResponseModel], raw: Any) -> None:
+    """No key is missing and none is new, at any depth, and the client reads the same.
+
+    The service cannot forget one: fields of answers have no defaults.
+    """
+    checked = kind.model_validate(raw)
+
+    assert checked.model_dump(mode="json") == raw
+    assert kind.read(raw) == checked
+
+
+COUNTS = {
+    "frames": 1,
+    "boxes": 6,
+    "kept": 1,
+    "rejected": 2,
+    "unmeasured": 3,
+    "reviewed": 0,
+    "to_review": 5,
+    "problems": 0,
+}
+DATASET = {
+    "name": "town",
+    "classes": ["car"],
+    "palette": "auto",
+    "encoding": "auto",
+    "channel_order": "auto",
+    "lossy_segmentation": "refuse",
+    "created_at": "2026-01-01T00:00:00Z",
+    "config": "c0ffee",
+    "active_run": 1,
+    "counts": COUNTS,
+}

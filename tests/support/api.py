@@ -1,0 +1,117 @@
+"""What a user does with the service, as one line each; answers are httpx's own."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import httpx
+
+from tests.support import frames as scene
+
+BASE = "/api/v1"
+FINISHED = ("done", "failed", "cancelled")
+MOST_LOOKS = 20_000
+LOOK_EVERY_S = 0.01
+"""Asking without a pause would take the processor from the run that one waits for."""
+_numbers = count(1)
+
+
+@dataclass(frozen=True)
+class Api:
+    """A client with a token, of a service on a port."""
+
+    http: httpx.Client
+
+    @classmethod
+    def at(cls, url: str, headers: Mapping[str, str]) -> Api:
+        client = httpx.Client(
+            base_url=url, headers=headers, trust_env=False, timeout=60
+        )
+        return cls(client)
+
+    def get(self, path: str, **parameters: Any) -> httpx.Response:
+        return self.http.get(BASE + path, params=parameters or None)
+
+    def json(self, path: str, **parameters: Any) -> Any:
+        """The body of a 200."""
+        answer = self.get(path, **parameters)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def post(self, path: str, body: Any = None) -> httpx.Response:
+        return self.http.post(BASE + path, json=body)
+
+    def delete(self, path: str) -> httpx.Response:
+        return self.http.delete(BASE + path)
+
+    def dataset(self, **wanted: Any) -> str:
+        """A new dataset with a name of its own."""
+        name = f"street-{next(_numbers)}"
+        answer = self.post("/datasets", {"name": name, **wanted})
+        assert answer.status_code == 201, answer.text
+        return name
+
+    def put(
+        self,
+        dataset: str,
+        key: str,
+        annotation: Any = None,
+        *,
+        replace: bool = False,
+        **files: bytes,
+    ) -> httpx.Response:
+        """A frame; without files the one with a car and a ghost."""
+        if annotation is None:
+            annotation = scene.annotation()
+        files = files or {"image": scene.image(), "segmentation": scene.segmentation()}
+        if not isinstance(annotation, bytes):
+            annotation = json.dumps(annotation).encode()
+        return self.http.put(
+            f"{BASE}/datasets/{dataset}/frames/{key}",
+            files={"annotation": annotation, **files},
+            params={"replace": "true"} if replace else None,
+        )
+
+    def stored(self, dataset: str, key: str, *args: Any, **more: Any) -> Any:
+        """A frame that is taken in."""
+        answer = self.put(dataset, key, *args, **more)
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()
+
+    def review(
+        self, box_id: int, verdict: str, seen: int = 0, **more: Any
+    ) -> httpx.Response:
+        body = {"verdict": verdict, "seen_revision": seen, **more}
+        return self.post(f"/boxes/{box_id}/reviews", body)
+
+    def finished(self, accepted: httpx.Response) -> Any:
+        """The run of a 202, when it is over."""
+        assert accepted.status_code == 202, accepted.text
+        for _ in range(MOST_LOOKS):
+            run = self.http.get(accepted.headers["location"]).json()
+            if run["state"] in FINISHED:
+                return run
+            time.sleep(LOOK_EVERY_S)
+        raise AssertionError(run)
+
+    def run(self, dataset: str, config: Any, *, activate: bool = True) -> Any:
+        body = {"config": config, "activate": activate}
+        return self.finished(self.post(f"/datasets/{dataset}/runs", body))
+
+    def remove(self, dataset: str) -> None:
+        """Delete a dataset."""
+        answer = self.http.delete(f"{BASE}/datasets/{dataset}?confirm={dataset}")
+        assert (answer.status_code, answer.content) == (204, b"")
+
+    def boxes(self, dataset: str, **filters: Any) -> list[Any]:
+        items: list[Any] = self.json("/boxes", dataset=dataset, **filters)["items"]
+        return items
+
+    def verdicts(self, dataset: str) -> dict[str, str]:
+        """The filter's verdict by the sender's ids, of a dataset of one frame."""
+        return {box["id"]: box["verdict"] for box in self.boxes(dataset)}

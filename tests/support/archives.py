@@ -1,0 +1,113 @@
+"""Archives of frames, and a connection that sends one while it reads the answer."""
+
+from __future__ import annotations
+
+import io
+import json
+import socket
+import tarfile
+from collections.abc import Iterable, Mapping
+from typing import Any
+from urllib.parse import urlsplit
+
+from tests.support import frames as scene
+from tests.support.api import BASE
+from tests.support.servers import RunningServer
+
+Members = list[tuple[str, bytes]]
+END = bytes(1024)
+
+
+def frame(name: str, *, number: int = 0, **changed: Any) -> Members:
+    """The members of one frame; `changed` are keys of its annotation."""
+    annotation = {**scene.annotation(), "key": f"run/{name}", **changed}
+    return [
+        (f"{name}.json", json.dumps(annotation).encode()),
+        (f"{name}.image.png", scene.image(number)),
+        (f"{name}.segmentation.png", scene.segmentation()),
+    ]
+
+
+def packed(
+    members: Iterable[tuple[str, bytes]], form: int = tarfile.USTAR_FORMAT
+) -> bytes:
+    """An archive as Python writes it."""
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w", format=form) as archive:
+        for name, content in members:
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            archive.addfile(member, io.BytesIO(content))
+    return out.getvalue()
+
+
+def pieces(members: Members) -> bytes:
+    """Members without the archive's end."""
+    return b"".join(
+        header_of(name, len(content)) + content + bytes(-len(content) % 512)
+        for name, content in members
+    )
+
+
+def header_of(name: str, size: int, kind: bytes = tarfile.REGTYPE) -> bytes:
+    """A header alone."""
+    member = tarfile.TarInfo(name)
+    member.size, member.type = size, kind
+    return member.tobuf(tarfile.GNU_FORMAT)
+
+
+def lines_of(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+class Connection:
+    """One request, sent and answered piece by piece."""
+
+    def __init__(self, server: RunningServer, dataset: str, **options: Any) -> None:
+        place = urlsplit(server.url)
+        headers: Mapping[str, str] = {
+            "Host": place.netloc,
+            "Content-Type": "application/x-tar",
+            "Transfer-Encoding": "chunked",
+            "Connection": "close",
+            **server.headers,
+        }
+        self.socket = socket.create_connection(
+            (place.hostname, place.port or 80), **options
+        )
+        path = f"/api/v1/datasets/{dataset}/batches"
+        head = [f"POST {path} HTTP/1.1", *(f"{k}: {v}" for k, v in headers.items())]
+        self.socket.sendall("\r\n".join((*head, "", "")).encode())
+        self._answer = self.socket.makefile("rb")
+
+    def send(self, data: bytes) -> None:
+        self.socket.sendall(b"%x\r\n%b\r\n" % (len(data), data))
+
+    def end(self) -> None:
+        self.socket.sendall(b"0\r\n\r\n")
+
+    def line(self) -> dict[str, Any]:
+        """The next line of the answer, which comes in a chunk of its own."""
+        for text in self._answer:
+            if text.startswith(b"{"):
+                found: dict[str, Any] = json.loads(text)
+                return found
+        raise AssertionError("the answer is over")
+
+    def close(self) -> None:
+        self._answer.close()
+        self.socket.close()
+
+
+TAR = {"Content-Type": "application/x-tar"}
+
+
+def send(api, dataset, content, headers=TAR, **parameters):
+    path = f"{BASE}/datasets/{dataset}/batches"
+    return api.http.post(path, content=content, headers=headers, params=parameters)
+
+
+def told(answer):
+    assert answer.status_code == 200, answer.text
+    *lines, end = lines_of(answer.text)
+    return [(line["key"], line["status"]) for line in lines], end

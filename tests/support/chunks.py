@@ -1,0 +1,150 @@
+"""Runs in small chunks, and engines that lose some of them."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+
+from sqlalchemy import select
+
+from app.db.tables import FrameEvidence
+from app.engine import EngineAway, LocalEngine, WorkerDied
+from app.runs.queries import RunRepository
+from tests.support import frames as scene
+
+FRAMES = 12
+FROM_PIXELS = {"profile": "carlasimu"}
+
+
+class SmallChunks(LocalEngine):
+    """Three frames to a chunk, and several chunks beside each other."""
+
+    def __init__(self) -> None:
+        super().__init__(2)
+        self._chunks = ThreadPoolExecutor(4, "chunks")
+        self.begun: list[tuple[int, frozenset[int]]] = []
+        self._running: set[int] = set()
+        self._changing = threading.Lock()
+
+    @property
+    def window(self):
+        return 4
+
+    def chunk_frames(self, total):
+        return 3
+
+    def start_chunk(self, here, job, number):
+        with self._changing:
+            self._running.add(number)
+            self.begun.append((number, frozenset(self._running)))
+        return self._chunks.submit(self._work, here, job, number)
+
+    def _work(self, here, job, number):
+        try:
+            return here(job.kind, job.id, number)
+        finally:
+            with self._changing:
+                self._running.discard(number)
+
+    def outcome(self, future):
+        return future.result()
+
+
+class Deadly(SmallChunks):
+    """Processes die of some chunks, and take along what runs beside these."""
+
+    def __init__(self, *poison: int, times: int = 99) -> None:
+        super().__init__()
+        self._poison, self._times = set(poison), Counter(dict.fromkeys(poison, times))
+
+    def _work(self, here, job, number):
+        try:
+            with self._changing:
+                beside = self._poison & self._running
+                deadly = any(self._times[one] > 0 for one in beside)
+                self._times[number] -= deadly
+            if deadly:
+                raise WorkerDied(f"chunk {number} was there")
+            return here(job.kind, job.id, number)
+        finally:
+            with self._changing:
+                self._running.discard(number)
+
+
+class Forgetful(SmallChunks):
+    """An engine that goes away with all that was submitted, every third time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.connected, self.connects = True, 0
+
+    def start_chunk(self, here, job, number):
+        if len(self.begun) % 3 == 2:
+            self.begun.append((number, frozenset()))
+            self.connected = False
+            lost: Future[str] = Future()
+            lost.cancel()
+            return lost
+        if not self.connected:
+            raise EngineAway("gone")
+        return super().start_chunk(here, job, number)
+
+    def outcome(self, future):
+        try:
+            return future.result()
+        except CancelledError as exc:
+            raise EngineAway("forgotten") from exc
+
+    def is_connected(self):
+        return self.connected
+
+    def connect(self):
+        self.connects += 1
+        if self.connects % 2:
+            raise EngineAway("not yet")
+        self.connected = True
+
+
+def put(street, number):
+    files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+    street.put(f"{number:02}", scene.annotation(), **files)
+
+
+@contextmanager
+def engine_of(street, engine):
+    context = replace(street.context, engine=engine)
+    try:
+        yield context
+    finally:
+        engine.close()
+
+
+def run_of(street, run_id):
+    return read(street, lambda session: RunRepository(session).with_id(run_id))
+
+
+def read(street, ask):
+    with street.context.database.read() as session:
+        return ask(session)
+
+
+def measured(street, run):
+    """How often each frame was measured for a run."""
+    rows = select(FrameEvidence.frame_id)
+    rows = rows.where(FrameEvidence.measurement_id == run.measurement_id)
+    return Counter(read(street, lambda session: session.scalars(rows).all()))
+
+
+def left(street, table, run):
+    rows = select(table).where(table.kind == "run", table.job_id == run.id)
+    return read(street, lambda session: session.scalars(rows).all())
+
+
+def check_whole(street, run):
+    assert (run.state, run.done, run.total) == ("done", FRAMES, FRAMES), run.error
+    assert set(measured(street, run).values()) == {1}
+    assert len(measured(street, run)) == FRAMES
+    assert street.tallies() == street.recounted()

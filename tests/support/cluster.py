@@ -1,0 +1,176 @@
+"""A scheduler, workers and servers of one installation, as processes here."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+
+from app.engine.certificates import make_certificates
+from tests.support.api import Api
+from tests.support.databases import environment_of
+from tests.support.ports import reserved_port
+from tests.support.processes import Process
+from tests.support.servers import RunningServer, running_server, start, start_anew, stop
+from tests.support.sources import CHECKOUT
+from tests.support.waiting import until
+
+PATIENCE_S = 60
+_numbers = count(1)
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
+    return [int(child) for child in found.split()]
+
+
+@dataclass
+class Node:
+    """A process of the cluster, and its log."""
+
+    process: Process
+    log: Path
+
+    @property
+    def said(self) -> str:
+        return self.log.read_text("utf-8")
+
+    def waits_for(self, words: str) -> None:
+        with suppress(AssertionError):
+            until(lambda: words in self.said, words)
+        assert words in self.said
+
+    def kill(self) -> None:
+        """As by the kernel when memory runs out."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def ended(self) -> int:
+        return self.process.wait(PATIENCE_S)
+
+
+@dataclass
+class Cluster:
+    """One installation; everything that is started ends with its block."""
+
+    folder: Path
+    port: int
+    _started: ExitStack
+    settings: dict[str, str] = field(default_factory=dict)
+    anew: bool = False
+    """Start Python itself for each process, as benchmarks do."""
+
+    @property
+    def data(self) -> Path:
+        return self.folder / "data"
+
+    @property
+    def address(self) -> str:
+        return f"tls://127.0.0.1:{self.port}"
+
+    @property
+    def certificates(self) -> Path:
+        return self.folder / "certificates"
+
+    def tls(self, node: str, folder: Path | None = None) -> dict[str, str]:
+        folder = folder or self.certificates
+        return {
+            "UNGHOST_TLS_CA": str(folder / "ca.pem"),
+            "UNGHOST_TLS_CERT": str(folder / f"{node}.pem"),
+            "UNGHOST_TLS_KEY": str(folder / f"{node}.key"),
+        }
+
+    def scheduler(self) -> Node:
+        words = ("unghost.cli", "scheduler", "--port", str(self.port))
+        node = self.node(words, self.tls("scheduler"))
+        assert node.process.stdout is not None
+        assert str(self.port) in node.process.stdout.readline(), node.said
+        return node
+
+    def worker(
+        self,
+        *more: str,
+        program: tuple[str, ...] = ("unghost.cli", "worker"),
+        joined: bool = True,
+        **settings: str,
+    ) -> Node:
+        chosen = {"UNGHOST_ENGINE": self.address, **self.tls("worker"), **settings}
+        node = self.node((*program, *more), {"UNGHOST_WORKERS": "1", **chosen})
+        if joined:
+            node.waits_for("joined the scheduler")
+        return node
+
+    @contextmanager
+    def server(self, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
+        engine = {"UNGHOST_ENGINE": self.address, **self.tls("client")}
+        with running_server(
+            self.data, {**engine, **self.settings, **settings}, anew=self.anew
+        ) as server:
+            api = Api.at(server.url, server.headers)
+            with api.http:
+                yield server, api
+
+    def node(self, words: tuple[str, ...], settings: dict[str, str]) -> Node:
+        log = self.folder / f"node-{next(_numbers)}.log"
+        given = {
+            "PYTHONPATH": str(CHECKOUT),
+            **environment_of(self.data),
+            **self.settings,
+            **settings,
+        }
+        if self.anew:
+            command = [sys.executable, "-m", *words]
+            process: Process = start_anew(command, self.data, log, given)
+        else:
+            process = start(words, self.data, log, given)
+        self._started.callback(stop, process)
+        return Node(process, log)
+
+
+@contextmanager
+def cluster(folder: Path, *, anew: bool = False) -> Iterator[Cluster]:
+    """Certificates and a port; no process yet."""
+    with reserved_port() as port, ExitStack() as started:
+        made = Cluster(folder, port, started, anew=anew)
+        make_certificates(made.certificates, ("127.0.0.1",), 2)
+        yield made
+
+
+def working_process(worker: Node) -> int:
+    """The one that works, of the two processes of a worker.
+
+    There is none for a moment where another one was killed.
+    """
+    parent = worker.process.pid
+    until(lambda: len(children(parent)) == 1, "no process works")
+    (child,) = children(parent)
+    return child
+
+
+def kill_working_process(worker: Node) -> int:
+    """Kill it as the kernel does when memory runs out; its number."""
+    child = working_process(worker)
+    os.kill(child, signal.SIGKILL)
+    return child
+
+
+def listening(*pids: int) -> set[tuple[str, int]]:
+    """Addresses and ports on which processes listen."""
+    lines = subprocess.run(
+        ["ss", "-ltnpH"], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    found = set()
+    for line in lines:
+        owners = {int(pid) for pid in re.findall(r"pid=(\d+)", line)}
+        if owners & set(pids):
+            host, _, port = line.split()[3].rpartition(":")
+            found.add((host, int(port)))
+    return found

@@ -1,0 +1,64 @@
+"""A data folder that is served, or examined, backed up and restored while it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from app.maintenance.backup import make_backup
+from app.maintenance.datafolder import Advance
+from app.maintenance.doctor import Finding, Severity, examine
+from app.maintenance.restore import Restored, restore
+from app.settings import Settings
+from tests.support.api import Api
+from tests.support.databases import rows_of, settings_of
+from tests.support.servers import RunningServer, running_server
+
+
+@contextmanager
+def served(data: Path, **settings: str) -> Iterator[tuple[RunningServer, Api]]:
+    """A server of a data folder, and an admin's client of it."""
+    with running_server(data, settings) as server:
+        api = Api.at(server.url, server.headers)
+        with api.http:
+            yield server, api
+
+
+@contextmanager
+def silently(_title: str, _unit: str) -> Iterator[Advance]:
+    """Progress that nobody watches."""
+    yield lambda _done, _total: None
+
+
+def backed_up(data: Path, target: Path, *, incomplete: bool = False) -> Path:
+    """A backup of a data folder."""
+    settings = Settings(data=data)
+    return make_backup(settings, target, incomplete=incomplete, steps=silently).path
+
+
+def restored(backup: Path, data: Path) -> Restored:
+    """A data folder of a backup."""
+    return restore(Settings(data=data), backup, silently)
+
+
+def examined(data: Path, **settings: object) -> dict[str, Finding]:
+    """What the doctor finds that is not as it should be, files read and all."""
+    chosen = Settings.model_validate({"data": data, **settings_of(data), **settings})
+    return {
+        finding.check: finding
+        for finding in examine(chosen, verify=True, steps=silently)
+        if finding.severity is not Severity.OK
+    }
+
+
+def blobs(data: Path) -> list[Path]:
+    """The stored files of a data folder."""
+    return sorted(
+        path for path in (data / "blobs").glob("??/*") if len(path.name) == 64
+    )
+
+
+def count(data, table="boxes"):
+    ((rows,),) = rows_of(data, f"SELECT count(*) FROM {table}")
+    return rows

@@ -1,0 +1,76 @@
+"""A rendered frame of the street with its files decoded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from filter_core.annotation.frame import frame_boxes_2d
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.classes import accept_mask_of
+from unghost.street.street import StreetFrame
+
+
+@dataclass(eq=False)
+class DecodedFrame:
+    """A frame with its files decoded."""
+
+    frame: StreetFrame
+
+    @cached_property
+    def image(self):
+        return _decoded(self.frame.image_png)
+
+    @cached_property
+    def segmentation(self):
+        return _decoded(self.frame.segmentation_png)
+
+    @cached_property
+    def instances(self):
+        """Tags and numbers: red, and green + 256 blue."""
+        rgb = _decoded(self.frame.instances_png).astype(np.int32)
+        return rgb[..., 0].astype(np.uint8), rgb[..., 1] + 256 * rgb[..., 2]
+
+    @cached_property
+    def depth(self):
+        """Metres, of 24 bits from red, the lowest, to blue."""
+        rgb = _decoded(self.frame.depth_png).astype(np.float64)
+        steps = rgb[..., 0] + 256 * rgb[..., 1] + 65536 * rgb[..., 2]
+        return steps * (1000.0 / ((1 << 24) - 1))
+
+    @cached_property
+    def annotation(self):
+        return parse_annotation(self.frame.annotation)
+
+    @cached_property
+    def geometry(self):
+        return frame_boxes_2d(self.annotation, (1280, 720))
+
+    @cached_property
+    def places(self):
+        """Flat places of each number's pixels: sought once, not once for each box."""
+        flat = self.instances[1].ravel()
+        order = np.argsort(flat, kind="stable")
+        numbers, starts = np.unique(flat[order], return_index=True)
+        parts = np.split(order, starts[1:])
+        return dict(zip(numbers.tolist(), parts, strict=True))
+
+    def pixels_of(self, number):
+        """Rows and columns of an instance."""
+        places = self.places.get(number, np.zeros(0, np.int64))
+        return np.unravel_index(places, self.instances[1].shape)
+
+    def own_pixels(self, line):
+        """Where the thing of a line of the truth shows a tag that its class accepts."""
+        row, column = self.pixels_of(line["instance"])
+        accepted = accept_mask_of(line["class"], "carla-0.9.14")
+        own = (accepted >> self.instances[0][row, column].astype(int)) & 1 == 1
+        return row[own], column[own]
+
+
+def _decoded(png):
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    return np.asarray(image)[..., ::-1]

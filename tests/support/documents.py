@@ -1,0 +1,44 @@
+"""The documentation as text: its files, links, code blocks and tables."""
+
+from __future__ import annotations
+
+import re
+
+from tests.support.sources import CHECKOUT
+
+DOCUMENTS = sorted(
+    path
+    for path in (*CHECKOUT.glob("*.md"), *(CHECKOUT / "docs").rglob("*.md"))
+    if path.is_file()
+)
+_LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+_BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def read(name: str) -> str:
+    """A document, by its path from the top of the checkout."""
+    return (CHECKOUT / name).read_text("utf-8")
+
+
+def without_code(text: str) -> str:
+    """The prose alone: a link in a code block is no link."""
+    return re.sub(r"`[^`\n]+`", "", _BLOCK.sub("", text))
+
+
+def links(text: str) -> list[str]:
+    """Where the document points to."""
+    return _LINK.findall(without_code(text))
+
+
+def anchors(text: str) -> set[str]:
+    """The anchors that a document's headings get."""
+    titles = re.findall(r"^#+ (.+)$", _BLOCK.sub("", text), re.MULTILINE)
+    return {
+        re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-")
+        for title in titles
+    }
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The code blocks in one language."""
+    return [code for found, code in _BLOCK.findall(text) if found == language]

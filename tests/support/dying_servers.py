@@ -1,0 +1,194 @@
+"""Servers that die, as by a power cut, at a named point of their work.
+
+Only this module knows of the points: run as a program it wraps what the server calls,
+and serves.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.support.poison import lay_poison
+from tests.support.processes import Process
+from tests.support.servers import start, stop, token_of, wait_for_link
+from tests.support.sources import CHECKOUT
+
+POINTS = ("draft", "flush_file", "rename", "flush_folder", "commit", "answer")
+LIVES_AT_MOST_S = 60
+ARMED = "armed"
+"""A file of this name beside the data folder: from now on the point counts."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Before or after the so-manieth call of its kind."""
+
+    name: str
+    after: bool
+    turn: int = 1
+
+    def __str__(self) -> str:
+        return f"{'after' if self.after else 'before'}-{self.name}-{self.turn}"
+
+
+@dataclass
+class Nursery:
+    """Servers of one data folder, one after the other."""
+
+    data: Path
+    _living: Process | None = None
+
+    def server(self, point: Point | None = None) -> tuple[str, str]:
+        """Address and token of a server that dies at a point, once it is armed."""
+        (self.data.with_name(ARMED)).unlink(missing_ok=True)
+        return self._link({"point": None if point is None else vars(point)})
+
+    def poisoned(self, kind: str) -> tuple[str, str]:
+        """The same of a server that dies of poison, at the latest when it is asked."""
+        return self._link({"poison": kind})
+
+    def dies(self, kind: str) -> int:
+        """The exit status of a server that dies of poison before anybody asks it."""
+        self._start({"poison": kind})
+        return self.ended(ask=False)
+
+    def arm(self) -> None:
+        """From now on the point counts."""
+        self.data.with_name(ARMED).touch()
+
+    def ended(self, *, ask: bool) -> int:
+        """Wait for the end of the server, asked for or not; its exit status."""
+        process, self._living = self._living, None
+        assert process is not None
+        with process:
+            if ask:
+                process.terminate()
+            try:
+                return process.wait(LIVES_AT_MOST_S)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGABRT)
+                return process.wait()
+
+    def end(self) -> None:
+        """End the server that a test has left when it failed."""
+        if self._living is not None:
+            stop(self._living)
+
+    def _start(self, word: dict[str, Any]) -> Process:
+        settings = {"PYTHONPATH": str(CHECKOUT), "UNGHOST_WORKERS": "1"}
+        words = ["tests.support.dying_servers", json.dumps(word)]
+        self._living = start(words, self.data, self._log, settings)
+        return self._living
+
+    def _link(self, word: dict[str, Any]) -> tuple[str, str]:
+        link = wait_for_link(self._start(word), self._log)
+        return link.partition("/#")[0], token_of(self.data)
+
+    @property
+    def _log(self) -> Path:
+        return self.data.with_name("dying.log")
+
+
+@contextmanager
+def nursery(data: Path) -> Iterator[Nursery]:
+    """Servers of this data folder."""
+    made = Nursery(data)
+    try:
+        yield made
+    finally:
+        made.end()
+
+
+class Fuse:
+    """Counts the calls of one kind, and ends the process at one of them."""
+
+    def __init__(self, point: Point, armed: Path) -> None:
+        self._point, self._armed, self._seen = point, armed, 0
+
+    def pass_by(self, name: str, *, after: bool) -> None:
+        """One call begins, or has returned."""
+        if (name, after) != (self._point.name, self._point.after):
+            return
+        if not self._armed.exists():
+            return
+        self._seen += 1
+        if self._seen == self._point.turn:
+            os.kill(os.getpid(), signal.SIGKILL)
+            time.sleep(60)  # until the signal is there, nothing more happens
+
+
+def wrapped(fuse: Fuse, call: Callable[..., Any], name_of: Callable[..., str]) -> Any:
+    """The call, with the fuse before and after it where it has a name."""
+
+    def passing(*args: Any, **more: Any) -> Any:
+        name = name_of(*args)
+        fuse.pass_by(name, after=False)
+        result = call(*args, **more)
+        fuse.pass_by(name, after=True)
+        return result
+
+    return passing
+
+
+def lay(fuse: Fuse) -> None:
+    """Put the fuse around everything that makes an answer true, and around answers."""
+    from sqlalchemy.engine.default import DefaultDialect
+    from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
+
+    def of_flush(descriptor: int) -> str:
+        path = str(Path(f"/proc/self/fd/{descriptor}").readlink())
+        if "/blobs" not in path:
+            return ""
+        return "flush_file" if "/.new-" in path else "flush_folder"
+
+    def of_open(path: Any, *_: Any) -> str:
+        return "draft" if "/.new-" in str(path) else ""
+
+    def of_rename(old: Any, _new: Any) -> str:
+        return "rename" if "/.new-" in str(old) else ""
+
+    send = RequestResponseCycle.send
+
+    async def sending(cycle: Any, message: Any) -> None:
+        name = "answer" if message["type"] == "http.response.body" else ""
+        fuse.pass_by(name, after=False)
+        await send(cycle, message)
+        fuse.pass_by(name, after=True)
+
+    commit = wrapped(fuse, DefaultDialect.do_commit, lambda *_: "commit")
+    for owner, name, call in (
+        (os, "fsync", wrapped(fuse, os.fsync, of_flush)),
+        (os, "open", wrapped(fuse, os.open, of_open)),
+        (os, "replace", wrapped(fuse, os.replace, of_rename)),
+        (DefaultDialect, "do_commit", commit),
+        (RequestResponseCycle, "send", sending),
+    ):
+        setattr(owner, name, call)
+
+
+def grow_up(point: Point | None, poison: str | None) -> None:
+    """Become a server."""
+    from app.serve import serve
+    from app.settings import Settings
+
+    settings = Settings()
+    if poison is not None:
+        lay_poison(poison)
+    if point is not None:
+        lay(Fuse(point, settings.data.with_name(ARMED)))
+    serve(settings)
+
+
+if __name__ == "__main__":
+    told = json.loads(sys.argv[1])
+    grow_up(Point(**told["point"]) if told.get("point") else None, told.get("poison"))

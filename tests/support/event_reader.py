@@ -1,0 +1,60 @@
+"""Server-sent events as a browser reads them."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from tests.support.api import BASE, Api
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event, or (without a name) a comment."""
+
+    name: str
+    id: str
+    data: Any
+    at: float
+
+
+@contextmanager
+def open_events(
+    api: Api, job_id: int, last: str | None = None, *, of: str = "runs"
+) -> Iterator[Iterator[Event]]:
+    """Events of a job, for as long as the block lasts or the server sends some."""
+    headers = {} if last is None else {"Last-Event-ID": last}
+    url = f"{BASE}/{of}/{job_id}/events"
+    with api.http.stream("GET", url, headers=headers) as answer:
+        assert answer.status_code == 200, answer.read()
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        # Named, because the answer is closed with the last who reads it.
+        stream = parsed(answer.iter_lines())
+        yield stream
+
+
+def events(
+    api: Api, job_id: int, last: str | None = None, *, of: str = "runs"
+) -> list[Event]:
+    """All events of a job up to its end, without comments."""
+    with open_events(api, job_id, last, of=of) as stream:
+        return [event for event in stream if event.name]
+
+
+def parsed(lines: Iterator[str]) -> Iterator[Event]:
+    """As the standard says: fields up to an empty line; a colon begins a comment."""
+    fields: dict[str, str] = {}
+    for line in lines:
+        if line:
+            name, _, value = line.partition(": ")
+            fields[name] = value
+            continue
+        if "retry" not in fields:
+            data = json.loads(fields["data"]) if "data" in fields else None
+            name, number = fields.get("event", ""), fields.get("id", "")
+            yield Event(name, number, data, time.monotonic())
+        fields = {}

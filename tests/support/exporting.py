@@ -1,0 +1,172 @@
+"""Small exports: boxes and frames as a server hands them out, files as they come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from filter_core.annotation.frame import GEOMETRIES
+from filter_core.config.filter import FilterConfig
+from filter_core.formats.export import (
+    ExportFrame,
+    ExportHead,
+    ExportOptions,
+    GivenAnnotation,
+)
+from filter_core.formats.registry import FORMATS, read_source, write_export
+from filter_core.local import LeftOut, class_order, export_sources
+from filter_core.types import (
+    NOT_MEASURED,
+    Answer,
+    DecidedBoxes,
+    DecisionColumns,
+    Reason,
+)
+from tests.support.folders import png, write_files
+
+CLASSES = ("car", "traffic light", "walker")
+WH = (100, 80)
+OUTSIDE = (-2, -2, -1, -1)
+REASONS = {
+    "kept": Reason.VISIBLE,
+    "rejected": Reason.BELOW_THRESHOLD,
+    "unmeasured": Reason.NO_SEGMENTATION,
+}
+HEAD = ExportHead(CLASSES, {"dataset": "d", "config": "0" * 64})
+
+
+@dataclass(frozen=True)
+class MadeBox:
+    """A box that a frame can be made of: its whole decision, and how it came."""
+
+    decision: dict[str, Any]
+    given: dict[str, Any]
+
+
+def box(number, xyxy=(10, 20, 30, 60), verdict="kept", class_name="car", **more):
+    """A box with its decision; `given` is what its annotation has beside."""
+    given = more.pop("given", {})
+    if not given.keys() & GEOMETRIES:
+        given = {"xyxy": list(xyxy or OUTSIDE), **given}
+    decision = {
+        "id": str(number),
+        "class": class_name,
+        "verdict": verdict,
+        "reason": REASONS[verdict].label,
+        "xyxy": None if xyxy is None else list(xyxy),
+        "distance": None,
+        **more,
+    }
+    return MadeBox(decision, {"class": class_name, **given})
+
+
+@lru_cache
+def black(wh):
+    """A black image."""
+    return png(np.zeros((wh[1], wh[0], 3), np.uint8))
+
+
+def frame(key, *boxes, wh=WH, annotation=None, **more):
+    """A frame with a black image; `annotation` is what it has beside its boxes."""
+    image = black(wh)
+    whole = {**(annotation or {}), "boxes": [one.given for one in boxes]}
+    return ExportFrame(
+        key=key,
+        wh=wh,
+        boxes=columns([one.decision for one in boxes]),
+        given=GivenAnnotation(lambda: whole, wh),
+        decisions=[one.decision for one in boxes],
+        **{
+            "read_image": lambda: image,
+            "columns": table_columns([one.decision for one in boxes]),
+            **more,
+        },
+    )
+
+
+def column(decisions, name, dtype=np.float64, absent=np.nan):
+    """One value of each decision, as an array."""
+    values = (one.get(name) for one in decisions)
+    return np.array([absent if each is None else each for each in values], dtype)
+
+
+def columns(decisions):
+    """Decisions, each a dict, as the columns that labels are written from."""
+    names = tuple({one["class"]: None for one in decisions})
+
+    def rectangles(name):
+        return column(decisions, name, absent=(np.nan,) * 4).reshape(-1, 4)
+
+    said = [(one.get("review") or {}).get("verdict", "none") for one in decisions]
+    return DecidedBoxes(
+        ids=[one["id"] for one in decisions],
+        class_names=names,
+        class_index=np.array([names.index(one["class"]) for one in decisions], int),
+        reason=np.array([Reason.from_label(one["reason"]) for one in decisions], "u1"),
+        answer=np.array([Answer[each.upper()] for each in said], np.uint8),
+        lossy=column(decisions, "lossy", bool, absent=False),
+        xyxy=rectangles("xyxy"),
+        amodal_xyxy=rectangles("amodal_xyxy"),
+        visible_xyxy=rectangles("visible_xyxy"),
+        tight_xyxy=rectangles("tight_xyxy"),
+        distance=column(decisions, "distance"),
+        match_percent=column(decisions, "match_percent"),
+        occlusion=column(decisions, "occluded", np.int64, absent=3),
+    )
+
+
+def table_columns(decisions):
+    """The same as what tables of decisions have beside those columns."""
+    numbers = ("threshold", "margin", "area_percent", "crowding")
+    reviews = [one.get("review") or {} for one in decisions]
+    return DecisionColumns(
+        **{name: column(decisions, name) for name in numbers},
+        toss_up=column(decisions, "toss_up", bool, absent=False),
+        large=column(decisions, "large", bool, absent=False),
+        matched_pixels=column(decisions, "matched_pixels", np.int64, NOT_MEASURED),
+        box_pixels=column(decisions, "box_pixels", np.int64, absent=0),
+        explained_by=[one.get("explained_by") for one in decisions],
+        hidden_by=[one.get("hidden_by", []) for one in decisions],
+        reviewer=[one.get("reviewer") for one in reviews],
+        comment=[one.get("comment") for one in reviews],
+        config="0" * 64,
+    )
+
+
+def export(name, frames, head=HEAD, **options):
+    """The files of an export by name, each written once and after the other."""
+    files = {}
+
+    def sink(file, pieces):
+        assert file not in files
+        files[file] = b"".join(pieces)
+
+    chosen = ExportOptions.from_mapping(options)
+    write_export(name, iter(frames), sink, head, chosen)
+    return files
+
+
+def convert(name, folder, layout="auto", **options):
+    """A folder into files of a format, every box taken over."""
+    found = read_source(folder, layout)
+    needs = FORMATS[name].needs
+    made = list(export_sources(found, FilterConfig(), needs=needs, workers=1))
+    problems = [one for one in made if isinstance(one, LeftOut)]
+    assert not problems, problems[0].problem
+    head = ExportHead(found.classes or class_order(found))
+    if "include" in FORMATS[name].options:
+        options = {"include": "all", **options}
+    return export(name, made, head, **options)
+
+
+def unpacked(folder, files):
+    """The files in a folder."""
+    return write_files(folder, files)
+
+
+def labels_of(files):
+    """All but the books, which tell where the boxes came from."""
+    return {name: one for name, one in files.items() if name != "manifest.json"}

@@ -1,0 +1,37 @@
+"""`unghost` in a process whose `import carla` finds the fake street.
+
+`python -m tests.support.fake_carla.program STATE ARGS...`: the world's state is
+written to the file STATE when the program ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from tests.support.fake_carla.library import as_library
+from tests.support.fake_carla.street import street
+
+
+def main() -> None:
+    state, *arguments = sys.argv[1:]
+    simulator = street()
+    sys.modules["carla"] = as_library(simulator)
+    sys.argv[1:] = arguments
+    from unghost.cli import main as unghost
+
+    try:
+        unghost()
+    finally:
+        left = {
+            "actors": [actor.type_id for actor in simulator.actors.values()],
+            "synchronous": simulator.settings.synchronous_mode,
+            "managers": list(simulator.managers_synchronous.values()),
+            "spawned": len(simulator.spawned),
+        }
+        Path(state).write_text(json.dumps(left))
+
+
+if __name__ == "__main__":
+    main()

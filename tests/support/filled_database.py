@@ -1,0 +1,86 @@
+"""Databases of every revision with rows of that time: SQL and values, no models."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from alembic.config import Config
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, Engine, inspect, text
+
+from app.package import migrations_dir
+from tests.support.sources import CHECKOUT
+
+ROWS = CHECKOUT / "tests" / "migrations" / "rows"
+Rows = dict[str, list[dict[str, Any]]]
+
+
+def revisions() -> list[str]:
+    """Every revision, the oldest first."""
+    config = Config()
+    config.set_main_option("script_location", str(migrations_dir()))
+    known = ScriptDirectory.from_config(config).walk_revisions()
+    return [script.revision for script in known][::-1]
+
+
+def fill(engine: Engine, revision: str) -> None:
+    """Rows of every table that there was at a revision, in all their forms."""
+    with engine.begin() as connection:
+        connection.execute(text("DELETE FROM id_blocks"))
+        for known in revisions():
+            if known <= revision and (ROWS / f"{known}.json").exists():
+                _insert(connection, _rows_of(known))
+
+
+def contents(engine: Engine) -> Rows:
+    """All rows of all tables, in a stable order."""
+    found: Rows = {}
+    with engine.connect() as connection:
+        for table in inspect(connection).get_table_names():
+            if table != "alembic_version":
+                rows = connection.execute(text(f"SELECT * FROM {table}")).mappings()
+                found[table] = sorted((dict(row) for row in rows), key=repr)
+        if engine.dialect.name == "sqlite":
+            rows = connection.execute(text("SELECT * FROM sqlite_sequence")).mappings()
+            found["sqlite_sequence"] = sorted((dict(row) for row in rows), key=repr)
+    return found
+
+
+def restricted(rows: Rows, to: Rows) -> Rows:
+    """Only the tables and columns that the other one has as well."""
+    known = {row["name"] for row in to.get("sqlite_sequence", ())}
+    rows = dict(rows)
+    if known:
+        rows["sqlite_sequence"] = [
+            row for row in rows["sqlite_sequence"] if row["name"] in known
+        ]
+    return {
+        table: sorted(
+            ({name: row[name] for name in to[table][0] if name in row} for row in kept),
+            key=repr,
+        )
+        for table, kept in rows.items()
+        if to.get(table)
+    }
+
+
+def _rows_of(revision: str) -> Rows:
+    rows: Rows = json.loads((ROWS / f"{revision}.json").read_text("utf-8"))
+    return rows
+
+
+def _insert(connection: Connection, rows: Rows) -> None:
+    for table, each in rows.items():
+        for row in each:
+            names = ", ".join(row)
+            places = ", ".join(f":{name}" for name in row)
+            statement = text(f"INSERT INTO {table} ({names}) VALUES ({places})")
+            connection.execute(
+                statement, {name: _value(value) for name, value in row.items()}
+            )
+
+
+def _value(value: Any) -> Any:
+    return bytes.fromhex(value["hex"]) if isinstance(value, Mapping) else value

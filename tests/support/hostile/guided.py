@@ -1,0 +1,195 @@
+"""A fuzzer that is guided by the lines that an input reaches, and by how many they are.
+
+Inputs that reach a new line, or take more work for their size than any before, are
+kept and changed further. Work is counted in lines of Python, which no machine and no
+neighbour changes: a reader that never ends, or whose work grows faster than its input,
+is stopped and told. What happens in C is bounded by processor time.
+"""
+
+from __future__ import annotations
+
+import base64
+import random
+import sys
+import time
+import tracemalloc
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import CodeType, FrameType
+from typing import Any
+
+from tests.support.hostile.mutations import TELLING
+
+MOST_BYTES = 1 << 16
+"""Of an input: enough for what grows with the square to be seen."""
+
+Read = Callable[[bytes], object]
+Repair = Callable[[bytes], bytes]
+
+
+class TooMuchWork(BaseException):
+    """Raised into a reader that goes on for too long: nothing of ours catches it."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What reading an input may take."""
+
+    lines: int = 20_000
+    lines_per_byte: float = 30
+    seconds: float = 3.0
+    """Of the processor, tracing included."""
+    memory: int = 96 * 1024**2
+
+    def lines_for(self, content: bytes) -> int:
+        return int(self.lines + self.lines_per_byte * len(content))
+
+
+@dataclass
+class Fuzzer:
+    """One reader, what it may take, and the inputs that have proved telling.
+
+    `errors` are its own words for bad input; `folders` are where its code is; `repair`
+    puts right what a random change always breaks, such as checksums.
+    """
+
+    read: Read
+    errors: tuple[type[BaseException], ...]
+    folders: Sequence[str]
+    bounds: Bounds = field(default_factory=Bounds)
+    repair: Repair | None = None
+    corpus: list[bytes] = field(default_factory=list)
+    lines_seen: set[tuple[CodeType, int]] = field(default_factory=set)
+    most_per_byte: float = 0.0
+
+    def run(self, samples: Sequence[bytes], tries: int, seed: int) -> None:
+        """Try all samples, and so many changed ones.
+
+        Raises
+        ------
+        AssertionError
+            One of them took too much, or ended in an error that is not the reader's
+            own; the text has the input.
+        """
+        dice = random.Random(seed)
+        for sample in samples:
+            self._try(sample, seed)
+            self.corpus.append(sample)
+        for _ in range(tries):
+            content = self._changed(dice)
+            if self._try(content, seed):
+                self.corpus.append(content)
+
+    def _changed(self, dice: random.Random) -> bytes:
+        content = dice.choice(self.corpus)
+        for _ in range(dice.choice((1, 1, 2, 3, 8))):
+            content = changed(content, dice.choice(self.corpus), dice)[:MOST_BYTES]
+        if self.repair is not None and dice.random() < 0.8:
+            content = self.repair(content)
+        return content
+
+    def _try(self, content: bytes, seed: int) -> bool:
+        """Whether the input told something new."""
+        lines: set[tuple[CodeType, int]] = set()
+        most = self.bounds.lines_for(content)
+        told = f"seed {seed}, input {packed(content)}"
+        begun = time.process_time()
+        try:
+            with little_memory(self.bounds.memory, told):
+                count = self._traced(content, lines, most)
+        except TooMuchWork:
+            raise AssertionError(
+                f"more than {most:,} lines for {len(content):,} bytes; {told}"
+            ) from None
+        except Exception as error:
+            raise AssertionError(f"{type(error).__name__}: {error}; {told}") from error
+        seconds = time.process_time() - begun
+        assert seconds < self.bounds.seconds, f"{seconds:.1f} s; {told}"
+        per_byte = max(0.0, count - 1000) / (len(content) + 1)
+        tells = not lines <= self.lines_seen or per_byte > 1.2 * self.most_per_byte
+        self.lines_seen |= lines
+        self.most_per_byte = max(self.most_per_byte, per_byte)
+        return tells
+
+    def _traced(
+        self, content: bytes, lines: set[tuple[CodeType, int]], most: int
+    ) -> int:
+        count = 0
+
+        def in_reader(frame: FrameType, event: str, _arg: Any) -> Any:
+            nonlocal count
+            if event == "line":
+                count += 1
+                lines.add((frame.f_code, frame.f_lineno))
+                if count > most:
+                    raise TooMuchWork
+            return in_reader
+
+        def entered(frame: FrameType, _event: str, _arg: Any) -> Any:
+            name = frame.f_code.co_filename
+            return in_reader if any(one in name for one in self.folders) else None
+
+        before = sys.gettrace()
+        sys.settrace(entered)
+        try:
+            self.read(content)
+        except self.errors:
+            pass
+        finally:
+            sys.settrace(before)
+        return count
+
+
+def changed(content: bytes, other: bytes, dice: random.Random) -> bytes:
+    """One place changed; small changes and large ones are as likely."""
+    # Headers stand at the beginning, and have most to tell.
+    start = dice.randint(0, min(len(content), dice.choice((16, MOST_BYTES))))
+    length = min(dice.choice((0, 1, 2, 4, 16, 512)), len(content) - start)
+    before, after = content[:start], content[start + length :]
+    taken = content[start : start + length]
+    way = dice.randrange(8)
+    if way == 0:
+        return before + dice.choice(TELLING) + after
+    if way == 1:
+        return before + dice.choice(TELLING) + taken + after
+    if way == 2:
+        return before + taken * dice.choice((2, 3, 16, 256, 4096)) + after
+    if way == 3:
+        return before + dice.randbytes(dice.choice((1, 2, 4, 16))) + after
+    if way == 4:
+        return before + after
+    if way == 5:
+        at = dice.randint(0, len(other))
+        return before + other[at : at + dice.choice((4, 64, 4096))] + after
+    if way == 6 and taken:
+        flipped = taken[0] ^ 1 << dice.randrange(8)
+        return before + bytes([flipped]) + taken[1:] + after
+    return before if dice.random() < 0.2 else before + taken + after
+
+
+def packed(content: bytes) -> str:
+    """An input as it is told; `unpacked` gives it back."""
+    return base64.b85encode(zlib.compress(content, 9)).decode()
+
+
+def unpacked(text: str) -> bytes:
+    return zlib.decompress(base64.b85decode(text))
+
+
+@contextmanager
+def little_memory(most: int, told: str) -> Iterator[None]:
+    """Fails if what happens in it holds more than this at any moment."""
+    was_tracing = tracemalloc.is_tracing()
+    if not was_tracing:
+        tracemalloc.start()
+    tracemalloc.reset_peak()
+    before, _ = tracemalloc.get_traced_memory()
+    try:
+        yield
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        if not was_tracing:
+            tracemalloc.stop()
+    assert peak - before < most, f"{peak - before:,} bytes of memory; {told}"

@@ -1,0 +1,195 @@
+"""Clients that write all kinds of things and note what they were promised.
+
+Each client owns what it writes about, so the order of its own notes is the order of
+what the service must know; at its end, at most one of its writes is without an answer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import httpx
+
+from tests.support import archives
+from tests.support import frames as scene
+from tests.support.api import Api
+
+VERDICTS: Final = ("keep", "reject", "unsure", "clear")
+ANSWER_WAIT_S: Final = 60
+
+
+@dataclass
+class Ledger:
+    """What was asked of one dataset: promised, or in flight when the server died."""
+
+    dataset: str
+    stored: dict[str, int] = field(default_factory=dict)
+    """The number of the content that was promised under each key."""
+    sending: dict[str, set[int]] = field(default_factory=dict)
+    """Contents under way, which may be there or not."""
+    answers: dict[int, list[str]] = field(default_factory=dict)
+    """Promised answers of each box, in order."""
+    maybe_answers: list[tuple[frozenset[int], str]] = field(default_factory=list)
+    """Acts without an answer: of all these boxes, or of none."""
+    undos: list[int] = field(default_factory=list)
+    maybe_undone: list[frozenset[int]] = field(default_factory=list)
+    digests: set[str] = field(default_factory=set)
+    maybe_configs: int = 0
+    runs: set[int] = field(default_factory=set)
+    maybe_runs: int = 0
+
+    def promises(self) -> int:
+        """How many writes were acknowledged."""
+        said = sum(map(len, list(self.answers.values())))
+        return len(self.stored) + said + len(self.digests) + len(self.runs)
+
+
+def annotation(number: int) -> dict[str, Any]:
+    """Of a frame unlike those of other numbers."""
+    return {**scene.annotation(), "number": number}
+
+
+def files(number: int) -> dict[str, bytes]:
+    """Its image and its segmentation."""
+    return {"image": scene.image(number), "segmentation": scene.segmentation()}
+
+
+def digest(number: int) -> str:
+    """Of the content of a frame, as the documentation defines it."""
+    lines = ["frame 1"]
+    for name, content in sorted(files(number).items()):
+        lines.append(f"{name} {hashlib.sha256(content).hexdigest()}")
+    lines.append(json.dumps(annotation(number), sort_keys=True, separators=(",", ":")))
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Writer:
+    """One client, its dice, and the boxes that are its own."""
+
+    api: Api
+    ledger: Ledger
+    dice: random.Random
+    name: str
+    box_ids: tuple[int, ...]
+
+    def write(self) -> None:
+        """Go on until the server is gone."""
+        acts: dict[str, Callable[[int], None]] = {
+            "uploads": self._upload,
+            "batches": self._push,
+            "reviews": self._review,
+            "bulk": self._bulk_and_undo,
+            "configs": self._configure,
+        }
+        act = acts[self.name.partition(" ")[0]]
+        try:
+            for number in range(10**6):
+                act(number)
+        except httpx.TransportError:
+            return
+
+    def _upload(self, turn: int) -> None:
+        key = f"{self.name}/{turn if self.dice.random() < 0.7 else 0}"
+        number = 1 + turn
+        self.ledger.sending[key] = {number}
+        answer = self.api.put(
+            self.ledger.dataset, key, annotation(number), replace=True, **files(number)
+        )
+        assert answer.status_code in (200, 201), answer.text
+        self._promised(key, number)
+
+    def _promised(self, key: str, number: int) -> None:
+        self.ledger.stored[key] = number
+        self.ledger.sending.pop(key, None)
+
+    def _push(self, turn: int) -> None:
+        numbers = {f"{self.name}/{turn}-{place}": 10 + place for place in range(6)}
+        members = [
+            member
+            for place, (key, number) in enumerate(numbers.items())
+            for member in self._members(place, key, number)
+        ]
+        for key, number in numbers.items():
+            self.ledger.sending[key] = {number}
+        for line in self._lines(archives.packed(members)):
+            if "key" in line:
+                assert line["status"] == 201, line
+                self._promised(line["key"], numbers[line["key"]])
+
+    def _members(self, place: int, key: str, number: int) -> archives.Members:
+        document = json.dumps({**annotation(number), "key": key}).encode()
+        parts = files(number).items()
+        named = [(f"{place}.{kind}.png", content) for kind, content in parts]
+        return [(f"{place}.json", document), *named]
+
+    def _lines(self, archive: bytes) -> Iterator[dict[str, Any]]:
+        """Each line as it comes: what was said before the end counts."""
+        url = f"/api/v1/datasets/{self.ledger.dataset}/batches"
+        headers = {"Content-Type": "application/x-tar"}
+        with self.api.http.stream(
+            "POST", url, content=archive, headers=headers
+        ) as answer:
+            assert answer.status_code == 200
+            for line in answer.iter_lines():
+                yield json.loads(line)
+
+    def _review(self, turn: int) -> None:
+        box_id, verdict = self.dice.choice(self.box_ids), self.dice.choice(VERDICTS)
+        said = self.ledger.answers.setdefault(box_id, [])
+        act = (frozenset({box_id}), verdict)
+        self.ledger.maybe_answers.append(act)
+        answer = self.api.review(box_id, verdict, len(said))
+        assert answer.status_code == 201, answer.text
+        said.append(verdict)
+        self.ledger.maybe_answers.remove(act)
+
+    def _bulk_and_undo(self, turn: int) -> None:
+        verdict = self.dice.choice(VERDICTS)
+        before = {one: self._latest(one) for one in self.box_ids}
+        boxes, answers = frozenset(self.box_ids), self.ledger.answers
+        self.ledger.maybe_answers.append((boxes, verdict))
+        body = {
+            "dataset": self.ledger.dataset,
+            "box_ids": list(self.box_ids),
+            "seen_revisions": [len(answers.get(one, [])) for one in self.box_ids],
+            "verdict": verdict,
+        }
+        answer = self.api.post("/reviews/bulk", body)
+        assert answer.status_code == 201, answer.text
+        self._said(dict.fromkeys(self.box_ids, verdict))
+        self.ledger.maybe_answers.remove((boxes, verdict))
+        if self.dice.random() < 0.5:
+            self.ledger.maybe_undone.append(boxes)
+            undone = self.api.post(f"/review-batches/{answer.json()['id']}/undo")
+            assert undone.json()["undone"] == len(boxes), undone.text
+            self._said(before)
+            self.ledger.maybe_undone.remove(boxes)
+
+    def _latest(self, box_id: int) -> str:
+        said = self.ledger.answers.get(box_id, [])
+        return said[-1] if said else "clear"
+
+    def _said(self, verdicts: dict[int, str]) -> None:
+        for box_id, verdict in verdicts.items():
+            self.ledger.answers.setdefault(box_id, []).append(verdict)
+
+    def _configure(self, turn: int) -> None:
+        config = {"threshold_small_box": round(1 + turn * 0.01, 2)}
+        path = f"/datasets/{self.ledger.dataset}"
+        self.ledger.maybe_configs += 1
+        answer = self.api.post(f"{path}/configs", config)
+        assert answer.status_code in (200, 201), answer.text
+        self.ledger.digests.add(answer.json()["digest"])
+        self.ledger.maybe_configs -= 1
+        self.ledger.maybe_runs += 1
+        body = {"config": answer.json()["digest"], "activate": turn % 2 == 0}
+        run = self.api.post(f"{path}/runs", body)
+        assert run.status_code == 202, run.text
+        self.ledger.runs.add(run.json()["id"])
+        self.ledger.maybe_runs -= 1

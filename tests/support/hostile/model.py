@@ -1,0 +1,222 @@
+"""What the service should know about one dataset, in plain lists and dictionaries.
+
+It decides by counting single pixels and takes answers back from a pile of acts per box:
+nothing here is shared with the service but the words on the wire.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from tests.support import frames as scene
+
+CAR: Final = 14
+KEPT, REJECTED, UNMEASURED = "kept", "rejected", "unmeasured"
+OF_ANSWER: Final = {"keep": KEPT, "reject": REJECTED}
+OUTSIDE: Final = (90, 0, 99, 9)
+RECTANGLES: Final = (
+    tuple(scene.ON_THE_CAR),
+    tuple(scene.IN_THE_SKY),
+    (0, 0, scene.WIDTH, scene.HEIGHT),
+    (30, 20, 64, 48),
+    OUTSIDE,
+)
+THRESHOLDS: Final = (5, 40, 60)
+"""In percent; no rectangle of any scene lies on one."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a frame is sent as: its rectangles, and where its car stands if known."""
+
+    boxes: tuple[tuple[int, ...], ...]
+    shift: int | None
+    number: int = 0
+
+    def verdict(self, place: int, threshold: int) -> str:
+        """By the definition: the share of the box's pixels that are car."""
+        x0, y0, x1, y1 = self.boxes[place]
+        if self.boxes[place] == OUTSIDE:
+            return REJECTED
+        if self.shift is None:
+            return UNMEASURED
+        tags = scene.tags(self.shift)
+        pixels = [int(tags[y, x]) for y in range(y0, y1) for x in range(x0, x1)]
+        return KEPT if 100 * pixels.count(CAR) / len(pixels) >= threshold else REJECTED
+
+
+@dataclass(frozen=True)
+class Said:
+    """One answer as the history shows it."""
+
+    verdict: str
+    batch: int | None = None
+
+
+@dataclass
+class ModelBox:
+    """A box of the newest revision of a frame."""
+
+    place: int
+    verdict: str
+    answers: list[Said] = field(default_factory=list)
+    pile: list[tuple[int | None, str]] = field(default_factory=list)
+    """Acts that count, the newest last: batch and what was said."""
+    verdicts: list[str] = field(default_factory=list)
+
+    @property
+    def review(self) -> str | None:
+        """What counts as the latest answer."""
+        said = self.answers[-1].verdict if self.answers else "clear"
+        return None if said == "clear" else said
+
+    @property
+    def effective(self) -> str:
+        return OF_ANSWER.get(self.review or "", self.verdict)
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether a person says the opposite of the filter."""
+        return (self.review, self.verdict) in (("keep", REJECTED), ("reject", KEPT))
+
+    def passes(self, wanted: Mapping[str, str]) -> bool:
+        """Whether a filter of a list selects it."""
+        review = self.review
+        states = {
+            "undecided": review not in OF_ANSWER,
+            "decided": review in OF_ANSWER,
+            "none": review is None,
+            "any": review is not None,
+            **{name: review == name for name in ("keep", "reject", "unsure")},
+        }
+        return (
+            wanted.get("verdict", self.verdict) == self.verdict
+            and wanted.get("effective", self.effective) == self.effective
+            and (wanted.get("conflict", "false") == "false" or self.is_contradicted)
+            and states[wanted.get("review", "none" if review is None else "any")]
+        )
+
+    def answer(self, verdict: str, batch: int | None = None) -> None:
+        self.answers.append(Said(verdict, batch))
+        self.pile.append((batch, verdict))
+
+    def take_back(self, batch: int, undo: int) -> bool:
+        """Undo the newest act, if it is this one."""
+        if not self.pile or self.pile[-1][0] != batch:
+            return False
+        self.pile.pop()
+        before = self.pile[-1][1] if self.pile else "clear"
+        self.answers.append(Said(before, undo))
+        return True
+
+
+@dataclass
+class ModelFrame:
+    """The newest revision under a key."""
+
+    content: Content
+    boxes: dict[int, ModelBox]
+
+
+@dataclass
+class Model:
+    """A dataset: its frames by key, and the threshold that counts."""
+
+    threshold: int
+    frames: dict[str, ModelFrame] = field(default_factory=dict)
+    batches: dict[int, list[int]] = field(default_factory=dict)
+    undone: set[int] = field(default_factory=set)
+    runs: int = 0
+
+    def boxes(self) -> dict[int, ModelBox]:
+        """All current boxes by the server's id."""
+        return {
+            number: box
+            for frame in self.frames.values()
+            for number, box in frame.boxes.items()
+        }
+
+    def expected_status(self, key: str, content: Content, *, replace: bool) -> int:
+        """What an upload is answered with."""
+        frame = self.frames.get(key)
+        if frame is None:
+            return 201
+        if frame.content == content:
+            return 200
+        return 201 if replace else 409
+
+    def store(self, key: str, content: Content, box_ids: list[int]) -> None:
+        """A new revision; answers stay with boxes that are the same."""
+        before = self.frames.get(key)
+        boxes: dict[int, ModelBox] = {}
+        for place, number in enumerate(box_ids):
+            box = ModelBox(place, content.verdict(place, self.threshold))
+            box.verdicts.append(box.verdict)
+            former = self._former(before, content, place)
+            if former is not None and former.review is not None:
+                box.answer(former.review)
+            boxes[number] = box
+        self.frames[key] = ModelFrame(content, boxes)
+
+    @staticmethod
+    def _former(
+        before: ModelFrame | None, content: Content, place: int
+    ) -> ModelBox | None:
+        same = before is not None and before.content.boxes[place : place + 1] == (
+            content.boxes[place],
+        )
+        if before is None or not same:
+            return None
+        return next(box for box in before.boxes.values() if box.place == place)
+
+    def selected(self, wanted: Mapping[str, str]) -> list[int]:
+        """The boxes of a filter."""
+        return sorted(one for one, box in self.boxes().items() if box.passes(wanted))
+
+    def run(self, threshold: int, *, activate: bool) -> int:
+        """Decide again; how many boxes change sides."""
+        changed = 0
+        for frame in self.frames.values():
+            for box in frame.boxes.values():
+                verdict = frame.content.verdict(box.place, threshold)
+                if verdict != box.verdict:
+                    changed += 1
+                    box.verdicts.append(verdict)
+                if activate:
+                    box.verdict = verdict
+        if activate:
+            self.threshold = threshold
+        self.runs += 1
+        return changed
+
+    def bulk(self, batch: int, box_ids: list[int], verdict: str) -> None:
+        for number in box_ids:
+            self.boxes()[number].answer(verdict, batch)
+        self.batches[batch] = box_ids
+
+    def undo(self, batch: int, undo: int) -> int:
+        """Take a batch back where it is the newest act; of how many boxes."""
+        boxes = self.boxes()
+        of_batch = [boxes[one] for one in self.batches[batch] if one in boxes]
+        self.undone.add(batch)
+        return sum([box.take_back(batch, undo) for box in of_batch])
+
+    def stats(self) -> dict[str, Any]:
+        """Counts as the service names them."""
+        boxes = list(self.boxes().values())
+        verdicts = Counter(box.verdict for box in boxes)
+        effective = Counter(box.effective for box in boxes)
+        return {
+            "frames": len(self.frames),
+            "boxes": len(boxes),
+            **{name: verdicts[name] for name in (KEPT, REJECTED, UNMEASURED)},
+            "reviewed": sum(box.review in OF_ANSWER for box in boxes),
+            "unsure": sum(box.review == "unsure" for box in boxes),
+            "conflicts": sum(box.is_contradicted for box in boxes),
+            "effective": {
+                name: effective[name] for name in (KEPT, REJECTED, UNMEASURED)
+            },
+        }

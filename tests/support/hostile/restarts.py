@@ -1,0 +1,77 @@
+"""One server that is ended in every way and comes back over the same folder."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+from alembic.config import Config
+from alembic.script import ScriptDirectory
+
+from app.db.engine import make_engine
+from app.db.migrate import current_revision, head_revision, migrate
+from app.package import migrations_dir
+from tests.support.api import Api
+from tests.support.databases import url_of
+from tests.support.servers import RunningServer, running_server
+
+SETTINGS: Final = {
+    "UNGHOST_WORKERS": "2",
+    "UNGHOST_LOG_LEVEL": "warning",
+    "UNGHOST_MAX_OPEN_RUNS": "10000",
+}
+WAYS: Final = ("terminated", "killed", "migrated down and up")
+
+
+class Restarting:
+    """A server, and how to end it."""
+
+    server: RunningServer
+    api: Api
+
+    def __init__(self, data: Path) -> None:
+        self._data = data
+        self._open = ExitStack()
+        self.restarts = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self.server = self._open.enter_context(running_server(self._data, SETTINGS))
+        self.api = Api.at(self.server.url, self.server.headers)
+        self._open.enter_context(self.api.http)
+
+    def restart(self, way: str) -> None:
+        """End the server in one of `WAYS`, and have another one."""
+        if way != "terminated":
+            self.server.process.kill()
+            self.server.process.wait()
+        self.close()
+        if way == "migrated down and up":
+            self._go_down_and_up()
+        self._open = ExitStack()
+        self._begin()
+        self.restarts += 1
+
+    def close(self) -> None:
+        self._open.close()
+
+    def _go_down_and_up(self) -> None:
+        engine = make_engine(url_of(self._data))
+        try:
+            migrate(engine, migrations_dir(), _before_head())
+            assert current_revision(engine) == _before_head()
+            migrate(engine, migrations_dir())
+            assert current_revision(engine) == head_revision(migrations_dir())
+        finally:
+            engine.dispose()
+
+
+def _before_head() -> str:
+    config = Config()
+    config.set_main_option("script_location", str(migrations_dir()))
+    scripts = ScriptDirectory.from_config(config)
+    head = scripts.get_revision("head")
+    assert head is not None
+    assert isinstance(head.down_revision, str)
+    return head.down_revision

@@ -1,0 +1,49 @@
+"""The wheel, installed where nothing else of this checkout is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import sysconfig
+import venv
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Installation:
+    """A Python that has the wheel installed, and an empty folder to work in."""
+
+    python: Path
+    folder: Path
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Runs this Python, isolated, from the empty folder."""
+        return subprocess.run(
+            [self.python, "-I", *arguments],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+
+    def command(self, name: str) -> Path:
+        """An installed console script."""
+        return self.python.with_name(name)
+
+
+def install(wheel: Path, folder: Path) -> Installation:
+    """An environment with the wheel, and the dependencies of the one that runs this."""
+    home = folder / "venv"
+    venv.create(home, with_pip=False, symlinks=True)
+    python = home / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "--quiet"]
+    install = [*pip, "install", "--no-deps", "--no-index", str(wheel)]
+    subprocess.run(install, check=True, capture_output=True, text=True)
+    (site_packages,) = home.glob("lib/python*/site-packages")
+    dependencies = sysconfig.get_paths()["purelib"]
+    (site_packages / "dependencies.pth").write_text(f"{dependencies}\n")
+    work = folder / "elsewhere"
+    work.mkdir()
+    return Installation(python, work)

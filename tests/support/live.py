@@ -1,0 +1,80 @@
+"""The service with probe routes added, in a thread, on a real port."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import uvicorn
+from fastapi import FastAPI
+
+from app.main import create_app
+from app.serve import listen, server_config
+from app.settings import Settings
+from tests.support import probe_routes
+from tests.support.databases import settings_of
+
+
+@dataclass(frozen=True)
+class Live:
+    """A service that answers, and what the tests look at beside its answers."""
+
+    app: FastAPI
+    settings: Settings
+    url: str
+
+    @property
+    def token(self) -> str:
+        return self.settings.token_file.read_text().strip()
+
+    @property
+    def bearer(self) -> dict[str, str]:
+        return {"Authorization": f"Bearer {self.token}"}
+
+    def client(self, **headers: str) -> httpx.Client:
+        """A client that shows these headers only."""
+        return httpx.Client(
+            base_url=self.url, headers=headers, trust_env=False, timeout=60
+        )
+
+    def admin(self) -> httpx.Client:
+        """A client that shows the first token."""
+        return self.client(**self.bearer)
+
+
+class _Server(uvicorn.Server):
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.tried = threading.Event()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        try:
+            await super().startup(sockets)
+        finally:
+            self.tried.set()
+
+
+@contextmanager
+def live(data: Path, **chosen: Any) -> Iterator[Live]:
+    """Serve this data folder with these settings until the block ends."""
+    settings = Settings(data=data, **{**settings_of(data), **chosen})
+    app = create_app(settings)
+    app.include_router(probe_routes.router)
+    app.include_router(probe_routes.open_router)
+    server = _Server(server_config(app))
+    with listen("127.0.0.1", 0) as listener:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        try:
+            assert server.tried.wait(60)
+            assert server.started
+            yield Live(app, settings, f"http://127.0.0.1:{listener.getsockname()[1]}")
+        finally:
+            server.should_exit = True
+            thread.join()

@@ -1,0 +1,51 @@
+"""Datasets whose runs take seconds, so that something can happen in the middle."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support import frames as scene
+from tests.support.api import Api
+
+LARGER = 28
+WIDE, HIGH = scene.WIDTH * LARGER, scene.HEIGHT * LARGER
+FROM_PIXELS = {"profile": "carlasimu"}
+"""A configuration that needs other numbers than a new dataset has."""
+OTHER_PIXELS = [
+    {"palette": palette, "channel_order": order, "lossy_segmentation": lossy}
+    for palette in ("auto", scene.FAMILY)
+    for order in ("auto", "rgb")
+    for lossy in ("refuse", "nearest")
+][1:]
+"""Configurations that need numbers of their own each, and decide alike."""
+
+
+def annotation(number: int) -> dict[str, object]:
+    """Of a frame with a car and a ghost, unlike those of other numbers."""
+    boxes = [
+        {"id": name, "class": "car", "xyxy": [LARGER * side for side in xyxy]}
+        for name, xyxy in (("real", scene.ON_THE_CAR), ("ghost", scene.IN_THE_SKY))
+    ]
+    return {"carla_version": "0.9.15", "boxes": boxes, "number": number}
+
+
+def fill(api: Api, frames: int) -> str:
+    """A dataset of so many frames, each of which takes some twenty milliseconds."""
+    tags = np.kron(scene.tags(), np.ones((LARGER, LARGER), np.uint8))
+    noise = np.random.default_rng(7).integers(0, 2, tags.shape, np.uint8)
+    palette = FAMILIES[scene.FAMILY]
+    road = palette.tag_of("Road")
+    # Noise between road and car makes the picture cost what a real one costs.
+    tags = np.where((tags == road) & (noise == 1), palette.tag_of("Sky"), tags)
+    segmentation = scene.png(palette.paint(tags))
+    picture = np.zeros((HIGH, WIDE, 3), np.uint8)
+    files = {
+        "image": cv2.imencode(".png", picture)[1].tobytes(),
+        "segmentation": segmentation,
+    }
+    name = api.dataset()
+    for number in range(frames):
+        api.stored(name, f"{number:04}", annotation(number), **files)
+    return name

@@ -1,0 +1,91 @@
+"""Frames with many boxes, and what is on show of them in the grid and in the queue."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import httpx
+from playwright.sync_api import Locator, Page
+
+from tests.support.page import scenes
+from tests.support.page.scenes import Scene
+
+
+def crowd(count: int) -> list[dict[str, Any]]:
+    """Boxes by turns on the car, hence kept, and in the sky, hence rejected."""
+    boxes = []
+    for index in range(count):
+        x0, y0, *_ = scenes.CAR if index % 2 == 0 else scenes.SKY
+        step = index % 40
+        xyxy = (x0 + step, y0 + step, x0 + step + 40, y0 + step + 30)
+        boxes.append({"id": f"b{index}", "class": "car", "xyxy": xyxy, "distance": 10})
+    return boxes
+
+
+def fill(api: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
+    """A dataset of so many frames with so many boxes each."""
+    made = api.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
+    assert made.status_code == 201, made.text
+    place = {"x": 0, "y": 0, "z": 0}
+    size = {"width": scenes.WIDTH, "height": scenes.HEIGHT}
+    annotation = {"camera": {**size, "fov": 90, "transform": place}}
+    content = json.dumps({**annotation, "boxes": crowd(boxes)})
+    files: dict[str, tuple[str, bytes | str, str]] = {
+        "image": ("image.png", scenes.picture(), "image/png"),
+        "segmentation": ("tags.png", scenes.segmentation("palette"), "image/png"),
+        "annotation": ("a.json", content, "application/json"),
+    }
+    for number in range(frames):
+        path = f"/datasets/{dataset}/frames/run/{number:06d}"
+        answer = api.put(path, files=files)
+        assert answer.status_code == 201, answer.text
+
+
+def grid(scene: Scene, **query: str) -> str:
+    """The address of the grid, in the order of the boxes unless said otherwise."""
+    search = "&".join(f"{k}={v}" for k, v in {"sort": "id", **query}.items())
+    return f"#/datasets/{scene.dataset}/grid?{search}"
+
+
+def queue(scene: Scene, **query: str) -> str:
+    """The address of the queue."""
+    search = "&".join(f"{key}={value}" for key, value in query.items())
+    return f"#/datasets/{scene.dataset}/queue{'?' if search else ''}{search}"
+
+
+def cell(page: Page, index: int) -> Locator:
+    return page.locator(f"[data-index='{index}']")
+
+
+def selected(page: Page) -> list[int]:
+    """Places of the selected cells."""
+    marked = page.locator(".cell[aria-selected=true]").all()
+    return sorted(int(one.get_attribute("data-index") or -1) for one in marked)
+
+
+def answers(scene: Scene) -> dict[str, str]:
+    """What the server has stored, by the sender's name of the box."""
+    found = answered(scene)
+    names = {box["id"]: box["review"]["verdict"] for box in found}
+    assert len(names) == len(found), "boxes of several frames share their names"
+    return names
+
+
+def answered(scene: Scene) -> list[dict[str, Any]]:
+    """Every box that has an answer on the server."""
+    found = scenes.get(scene.api, f"/boxes?dataset={scene.dataset}&review=any")
+    items: list[dict[str, Any]] = found["items"]
+    return items
+
+
+def review(scene: Scene, box_id: int, verdict: str) -> None:
+    """An answer that somebody else gives."""
+    revision = scenes.get(scene.api, f"/boxes/{box_id}")["revision"]
+    body = {"verdict": verdict, "seen_revision": revision}
+    assert scene.api.post(f"/boxes/{box_id}/reviews", json=body).status_code == 201
+
+
+def queued(page: Page) -> str:
+    """The box that the queue shows, by its sender's name."""
+    return page.locator(".inspector__head h2").inner_text().split()[-1]

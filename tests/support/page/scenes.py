@@ -1,0 +1,166 @@
+"""A street of one car, drawn so that every verdict occurs and its pixels are known.
+
+The picture is one even grey, so that whatever else is on the stage was drawn there.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support.page import scenes
+
+WIDTH, HEIGHT = 640, 360
+FAMILY = "carla-0.9.14"
+GREY = 118
+RUN_S = 60
+
+CAR = (80, 200, 240, 300)
+HALF_HIDDEN = (300, 180, 400, 280)
+SKY = (420, 30, 520, 110)
+WALKER = (560, 200, 590, 280)
+
+BOXES: list[dict[str, Any]] = [
+    {"id": "real", "class": "car", "xyxy": CAR, "distance": 12.5},
+    {"id": "hidden", "class": "car", "xyxy": HALF_HIDDEN, "distance": 40},
+    {"id": "ghost", "class": "truck", "xyxy": SKY},
+    {"id": "walker", "class": "walker", "xyxy": WALKER},
+    {"id": "away", "class": "car", "xyxy": [700, 10, 760, 60]},
+]
+SOLID = {
+    "id": "solid",
+    "class": "car",
+    "vertices": [[x, y, z] for x in (10, 14) for y in (-1.0, 1.0) for z in (-1.5, 0.0)],
+}
+
+
+def tags() -> np.ndarray:
+    palette = FAMILIES[FAMILY]
+    scene = np.full((HEIGHT, WIDTH), palette.tag_of("Sky"), np.uint8)
+    scene[150:] = palette.tag_of("Road")
+    _fill(scene, CAR, palette.tag_of("Car"))
+    _fill(scene, HALF_HIDDEN, palette.tag_of("Vegetation"))
+    # 4 % of the box: 100 x 4 of its 100 x 100 pixels
+    _fill(scene, (300, 228, 400, 232), palette.tag_of("Car"))
+    _fill(scene, WALKER, palette.tag_of("Pedestrian"))
+    return scene
+
+
+def _fill(scene: np.ndarray, xyxy: tuple[int, ...], tag: int) -> None:
+    x0, y0, x1, y1 = xyxy
+    scene[y0:y1, x0:x1] = tag
+
+
+def segmentation(form: str) -> bytes:
+    if form == "raw":
+        none = np.zeros((HEIGHT, WIDTH), np.uint8)
+        return png(np.dstack([tags(), none, none]))
+    rgb = FAMILIES[FAMILY].paint(tags())
+    return png(rgb[..., ::-1] if form == "bgr" else rgb)
+
+
+def png(rgb: np.ndarray) -> bytes:
+    written, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
+    assert written
+    return data.tobytes()
+
+
+def picture() -> bytes:
+    return png(np.full((HEIGHT, WIDTH, 3), GREY, np.uint8))
+
+
+def push(
+    api: httpx.Client,
+    dataset: str,
+    key: str,
+    boxes: list[dict[str, Any]] | None = None,
+    form: str = "palette",
+) -> dict[str, Any]:
+    """Send one frame; the frame with its decisions as the server shows it."""
+    place = {"x": 0, "y": 0, "z": 0}
+    camera = {"width": WIDTH, "height": HEIGHT, "fov": 90, "transform": place}
+    annotation = {
+        "carla_version": "0.9.15",
+        "map": "Town10HD",
+        "camera": camera,
+        "boxes": BOXES if boxes is None else boxes,
+    }
+    files: dict[str, tuple[str, bytes | str, str]] = {
+        "image": ("image.png", picture(), "image/png"),
+        "annotation": ("a.json", json.dumps(annotation), "application/json"),
+    }
+    if form != "none":
+        content = segmentation(form)
+        files["segmentation"] = ("segmentation.png", content, "image/png")
+    answer = api.put(f"/datasets/{dataset}/frames/{key}", files=files)
+    assert answer.status_code == 201, answer.text
+    return get(api, f"/frames/{answer.json()['frame']['id']}")
+
+
+def decide(api: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:
+    """A run that is over when this returns."""
+    body = {"config": config, "activate": True}
+    answer = api.post(f"/datasets/{dataset}/runs", json=body)
+    assert answer.status_code == 202, answer.text
+    deadline = time.monotonic() + RUN_S
+    while (run := get(api, f"/runs/{answer.json()['id']}"))["state"] != "done":
+        assert time.monotonic() < deadline, run
+        time.sleep(0.05)
+
+
+def get(api: httpx.Client, path: str) -> dict[str, Any]:
+    answer = api.get(path)
+    assert answer.status_code == 200, answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A dataset of the test's own and its first frame."""
+
+    api: httpx.Client
+    dataset: str
+    frame: dict[str, Any]
+
+    def box_id(self, name: str) -> int:
+        """The server's id of the box that the sender called so."""
+        found: int = self._box(name)["box_id"]
+        return found
+
+    def review(self, name: str) -> Any:
+        """What the server has stored as the latest answer; None without one."""
+        return scenes.get(self.api, f"/boxes/{self.box_id(name)}")["review"]
+
+    def revision(self, name: str) -> int:
+        box = scenes.get(self.api, f"/boxes/{self.box_id(name)}")
+        revision: int = box["revision"]
+        return revision
+
+    def link(self, name: str = "", **query: str) -> str:
+        """The address of the frame with a box selected."""
+        wanted = {**({"box": str(self.box_id(name))} if name else {}), **query}
+        search = "&".join(f"{key}={value}" for key, value in wanted.items())
+        return f"#/frames/{self.frame['id']}{'?' if search else ''}{search}"
+
+    def decide(self, **config: object) -> None:
+        """Make a configuration the one that decides, and wait until it does."""
+        scenes.decide(self.api, self.dataset, config)
+
+    def push(self, key: str, **kwargs: Any) -> dict[str, Any]:
+        """One more frame."""
+        return scenes.push(self.api, self.dataset, key, **kwargs)
+
+    def _box(self, name: str) -> dict[str, Any]:
+        return next(box for box in self.frame["boxes"] if box["id"] == name)
+
+
+MakeScene = Callable[..., Scene]

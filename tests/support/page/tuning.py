@@ -1,0 +1,58 @@
+"""Boxes with a known match, and moving and reading histograms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from playwright.sync_api import Locator, Page
+
+from tests.support.page import scenes
+from tests.support.page.scenes import Scene
+
+LEFT, RIGHT = 40, 20
+"""The axis and the padding beside the plot, in px of the page."""
+
+
+def car_at(share: int, index: int) -> dict[str, Any]:
+    """A box as large as the scene's car, moved up until `share` percent hold it."""
+    x0, y0, x1, y1 = scenes.CAR
+    up = (y1 - y0) * (100 - share) // 100
+    return {
+        "id": f"car-{share}",
+        "class": "car",
+        "xyxy": (x0, y0 - up, x1, y1 - up),
+        "distance": 10 + index,
+    }
+
+
+def applied_config(scene: Scene) -> dict[str, Any]:
+    """The keys that decide now."""
+    answer = scene.api.get(f"/datasets/{scene.dataset}/config")
+    config: dict[str, Any] = answer.json()["config"]
+    return config
+
+
+def dragged(page: Page, handle: Locator, *, to: float) -> None:
+    """Take the handle with the mouse and leave it at a percentage."""
+    own, track = handle.bounding_box(), handle.locator("..").bounding_box()
+    assert own is not None
+    assert track is not None
+    y = own["y"] + own["height"] / 2
+    page.mouse.move(own["x"] + own["width"] / 2, y)
+    page.mouse.down()
+    page.mouse.move(track["x"] + track["width"] * to / 200, y, steps=4)
+    page.mouse.move(track["x"] + track["width"] * to / 100, y, steps=6)
+    page.mouse.up()
+
+
+def column(canvas: Locator, *, percent: float) -> int:
+    """How many colours there are in the middle of the bar at a percentage."""
+    drawn = canvas.screenshot()
+    pixels = cv2.imdecode(np.frombuffer(drawn, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None
+    width = pixels.shape[1]
+    x = LEFT + (width - LEFT - RIGHT) * percent / 100
+    bar = pixels[-60:-30, int(x) : int(x) + 1].reshape(-1, 3)
+    return len(np.unique(bar, axis=0))

@@ -1,0 +1,131 @@
+"""Browser windows: how Chromium is started, sizes, and a person in front of one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    Page,
+    StorageState,
+    ViewportSize,
+    expect,
+)
+
+from tests.support.page.stage import after_drawing
+from tests.support.servers import SESSION_KEY
+
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+# What is between the narrow and the wide, and dark, is looked at by the long tests.
+SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.long)]
+WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
+WIDE = ViewportSize(width=1440, height=900)
+PHONE = {"width": 390, "height": 844}
+RE_VIEW = re.compile(r"\S+ \S+ \S+")
+RE_SAVED = re.compile(r"savestate--saved")
+
+
+@dataclass
+class Visitor:
+    """A person with a browser window, signed in."""
+
+    page: Page
+    url: str
+
+    def open(self, link: str) -> Page:
+        """Go somewhere and wait until it can be used."""
+        self.page.goto(f"{self.url}/{link}")
+        if link.startswith("#/frames/"):
+            self.ready()
+        return self.page
+
+    def ready(self) -> None:
+        """The stage has been drawn with its picture."""
+        stage = self.page.locator(".stage")
+        expect(stage).to_have_attribute("data-picture", "shown")
+        expect(stage).to_have_attribute("data-view", RE_VIEW)
+        after_drawing(self.page)
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def saved(self) -> None:
+        """Every answer is on the server."""
+        expect(self.page.locator(".savestate")).to_have_class(RE_SAVED)
+
+
+Visit = Callable[..., Visitor]
+
+
+def kept_session(page: Page) -> Any:
+    """What the page has stored; None when nobody is signed in."""
+    return page.evaluate("(key) => JSON.parse(localStorage.getItem(key))", SESSION_KEY)
+
+
+def lose_session(page: Page) -> None:
+    """From now on the server knows this window's session no more."""
+    page.evaluate(
+        """(key) => {
+          const kept = JSON.parse(localStorage.getItem(key));
+          localStorage.setItem(key, JSON.stringify({ ...kept, session: "us_ended" }));
+          dispatchEvent(new StorageEvent("storage", { key }));
+        }""",
+        SESSION_KEY,
+    )
+
+
+# The page keeps nothing elsewhere in the browser.
+KEEP_ONLY = """(items) => {
+  localStorage.clear();
+  for (const { name, value } of items) localStorage.setItem(name, value);
+}"""
+OPTIONS: dict[str, Any] = {"viewport": WIDE, "reduced_motion": "reduce"}
+
+
+@dataclass(frozen=True)
+class Plain:
+    """The window of whoever asks for nothing special; a new page each time."""
+
+    context: BrowserContext
+    kept: Page
+    """Stays open, without a script: a window that loses its last page is no quicker."""
+
+    def page(self, state: StorageState) -> Page:
+        """A page of somebody who is signed in and has been nowhere yet."""
+        (origin,) = state["origins"]
+        self.context.clear_cookies()
+        self.kept.evaluate(KEEP_ONLY, origin["localStorage"])
+        return self.context.new_page()
+
+    def leave(self) -> None:
+        """Take away what a test has left; each page takes its own things with it."""
+        self.context.set_offline(False)
+        self.context.unroute_all()
+        for page in self.context.pages:
+            if page is not self.kept:
+                page.close()
+
+
+@contextmanager
+def new_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
+    """A window of a size, a colour scheme, a person of its own."""
+    context = browser.new_context(**{**OPTIONS, **options})
+    context.set_default_timeout(15_000)
+    yield context
+    context.close()

@@ -1,0 +1,23 @@
+"""A worker whose process dies of frames whose annotation says "poison".
+
+Without arguments it is the one that starts such processes, as `unghost worker` is.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from app.logs import configure_logging
+from app.process import worker
+from app.settings import Settings
+from tests.support.poison import lay_poison
+
+MODULE = "tests.support.poisoned_worker"
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        lay_poison()
+        sys.exit(worker.main())
+    settings = Settings()
+    configure_logging(settings.log_level, settings.log_format)
+    sys.exit(worker.Supervisor(settings, worker.Place(), MODULE).run())

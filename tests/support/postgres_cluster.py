@@ -1,0 +1,146 @@
+"""A PostgreSQL server of a test's own, to be killed and started again."""
+
+from __future__ import annotations
+
+import os
+import pwd
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from sqlalchemy import create_engine, text
+from sqlalchemy.pool import NullPool
+
+from tests.support.ports import reserved_port
+
+START_WAIT_S = 60
+SETTINGS = """
+listen_addresses = '127.0.0.1'
+unix_socket_directories = ''
+max_connections = 60
+"""
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A server on a loopback port; `url` names a database of it."""
+
+    folder: Path
+    programs: Path
+    port: int
+
+    @property
+    def url(self) -> str:
+        return f"postgresql+psycopg://postgres@127.0.0.1:{self.port}/postgres"
+
+    def start(self) -> None:
+        log = str(self.folder / "log")
+        self._control("start", "-l", log, "-t", str(START_WAIT_S))
+
+    def stop(self, mode: str = "immediate") -> None:
+        """By default as a machine that loses its power: nothing is written any more."""
+        self._control("stop", "-m", mode)
+
+    def kill(self) -> None:
+        """End the server's first process by force; the others follow it."""
+        pid = int((self.folder / "data" / "postmaster.pid").read_text().split()[0])
+        group = [pid, *_children(pid)]
+        for each in group:
+            os.kill(each, signal.SIGKILL)
+
+    def kill_backends(self, sig: signal.Signals = signal.SIGKILL) -> int:
+        """End the processes that serve the connections of others; how many."""
+        engine = create_engine(self.url, poolclass=NullPool)
+        others = (
+            "SELECT pid FROM pg_stat_activity WHERE application_name = 'unghost' "
+            "AND backend_type = 'client backend'"
+        )
+        with engine.connect() as connection:
+            pids = list(connection.execute(text(others)).scalars())
+        for pid in pids:
+            os.kill(pid, sig)
+        return len(pids)
+
+    def end_a_transaction(self) -> int:
+        """End one connection that is in the middle of something; 0 if none is."""
+        engine = create_engine(self.url, poolclass=NullPool)
+        ended = (
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+            "WHERE application_name = 'unghost' AND state <> 'idle' LIMIT 1"
+        )
+        with engine.connect() as connection:
+            return len(connection.execute(text(ended)).all())
+
+    def _control(self, *words: str) -> None:
+        run(self.programs / "pg_ctl", "-w", "-D", str(self.folder / "data"), *words)
+
+
+def _children(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii")
+    return [int(child) for child in found.split()]
+
+
+@contextmanager
+def own_cluster() -> Iterator[Cluster]:
+    """A server that is gone at the end; a skip where PostgreSQL is not installed."""
+    programs = _programs()
+    folder = Path(tempfile.mkdtemp(prefix="unghost-cluster-"))
+    try:
+        if os.geteuid() == 0:
+            shutil.chown(folder, "postgres", "postgres")
+        data = folder / "data"
+        trust = ("--auth=trust", "--username=postgres", "--no-sync")
+        run(programs / "initdb", "-D", str(data), "--encoding=UTF8", *trust)
+        with reserved_port() as port:
+            with (data / "postgresql.conf").open("a") as file:
+                file.write(f"{SETTINGS}port = {port}\n")
+            cluster = Cluster(folder, programs, port)
+            cluster.start()
+            try:
+                yield cluster
+            finally:
+                cluster.stop()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def run(program: Path, *words: str) -> None:
+    """As the user that PostgreSQL runs as: it refuses to be root's."""
+    done = subprocess.run(
+        [program, *words],
+        user="postgres" if os.geteuid() == 0 else None,
+        cwd="/",
+        env={**os.environ, "LC_ALL": "C"},
+        # Its log would hold a pipe open for as long as the server lives.
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        timeout=2 * START_WAIT_S,
+        check=False,
+    )
+    assert done.returncode == 0, f"{program.name} {words} failed"
+
+
+def _programs() -> Path:
+    known = [Path(found).parent for found in [shutil.which("initdb")] if found]
+    known += sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
+    for folder in known:
+        if (folder / "initdb").exists() and _may_be_run():
+            return folder
+    if os.environ.get("CI"):
+        raise AssertionError("continuous testing needs PostgreSQL's own programs")
+    pytest.skip("PostgreSQL's initdb is not installed here")
+
+
+def _may_be_run() -> bool:
+    if os.geteuid() != 0:
+        return True
+    try:
+        return bool(pwd.getpwnam("postgres"))
+    except KeyError:
+        return False

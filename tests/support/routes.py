@@ -1,0 +1,108 @@
+"""Every route of the service, and the role that each is meant to need."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+
+from fastapi import APIRouter
+from fastapi.routing import APIRoute
+from starlette.routing import BaseRoute
+
+from app.main import ROUTERS
+from unghost.wire.words import Role
+
+ANYBODY = None
+V1 = "/api/v1"
+DATASET = f"{V1}/datasets/{{dataset}}"
+Operation = tuple[str, str]
+
+NEEDS: dict[Operation, Role | None] = {
+    ("GET", "/"): ANYBODY,
+    ("GET", "/static/{name:path}"): ANYBODY,
+    ("GET", "/healthz"): ANYBODY,
+    ("GET", "/readyz"): ANYBODY,
+    ("POST", f"{V1}/session"): ANYBODY,
+    ("GET", "/docs"): ANYBODY,
+    # Whoever has the key, which is one of one file.
+    ("GET", f"{V1}/exports/{{export_id}}/file"): ANYBODY,
+}
+_READING = {
+    *("/version", "/metrics", "/openapi.json", "/docs/content"),
+    *(f"{V1}/login-codes/{{code_id}}",),
+    *(f"{V1}/session", f"{V1}/datasets", DATASET, f"{V1}/configs/{{digest}}"),
+    *(f"{DATASET}/{what}" for what in ("stats", "histogram", "problems", "quality")),
+    *(f"{DATASET}/{what}" for what in ("frames", "frames/{key:any}", "runs")),
+    *(f"{DATASET}/{what}" for what in ("exports", "evaluations", "configs", "config")),
+    *(f"{V1}/frames/{{frame_id}}", f"{V1}/boxes", f"{V1}/boxes/{{box_id}}"),
+    *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("crop", "history")),
+    *(f"{V1}/runs/{{run_id}}{what}" for what in ("", "/events", "/diff")),
+    *(f"{V1}/exports/{{export_id}}{what}" for what in ("", "/events", "/download")),
+    *(f"{V1}/frames/{{frame_id}}/{what}" for what in ("thumbnail", "overlay")),
+    f"{V1}/frames/{{frame_id}}/{{kind}}",
+}
+_WRITING = {
+    *(("POST", f"{V1}/datasets"), ("PATCH", DATASET)),
+    *(("PUT", f"{DATASET}/frames/{{key:any}}"), ("POST", f"{DATASET}/batches")),
+    *(("DELETE", f"{DATASET}/frames/{{key:any}}"), ("POST", f"{DATASET}/queue")),
+    *(("POST", f"{DATASET}/configs"), ("PUT", f"{DATASET}/config")),
+    *(("POST", f"{DATASET}/runs"), ("POST", f"{V1}/runs/{{run_id}}/cancel")),
+    *(("POST", f"{DATASET}/exports"), ("POST", f"{V1}/exports/{{export_id}}/cancel")),
+    *(("POST", f"{DATASET}/evaluations"), ("POST", f"{DATASET}/preview")),
+    *(("POST", f"{V1}/boxes/{{box_id}}/reviews"), ("POST", f"{V1}/reviews/bulk")),
+    *(("POST", f"{V1}/review-batches/{{batch_id}}/undo"),),
+    *(("POST", f"{DATASET}/known-frames"), ("POST", f"{V1}/folders")),
+}
+_ADMINISTRATION = {
+    *(("DELETE", DATASET), ("GET", f"{V1}/audit"), ("GET", f"{V1}/tokens")),
+    *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
+}
+NEEDS |= {("GET", path): "viewer" for path in _READING}
+_ONES_OWN = {
+    *(("DELETE", f"{V1}/session"), ("POST", f"{V1}/login-codes")),
+    ("POST", f"{V1}/exports/{{export_id}}/download-links"),
+}
+NEEDS |= dict.fromkeys(_ONES_OWN, "viewer")
+NEEDS |= dict.fromkeys(_WRITING, "reviewer")
+NEEDS |= dict.fromkeys(_ADMINISTRATION, "admin")
+
+
+def every_route() -> Iterator[APIRoute]:
+    """The routes of all modules, those outside of the OpenAPI document too."""
+    for router in ROUTERS:
+        yield from _below(router.routes)
+
+
+def _below(found: list[BaseRoute]) -> Iterator[APIRoute]:
+    for route in found:
+        inner = getattr(route, "original_router", None)
+        if isinstance(inner, APIRouter):
+            yield from _below(inner.routes)
+        else:
+            assert isinstance(route, APIRoute), route
+            yield route
+
+
+def operations(route: APIRoute) -> set[Operation]:
+    """The methods of a route, each with its path."""
+    return {(method, route.path) for method in route.methods or ()}
+
+
+def at(path: str, values: Mapping[str, object]) -> str:
+    """A path with its parameters filled in."""
+    return re.sub(r"{(.*?)}", lambda found: str(values[found[1]]), path)
+
+
+def values_of_paths(number: int) -> dict[str, object]:
+    """What stands for each parameter of a path, with one number for all ids."""
+    ids = ("box_id", "frame_id", "run_id", "export_id", "token_id", "code_id")
+    return {
+        **dict.fromkeys((*ids, "batch_id"), number),
+        "digest": "0" * 64,
+        "kind": "image",
+        "dataset": "street",
+        "key": "a",
+        "key:any": "a/b",
+        "name": "a",
+        "name:path": "js/main.js",
+    }

@@ -1,0 +1,40 @@
+"""A service whose files are in a bucket, behind a gate that can be shut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.support.api import Api
+from tests.support.command_line import CommandLine
+from tests.support.s3_server import Gate, S3Server, TestBucket, gate
+from tests.support.servers import RunningServer, running_server
+
+PATIENCE_S = "2"
+
+
+@dataclass(frozen=True)
+class OnS3:
+    """A server, a client of it, its bucket, and what stands between those two."""
+
+    server: RunningServer
+    api: Api
+    bucket: TestBucket
+    gate: Gate
+    command: CommandLine
+
+
+@contextmanager
+def served_on_s3(folder: Path, s3: S3Server, **settings: str) -> Iterator[OnS3]:
+    """A server of its own bucket; it waits two seconds for an answer of the store."""
+    data, bucket = folder / "data", s3.bucket()
+    with gate(bucket.url) as way:
+        through = bucket.behind(way.url, storage_timeout_s=PATIENCE_S)
+        chosen = {**through.environment, **settings}
+        with running_server(data, chosen) as server:
+            api = Api.at(server.url, server.headers)
+            command = CommandLine(folder, {"UNGHOST_DATA": str(data), **chosen})
+            with api.http:
+                yield OnS3(server, api, bucket, way, command)

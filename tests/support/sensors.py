@@ -1,0 +1,93 @@
+"""Small made-up sensors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from filter_core.geometry.box3d import CORNER_SIGNS
+from filter_core.segmentation.palettes import palette_of
+
+
+def depth_png(metres: np.ndarray) -> bytes:
+    """CARLA's raw depth: red is the lowest byte."""
+    steps = np.rint(np.asarray(metres) / 1000.0 * (2**24 - 1)).astype(np.int64)
+    planes = [steps >> 16, steps >> 8 & 255, steps & 255]
+    return _png(np.stack(planes, axis=-1))
+
+
+def instance_png(tags: np.ndarray, ids: np.ndarray, *, swapped: bool = False) -> bytes:
+    """CARLA's instance image: red is the tag, the id is green + 256 blue."""
+    wide = np.asarray(ids, np.int64)
+    bgr = np.stack([wide >> 8, wide & 255, np.asarray(tags)], axis=-1)
+    return _png(bgr[..., ::-1] if swapped else bgr)
+
+
+def box_ahead(distance: float, half: float, right: float = 0.0) -> np.ndarray:
+    """(8, 3): a cube in front of a camera at the origin."""
+    return np.asarray(CORNER_SIGNS * half + np.array([distance, right, 0.0]))
+
+
+def _png(bgr: np.ndarray) -> bytes:
+    return cv2.imencode(".png", bgr.astype(np.uint8))[1].tobytes()
+
+
+CAR, ROAD = 14, 1
+WIDTH, HEIGHT = 160, 120
+CAMERA = {
+    "width": WIDTH,
+    "height": HEIGHT,
+    "fov": 90,
+    "transform": {"x": 0, "y": 0, "z": 0},
+}
+NEAR, FAR = 10.0, 40.0
+
+
+def cube(box_id: str, distance: float) -> dict:
+    return {
+        "id": box_id,
+        "class": "car",
+        "box3d": {
+            "transform": {"x": distance, "y": 0, "z": 0},
+            "location": [0, 0, 0],
+            "extent": [2, 2, 2],
+            "rotation": [0, 0, 0],
+        },
+    }
+
+
+ANNOTATION: dict[str, Any] = {
+    "carla_version": "0.9.15",
+    "camera": CAMERA,
+    "sensors": {"lidar": {"transform": {"x": 0, "y": 0, "z": 1}}},
+    "boxes": [cube("217", NEAR), cube("218", FAR)],
+}
+
+
+def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tags, metres and instances: one car, and nothing of the one behind it."""
+    tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
+    metres, ids = np.full(tags.shape, 60.0), np.zeros(tags.shape, int)
+    seen = np.s_[41:79, 61:99]
+    tags[seen], metres[seen], ids[seen] = CAR, NEAR - 2, 999
+    return tags, metres, ids
+
+
+def depth_file() -> bytes:
+    return depth_png(scene()[1])
+
+
+def instance_file() -> bytes:
+    return instance_png(scene()[0], scene()[2])
+
+
+def files(**others: bytes) -> dict[str, bytes]:
+    rgb = palette_of("carla-0.9.14").paint(scene()[0])
+    return {"segmentation": cv2.imencode(".png", rgb[..., ::-1])[1].tobytes(), **others}
+
+
+def sensors() -> dict[str, bytes]:
+    tags, metres, ids = scene()
+    return files(depth=depth_png(metres), instances=instance_png(tags, ids))

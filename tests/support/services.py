@@ -1,0 +1,235 @@
+"""The services over a real database in a folder, without HTTP in between."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import func, select
+
+from app.access.audit import AuditTrail
+from app.boxes import frames
+from app.boxes.current import TallyKey, TallyRepository
+from app.context import ServiceContext
+from app.datasets import service as datasets
+from app.db.tables import Dataset, Decision, Run
+from app.engine import Job, LocalEngine
+from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
+from app.ingest.service import add_frame
+from app.jobs.driver import carry_out
+from app.measuring.active import active_version, config_of
+from app.measuring.plan import DatasetReading
+from app.measuring.queries import DatasetRepository
+from app.process.lifespan import running
+from app.review import service as reviews
+from app.review.history import history
+from app.runs.flips import PreviewLimits, preview
+from app.runs.queries import RunRepository
+from app.runs.service import RunRequest, request_run
+from app.security import Principal
+from app.settings import Settings
+from filter_core.config.filter import FilterConfig
+from tests.support import frames as scene
+from tests.support.databases import settings_of
+
+_numbers = count(1)
+
+
+@contextmanager
+def running_services(folder: Path, **chosen: Any) -> Iterator[Services]:
+    """Everything that a server opens, but the port."""
+    chosen = {**settings_of(folder), **chosen}
+    with running(Settings(data=folder, workers=2, **chosen)) as context:
+        yield Services(context)
+
+
+def filled_folder(data: Path, **chosen: Any) -> Path:
+    """A data folder of two frames with an image and a segmentation each, not served."""
+    with running_services(data, **chosen) as services:
+        street = services.dataset()
+        for number in range(2):
+            street.put(
+                f"f/{number}",
+                scene.annotation(),
+                image=scene.image(number),
+                segmentation=scene.segmentation(number),
+            )
+    return data
+
+
+class Resting(LocalEngine):
+    """Takes no job."""
+
+    def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
+        """Leave it to others."""
+
+
+def run_job(run_id: int) -> Job:
+    """The job of a run."""
+    return Job("run", run_id)
+
+
+@dataclass(frozen=True)
+class Services:
+    """What a user does, one transaction each."""
+
+    context: ServiceContext
+    author: str = "ada"
+
+    def dataset(self, **reading: Any) -> Street:
+        """A new dataset with a name of its own."""
+        name = f"street-{next(_numbers)}"
+        wanted = datasets.NewDataset(
+            DatasetReading(name, **reading), "", None, FilterConfig(), self.author
+        )
+        with self.context.database.write() as session:
+            dataset = datasets.create_dataset(session, wanted)
+            return Street(self, name, dataset.id)
+
+
+@dataclass(frozen=True)
+class Street:
+    """One dataset of a service."""
+
+    services: Services
+    name: str
+    id: int
+    config: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def context(self) -> ServiceContext:
+        return self.services.context
+
+    @property
+    def resting(self) -> ServiceContext:
+        """The context, where nobody begins with a job before a test says so."""
+        return replace(self.context, engine=Resting(1))
+
+    @property
+    def by(self) -> Principal:
+        return Principal(1, self.services.author, "reviewer")
+
+    def put(
+        self, key: str, annotation: Mapping[str, Any], **files: bytes
+    ) -> StoredFrame:
+        content = json.dumps(annotation).encode()
+        request = UploadRequest(self.name, self.by, replace=True)
+        return add_frame(self.context, request, UploadedFrame(key, content, files))
+
+    def delete(self, key: str) -> None:
+        with self.context.database.write() as session:
+            audit = AuditTrail(session, self.by)
+            frames.remove_frame(audit, self.by, self.row(session), key)
+
+    def review(self, box_id: int, verdict: str) -> None:
+        with self.context.database.write() as session:
+            seen = session.scalar(
+                select(Decision.revision).where(Decision.box_id == box_id)
+            )
+            answer = reviews.Answer(verdict, "", self.services.author)
+            reviews.review_box(session, box_id, answer, seen or 0)
+
+    def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
+        answer = reviews.Answer(verdict, "", self.services.author)
+        with self.context.database.write() as session:
+            dataset = self.row(session)
+            chosen = reviews.boxes_as_they_are(session, dataset, box_ids)
+            return reviews.review_many(session, dataset, chosen, answer).batch.id
+
+    def undo(self, batch_id: int) -> None:
+        with self.context.database.write() as session:
+            standing = reviews.standing_boxes(session, batch_id)
+            reviews.undo_batch(session, batch_id, standing, self.by)
+
+    def request(
+        self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
+    ) -> int:
+        """A run that is queued, and that nobody carries out yet."""
+        wanted = RunRequest(
+            FilterConfig.from_mapping(config),
+            self.services.author,
+            activate,
+            DatasetReading(self.name, **reading) if reading else None,
+        )
+        with self.context.database.write() as session:
+            return request_run(self.resting, session, self.row(session), wanted).id
+
+    def run(
+        self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
+    ) -> Run:
+        """A run from its request to its end."""
+        run_id = self.request(config, activate=activate, **reading)
+        carry_out(self.context, run_job(run_id))
+        with self.context.database.read() as session:
+            return RunRepository(session).with_id(run_id)
+
+    def change(self, **reading: Any) -> int:
+        """Another way to read segmentations; the run that will apply it."""
+        with self.context.database.write() as session:
+            run = datasets.change_dataset(
+                self.resting, session, self.row(session), reading, self.services.author
+            )
+            assert run is not None
+            return run.id
+
+    def wait(self, run_id: int) -> Run:
+        """The run, once all jobs before this one are over."""
+        over = threading.Event()
+        self.context.engine.submit(over.set)
+        assert over.wait(60)
+        with self.context.database.read() as session:
+            return RunRepository(session).with_id(run_id)
+
+    def history(self, box_id: int) -> list[dict[str, Any]]:
+        with self.context.database.read() as session:
+            entries = history(session, box_id)
+            return [one.model_dump(exclude_unset=True) for one in entries]
+
+    def active_config(self) -> dict[str, Any]:
+        with self.context.database.read() as session:
+            return config_of(active_version(session, self.row(session))).as_dict()
+
+    def preview(self, config: Mapping[str, Any]) -> dict[str, Any]:
+        with self.context.database.read() as session:
+            found = preview(
+                self.context,
+                session,
+                self.row(session),
+                FilterConfig.from_mapping(config),
+                PreviewLimits(flips=1000, bins=10),
+            )
+        return found.model_dump()
+
+    def row(self, session) -> Dataset:
+        return DatasetRepository(session).named(self.name)
+
+    def box_ids(self) -> list[int]:
+        with self.context.database.read() as session:
+            rows = select(Decision.box_id).where(Decision.dataset_id == self.id)
+            return list(session.scalars(rows.order_by(Decision.box_id)))
+
+    def reasons(self) -> dict[int, int]:
+        """The current reason of each box."""
+        with self.context.database.read() as session:
+            rows = select(Decision.box_id, Decision.reason)
+            rows = rows.where(Decision.dataset_id == self.id).order_by(Decision.box_id)
+            return {row[0]: row[1] for row in session.execute(rows)}
+
+    def tallies(self) -> dict[TallyKey, int]:
+        with self.context.database.read() as session:
+            return TallyRepository(session).of_dataset(self.id)
+
+    def recounted(self) -> Counter[TallyKey]:
+        """The tallies by their definition: look at every decision."""
+        review = func.coalesce(Decision.review, "")
+        rows = select(Decision.class_id, Decision.reason, Decision.toss_up, review)
+        with self.context.database.read() as session:
+            found = session.execute(rows.where(Decision.dataset_id == self.id))
+            return Counter(TallyKey(*row) for row in found)

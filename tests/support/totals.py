@@ -1,0 +1,67 @@
+"""What is the same wherever and however often a run was worked on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from tests.support.api import FINISHED, Api
+from tests.support.long_streets import FROM_PIXELS
+from tests.support.waiting import until
+
+
+def state_of(api: Api, run_id: int) -> dict[str, Any]:
+    run: dict[str, Any] = api.json(f"/runs/{run_id}")
+    return run
+
+
+def asked(
+    api: Api,
+    dataset: str,
+    config: Mapping[str, Any] = FROM_PIXELS,
+    *,
+    activate: bool = True,
+) -> int:
+    """Ask for a run that reads pixels; its number."""
+    body = {"config": config, "activate": activate}
+    answer = api.post(f"/datasets/{dataset}/runs", body)
+    assert answer.status_code == 202, answer.text
+    return int(answer.json()["id"])
+
+
+def begun_run(
+    api: Api,
+    dataset: str,
+    config: Mapping[str, Any] = FROM_PIXELS,
+    *,
+    activate: bool = True,
+) -> int:
+    """As `asked`, once some frames are measured, and not all."""
+    run_id = asked(api, dataset, config, activate=activate)
+    until(lambda: state_of(api, run_id)["done"] > 0, "the run does not begin")
+    return run_id
+
+
+def ended(api: Api, run_id: int) -> dict[str, Any]:
+    until(lambda: state_of(api, run_id)["state"] in FINISHED, "the run does not end")
+    return state_of(api, run_id)
+
+
+def check_totals(
+    api: Api, dataset: str, run: dict[str, Any], frames: int, *, empty: int = 0
+) -> None:
+    """Nothing is lost, nothing is there twice, and all is as if nobody had died.
+
+    `empty` of the frames have no boxes; the others are those of `fill`.
+    """
+    assert (run["state"], run["done"], run["total"]) == ("done", frames, frames), run
+    shown = api.boxes(dataset, limit=1000)
+    filled = frames - empty
+    assert Counter((box["id"], box["verdict"]) for box in shown) == {
+        ("real", "kept"): filled,
+        ("ghost", "rejected"): filled,
+    }
+    assert len({box["box_id"] for box in shown}) == len(shown)
+    assert Counter(box["verdict"] for box in shown) == Counter(run["counts"])
+    assert {box["run"] for box in shown} == {run["id"]}

@@ -1,0 +1,57 @@
+"""Who was let in is known for a second, and not one moment after it was taken back."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from sqlalchemy import create_engine, text
+from sqlalchemy.orm import Session
+
+from app.access import gate as callers
+from app.access.gate import RecentCallers
+from app.security import Principal
+
+ADA = Principal(1, "ada", "reviewer")
+
+
+@pytest.fixture
+def recent():
+    recent = RecentCallers()
+    recent.remember("token x", ADA, recent.taken_back)
+    return recent
+
+
+def test_only_what_was_shown_is_known(recent):
+    assert recent.find("token x") == ADA
+    assert recent.find("session x") is None
+
+
+def test_it_is_forgotten_after_a_second(recent, monkeypatch):
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + callers.REMEMBERED_S)
+
+    assert recent.find("token x") is None
+
+
+@pytest.mark.parametrize("ends", ["commit", "rollback"])
+def test_only_a_commit_takes_something_back(recent, ends):
+    with Session(create_engine("sqlite://")) as session:
+        recent.forget_on_commit(session)
+        session.execute(text("select 1"))
+        assert recent.find("token x") == ADA
+        getattr(session, ends)()
+
+    assert (recent.find("token x") is None) == (ends == "commit")
+
+
+def test_what_was_looked_up_before_it_was_taken_back_is_not_remembered(recent):
+    before = recent.taken_back
+    with Session(create_engine("sqlite://")) as session:
+        recent.forget_on_commit(session)
+        session.execute(text("select 1"))
+        session.commit()
+
+    recent.remember("token x", ADA, before)
+
+    assert recent.find("token x") is None

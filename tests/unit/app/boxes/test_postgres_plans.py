@@ -1,0 +1,208 @@
+"""Among a hundred thousand boxes PostgreSQL looks at those of a page, and few others.
+
+Each statement is carried out and PostgreSQL itself says how many rows it looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from sqlalchemy.orm import Session
+
+from app.boxes.counts import count
+from app.boxes.current import TallyRepository
+from app.boxes.filter import Selection, to_filter
+from app.boxes.orders import ORDERS, BoxPages
+from app.boxes.queries import FrameFilter, FramePage, FrameRepository
+from app.boxes.reader import describe_box
+from app.context import ServiceContext
+from app.db.tables import Dataset
+from app.ingest.queries import known_frames
+from app.measuring.queries import DatasetRepository, frames_state, key_rows
+from app.review.queue import QueueRequest, next_boxes, remaining_boxes
+from app.review.service import Answer, boxes_as_they_are, review_box, review_many
+from benchmarks.million import BOXES_PER_FRAME, Wanted, make
+from tests.support.databases import migrated_postgres
+from tests.support.services import running_services
+from tests.support.statements import statements_of
+
+FRAMES = 4_000
+BOXES = BOXES_PER_FRAME * FRAMES
+NAME = "many"
+PAGE = 20
+MOST_ROWS = 5_000
+"""Far more than a page, a twentieth of what there is."""
+PASSED_BY = {("rejected", "-match_percent"), ("visible", "match_percent")}
+"""What comes last in an order; on either database all others are passed by."""
+
+
+@pytest.fixture(scope="module")
+def context(tmp_path_factory) -> Iterator[ServiceContext]:
+    """A dataset of a hundred thousand boxes, with others before and after it."""
+    folder = tmp_path_factory.mktemp("plans")
+    with (
+        migrated_postgres() as url,
+        running_services(folder, database_url=url) as services,
+    ):
+        for name, boxes in (("older", 1), (NAME, BOXES_PER_FRAME), ("newer", 1)):
+            wanted = Wanted(name, FRAMES, boxes)
+            make(services.context, wanted, lambda _boxes: None)
+        with services.context.database.write() as session:
+            session.connection().exec_driver_sql("ANALYZE")
+        yield services.context
+
+
+@pytest.fixture
+def session(context) -> Iterator[Session]:
+    with context.database.read() as session:
+        yield session
+
+
+@pytest.fixture
+def dataset(session) -> Dataset:
+    return DatasetRepository(session).named(NAME)
+
+
+def plans_of(session: Session, read: Callable[[], object]) -> list[tuple[str, Any]]:
+    """The statements that this runs, each with what PostgreSQL did for it."""
+    with statements_of(session.get_bind()) as found:
+        read()
+    asked = "EXPLAIN (ANALYZE, FORMAT JSON) "
+    connection = session.connection()
+    return [
+        (statement, connection.exec_driver_sql(asked + statement, parameters).scalar())
+        for statement, parameters in found
+        if statement.lstrip().upper().startswith(("SELECT", "WITH"))
+    ]
+
+
+def nodes(plan: Any) -> Iterator[dict[str, Any]]:
+    yield plan
+    for part in plan.get("Plans", ()):
+        yield from nodes(part)
+
+
+def rows_looked_at(plan: Any) -> int:
+    """Rows of tables and indexes, those that did not fit included."""
+    return sum(
+        node["Actual Loops"]
+        * (node["Actual Rows"] + node.get("Rows Removed by Filter", 0))
+        for node in nodes(plan)
+        if "Scan" in node["Node Type"] and node.get("Relation Name")
+    )
+
+
+def scans(plan: Any) -> Iterator[tuple[int, str, str]]:
+    """What was read by which index, for people."""
+    for node in nodes(plan):
+        if "Scan" in node["Node Type"]:
+            found = rows_looked_at({**node, "Plans": []})
+            condition = f"{node.get('Index Cond')} / {node.get('Filter')}"
+            yield found, str(node.get("Index Name", node["Node Type"])), condition
+
+
+def check(session: Session, read: Callable[[], object], most: int = MOST_ROWS) -> None:
+    """None of the statements looks at more rows than that; at least one is run."""
+    found = plans_of(session, read)
+    assert found
+    for statement, ((answer,)) in found:
+        looked_at = rows_looked_at(answer["Plan"])
+        plan = sorted(scans(answer["Plan"]), key=lambda scan: -scan[0])[:3]
+        assert looked_at <= most, f"{looked_at} rows: {statement[:200]}\n{plan}"
+
+
+SELECTIONS = {
+    "all": Selection(),
+    "undecided": Selection(review="undecided"),
+    "rejected": Selection(verdict="rejected"),
+    "visible": Selection(reason="visible"),
+    "trucks": Selection(class_name="truck"),
+    "unanswered": Selection(review="none"),
+    "near": Selection(margin_max=2),
+    "toss-ups": Selection(toss_up=True),
+    "matches": Selection(match_min=20, match_max=60),
+}
+
+
+PAGES = [
+    pytest.param(
+        *(name, order),
+        marks=() if order == "doubt" or name == "unanswered" else pytest.mark.long,
+    )
+    for name in SELECTIONS
+    for order in ORDERS
+    if (name, order) not in PASSED_BY
+]
+
+
+@pytest.mark.parametrize(("wanted", "order"), PAGES)
+def test_a_page_looks_at_few_boxes(session, dataset, wanted, order):
+    chosen = to_filter(session, dataset, SELECTIONS[wanted])
+    pages = BoxPages(session, chosen, TallyRepository(session).present(dataset.id))
+    ids, cursor = pages.page(order, "", PAGE)
+
+    assert len(ids) == PAGE
+    check(session, lambda: pages.page(order, "", PAGE))
+    check(session, lambda: pages.page(order, cursor or "", PAGE))
+
+
+@pytest.mark.parametrize("order", ["doubt", "random", "class"])
+def test_the_queue_looks_at_few_boxes(context, session, dataset, order):
+    wanted = QueueRequest("ada", order, Selection(), PAGE, (), None)
+    queue = remaining_boxes(context, NAME, wanted)
+
+    with context.database.write() as writing:
+        found = next_boxes(writing, dataset, wanted, queue)
+        check(writing, lambda: next_boxes(writing, dataset, wanted, queue))
+
+    assert (len(found["items"]), found["remaining"]) == (PAGE, BOXES)
+
+
+def test_an_answer_looks_at_no_other_answers(context, session, dataset):
+    """Just after very many were given, when PostgreSQL does not know of them yet."""
+    frames = FrameRepository(session)
+    (frame,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, None, 0))
+    ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 2))
+    answer = Answer("keep", "", "ada")
+
+    with context.database.write() as writing:
+        chosen = boxes_as_they_are(writing, dataset, ids)
+        assert review_many(writing, dataset, chosen, answer).answered == len(ids)
+        check(writing, lambda: review_box(writing, ids[-1] + 1, answer, 0), most=50)
+        writing.rollback()
+
+
+def test_counts_come_from_tallies(session, dataset):
+    def read():
+        assert count(TallyRepository(session).of_dataset(dataset.id)).boxes == BOXES
+        TallyRepository(session).present(dataset.id)
+        frames_state(session, dataset.id)
+
+    check(session, read, most=500)
+
+
+def test_frames_are_found_by_their_keys(session, dataset):
+    frames = FrameRepository(session)
+    (some,) = frames.page(FrameFilter(dataset.id), FramePage(True, False, "", 0))
+    keys = [f"{some.id + number:08d}" for number in range(50)]
+
+    def read():
+        for by_key in (True, False):
+            frames.page(FrameFilter(dataset.id), FramePage(by_key, False, None, PAGE))
+        frames.page(FrameFilter(dataset.id, keys[30]), FramePage(True, False, "", PAGE))
+        frames.chunk(dataset.id, after=keys[3], limit=PAGE)
+        frames.neighbours(some)
+        assert len(known_frames(session, dataset.id, keys)) == 50
+        assert len(key_rows(session, dataset.id, keys)) == 50
+
+    check(session, read, most=500)
+
+
+def test_a_box_and_its_frame_are_found_by_their_ids(session, dataset):
+    frame = FrameRepository(session).page(
+        FrameFilter(dataset.id), FramePage(True, False, "", 1)
+    )[0]
+
+    check(session, lambda: describe_box(session, frame.first_box_id + 3), most=500)

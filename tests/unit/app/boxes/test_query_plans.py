@@ -1,0 +1,159 @@
+"""Every list of boxes is read off an index: no row is looked at or sorted in vain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from sqlalchemy import select, text
+from sqlalchemy.orm import Session
+
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxProbes, Selection, to_filter
+from app.boxes.orders import BoxPages
+from app.db.tables import Decision
+from tests.support import frames as scene
+from tests.support.statements import Statement, statements_of
+
+pytestmark = pytest.mark.sqlite_files("plans as SQLite tells them")
+
+BOXES = [
+    {"class": name, "xyxy": xyxy}
+    for name in ("car", "truck", "walker")
+    for xyxy in (scene.ON_THE_CAR, scene.IN_THE_SKY, [0, 0, 64, 48], [90, 0, 99, 9])
+]
+
+
+@pytest.fixture(scope="module")
+def street(services):
+    street = services.dataset()
+    for number in range(40):
+        annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
+        street.put(f"{number:03}", annotation, segmentation=scene.segmentation())
+    for box_id in street.box_ids()[:2]:
+        street.review(box_id, "keep")
+    return street
+
+
+@pytest.fixture
+def session(street) -> Iterator[Session]:
+    with street.context.database.read() as session:
+        yield session
+
+
+def plan_of(session: Session, street, wanted: Selection, order: str) -> list[str]:
+    """What SQLite does for a page, statement by statement."""
+    chosen = to_filter(session, street.row(session), wanted)
+    present = TallyRepository(session).present(street.id)
+
+    def read() -> None:
+        ids, _ = BoxPages(session, chosen, present).page(order, "", 10)
+        assert ids
+
+    return noted(session, read)
+
+
+def noted(session: Session, read: Callable[[], object]) -> list[str]:
+    """What SQLite does for the statements of this, one after the other."""
+    with statements_of(session.get_bind()) as found:
+        read()
+    return explained(session, found)
+
+
+def explained(session: Session, statements: list[Statement]) -> list[str]:
+    connection = session.connection()
+    return [
+        row[3]
+        for statement, parameters in statements
+        for row in connection.exec_driver_sql(
+            f"EXPLAIN QUERY PLAN {statement}", parameters
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "order", "index"),
+    [
+        pytest.param(Selection(), "id", "by_class", id="all by id"),
+        pytest.param(
+            Selection(review="undecided"), "id", "by_class", id="not reviewed yet"
+        ),
+        pytest.param(Selection(verdict="rejected"), "id", "by_reason", id="verdict"),
+        pytest.param(
+            Selection(verdict="rejected", review="undecided"),
+            "id",
+            "by_reason",
+            id="verdict, not reviewed yet",
+        ),
+        pytest.param(Selection(reason="visible"), "id", "by_reason", id="reason"),
+        pytest.param(Selection(class_name="truck"), "id", "by_class", id="class"),
+        pytest.param(Selection(review="keep"), "id", "reviewed", id="review"),
+        pytest.param(Selection(), "doubt", "by_match", id="doubt"),
+        pytest.param(
+            Selection(class_name="car"), "match_percent", "by_match", id="match"
+        ),
+        pytest.param(Selection(), "-match_percent", "by_match", id="match, falling"),
+        pytest.param(Selection(), "crowding", "by_crowding", id="crowding"),
+        pytest.param(Selection(review="none"), "doubt", "unanswered", id="queue"),
+        pytest.param(
+            Selection(verdict="rejected"), "doubt", "by_match", id="verdict by doubt"
+        ),
+        pytest.param(Selection(margin_max=100), "doubt", "by_match", id="margin"),
+        pytest.param(
+            Selection(match_min=1, match_max=100), "id", "PRIMARY KEY", id="range by id"
+        ),
+    ],
+)
+def test_a_page_is_read_off_an_index(street, session, wanted, order, index):
+    plan = plan_of(session, street, wanted, order)
+
+    reads = [step for step in plan if "decisions" in step]
+    assert reads
+    assert all(
+        step.startswith("SEARCH") or "USING INTEGER PRIMARY KEY" in step
+        for step in reads
+    ), plan
+    assert any(index in step for step in reads), plan
+    assert not [step for step in plan if "TEMP B-TREE" in step], plan
+
+
+@pytest.mark.parametrize("review", ["none", "undecided", "unsure"])
+def test_boxes_are_asked_about_by_their_ids(street, session, review):
+    wanted = to_filter(session, street.row(session), Selection(review=review))
+    rows = select(Decision.box_id).where(
+        Decision.box_id.in_(range(1, 500)), *wanted.conditions_by_id()
+    )
+    text_of = rows.compile(session.connection(), compile_kwargs={"literal_binds": True})
+
+    (step,) = explained(session, [(str(text_of), ())])
+
+    assert "USING INTEGER PRIMARY KEY" in step
+
+
+def test_unanswered_toss_ups_are_found_by_being_toss_ups(street, session):
+    chosen = Selection(review="none", toss_up=True)
+    wanted = to_filter(session, street.row(session), chosen)
+
+    plan = noted(session, lambda: BoxProbes(session).every(wanted))
+
+    assert [step for step in plan if "ix_decisions_toss_up" in step], plan
+
+
+@pytest.mark.parametrize("wanted", [{"conflict": True}, {"review": "decided"}])
+def test_what_people_answered_is_found_by_their_answers(street, session, wanted):
+    plan = plan_of(session, street, Selection(**wanted), "doubt")
+
+    reads = [step for step in plan if "decisions" in step]
+    assert all("ix_decisions_reviewed" in step for step in reads), plan
+
+
+def test_a_page_of_frames_is_read_off_an_index(session):
+    rows = session.execute(
+        text(
+            "EXPLAIN QUERY PLAN SELECT id FROM frames WHERE dataset_id = 1 "
+            "AND superseded_at IS NULL AND key > 'a' ORDER BY key LIMIT 10"
+        )
+    )
+
+    (step,) = [row[3] for row in rows]
+    assert "uq_frames_current_key" in step

@@ -1,0 +1,138 @@
+"""Boxes that are shown: what the database is asked for them, and what overlaps one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from sqlalchemy.orm import Session
+
+from app.boxes.filter import Selection, to_filter
+from app.boxes.frames import crop_of, describe_frame, overlay_of
+from app.boxes.queries import PageRequest
+from app.boxes.reader import DecisionReader, describe_box, list_boxes
+from app.boxes.routes import get_box
+from tests.support.sensors import ANNOTATION, cube, sensors
+from tests.support.services import Street
+from tests.support.statements import statements_of
+from unghost.wire.frames import CropQuery, Frame, OverlayQuery
+
+FRAMES = 6
+BESIDE = 1000.0
+"""Metres to the right: outside of the image."""
+
+
+@pytest.fixture(scope="module")
+def street(services) -> Street:
+    """Frames of boxes that explain each other, and one that cannot be seen."""
+    street: Street = services.dataset()
+    for number in range(FRAMES):
+        boxes = [cube(str(place), 10.0 + 3 * place + number) for place in range(4)]
+        boxes[2]["box3d"]["transform"]["y"] = 12.0
+        boxes[3]["box3d"]["transform"]["y"] = BESIDE
+        street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
+    street.run({"evidence": "ordered"})
+    for box_id in street.box_ids()[::4]:
+        street.review(box_id, "keep")
+    return street
+
+
+def asked(street: Street, read: Callable[[Session], object]) -> list[str]:
+    """The statements of reading something."""
+    with street.context.database.read() as session:
+        session.connection()
+        with statements_of(session.get_bind()) as found:
+            read(session)
+    return [statement for statement, _ in found]
+
+
+def frame_of(street: Street, box_id: int) -> int:
+    with street.context.database.read() as session:
+        return get_box(box_id, session).frame_id
+
+
+def page(street: Street, limit: int) -> Callable[[Session], object]:
+    def read(session: Session) -> object:
+        wanted = to_filter(session, street.row(session), Selection())
+        request = PageRequest("id", None, limit)
+        return list_boxes(session, street.row(session), wanted, request)
+
+    return read
+
+
+def of_table(name: str, statements: list[str]) -> int:
+    return sum(f"FROM {name}" in " ".join(one.split()) for one in statements)
+
+
+def test_a_page_of_many_frames_asks_no_more_than_one_of_a_single_frame(street):
+    one_frame, many = page(street, 3), page(street, 3 * FRAMES)
+
+    assert len(asked(street, many)) == len(asked(street, one_frame))
+
+
+def test_a_box_is_told_alike_alone_in_a_list_and_with_its_frame(street):
+    with street.context.database.read() as session:
+        wanted = to_filter(session, street.row(session), Selection())
+        request = PageRequest("crowding", None, 100)
+        listed, _ = list_boxes(session, street.row(session), wanted, request)
+        alone = [describe_box(session, box["box_id"]) for box in listed]
+        dataset = DecisionReader(session, street.row(session))
+        frames = sorted({box["frame_id"] for box in listed}, reverse=True)
+        framed = dataset.records(dataset.read_frames(frames))
+
+    assert len(listed) == 4 * FRAMES
+    assert any(box["explained_by"] for box in listed)
+    assert any(box["review"] for box in listed)
+    assert alone == listed
+    assert framed == sorted(listed, key=lambda box: box["box_id"])
+
+
+def test_the_numbers_of_a_box_and_its_neighbours_are_read_once(street):
+    box_id = street.box_ids()[5]
+
+    statements = asked(street, lambda session: get_box(box_id, session))
+
+    assert of_table("evidence", statements) == 1
+    assert of_table("decisions", statements) == 1
+
+
+def test_a_frame_is_described_without_asking_anything_twice(street):
+    frame_id = frame_of(street, street.box_ids()[0])
+
+    statements = asked(street, lambda session: describe_frame(session, frame_id))
+
+    for table in ("evidence", "frame_files", "decisions", "reviews"):
+        assert of_table(table, statements) == 1, table
+
+
+def test_pictures_ask_for_no_sentence_nor_for_answers(street):
+    box_id, storage = street.box_ids()[0], street.context.storage
+    frame_id = frame_of(street, box_id)
+    crop, overlay = CropQuery(layer="segmentation"), OverlayQuery(layer="segmentation")
+
+    statements = [
+        *asked(street, lambda session: crop_of(storage, session, box_id, crop)),
+        *asked(street, lambda session: overlay_of(storage, session, frame_id, overlay)),
+    ]
+
+    assert of_table("reviews", statements) == 0
+
+
+def test_neighbours_are_the_boxes_of_the_frame_that_overlap(street):
+    with street.context.database.read() as session:
+        shown = describe_frame(session, frame_of(street, street.box_ids()[4]))
+        boxes = {box.box_id: box.xyxy for box in Frame.model_validate(shown).boxes}
+        found = {box_id: get_box(box_id, session).neighbours for box_id in boxes}
+
+    assert sum(xyxy is None for xyxy in boxes.values()) == 1
+    assert any(found.values())
+    for box_id, neighbours in found.items():
+        expected = [other for other in boxes if overlap(box_id, other, boxes)]
+        assert list(neighbours) == expected
+
+
+def overlap(one, other, boxes):
+    a, b = boxes[one], boxes[other]
+    if one == other or a is None or b is None:
+        return False
+    return all(a[axis] < b[axis + 2] and b[axis] < a[axis + 2] for axis in (0, 1))

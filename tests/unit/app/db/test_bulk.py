@@ -1,0 +1,184 @@
+"""Many rows at once are the rows that one by one would be, on either database."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+from sqlalchemy import delete, insert, select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.base import utc_now
+from app.db.bulk import (
+    COPY_FROM_ROWS,
+    ROWS_AT_A_TIME,
+    copy_in,
+    insert_rows,
+    update_rows,
+)
+from app.db.engine import Database, sqlite_url
+from app.db.migrate import migrate
+from app.db.tables import Blob, Dataset, Frame
+from app.package import migrations_dir
+from tests.support.databases import migrated_postgres
+
+ODD = (
+    "tab\there",
+    "line\nend",
+    "back\\slash",
+    "\\N",
+    "\\.",
+    "Straße 道路 🚗",
+    "",
+    "'\"",
+)
+MANY = 48
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def database(request, tmp_path_factory) -> Iterator[Database]:
+    if request.param == "postgresql":
+        with migrated_postgres() as url, closing(Database(url)) as database:
+            yield database
+        return
+    url = sqlite_url(tmp_path_factory.mktemp("bulk") / "bulk.db")
+    with closing(Database(url)) as database:
+        migrate(database.engine, migrations_dir())
+        yield database
+
+
+@pytest.fixture
+def session(database) -> Iterator[Session]:
+    with Session(database.engine) as session:
+        yield session
+        session.rollback()
+
+
+@pytest.fixture
+def dataset(session) -> int:
+    dataset = Dataset(name="bulk", created_by="ada")
+    session.add(dataset)
+    session.flush()
+    return dataset.id
+
+
+def frames(dataset: int, count: int) -> list[dict]:
+    """Rows with everything that is hard to write: bytes apart, see `blobs`."""
+    return [
+        {
+            "id": 1000 + number,
+            "dataset_id": dataset,
+            "key": f"{number:05}{ODD[number % len(ODD)]}",
+            "revision": 1,
+            "content_digest": "0" * 64,
+            "config_id": 1,
+            "run_id": 1,
+            "first_box_id": 2**40 + number,
+            "box_count": number,
+            "width": None if number % 2 else 1280,
+            "map": ODD[number % len(ODD)],
+            "annotation": {"odd": ODD[number % len(ODD)], "half": number / 2},
+            "created_by": "ada",
+            "created_at": utc_now(),
+        }
+        for number in range(count)
+    ]
+
+
+def stored(session: Session, names: list[str]) -> list[tuple]:
+    columns = [getattr(Frame, name) for name in names]
+    return [tuple(row) for row in session.execute(select(*columns).order_by(Frame.id))]
+
+
+@pytest.mark.parametrize("count", [1, COPY_FROM_ROWS - 1, COPY_FROM_ROWS, MANY])
+def test_rows_come_back_as_they_were_given(session, dataset, count):
+    rows = frames(dataset, count)
+
+    insert_rows(session, Frame, rows)
+
+    assert stored(session, list(rows[0])) == [tuple(row.values()) for row in rows]
+
+
+def test_copy_stores_what_an_insert_stores(session, dataset, database):
+    if database.engine.dialect.name == "sqlite":
+        pytest.skip("SQLite has no COPY")
+    rows = frames(dataset, MANY)
+    session.execute(insert(Frame), rows)
+    inserted = stored(session, list(rows[0]))
+    session.execute(delete(Frame))
+
+    copy_in(session, Frame, rows)
+
+    assert stored(session, list(rows[0])) == inserted
+
+
+def test_bytes_times_and_truth_values_are_copied(session, dataset):
+    now = utc_now()
+    blobs = [
+        {"sha256": f"{n:064}", "size_bytes": n, "media_type": "x", "created_at": now}
+        for n in range(MANY)
+    ]
+
+    insert_rows(session, Blob, blobs)
+
+    found = session.execute(select(Blob.size_bytes, Blob.created_at)).all()
+    assert sorted(map(tuple, found)) == [(n, now) for n in range(MANY)]
+
+
+@pytest.mark.parametrize("count", [2, MANY])
+def test_a_row_that_is_there_already_is_an_integrity_error(session, dataset, count):
+    rows = frames(dataset, count)
+
+    with pytest.raises(IntegrityError) as refused:
+        insert_rows(session, Frame, [*rows, rows[0]])
+
+    assert "Straße" not in str(refused.value)
+    session.rollback()
+    assert session.scalars(select(Frame.id)).all() == []
+
+
+def test_columns_of_many_rows_are_set_by_their_keys(session, dataset):
+    rows = frames(dataset, MANY)
+    insert_rows(session, Frame, rows)
+    ids = [row["id"] for row in rows][1:]
+    told: list[int] = []
+
+    update_rows(
+        session,
+        Frame,
+        {
+            "id": ids,
+            "width": [None if key % 3 else key for key in ids],
+            "map": [f"map {key}" if key % 2 else None for key in ids],
+        },
+        told.append,
+    )
+
+    first, *others = stored(session, ["id", "width", "map"])
+    assert first == (1000, 1280, ODD[0])
+    assert others == [
+        (key, None if key % 3 else key, f"map {key}" if key % 2 else None)
+        for key in ids
+    ]
+    assert sum(told) == len(ids)
+
+
+def test_all_nulls_are_set_too(session, dataset):
+    insert_rows(session, Frame, frames(dataset, MANY))
+    ids = list(session.scalars(select(Frame.id)))
+
+    update_rows(session, Frame, {"id": ids, "map": [None] * MANY})
+    update_rows(session, Frame, {"id": [], "map": []})
+
+    assert set(session.scalars(select(Frame.map))) == {None}
+
+
+def test_work_is_told_of_often_enough_to_be_ended(session, dataset):
+    told: list[int] = []
+    ids = list(range(ROWS_AT_A_TIME * 2 + 5))
+
+    update_rows(session, Frame, {"id": ids, "width": ids}, told.append)
+
+    assert told == [ROWS_AT_A_TIME, ROWS_AT_A_TIME, 5]

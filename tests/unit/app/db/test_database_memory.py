@@ -1,0 +1,63 @@
+"""All connections to SQLite together keep a bounded part of it in memory."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.db.engine import CACHE_KIB, MOST_CONNECTIONS, WRITER_CACHE_KIB
+from tests.support.sources import CHECKOUT
+
+READERS = 32
+STORED_MIB = 48
+READ_BY_MANY = """
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from sqlalchemy import text
+from app.db.engine import Database, sqlite_url
+
+def resident_kib():
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmRSS:")[2].split()[0])
+
+database = Database(sqlite_url(Path(sys.argv[1])))
+with database.write() as session:
+    session.execute(text("CREATE TABLE pages (content BLOB)"))
+    session.execute(
+        text("INSERT INTO pages WITH RECURSIVE number(n) AS (SELECT 1 UNION ALL"
+             " SELECT n + 1 FROM number WHERE n < :rows)"
+             " SELECT zeroblob(1000) FROM number"),
+        {"rows": int(sys.argv[3]) * 1000},
+    )
+with ExitStack() as opened:
+    readers = [opened.enter_context(database.read()) for _ in range(int(sys.argv[2]))]
+    before = resident_kib()
+    for reader in readers:
+        reader.execute(text("SELECT sum(length(content)) FROM pages")).scalar_one()
+    print(resident_kib() - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for its memory")
+def test_many_readers_do_not_each_hold_the_database(tmp_path: Path):
+    command = [sys.executable, "-c", READ_BY_MANY, str(tmp_path / "some.db")]
+    counts = [str(READERS), str(STORED_MIB)]
+
+    ended = subprocess.run(
+        [*command, *counts], check=True, capture_output=True, text=True
+    )
+
+    grown_mib = int(ended.stdout) / 1024
+    # Each page costs a little more than its content.
+    assert grown_mib < 1.5 * READERS * CACHE_KIB / 1024
+
+
+def test_the_bound_is_as_documented():
+    all_of_them = MOST_CONNECTIONS * CACHE_KIB + WRITER_CACHE_KIB
+    written = (CHECKOUT / "docs/operations.md").read_text("utf-8")
+
+    assert f"at most {all_of_them // 1024} MiB" in written

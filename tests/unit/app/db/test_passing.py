@@ -1,0 +1,71 @@
+"""Which failures of a database pass by themselves: real ones, of both databases."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+from sqlalchemy import create_engine, text
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.db.engine import make_engine, sqlite_url
+from app.db.transient import in_a_line, is_transient
+from tests.support.databases import empty_postgres
+
+
+def failure(url, *before, last):
+    """What the last statement raises."""
+    engine = create_engine(url, connect_args={"timeout": 0})
+    with engine.connect() as connection:
+        for statement in before:
+            connection.exec_driver_sql(statement)
+        with pytest.raises(SQLAlchemyError) as raised:
+            connection.exec_driver_sql(last)
+    engine.dispose()
+    return raised.value
+
+
+def test_whoever_waits_for_another_writer_tries_again_and_a_full_disk_stays_full(
+    tmp_path,
+):
+    file = tmp_path / "some.db"
+    make = "CREATE TABLE some (one TEXT)"
+    full = failure(
+        sqlite_url(file),
+        "PRAGMA max_page_count = 2",
+        make,
+        last="INSERT INTO some VALUES (hex(randomblob(20000)))",
+    )
+    with closing(sqlite3.connect(file)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        locked = failure(sqlite_url(file), last=make)
+
+    assert (is_transient(full), is_transient(locked)) == (False, True), (full, locked)
+    assert in_a_line(locked) == "(sqlite3.OperationalError) database is locked"
+
+
+CUT = "SELECT pg_terminate_backend(pg_backend_pid())"
+TOLD_TO_END = "SET statement_timeout = 1; SELECT pg_sleep(1)"
+UNKNOWN = "SELECT * FROM nothing"
+
+
+@pytest.mark.parametrize(
+    ("statement", "passes"), [(CUT, True), (TOLD_TO_END, False), (UNKNOWN, False)]
+)
+def test_a_connection_that_is_cut_passes_and_a_mistake_does_not(statement, passes):
+    with empty_postgres() as url:
+        engine = make_engine(url)
+        with engine.connect() as connection, pytest.raises(SQLAlchemyError) as raised:
+            connection.execute(text(statement))
+        engine.dispose()
+
+    assert is_transient(raised.value) is passes
+
+
+def test_a_server_that_is_not_there_passes():
+    engine = make_engine("postgresql+psycopg://postgres@127.0.0.1:1/nothing")
+    with pytest.raises(SQLAlchemyError) as raised:
+        engine.connect()
+
+    assert is_transient(raised.value)

@@ -1,0 +1,112 @@
+"""Writers of one process take turns: first come, first served, and people first."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack, closing, contextmanager
+
+import pytest
+from sqlalchemy import text
+from sqlalchemy.exc import TimeoutError as WaitedTooLong
+
+from app.db.engine import Database, sqlite_url
+from app.db.turns import PEOPLE_IN_A_ROW, Turns
+from tests.support.databases import empty_postgres
+
+SOON_S = 10
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(request, tmp_path):
+    """A database of the test's own, of either kind."""
+    with ExitStack() as opened:
+        url = sqlite_url(tmp_path / "some.db")
+        if request.param == "postgresql":
+            url = opened.enter_context(empty_postgres())
+        yield opened.enter_context(closing(Database(url)))
+
+
+@contextmanager
+def queue(database):
+    """Starts writers, each once the one before it waits; they end with the block."""
+    order, threads = [], []
+
+    def write(name, person):
+        with database.write(person=person) as session:
+            session.execute(text("SELECT 1"))
+            order.append(name)
+
+    def ask(name, *, person=False):
+        thread = threading.Thread(target=write, args=(name, person))
+        before = database.turns.waiting
+        thread.start()
+        threads.append(thread)
+        wait_until(lambda: database.turns.waiting == before + 1)
+
+    with database.write() as first:
+        first.execute(text("SELECT 1"))
+        yield ask, order
+    for thread in threads:
+        thread.join(SOON_S)
+        assert not thread.is_alive()
+
+
+def wait_until(holds):
+    """Look until it holds; the test's own time limit ends this if it never does."""
+    while not holds():
+        threading.Event().wait(0.001)
+
+
+def test_writers_are_let_in_as_they_came(database):
+    with queue(database) as (ask, order):
+        for name in range(8):
+            ask(name)
+
+    assert order == list(range(8))
+
+
+def test_people_come_before_work_and_work_is_not_forgotten(database):
+    with queue(database) as (ask, order):
+        for name in ("work 1", "work 2"):
+            ask(name)
+        for number in range(PEOPLE_IN_A_ROW + 2):
+            ask(number, person=True)
+
+    people = list(range(PEOPLE_IN_A_ROW + 2))
+    expected = [*people[:PEOPLE_IN_A_ROW], "work 1", *people[PEOPLE_IN_A_ROW:]]
+    assert order == [*expected, "work 2"]
+
+
+def test_a_writer_that_fails_lets_the_next_one_in(database):
+    with queue(database) as (ask, order):
+        ask("next")
+        failing = pytest.raises(ZeroDivisionError)
+
+    with failing, database.write() as session:
+        session.execute(text("SELECT 1"))
+        raise ZeroDivisionError
+
+    with database.write() as session:
+        session.execute(text("SELECT 1"))
+    assert order == ["next"]
+
+
+def test_a_lost_connection_lets_the_next_one_in(database):
+    with database.write() as session:
+        session.connection().invalidate()
+        session.rollback()
+
+    with database.write() as session:
+        assert session.execute(text("SELECT 1")).scalar_one() == 1
+
+
+def test_who_has_waited_too_long_is_out_of_the_queue():
+    turns = Turns()
+    turns.take(person=True, wait_s=0)
+
+    with pytest.raises(WaitedTooLong, match=r"writing for 0\.01 seconds"):
+        turns.take(person=False, wait_s=0.01)
+
+    assert turns.waiting == 0
+    turns.give_back()
+    turns.take(person=False, wait_s=0)

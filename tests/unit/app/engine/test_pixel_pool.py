@@ -1,0 +1,178 @@
+"""Processes that read pictures: what one of them costs, or breaks, ends with it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.engine.children import ChildFailed, GivenUp, PixelPool, PixelsRefused
+from filter_core.errors import AnnotationErrors, SegmentationError
+from tests.support import pixel_acts
+from tests.support.sources import CHECKOUT
+from tests.support.waiting import until
+
+PATIENCE_S = 60
+LIMIT_BYTES = 256 * 1024**2
+
+
+@pytest.fixture
+def pool():
+    found = PixelPool(1, seconds=PATIENCE_S, memory_bytes=LIMIT_BYTES)
+    yield found
+    found.close()
+
+
+def is_running(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{pid}/stat")
+    return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_results_are_what_the_work_returns_and_a_process_is_kept(pool):
+    values = np.arange(300_000)
+
+    np.testing.assert_array_equal(pool.run(pixel_acts.doubled, values), values * 2)
+    pids = {pool.run(pixel_acts.own_pid) for _ in range(5)}
+
+    assert len(pids) == 1
+    assert pids != {os.getpid()}
+
+
+def test_refusals_come_back_with_all_that_they_say(pool):
+    with pytest.raises(SegmentationError, match="no such tag") as refused:
+        pool.run(pixel_acts.refuse)
+    with pytest.raises(AnnotationErrors) as refusals:
+        pool.run(pixel_acts.refuse_twice)
+
+    assert (refused.value.pointer, refused.value.kind) == ("/segmentation", "tag")
+    assert [fault.pointer for fault in refusals.value.errors] == ["/a", "/b"]
+
+
+def test_a_slip_of_ours_is_told_with_its_place(pool):
+    with pytest.raises(ChildFailed, match=r"pixel_acts.py(.|\n)*a slip of ours"):
+        pool.run(pixel_acts.fail)
+
+
+def test_what_takes_too_long_is_ended_and_its_place_is_free_again(tmp_path):
+    pool = PixelPool(1, seconds=1)
+    note = tmp_path / "pid"
+
+    with pytest.raises(PixelsRefused, match=r"longer than the 1 s.*MAX_PIXEL_SECONDS"):
+        pool.run(pixel_acts.never_end, note)
+
+    assert not is_running(int(note.read_text("utf-8")))
+    assert pool.run(pixel_acts.own_pid) != int(note.read_text("utf-8"))
+    pool.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces the limit")
+def test_what_needs_too_much_memory_is_refused_and_leaves_none_behind(pool):
+    before = pool.run(pixel_acts.own_pid)
+
+    with pytest.raises(PixelsRefused, match=r"256 MiB.*MAX_PIXEL_MEMORY_BYTES"):
+        pool.run(pixel_acts.use_memory, 2 * LIMIT_BYTES)
+
+    assert not is_running(before)
+    assert pool.run(pixel_acts.use_memory, LIMIT_BYTES // 4) == 1
+
+
+def test_what_ends_its_process_is_tried_once_more_and_then_refused(pool, tmp_path):
+    note = tmp_path / "deaths"
+
+    with pytest.raises(PixelsRefused, match=r"two processes.*SIGSEGV"):
+        pool.run(pixel_acts.die, note)
+
+    assert note.read_text("utf-8").split() == ["died", "died"]
+    assert pool.run(pixel_acts.own_pid)
+
+
+def test_nothing_is_run_that_a_process_answers(pool, tmp_path):
+    note = tmp_path / "note"
+
+    with pytest.raises(PixelsRefused, match=r"answered with posix\.system"):
+        pool.run(pixel_acts.answer_with_a_program, note)
+
+    assert not note.exists()
+
+
+def test_a_process_that_somebody_killed_costs_nothing_but_time(pool, tmp_path):
+    assert pool.run(pixel_acts.die_once, tmp_path / "note") == "alive"
+
+    idle = pool.run(pixel_acts.own_pid)
+    os.kill(idle, 9)
+    until(lambda: not is_running(idle))
+    assert pool.run(pixel_acts.own_pid) != idle
+
+
+def test_who_gives_up_ends_the_work_and_whoever_waits_for_it(pool, tmp_path):
+    note = tmp_path / "pid"
+    first, second = threading.Event(), threading.Event()
+    with ThreadPoolExecutor(2) as threads:
+        working = threads.submit(pool.run, pixel_acts.never_end, note, given_up=first)
+        until(lambda: note.exists() and note.read_text("utf-8"))
+        waiting = threads.submit(pool.run, pixel_acts.own_pid, given_up=second)
+        second.set()
+        with pytest.raises(GivenUp):
+            waiting.result(PATIENCE_S)
+        assert is_running(int(note.read_text("utf-8")))
+        first.set()
+        with pytest.raises(GivenUp):
+            working.result(PATIENCE_S)
+
+    assert not is_running(int(note.read_text("utf-8")))
+
+
+def test_as_many_work_at_the_same_time_as_there_are_processes():
+    pool = PixelPool(2)
+    pool.warm_up()
+    with ThreadPoolExecutor(4) as threads:
+        pids = {
+            each.result(PATIENCE_S)
+            for each in [
+                threads.submit(pool.run, pixel_acts.own_pid) for _ in range(40)
+            ]
+        }
+    pool.close()
+
+    assert len(pids) == 2
+    until(lambda: not any(map(is_running, pids)))
+
+
+PROGRAM = """
+import os
+from app.engine.children import PixelPool
+from tests.support import pixel_acts
+
+pool = PixelPool(2)
+pool.warm_up()
+print(pool.run(pixel_acts.own_pid), pool.run(pixel_acts.own_pid), flush=True)
+{end}
+"""
+
+
+@pytest.mark.parametrize(
+    "end", ["os.kill(os.getpid(), 9)", "", "raise SystemExit(3)", "pool.close()"]
+)
+def test_processes_end_with_the_one_that_started_them(end):
+    program = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(end=end)],
+        cwd=CHECKOUT,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+
+    pids = [int(word) for word in program.stdout.split()]
+    assert pids, program.stderr
+    until(lambda: not any(map(is_running, pids)))

@@ -1,0 +1,235 @@
+"""Exports while other things happen: cancelled, cut off, without their dataset."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from app.datasets.service import remove_dataset
+from app.engine import Job
+from app.exports.queries import ExportRepository
+from app.exports.service import EXPORTS, ExportRequest, request_export
+from app.exports.writer import ExportFrames
+from app.jobs.driver import carry_out
+from app.jobs.service import cancel, start
+from app.measuring.queries import DatasetRepository
+from filter_core.formats.export import ExportHead, ExportOptions
+from filter_core.formats.format import Need
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
+from filter_core.types import VERDICTS
+from tests.support import frames as scene
+from tests.support.services import Street, running_services
+
+SOME = ("yolo", "coco", "manifest", "decisions-jsonl")
+
+
+@pytest.fixture
+def street(services) -> Street:
+    street: Street = services.dataset()
+    filled(street)
+    return street
+
+
+def filled(street):
+    for number in range(3):
+        files = {"image": scene.image(number), "segmentation": scene.segmentation()}
+        street.put(f"{number}", scene.annotation(), **files)
+    street.review(street.box_ids()[0], "reject")
+
+
+def asked_for(street, form="yolo"):
+    """An export that waits, and that nobody writes before the test says so."""
+    wanted = ExportRequest(form, {}, "ada")
+    with street.context.database.write() as session:
+        dataset = street.row(session)
+        return request_export(street.resting, session, dataset, wanted).id
+
+
+def job_of(export_id):
+    return Job("export", export_id)
+
+
+def make_export(context, export_id):
+    carry_out(context, job_of(export_id))
+
+
+def settle(street):
+    """Wait until all jobs that were queued before are over."""
+    street.run({}, activate=False)
+    over = threading.Event()
+    street.context.engine.submit(over.set)
+    assert over.wait(60)
+
+
+def export_of(street, export_id):
+    with street.context.database.read() as session:
+        return ExportRepository(session).with_id(export_id)
+
+
+def temporary(street):
+    return list(street.context.storage.temporary_folder().iterdir())
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_the_same_state_gives_the_same_bytes_in_another_service(form, tmp_path):
+    digests = []
+    for name in ("one", "two"):
+        with running_services(tmp_path / name) as services:
+            street = services.dataset()
+            filled(street)
+            export_id = asked_for(street, form)
+            make_export(street.context, export_id)
+            again = asked_for(street, form)
+            make_export(street.context, again)
+            digests += [export_of(street, each).sha256 for each in (export_id, again)]
+
+    assert digests[0] is not None
+    assert digests[0] == digests[1]
+    assert digests[2] == digests[3]
+
+
+@pytest.mark.parametrize("form", EXPORT_FORMATS)
+def test_a_format_says_all_that_it_needs(street, form):
+    with street.context.database.read() as session:
+        dataset = street.row(session)
+        classes = tuple(DatasetRepository(session).classes(dataset.id))
+        written = [
+            files_of(
+                form,
+                ExportFrames(street.context.storage.read, session, dataset, needs),
+                classes,
+            )
+            for needs in (FORMATS[form].needs, get_args(Need))
+        ]
+
+    assert written[0] == written[1]
+
+
+def test_labels_say_what_whole_decisions_say(street):
+    with street.context.database.read() as session:
+        frames = list(
+            ExportFrames(
+                street.context.storage.read, session, street.row(session), ["decisions"]
+            )
+        )
+
+    for frame in frames:
+        boxes, whole = frame.boxes, frame.decisions
+        rows = range(len(boxes))
+        told = {
+            "id": list(boxes.ids),
+            "class": [boxes.class_name(row) for row in rows],
+            "verdict": [VERDICTS[code].value for code in boxes.verdict],
+            "effective_verdict": [boxes.effective_verdict(row) for row in rows],
+            "reason": [boxes.reason_label(row) for row in rows],
+            "lossy": boxes.lossy.tolist(),
+            "occluded": boxes.occlusion.tolist(),
+            "xyxy": plain(boxes.xyxy),
+            "amodal_xyxy": plain(boxes.amodal_xyxy),
+            "visible_xyxy": plain(boxes.visible_xyxy),
+            "tight_xyxy": plain(boxes.tight_xyxy),
+            "distance": plain(boxes.distance),
+            "match_percent": plain(boxes.match_percent),
+        }
+        assert told == {key: [one[key] for one in whole] for key in told}
+        reviewed = [bool(one["review"]) for one in whole]
+        assert (boxes.answer > 0).tolist() == reviewed
+    assert sum(len(frame.boxes) for frame in frames) > 0
+
+
+def plain(column):
+    """Values as JSON has them: nothing where there is NaN."""
+    return [
+        None if np.isnan(value).any() else value.tolist()
+        for value in np.asarray(column)
+    ]
+
+
+def files_of(form, frames, classes):
+    """The files of an export by name."""
+    files = {}
+
+    def sink(name, pieces):
+        files[name] = b"".join(pieces)
+
+    write_export(form, frames, sink, ExportHead(classes), ExportOptions())
+    return files
+
+
+def test_an_export_that_is_interrupted_leaves_nothing_and_can_go_on(street):
+    export_id, engine = asked_for(street), street.context.engine
+    engine.interrupt(job_of(export_id))
+
+    make_export(street.context, export_id)
+    interrupted = export_of(street, export_id)
+    left = temporary(street)
+    engine.clear_cancel(job_of(export_id))
+    make_export(street.context, export_id)
+
+    assert (interrupted.state, interrupted.done, left) == ("running", 0, [])
+    finished = export_of(street, export_id)
+    assert (finished.state, finished.done, finished.total) == ("done", 3, 3)
+
+
+def test_an_export_that_is_cancelled_while_it_is_written_stays_cancelled(street):
+    export_id = asked_for(street)
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export_id).state = "running"
+        session.flush()
+        start(street.context, [job_of(export_id)])
+        cancel(street.context, session, EXPORTS, export_id)
+    settle(street)
+
+    export = export_of(street, export_id)
+    assert (export.state, export.sha256) == ("cancelled", None)
+    assert export.finished_at is not None
+    assert temporary(street) == []
+    assert street.context.engine.interrupted() == set()
+
+
+def test_what_a_crash_left_half_written_is_written_anew(street):
+    export_id = asked_for(street)
+    half = street.context.storage.temporary_folder() / f"export-{export_id}"
+    half.mkdir()
+    (half / "export.zip").write_bytes(b"PK half of it")
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export_id).state = "running"
+
+    make_export(street.context, export_id)
+
+    export = export_of(street, export_id)
+    content = street.context.storage.read(export.sha256)
+    assert (export.state, content[:2], len(content)) == (
+        *("done", b"PK"),
+        export.size_bytes,
+    )
+    assert temporary(street) == []
+
+
+def test_an_export_whose_dataset_is_deleted_is_no_failure(street, caplog):
+    export_id = asked_for(street)
+    with street.context.database.write() as session:
+        dataset = DatasetRepository(session).named(street.name)
+        remove_dataset(street.context, session, dataset, street.name)
+
+    with caplog.at_level(logging.ERROR):
+        make_export(street.context, export_id)
+
+    assert caplog.records == []
+
+
+def test_an_export_that_fails_says_so_and_is_not_tried_again(street):
+    export_id = asked_for(street)
+    with street.context.database.write() as session:
+        ExportRepository(session).with_id(export_id).options = {"split": 7}
+
+    make_export(street.context, export_id)
+
+    export = export_of(street, export_id)
+    assert export.state == "failed"
+    assert export.error is not None
+    assert "split" in export.error["detail"]

@@ -1,0 +1,83 @@
+"""A run changes what frames are measured with while some are on their way in."""
+
+from __future__ import annotations
+
+import json
+import threading
+from dataclasses import replace
+
+import pytest
+from sqlalchemy import select
+
+from app.engine.children import PixelPool
+from app.ingest.frame import UploadedFrame, UploadRequest
+from app.ingest.rows import NewFrame
+from app.ingest.service import prepare_frame, store_frames
+from app.measuring.queries import EvidenceRepository
+from tests.support import frames as scene
+from tests.support.services import running_services
+
+# Counts other pixels, so what was measured before is of no use.
+OTHERWISE = {"profile": "carlasimu"}
+PATIENCE_S = 2.0
+
+
+class WatchedPool(PixelPool):
+    """Says of each frame that it measures whether others could write meanwhile."""
+
+    def __init__(self, database):
+        super().__init__(1)
+        self._database = database
+        self.others_wrote = []
+
+    def run_here(self, work, *args):
+        self._look()
+        return super().run_here(work, *args)
+
+    def run(self, work, *args, given_up=None):
+        self._look()
+        return super().run(work, *args, given_up=given_up)
+
+    def _look(self):
+        def write():
+            with self._database.write() as session:
+                session.scalar(select(1))  # a transaction begins with a statement
+
+        other = threading.Thread(target=write)
+        other.start()
+        other.join(PATIENCE_S)
+        self.others_wrote.append(not other.is_alive())
+
+
+@pytest.fixture
+def street(tmp_path):
+    with running_services(tmp_path) as services:
+        pool = WatchedPool(services.context.database)
+        services = replace(services, context=replace(services.context, pixels=pool))
+        yield services.dataset()
+        pool.close()
+
+
+def has_current_numbers(street, frame_id):
+    with street.context.database.read() as session:
+        current = street.row(session).active_measurement_id or 0
+        return not EvidenceRepository(session).lacking([frame_id], current)
+
+
+@pytest.mark.parametrize("keys", [["a"], ["a", "b"]])
+def test_frames_are_measured_again_while_others_may_write(street, keys):
+    request = UploadRequest(street.name, street.by)
+    annotation = json.dumps(scene.annotation()).encode()
+    files = {"segmentation": scene.segmentation()}
+    prepared = [
+        prepare_frame(street.context, request, UploadedFrame(key, annotation, files))
+        for key in keys
+    ]
+    street.run(OTHERWISE)
+
+    stored = store_frames(street.context, request, prepared)
+
+    new = [frame for frame in stored if isinstance(frame, NewFrame)]
+    assert [frame.key for frame in new] == keys
+    assert all(has_current_numbers(street, frame.frame_id) for frame in new)
+    assert street.context.pixels.others_wrote == [True] * 2 * len(keys)

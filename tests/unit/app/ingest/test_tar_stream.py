@@ -1,0 +1,250 @@
+"""Archives in pieces of any size, and what no archive of frames has."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+import time
+import tracemalloc
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.errors import TooLarge, UnsupportedMedia
+from app.ingest.tar import BadArchive, Member, TarLimits, TarStream
+
+LIMITS = TarLimits(max_archive_bytes=10**9, max_member_bytes=10_000, max_members=20)
+END = bytes(1024)
+
+
+def read(data, *cuts, limits=LIMITS):
+    stream = TarStream(limits)
+    places = [0, *sorted(cuts), len(data)]
+    pairs = pairwise(places)
+    found = [one for low, high in pairs for one in stream.feed(data[low:high])]
+    stream.close()
+    return found
+
+
+def header(name, size=0, kind=tarfile.REGTYPE, form=tarfile.GNU_FORMAT, **more):
+    member = tarfile.TarInfo(name)
+    member.size, member.type = size, kind
+    for key, value in more.items():
+        setattr(member, key, value)
+    return member.tobuf(form)
+
+
+def packed(members, form):
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w", format=form) as archive:
+        for name, content in members:
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            archive.addfile(member, io.BytesIO(content))
+    return out.getvalue()
+
+
+names = st.text("abcdé/._-", min_size=1, max_size=180).filter(
+    lambda name: not name.startswith(("/", "./")) and not name.endswith("/")
+)
+safe_names = names.filter(lambda name: ".." not in name.split("/") and "//" not in name)
+
+
+@given(
+    members=st.lists(st.tuples(safe_names, st.binary(max_size=1500)), max_size=4),
+    form=st.sampled_from([tarfile.GNU_FORMAT, tarfile.PAX_FORMAT]),
+    data=st.data(),
+)
+def test_it_reads_what_python_writes_however_it_is_cut(members, form, data):
+    archive = packed(members, form)
+    cuts = data.draw(st.lists(st.integers(0, len(archive)), max_size=6))
+
+    assert read(archive, *cuts) == [Member(*one) for one in members]
+
+
+def test_folders_are_passed_over_and_a_leading_dot_does_not_count():
+    data = header("./", kind=tarfile.DIRTYPE) + header("a/", kind=tarfile.DIRTYPE)
+
+    assert read(data + header("./a/b.json") + END) == [Member("a/b.json", b"")]
+
+
+def test_a_large_member_is_passed_over_without_being_held():
+    data = header("a", 10_001) + bytes(10_001 + 239) + header("b") + END
+
+    assert read(data) == [Member("a", None), Member("b", b"")]
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        pytest.param(
+            header("a", kind=tarfile.SYMTYPE), "^'a': .*a symbolic link", id="link"
+        ),
+        pytest.param(header("a", kind=tarfile.LNKTYPE), "a link", id="hard link"),
+        pytest.param(header("a", kind=tarfile.CHRTYPE), "a device", id="device"),
+        pytest.param(header("a", kind=tarfile.FIFOTYPE), "a pipe", id="pipe"),
+        pytest.param(header("a", kind=b"S"), "a sparse file", id="sparse"),
+        pytest.param(header("a", kind=b"Q"), "type b'Q'", id="unknown"),
+        pytest.param(header("/etc/passwd"), "within the archive", id="absolute"),
+        pytest.param(header("a/../../b"), "within the archive", id="way out"),
+        pytest.param(header("C:\\b"), "within the archive", id="drive"),
+        pytest.param(header("x", 65_537, b"x"), "65537 bytes", id="PAX bomb"),
+        pytest.param(header("x", 65_537, b"L"), "65537 bytes", id="name bomb"),
+        pytest.param(
+            header("x", 10, b"x") + b"9 path=a\n".ljust(512, b"\0"),
+            "damaged",
+            id="PAX that lies",
+        ),
+        pytest.param(
+            header("x", 19, b"x") + b"19 GNU.sparse.a=b\n\n".ljust(512, b"\0"),
+            "damaged|size of a member",
+            id="PAX sparse",
+        ),
+        pytest.param(b"\1" * 512, "damaged", id="noise"),
+        pytest.param(END + header("a"), "goes on after its end", id="two archives"),
+        pytest.param(header("a", 600) + bytes(512), "cut short", id="cut"),
+        pytest.param(header("a") + bytes(512), "cut short", id="one block missing"),
+    ],
+)
+def test_what_no_archive_of_frames_has_is_refused(data, words):
+    with pytest.raises(BadArchive, match=words):
+        read(data + (b"" if words == "cut short" else END))
+
+
+def checked(block):
+    """A header whose checksum is right again."""
+    total = sum(block[:148]) + 8 * ord(" ") + sum(block[156:])
+    return block[:148] + b"%06o\0 " % total + block[156:]
+
+
+def sized(field, kind=tarfile.REGTYPE):
+    """A sound header that has these twelve bytes for its size."""
+    block = header("a", kind=kind)
+    return checked(block[:124] + field.ljust(12, b"\0") + block[136:])
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        pytest.param(b"zzzzzzzzzzz", id="no digits"),
+        pytest.param(b"00000000189", id="digits that are not octal"),
+        pytest.param(b"-1", id="a minus"),
+        pytest.param(b"+1", id="a plus"),
+        pytest.param(b"0o17", id="a prefix"),
+        pytest.param(b"1_0", id="a line between digits"),
+        pytest.param(b"1 0", id="a blank between digits"),
+        pytest.param(b"\xff" * 12, id="binary, negative"),
+        pytest.param(b"\xff" + bytes(11), id="binary, far below zero"),
+        pytest.param(b"\x81" + bytes(11), id="binary, of 96 bits"),
+    ],
+)
+@pytest.mark.parametrize("kind", [tarfile.REGTYPE, tarfile.DIRTYPE, b"x", b"L"])
+@pytest.mark.timeout(10)
+def test_a_size_that_is_no_number_is_refused(field, kind):
+    with pytest.raises(BadArchive, match=r"^the size of 'a/?': expected octal digits"):
+        read(sized(field, kind) + bytes(512) + END)
+
+
+@pytest.mark.parametrize(
+    "field", [b"-1", b"zzzzzz", b"\xff" * 8, b"\x80" + b"\xff" * 7]
+)
+def test_a_checksum_that_is_no_number_is_a_damaged_header(field):
+    block = header("a")
+
+    with pytest.raises(BadArchive, match="damaged"):
+        read(block[:148] + field.ljust(8, b"\0") + block[156:] + END)
+
+
+@pytest.mark.parametrize(
+    ("field", "size"),
+    [
+        pytest.param(b"", 0, id="nothing at all"),
+        pytest.param(b"         17 ", 15, id="blanks around it"),
+        pytest.param(b"\x80" + bytes(10) + b"\x0f", 15, id="binary"),
+    ],
+)
+def test_sizes_are_read_as_they_are_written(field, size):
+    content = b"x" * size
+    data = sized(field) + content + bytes(-size % 512) + END
+
+    assert read(data) == [Member("a", content)]
+
+
+def test_a_long_name_that_is_cut_behind_a_slash_is_a_file():
+    name = "a" * 99 + "/b"
+
+    assert read(packed([(name, b"1")], tarfile.GNU_FORMAT)) == [Member(name, b"1")]
+
+
+def seconds_of(data):
+    """Processor time that reading takes, undisturbed."""
+
+    def once():
+        before = time.process_time()
+        with suppress(BadArchive):
+            read(data, limits=replace(LIMITS, max_member_bytes=10**6))
+        return time.process_time() - before
+
+    return min(once() for _ in range(3))
+
+
+def extended(kind, content):
+    return header("x", len(content), kind) + content + bytes(-len(content) % 512)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(extended(b"L", b"./" * 32_000 + b"b"), id="a name of dots"),
+        pytest.param(extended(b"L", b"/" * 64_000), id="a name of slashes"),
+        pytest.param(extended(b"x", b"5 a=\n" * 13_000), id="many records"),
+        pytest.param(extended(b"x", b"9" * 64_000), id="a length without an end"),
+        pytest.param(extended(b"x", b" " * 64_000), id="a record of blanks"),
+        pytest.param(bytes(64_000), id="empty blocks"),
+    ],
+)
+def test_work_grows_with_the_bytes_and_not_with_their_square(data):
+    assert seconds_of(data + header("b") + END) < 0.03
+
+
+def test_a_member_that_comes_byte_by_byte_is_held_in_little_more_than_its_size():
+    size = 300_000
+    stream = TarStream(replace(LIMITS, max_member_bytes=size))
+    list(stream.feed(header("a", size)))
+    tracemalloc.start()
+    try:
+        for _ in range(size - 1):
+            assert list(stream.feed(b"x")) == []
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak < 3 * size
+    assert list(stream.feed(b"x")) == [Member("a", b"x" * size)]
+
+
+@pytest.mark.parametrize(
+    ("data", "error"),
+    [
+        pytest.param(header("a", 8**10), TooLarge, id="a huge size"),
+        pytest.param(header("a", 2**70), TooLarge, id="a size of 71 bits"),
+        pytest.param(header("a") * 21, TooLarge, id="too many members"),
+        pytest.param(b"\x1f\x8b".ljust(512), UnsupportedMedia, id="gzip"),
+        pytest.param(b"BZh".ljust(512), UnsupportedMedia, id="bzip2"),
+    ],
+)
+def test_what_is_too_large_or_compressed_is_refused(data, error):
+    with pytest.raises(error):
+        read(data + END)
+
+
+def test_names_that_lead_elsewhere_are_given_where_somebody_looks_at_them():
+    stream = TarStream(LIMITS, any_name=True)
+
+    found = list(stream.feed(header("../a") + header("/b") + END))
+
+    assert found == [Member("../a", b""), Member("/b", b"")]

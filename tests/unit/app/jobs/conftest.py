@@ -1,0 +1,15 @@
+"""A dataset of a dozen frames, enough for several chunks."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.chunks import FRAMES, put
+
+
+@pytest.fixture
+def street(services):
+    street = services.dataset()
+    for number in range(FRAMES):
+        put(street, number)
+    return street

@@ -1,0 +1,277 @@
+"""Attempts at chunks where no worker is: what the next process finds in the ledger."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import contextmanager
+
+from sqlalchemy import event, exc, select
+
+from app.db.base import utc_now
+from app.db.tables import Chunk, Frame
+from app.engine import LocalEngine
+from app.jobs.driver import carry_out
+from app.jobs.queries import FINAL, ChunkRepository, Span
+from app.jobs.work import MOST_ATTEMPTS, Attempt
+from app.runs.queries import RunRepository
+from tests.support.chunks import (
+    FRAMES,
+    FROM_PIXELS,
+    check_whole,
+    engine_of,
+    left,
+    measured,
+    read,
+    run_of,
+)
+from tests.support.services import run_job
+
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+
+
+class Watched(LocalEngine):
+    """As the service's own, with three frames to a chunk; looks before each frame."""
+
+    def __init__(self, look) -> None:
+        super().__init__(2)
+        self._look = look
+
+    def chunk_frames(self, total):
+        return 3
+
+    def start(self, work, item):
+        self._look(self, item)
+        return super().start(work, item)
+
+
+def frame_ids(street):
+    rows = select(Frame.id).where(Frame.dataset_id == street.id).order_by(Frame.id)
+    return read(street, lambda session: list(session.scalars(rows)))
+
+
+def attempts(street, run_id):
+    rows = select(Chunk.number, Chunk.attempts).where(Chunk.job_id == run_id)
+    rows = rows.where(Chunk.kind == "run", Chunk.state == "waiting")
+    found = read(street, lambda session: session.execute(rows).all())
+    return dict(found)
+
+
+def cut_off(street, *spans):
+    """A run whose chunks, by their first and last place, ended as many processes."""
+    run_id, ids = street.request(FROM_PIXELS), frame_ids(street)
+    with street.context.database.write() as session:
+        run = RunRepository(session).with_id(run_id)
+        run.state, run.started_at, run.total = "running", utc_now(), FRAMES
+        ledger, job = ChunkRepository(session), run_job(run_id)
+        for first, last, ended in spans:
+            span = Span(ids[first], ids[last], last - first + 1)
+            (number,) = ledger.plan(job, [span])
+            session.get_one(Chunk, (*job, number)).attempts = ended
+    return run_id
+
+
+def go_on(street, run_id, look=lambda _engine, _frame_id: None):
+    with engine_of(street, Watched(look)) as context:
+        carry_out(context, run_job(run_id))
+    return run_of(street, run_id)
+
+
+def test_an_attempt_is_written_down_when_a_chunk_begins_and_not_before(street):
+    seen = []
+    run_id = street.request(FROM_PIXELS)
+
+    run = go_on(street, run_id, lambda *_: seen.append(attempts(street, run_id)))
+
+    check_whole(street, run)
+    assert len(seen) == FRAMES
+    assert {sum(one.values()) for one in seen} == {1}
+    assert [number for one in seen for number in one if one[number]] == [
+        *(1, 1, 1, 2, 2, 2),
+        *(3, 3, 3, 4, 4, 4),
+    ]
+    # Another one is queued meanwhile.
+    assert {1: 1, 2: 0} in seen
+
+
+def test_what_ended_processes_is_measured_frame_by_frame_and_forgiven(street):
+    seen = []
+    run_id = cut_off(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
+    ids = frame_ids(street)
+
+    def look(_engine, frame_id):
+        done = sum(measured(street, run_of(street, run_id)).values())
+        seen.append((ids.index(frame_id), done, *attempts(street, run_id).values()))
+
+    run = go_on(street, run_id, look)
+
+    check_whole(street, run)
+    # Each begins when those before it are stored, and storing one is a sign of life.
+    forgiven = [(place, place, 0) for place in range(1, FRAMES)]
+    assert seen == [(0, 0, MOST_ATTEMPTS), *forgiven]
+
+
+def test_a_frame_at_which_processes_ended_is_left_alone_and_no_other_one(street):
+    run_id = cut_off(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
+
+    run = go_on(street, run_id)
+
+    assert run.state == "failed"
+    assert run.error == {
+        "code": "quarantined",
+        "detail": "frame '00' ended the process that was at it 3 times; the log of the "
+        "process may say why",
+    }
+    assert (run.done, len(measured(street, run))) == (FRAMES - 1, FRAMES - 1)
+    (chunk,) = left(street, Chunk, run)
+    assert (chunk.state, chunk.attempts, chunk.frames) == ("quarantined", 3, 1)
+    check_whole(street, run_of(street, again(street)))
+
+
+def again(street):
+    return street.run(FROM_PIXELS).id
+
+
+def test_frames_side_by_side_that_end_processes_are_left_alone_together(street):
+    run_id = cut_off(street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0))
+
+    run = go_on(street, run_id)
+
+    assert run.error is not None
+    assert run.error["detail"].startswith("frames '00', '01' to '05' ended")
+    assert run.done == FRAMES - 6
+
+
+def test_a_frame_that_was_left_alone_and_is_deleted_fails_no_run(street):
+    run_id = cut_off(street, (0, 5, MOST_ATTEMPTS), (6, 11, 0))
+    deleted: list[str] = []
+
+    def look(_engine, _frame_id):
+        if not deleted:
+            deleted.append("00")
+            street.delete("00")
+
+    run = go_on(street, run_id, look)
+
+    assert (run.state, run.error) == ("done", None)
+    assert len(measured(street, run)) == FRAMES - 1
+
+
+def test_a_service_that_stops_is_not_to_blame(street):
+    run_id = cut_off(street, (0, FRAMES - 1, 1))
+    seen = []
+
+    def stop(engine, _frame_id):
+        seen.append(attempts(street, run_id))
+        engine.stopping.set()
+
+    run = go_on(street, run_id, stop)
+
+    assert run.state == "running"
+    assert (seen[0], attempts(street, run_id)) == ({1: 2}, {1: 0})
+    check_whole(street, go_on(street, run_id))
+
+
+class Deciding(LocalEngine):
+    """Looks whenever a decision says how far it is."""
+
+    def __init__(self, look) -> None:
+        super().__init__(2)
+        self._look = look
+
+    def report(self, job, done):
+        super().report(job, done)
+        self._look(self)
+
+
+def cut_off_deciding(street, ended):
+    """A run of stored numbers whose decision has ended so many processes."""
+    run_id = street.request(NOTHING_VISIBLE)
+    with street.context.database.write() as session:
+        ledger, job = ChunkRepository(session), run_job(run_id)
+        ledger.plan_final(job, FRAMES)
+        session.get_one(Chunk, (*job, FINAL)).attempts = ended
+    return run_id
+
+
+def go_on_deciding(street, run_id, look=lambda _engine: None):
+    with engine_of(street, Deciding(look)) as context:
+        carry_out(context, run_job(run_id))
+    return run_of(street, run_id)
+
+
+def test_an_attempt_to_decide_is_written_down_before_it_begins(street):
+    seen, run_id = [], cut_off_deciding(street, MOST_ATTEMPTS - 1)
+
+    run = go_on_deciding(
+        street, run_id, lambda _: seen.append(attempts(street, run_id))
+    )
+
+    assert (run.state, run.changed > 0) == ("done", True)
+    assert seen
+    assert {one[FINAL] for one in seen} == {MOST_ATTEMPTS}
+    assert left(street, Chunk, run) == []
+
+
+def test_a_decision_that_ends_its_processes_is_given_up_in_words(street):
+    before = street.reasons()
+
+    run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
+
+    assert run.state == "failed"
+    assert run.error == {
+        "code": "quarantined",
+        "detail": "deciding its boxes ended the process that was at it 3 times; the "
+        "log of the process may say why",
+    }
+    assert street.reasons() == before
+    assert street.run(NOTHING_VISIBLE).state == "done"
+
+
+def test_a_decision_that_was_given_up_is_not_withdrawn(street):
+    """It is kept for who wants to know, also if somebody cancels too late."""
+    run = go_on_deciding(street, cut_off_deciding(street, MOST_ATTEMPTS))
+
+    with street.context.database.write() as session:
+        ChunkRepository(session).withdraw_final(run_job(run.id))
+
+    assert [chunk.state for chunk in left(street, Chunk, run)] == ["quarantined"]
+
+
+def test_a_decision_that_is_interrupted_is_not_to_blame(street):
+    run_id = cut_off_deciding(street, 1)
+
+    run = go_on_deciding(street, run_id, lambda engine: engine.stopping.set())
+
+    assert run.state == "running"
+    assert attempts(street, run_id) == {FINAL: 0}
+    assert go_on_deciding(street, run_id).state == "done"
+
+
+def test_the_end_of_an_attempt_outlasts_a_database_that_is_away(street):
+    run_id = cut_off(street, (0, FRAMES - 1, 0))
+    attempt = Attempt(street.context, run_job(run_id), 1)
+
+    begun = attempt.begin()
+    noted = attempts(street, run_id)
+    with failing_once(street):
+        attempt.end()
+
+    assert (begun, noted, attempts(street, run_id)) == (True, {1: 1}, {1: 0})
+
+
+@contextmanager
+def failing_once(street):
+    """The next transaction of this thread finds no connection."""
+    thread, failed = threading.get_ident(), list[bool]()
+
+    def fail(_connection):
+        if threading.get_ident() == thread and not failed:
+            failed.append(True)
+            raise exc.TimeoutError("no connection is free")
+
+    event.listen(street.context.database.engine, "begin", fail)
+    try:
+        yield
+    finally:
+        event.remove(street.context.database.engine, "begin", fail)
+    assert failed

@@ -1,0 +1,183 @@
+"""Driving the chunks of a run: in any order, more than once, with processes that die.
+
+The engines here are real ones that run chunks in other orders, or lose some: what the
+driver makes of that is the same wherever they run.
+"""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+from app.db.engine import Database
+from app.db.tables import Chunk, Lease
+from app.engine.chunk import DONE, ELSEWHERE, GIVEN_BACK
+from app.jobs.driver import carry_out
+from app.jobs.queries import LeaseRepository
+from app.jobs.work import MOST_ATTEMPTS, work_on, work_remotely
+from tests.support.chunks import (
+    FRAMES,
+    FROM_PIXELS,
+    Deadly,
+    Forgetful,
+    SmallChunks,
+    check_whole,
+    engine_of,
+    left,
+    measured,
+    run_of,
+)
+from tests.support.services import run_job
+
+
+def run_with(street, engine):
+    run_id = street.request(FROM_PIXELS)
+    with engine_of(street, engine) as context:
+        carry_out(context, run_job(run_id))
+    return run_of(street, run_id)
+
+
+def test_chunks_beside_each_other_are_as_one(street):
+    engine = SmallChunks()
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    assert sorted(number for number, _ in engine.begun) == [1, 2, 3, 4]
+    assert left(street, Chunk, run) == left(street, Lease, run) == []
+
+
+def test_an_engine_that_goes_away_is_waited_for_and_asked_again(street):
+    engine = Forgetful()
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    assert engine.connects >= 2
+    assert len(engine.begun) > 4
+
+
+def test_a_chunk_that_kills_is_put_into_quarantine_and_no_other_one(street):
+    engine = Deadly(2)
+
+    run = run_with(street, engine)
+
+    assert run.state == "failed"
+    assert run.error is not None
+    assert run.error["code"] == "quarantined"
+    assert "'03' to '05'" in run.error["detail"]
+    (chunk,) = left(street, Chunk, run)
+    assert (chunk.number, chunk.state) == (2, "quarantined")
+    assert chunk.attempts == MOST_ATTEMPTS
+    assert len(measured(street, run)) == FRAMES - 3
+    assert run.done == FRAMES - 3
+
+
+def test_what_was_beside_a_dead_process_is_tried_alone(street):
+    engine = Deadly(2, times=2)
+
+    run = run_with(street, engine)
+
+    check_whole(street, run)
+    again = [beside for number, beside in engine.begun[4:]]
+    assert again
+    assert {len(beside) for beside in again} == {1}
+
+
+def test_a_new_run_measures_what_was_in_quarantine(street):
+    failed = run_with(street, Deadly(2))
+
+    run = run_with(street, SmallChunks())
+
+    assert failed.state == "failed"
+    check_whole(street, run)
+
+
+def test_a_chunk_that_is_done_twice_counts_once(street):
+    class Twice(SmallChunks):
+        def _work(self, here, job, number):
+            with ThreadPoolExecutor(1) as beside:
+                other = beside.submit(here, job.kind, job.id, number)
+                first = here(job.kind, job.id, number)
+                assert {first, other.result()} == {DONE}
+            return super()._work(here, job, number)
+
+    check_whole(street, run_with(street, Twice()))
+
+
+def test_two_drivers_end_a_run_once(street):
+    run_id = street.request(FROM_PIXELS)
+    with (
+        engine_of(street, SmallChunks()) as one,
+        engine_of(street, SmallChunks()) as two,
+    ):
+        contexts = [one, replace(two, owned={})]
+        drivers = [
+            threading.Thread(target=carry_out, args=(context, run_job(run_id)))
+            for context in contexts
+        ]
+        for driver in drivers:
+            driver.start()
+        for driver in drivers:
+            driver.join()
+
+    run = run_of(street, run_id)
+    check_whole(street, run)
+    entries = street.history(street.box_ids()[0])
+    assert [entry["run"] for entry in entries].count(run_id) <= 1
+
+
+def test_a_driver_whose_lease_is_taken_stops_before_it_ends_the_run(street):
+    run_id = street.request(FROM_PIXELS)
+    before = street.reasons()
+
+    class Robbed(SmallChunks):
+        def _work(self, here, job, number):
+            with street.context.database.write() as session:
+                leases = LeaseRepository(session)
+                assert leases.take(job, "somebody/1/2/else", lambda _: True)
+            return super()._work(here, job, number)
+
+    with engine_of(street, Robbed()) as context:
+        carry_out(context, run_job(run_id))
+    run = run_of(street, run_id)
+    assert run.state == "running"
+    assert street.reasons() == before
+
+    with street.context.database.write() as session:
+        LeaseRepository(session).end(run_job(run_id), "somebody/1/2/else")
+    carry_out(street.context, run_job(run_id))
+    check_whole(street, run_of(street, run_id))
+
+
+def test_a_worker_of_another_installation_is_told(street):
+    run_id = street.request(FROM_PIXELS)
+    asked = ("run", run_id, 1)
+
+    assert work_remotely(street.context, asked, "another one") == ELSEWHERE
+
+    class Elsewhere(SmallChunks):
+        def start_chunk(self, here, job, number):
+            return self._chunks.submit(lambda: ELSEWHERE)
+
+    with engine_of(street, Elsewhere()) as context:
+        carry_out(context, run_job(run_id))
+    run = run_of(street, run_id)
+    assert run.error is not None
+    assert (run.state, run.error["code"]) == ("failed", "worker_elsewhere")
+
+
+def test_a_chunk_of_a_run_that_is_over_is_nobodys(street):
+    run = street.run({"threshold_small_box": 99})
+
+    assert work_on(street.context, "run", run.id, 1) == "unwanted"
+
+
+def test_a_worker_that_cannot_reach_the_database_blames_no_frame(street):
+    nowhere = Database("postgresql+psycopg://postgres@127.0.0.1:1/nowhere")
+    asked = ("run", 1, 1)
+
+    outcome = work_remotely(replace(street.context, database=nowhere), asked, "one")
+
+    assert outcome == GIVEN_BACK

@@ -1,0 +1,137 @@
+"""What all kinds of jobs have in common, whatever there is to do."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.db.tables import Chunk, Export, Run
+from app.engine import Job, JobStopped
+from app.errors import Conflict
+from app.exports.service import EXPORTS, ExportKind, ExportRequest, request_export
+from app.jobs.driver import carry_out
+from app.jobs.kind import register
+from app.jobs.queries import ChunkRepository, LeaseRepository, Span, close
+from app.jobs.service import start
+from app.runs.service import RUNS, RunKind
+from filter_core.errors import ConfigError
+from tests.support.leases import ended_process, nobody
+from tests.support.services import run_job
+from tests.support.waiting import until
+
+
+@pytest.fixture
+def street(services):
+    return services.dataset()
+
+
+@pytest.fixture
+def registered():
+    """Kinds of the test's own in the place of the service's."""
+    yield register
+    register(RUNS, EXPORTS)
+
+
+def queued(street, kind):
+    """A job that waits, and that nobody begins before the test says so."""
+    if kind == "run":
+        return run_job(street.request({}))
+    wanted = ExportRequest("yolo", {}, "ada")
+    with street.context.database.write() as session:
+        row = request_export(street.resting, session, street.row(session), wanted)
+    return Job("export", row.id)
+
+
+def row_of(street, job):
+    table = {"run": Run, "export": Export}[job.kind]
+    with street.context.database.read() as session:
+        return session.get_one(table, job.id)
+
+
+def state_of(street, job):
+    return row_of(street, job).state
+
+
+@pytest.mark.parametrize("kind", ["run", "export"])
+def test_an_abandoned_job_is_started_and_no_other_one_of_its_kind(services, kind):
+    streets = services.dataset(), services.dataset()
+    abandoned, other = (queued(street, kind) for street in streets)
+    with services.context.database.write() as session:
+        assert LeaseRepository(session).take(abandoned, ended_process(), nobody)
+
+    until(lambda: state_of(streets[0], abandoned) == "done")
+
+    streets[0].wait(abandoned.id) if kind == "run" else None
+    assert state_of(streets[1], other) == "queued"
+
+
+@pytest.mark.parametrize("kind", ["run", "export"])
+def test_the_end_of_any_job_starts_what_waits_in_its_dataset(services, street, kind):
+    job, waiting = queued(street, kind), queued(street, "run")
+    elsewhere = queued(services.dataset(), "run")
+
+    start(services.context, [job])
+
+    until(lambda: state_of(street, waiting) == "done")
+    assert state_of(street, job) == "done"
+    assert state_of(street, elsewhere) == "queued"
+
+
+class _Fails:
+    """Cannot be begun, for a reason that is said in words."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def begin(self, session, row):
+        raise self._error
+
+
+class FailingRun(_Fails, RunKind):
+    pass
+
+
+class FailingExport(_Fails, ExportKind):
+    pass
+
+
+@pytest.mark.parametrize(
+    "error",
+    [Conflict("it is so", code="so"), ConfigError("it is so", code="so")],
+    ids=["of the service", "of the library"],
+)
+@pytest.mark.parametrize("kind", [FailingRun, FailingExport])
+def test_a_job_of_any_kind_fails_with_the_words_of_an_error(
+    street, registered, kind, error
+):
+    registered(kind(error))
+    job = queued(street, kind.table.job_kind)
+
+    assert carry_out(street.context, job)
+
+    row = row_of(street, job)
+    assert (row.state, row.error["detail"]) == ("failed", "it is so")
+    assert row.error["code"] == error.kind
+    assert row.finished_at is not None
+
+
+@pytest.mark.parametrize("kind", ["run", "export"])
+@pytest.mark.parametrize(
+    ("end", "left"), [("done", []), ("cancelled", []), ("failed", ["quarantined"])]
+)
+def test_a_job_is_closed_once_and_its_chunks_with_it(street, kind, end, left):
+    job = queued(street, kind)
+    with street.context.database.write() as session:
+        chunks = ChunkRepository(session)
+        first, _ = chunks.plan(job, [Span(1, 1, 1), Span(2, 2, 1)])
+        chunks.give_up(session.get_one(Chunk, (*job, first)))
+        table = {"run": Run, "export": Export}[kind]
+        row = session.get_one(table, job.id)
+        close(session, row, end, {"code": "so"} if end == "failed" else None)
+        found = session.query(Chunk).filter_by(kind=job.kind, job_id=job.id)
+        assert [chunk.state for chunk in found] == left
+
+        with pytest.raises(JobStopped):
+            close(session, row, "done")
+
+    row = row_of(street, job)
+    assert (row.state, row.finished_at is not None) == (end, True)

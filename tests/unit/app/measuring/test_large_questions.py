@@ -1,0 +1,179 @@
+"""Questions about more boxes than may be held in memory: answered the same in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import pytest
+
+from app.boxes.counts import count_boxes
+from app.boxes.filter import BoxFilter
+from app.jobs.driver import carry_out
+from app.measuring.columns import ColumnCache
+from app.quality.service import evaluation, quality, request_evaluation
+from app.runs.flips import (
+    DiffPage,
+    PreviewLimits,
+    compared_runs,
+    current_histogram,
+    preview,
+    run_diff,
+)
+from filter_core.config.filter import FilterConfig
+from filter_core.evaluation.thresholds import Goal
+from tests.support import frames as scene
+from tests.support.sensors import ANNOTATION, cube, sensors
+from tests.support.services import run_job
+from unghost.wire.runs import Diff
+
+FRAMES = 9
+MOST_BOXES = 40
+"""Fewer than there are: a part is a sixteenth of it, which is one frame here."""
+STRICTER = {"min_visible_pixels": 400}
+
+
+@pytest.fixture(scope="module")
+def street(services):
+    """Frames of five boxes, every channel measured, answers, and two trial runs."""
+    street = services.dataset()
+    for number in range(FRAMES):
+        boxes = [cube("near", 10.0), cube("behind", 25.0 + number / 4)]
+        boxes += [beside(place, 12.0 + number / 4 + place) for place in range(3)]
+        boxes[number % 5]["class"] = "truck"
+        street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
+    with street.context.database.write() as session:
+        run = request_evaluation(street.resting, session, street.row(session), "ada").id
+    carry_out(street.context, run_job(run))
+    for place, verdict in enumerate(("keep", "reject", "keep", "unsure")):
+        street.review(street.box_ids()[place * 7], verdict)
+    return street
+
+
+@pytest.fixture(scope="module")
+def by_tags(services):
+    """Frames whose pixels were counted by tag: other tags can be tried."""
+    street = services.dataset()
+    for number in range(FRAMES):
+        street.put(str(number), scene.annotation(), segmentation=scene.segmentation())
+    return street
+
+
+def beside(place, distance):
+    box = cube(str(place), distance)
+    box["box3d"]["transform"]["y"] = 1.0 + place
+    return box
+
+
+def asked(street, most_boxes, question):
+    context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
+    with context.database.read() as session:
+        return question(context, session, street.row(session))
+
+
+def previewed(config):
+    wanted = FilterConfig.from_mapping(config)
+    limits = PreviewLimits(flips=4, bins=20)
+    return partial(preview, config=wanted, limits=limits)
+
+
+QUESTIONS: Mapping[str, Callable[..., Any]] = {
+    "preview": previewed(STRICTER),
+    "histogram": partial(current_histogram, bins=20),
+    "evaluation by instances": partial(evaluation, truth="instances"),
+    "evaluation by people": partial(evaluation, truth="people"),
+    "quality by instances": partial(quality, asked=("instances", Goal())),
+    "quality by people": partial(quality, asked=("people", Goal())),
+}
+
+
+@pytest.mark.parametrize("question", QUESTIONS.values(), ids=list(QUESTIONS))
+def test_an_answer_in_parts_is_that_of_the_whole(street, question):
+    whole = asked(street, 10**6, question)
+
+    assert asked(street, MOST_BOXES, question) == whole
+
+
+def test_a_preview_that_counts_again_does_so_in_parts(by_tags):
+    question = previewed({"classes": {"car": {"accept": ["Sky"]}}})
+    whole = asked(by_tags, 10**6, question)
+
+    assert whole.flips.total == 2 * FRAMES
+    assert asked(by_tags, 16, question) == whole
+
+
+def test_what_is_asked_here_has_something_to_answer(street):
+    found = {
+        name: asked(street, 10**6, question) for name, question in QUESTIONS.items()
+    }
+
+    assert found["preview"].flips.total > 4
+    assert found["evaluation by instances"].frames == FRAMES
+    assert found["evaluation by people"].boxes == 3
+    assert found["quality by instances"].confusion.kept_reject > 0
+    assert sum(map(sum, found["histogram"].classes.values())) == 5 * FRAMES
+
+
+@pytest.mark.parametrize("config", [STRICTER, {"profile": "carlasimu"}])
+def test_runs_differ_in_parts_as_in_the_whole_on_every_page(street, config):
+    """The second is measured anew: its numbers are others."""
+    first = street.run({}, activate=False).id
+    second = street.run({**config, "min_visible_pixels": 400}, activate=False).id
+
+    def pages(context, session, _):
+        found: list[Diff] = []
+        cursor = None
+        while cursor is not None or not found:
+            runs = compared_runs(session, second, first)
+            found.append(run_diff(context, session, runs, DiffPage(10, cursor)))
+            cursor = found[-1].next_cursor
+        return found
+
+    whole = asked(street, 10**6, pages)
+
+    assert len(whole) > 1
+    assert len({flip.box_id for page in whole for flip in page.items}) == (
+        whole[0].total
+    )
+    assert asked(street, MOST_BOXES, pages) == whole
+
+
+def test_classes_of_a_comparison_stand_in_their_order_in_parts_as_well(services):
+    street = services.dataset()
+    for number, seen in enumerate(("truck", "car")):
+        boxes = [beside(4, 10.0), cube("near", 10.0)]
+        boxes[1]["class"] = seen
+        street.put(str(number), {**ANNOTATION, "boxes": boxes}, **sensors())
+    first = street.run({}, activate=False).id
+    second = street.run({"min_visible_pixels": 40_000}, activate=False).id
+
+    def classes(context, session, _):
+        runs = compared_runs(session, second, first)
+        return list(run_diff(context, session, runs, DiffPage(10, None)).by_class)
+
+    assert asked(street, 10**6, classes) == ["car", "truck"]
+    assert asked(street, 1, classes) == ["car", "truck"]
+
+
+@pytest.mark.parametrize("review", ["", "undecided", "none", "any"])
+def test_boxes_of_a_range_are_counted_without_holding_them(street, review):
+    def counted(context, session, dataset):
+        wanted = BoxFilter(dataset.id, review=review, match_min=20, distance_max=30)
+        return count_boxes(context, session, dataset, wanted)
+
+    whole = asked(street, 10**6, counted)
+
+    assert asked(street, MOST_BOXES, counted) == whole > 0
+
+
+def test_no_more_than_a_part_is_read_at_a_time(street):
+    def most_at_once(context, session, dataset):
+        parts = context.one(ColumnCache).parts(
+            session, dataset.id, dataset.active_measurement_id
+        )
+        return [len(numbers) for (numbers,) in parts]
+
+    assert asked(street, MOST_BOXES, most_at_once) == [5] * FRAMES
+    assert asked(street, 10**6, most_at_once) == [5 * FRAMES]

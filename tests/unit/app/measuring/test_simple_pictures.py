@@ -1,0 +1,107 @@
+"""Which frames a thread of the service measures itself, and which a child process."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from base64 import b64encode
+from dataclasses import replace
+from zlib import crc32
+
+import cv2
+import numpy as np
+import pytest
+
+from app.engine.children import PixelPool
+from app.measuring.frame_files import SIMPLE_BOXES, FrameFiles, measure_files
+from app.measuring.plan import DatasetReading, plan_for
+from filter_core import FilterConfig, FilterError, parse_annotation
+from tests.support import pixel_acts
+
+WH = (64, 48)
+PLAN = plan_for(DatasetReading("town"), FilterConfig())
+
+
+@pytest.fixture
+def pool():
+    found = PixelPool(1)
+    yield found
+    found.close()
+
+
+def picture(wh=WH, suffix=".png"):
+    width, height = wh
+    pixels = np.full((height, width, 3), (142, 0, 0), np.uint8)  # all Car
+    return cv2.imencode(suffix, pixels)[1].tobytes()
+
+
+def annotation(boxes=1):
+    box = {"class": "car", "xyxy": [4, 4, 40, 40]}
+    return parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
+
+
+def with_a_note(png):
+    """With a chunk of text between the header and the pixels."""
+    body = b"tEXtSoftware\0a painter"
+    chunk = (len(body) - 4).to_bytes(4, "big") + body + crc32(body).to_bytes(4, "big")
+    return png[:33] + chunk + png[33:]
+
+
+def measured(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
+    """The share of matching pixels, and how many processes it took beside this one."""
+    before = processes()
+    found = measure_files(pool, plan, annotation(boxes), FrameFiles(png, wh, **files))
+    return float(found.evidence.match_percent[0]), len(processes() - before)
+
+
+def processes():
+    """Ids of all that this process has started, for whichever test."""
+    return {process.pid for process in multiprocessing.active_children()}
+
+
+def test_an_ordinary_segmentation_is_measured_in_the_thread_that_asks(pool):
+    assert measured(pool, picture()) == (100, 0)
+    assert measured(pool, picture((1920, 1080)), wh=(1920, 1080)) == (100, 0)
+    assert pool.run_here(pixel_acts.own_pid) == os.getpid()
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"png": with_a_note(picture())},
+        {"png": picture((2048, 1025)), "wh": (2048, 1025)},
+        {"png": picture(), "boxes": SIMPLE_BOXES + 1},
+        {"png": picture(), "ignore_mask": picture()},
+        {
+            "png": picture(),
+            "plan": replace(PLAN, ignored={"png": b64encode(picture()).decode()}),
+        },
+        {
+            "png": picture(),
+            "plan": plan_for(DatasetReading("town"), FilterConfig(evidence="ordered")),
+        },
+    ],
+    ids=["note", "large", "boxes", "mask", "dataset-mask", "channel"],
+)
+def test_whatever_may_cost_more_is_left_to_a_process(pool, asked):
+    _, processes = measured(pool, **asked)
+
+    assert processes == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "found"),
+    [(28, 1, "it is damaged"), (24, 16, "expected 8 bits per channel, found 16")],
+    ids=["interlaced", "deep"],
+)
+def test_what_the_header_says_decides_who_reads_it(pool, place, value, found):
+    """That the pixels contradict the header is found out by a process."""
+    png = bytearray(picture())
+    png[place] = value
+    png[29:33] = crc32(png[12:29]).to_bytes(4, "big")
+    before = processes()
+
+    with pytest.raises(FilterError, match=found):
+        measured(pool, bytes(png))
+
+    assert len(processes() - before) == 1

@@ -1,0 +1,78 @@
+"""What a service decides, others on its database see part way, and can cancel."""
+
+from __future__ import annotations
+
+import time
+from threading import Thread
+
+import pytest
+
+from app.jobs.driver import carry_out
+from app.jobs.events import INTERVAL_S
+from app.jobs.service import cancel
+from app.runs.queries import RunRepository
+from app.runs.service import RUNS
+from benchmarks.million import Wanted, make
+from tests.support.databases import migrated_postgres
+from tests.support.services import Street, run_job, running_services
+
+FRAMES = 8_000
+"""With a hundred thousand boxes and more, whose decisions take seconds to change."""
+NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
+
+
+@pytest.fixture(scope="module")
+def services(tmp_path_factory):
+    """Two services with a database in common: PostgreSQL, wherever tests run."""
+    folder = tmp_path_factory.mktemp("shared")
+    with (
+        migrated_postgres() as url,
+        running_services(folder, database_url=url) as one,
+        running_services(folder, database_url=url) as other,
+    ):
+        yield one, other
+
+
+@pytest.fixture(scope="module")
+def street(services):
+    one, _ = services
+    dataset_id = make(one.context, Wanted("many", FRAMES, 15), lambda _boxes: None)
+    return Street(one, "many", dataset_id)
+
+
+def seen_by(services, run_id):
+    with services.context.database.read() as session:
+        run = RunRepository(session).with_id(run_id)
+        return run.state, run.done
+
+
+def part_way(services, run_id):
+    """The state that a service sees once a run that another one decides told some."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        state, done = seen_by(services, run_id)
+        if 0 < done < FRAMES:
+            return state
+        assert state in ("queued", "running")
+        time.sleep(INTERVAL_S / 4)
+    raise AssertionError("it told nothing")
+
+
+def test_a_decision_is_seen_and_cancelled_from_another_service(services, street):
+    one, other = services
+    run_id = street.request(NOTHING_VISIBLE)
+    before = street.reasons()
+    driver = Thread(target=carry_out, args=(one.context, run_job(run_id)))
+    driver.start()
+    try:
+        state = part_way(other, run_id)
+        with other.context.database.write() as session:
+            cancelled = cancel(other.context, session, RUNS, run_id).state
+    finally:
+        driver.join()
+
+    assert (state, cancelled) == ("running", "cancelled")
+    assert seen_by(one, run_id)[0] == "cancelled"
+    assert street.reasons() == before
+    # Once more, and nobody is in its way.
+    assert street.run(NOTHING_VISIBLE).changed > 0

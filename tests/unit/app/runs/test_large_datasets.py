@@ -1,0 +1,87 @@
+"""Runs on more boxes than may be held in memory: the same, range by range."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from app.jobs.driver import carry_out
+from app.measuring.columns import ColumnCache
+from app.measuring.queries import frame_ranges
+from app.runs.queries import RunRepository
+from tests.support import frames as scene
+from tests.support.services import run_job
+
+FRAMES = 7
+CONFIGS = [
+    pytest.param({"min_visible_pixels": 10**6}, id="decided again"),
+    pytest.param({"classes": {"car": {"accept": ["Sky"]}}}, id="counted again"),
+    pytest.param({"profile": "carlasimu", "min_visible_pixels": 10**6}, id="measured"),
+]
+
+
+def filled(services):
+    """Frames with two boxes each, one without, one that was replaced, and answers."""
+    street = services.dataset()
+    for number in range(FRAMES):
+        put(street, str(number), scene.annotation())
+    put(street, "empty", {"boxes": []})
+    put(street, "3", {**scene.annotation(), "again": True})
+    boxes = street.box_ids()
+    street.review(boxes[0], "reject")
+    street.review(boxes[5], "unsure")
+    street.review(boxes[-1], "keep")
+    return street
+
+
+def put(street, key, annotation):
+    files = {"image": scene.image(), "segmentation": scene.segmentation()}
+    street.put(key, annotation, **files)
+
+
+def outcome(street, config, most_boxes, *, activate=True):
+    """All that a run leaves, with box ids counted from the first one of the dataset."""
+    run_id = street.request(config, activate=activate)
+    context = replace(street.context, owned={ColumnCache: ColumnCache(most_boxes)})
+    carry_out(context, run_job(run_id))
+    with street.context.database.read() as session:
+        run = RunRepository(session).with_id(run_id)
+    ids = street.box_ids()
+    flips = [len(street.history(box_id)) for box_id in ids]
+    tallies = sorted((*key[1:], boxes) for key, boxes in street.tallies().items())
+    assert run.state == "done", run.error
+    assert street.tallies() == street.recounted()
+    return run.changed, run.counts, list(street.reasons().values()), flips, tallies
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+@pytest.mark.parametrize("most_boxes", [0, 3, 13])
+def test_a_run_in_ranges_is_as_one_in_memory(services, config, most_boxes):
+    ranges, whole = filled(services), filled(services)
+
+    found = outcome(ranges, config, most_boxes)
+
+    assert found == outcome(whole, config, 10**6)
+    assert found[0] > 0
+
+
+def test_a_trial_in_ranges_changes_nothing_that_is_current(services):
+    street = filled(services)
+    before = street.reasons(), street.tallies()
+
+    changed, *_ = outcome(street, {"min_visible_pixels": 10**6}, 3, activate=False)
+
+    assert changed == FRAMES
+    assert (street.reasons(), street.tallies()) == before
+
+
+@pytest.mark.parametrize(("boxes", "ranges"), [(1, 7), (4, 4), (10**6, 1)])
+def test_ranges_are_all_frames_once(services, boxes, ranges):
+    street = filled(services)
+    with street.context.database.read() as session:
+        found = list(frame_ranges(session, street.id, boxes=boxes))
+
+    ends = [end for pair in found for end in pair]
+    assert ends == sorted(ends)
+    assert len(found) == ranges

@@ -1,0 +1,295 @@
+"""Runs while other things happen: frames come in, settings change, pixels are gone."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import replace
+
+import pytest
+from sqlalchemy import select
+
+from app.db.tables import Blob, Frame, FrameFile, Problem
+from app.jobs.driver import carry_out
+from app.jobs.service import cancel, start
+from app.measuring.columns import ColumnCache, DatasetColumns
+from app.runs.queries import RunRepository
+from app.runs.service import RUNS, described_run
+from filter_core.types import Reason
+from tests.support import frames as scene
+from tests.support.interruptions import CancelledNumbers, InterruptedNumbers
+from tests.support.services import run_job, running_services
+
+KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
+UNMEASURED = int(Reason.NO_SEGMENTATION)
+CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
+
+
+def put(street, key, shift=0):
+    files = {"image": scene.image(), "segmentation": scene.segmentation(shift)}
+    return street.put(key, scene.annotation(), **files)
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        pytest.param({"config": {"profile": "carlasimu"}}, id="measured from pixels"),
+        pytest.param({"config": CARS_ARE_SKY}, id="recounted from histograms"),
+        pytest.param({"config": {"threshold_small_box": 99}}, id="decided again"),
+    ],
+)
+def test_a_frame_that_comes_in_before_the_switch_is_part_of_the_run(
+    services, wanted, before
+):
+    """The run used to wait for ever for numbers that nobody measured."""
+    street = services.dataset()
+    put(street, "first")
+    run_id = street.request(wanted["config"])
+    numbers = InterruptedNumbers(lambda: put(street, "second"), before=before)
+
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
+
+    assert len(street.reasons()) == 4
+    assert street.tallies() == street.recounted()
+    assert street.preview(wanted["config"])["flips"]["total"] == 0
+
+
+def test_a_decision_by_numbers_needs_no_file(tmp_path):
+    blobs = tmp_path / "blobs"
+    with running_services(tmp_path) as services:
+        street = services.dataset()
+        put(street, "a")
+        shutil.move(blobs, tmp_path / "elsewhere")
+
+        decided = street.run({"min_visible_pixels": 10**6})
+        recounted = street.run(CARS_ARE_SKY)
+        run_id = street.request({"profile": "carlasimu"})
+        carry_out(services.context, run_job(run_id))
+        measured = street.wait(run_id)
+        shutil.move(tmp_path / "elsewhere", blobs)
+        again = street.run({"profile": "carlasimu"})
+        reasons = list(street.reasons().values())
+
+    assert [(run.kind, run.state) for run in (decided, recounted)] == [
+        ("decide", "done"),
+        ("decide", "done"),
+    ]
+    assert (decided.changed, recounted.changed) == (1, 1)
+    assert (measured.kind, measured.state) == ("measure", "failed")
+    assert measured.error is not None
+    assert measured.error["code"] == "damaged_file"
+    assert (again.state, reasons) == ("done", [KEPT, UNSEEN])
+
+
+def test_recounting_equals_measuring(services):
+    recounted, measured = services.dataset(), services.dataset()
+    put(recounted, "a")
+    recounted.run(CARS_ARE_SKY)
+    measured.run(CARS_ARE_SKY)
+    put(measured, "a")
+
+    found = [list(street.reasons().values()) for street in (recounted, measured)]
+
+    assert found == [[UNSEEN, KEPT], [UNSEEN, KEPT]]
+
+
+def test_a_class_that_becomes_known_is_unmeasured_where_there_are_no_pixels(services):
+    """Decided again it said unmapped_class for ever, a new upload no_segmentation."""
+    dragon = {"classes": {"dragon": {"accept": ["Car"]}}}
+    annotation = {"boxes": [{"class": "dragon", "xyxy": scene.ON_THE_CAR}]}
+    street = services.dataset()
+    street.put("before", annotation, image=scene.image())
+
+    street.run(dragon)
+    street.put("after", annotation, image=scene.image())
+
+    assert list(street.reasons().values()) == [int(Reason.NO_SEGMENTATION)] * 2
+
+
+def test_settings_that_are_still_being_applied_are_not_lost(services):
+    """The second run used to bring back the settings that were before the first."""
+    street = services.dataset()
+    put(street, "a")
+    first = street.change(palette="carla-0.9.14")
+    second = street.change(lossy_segmentation="nearest")
+    third = street.request({"threshold_small_box": 99})
+    fourth = street.change(encoding="palette")
+
+    for run_id in (first, second, third, fourth):
+        carry_out(services.context, run_job(run_id))
+
+    with services.context.database.read() as session:
+        row = street.row(session)
+        now = (row.palette, row.lossy_segmentation, row.encoding)
+    assert now == ("carla-0.9.14", "nearest", "palette")
+    assert street.active_config()["threshold_small_box"] == 99
+
+
+def test_a_run_that_cannot_read_a_frame_names_it_and_changes_nothing(services):
+    street = services.dataset()
+    put(street, "good/1")
+    before = street.reasons()
+
+    run = street.run({}, palette="carla-0.9.0")
+
+    assert run.state == "failed"
+    assert run.error is not None
+    assert run.error["code"] == "segmentation_contradiction"
+    assert run.error["detail"].startswith("frame good/1: ")
+    assert "carla-0.9.0" in run.error["detail"]
+    assert street.reasons() == before
+
+
+def test_an_interrupted_run_ends_once(services):
+    street = services.dataset()
+    put(street, "a")
+    run_id = street.request({"threshold_small_box": 99, "min_visible_pixels": 10**6})
+    for _ in range(3):
+        start(services.context, [run_job(run_id)])
+    carry_out(services.context, run_job(run_id))
+
+    street.wait(run_id)
+
+    kept = street.history(street.box_ids()[0])
+    assert [entry["reason"] for entry in kept] == ["no_visible_pixels", "visible"]
+    assert kept[0]["run"] == run_id
+
+
+def test_a_run_of_an_empty_dataset_is_done(services):
+    street = services.dataset()
+
+    runs = [
+        street.run(config) for config in ({}, CARS_ARE_SKY, {"profile": "carlasimu"})
+    ]
+
+    assert [run.state for run in runs] == ["done"] * 3
+    assert street.tallies() == {}
+
+
+@pytest.mark.parametrize("config", [{}, CARS_ARE_SKY])
+def test_a_preview_of_an_empty_dataset_counts_nothing(services, config):
+    """Other accept sets used to fail: there was no evidence to join."""
+    counts = services.dataset().preview(config)["counts"]
+
+    assert counts == {"kept": 0, "rejected": 0, "unmeasured": 0}
+
+
+def test_a_frame_without_boxes_is_decided_again(services):
+    street = services.dataset()
+    street.put("empty", {"boxes": []}, image=scene.image())
+
+    assert street.preview(CARS_ARE_SKY)["flips"]["total"] == 0
+    assert street.run(CARS_ARE_SKY).state == "done"
+    assert street.run({"profile": "carlasimu"}).state == "done"
+
+
+@pytest.mark.parametrize("config", [{"min_visible_pixels": 10**6}, CARS_ARE_SKY])
+def test_a_run_that_is_storing_its_end_lets_go_when_it_is_cancelled(services, config):
+    """Who cancels it waits for the only place of a writer, which the run holds."""
+    street = services.dataset()
+    put(street, "a")
+    before = (street.reasons(), street.tallies(), street.active_config())
+    run_id = street.request(config)
+    numbers = CancelledNumbers(services, run_id)
+
+    carry_out(replace(services.context, owned={ColumnCache: numbers}), run_job(run_id))
+
+    assert [answer.result(10) for answer in numbers.answers] == ["cancelled"]
+    assert street.wait(run_id).state == "cancelled"
+    assert (street.reasons(), street.tallies(), street.active_config()) == before
+    assert len(street.history(street.box_ids()[0])) == 1
+    assert services.context.engine.interrupted() == set()
+
+
+def test_a_run_that_could_not_be_cancelled_goes_on(services):
+    street = services.dataset()
+    put(street, "a")
+    run_id = street.request({"min_visible_pixels": 10**6})
+
+    def fails_after_cancelling():
+        with services.context.database.write() as session:
+            cancel(services.context, session, RUNS, run_id)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails_after_cancelling()
+
+    assert street.wait(run_id).state == "done"
+    assert services.context.engine.interrupted() == set()
+
+
+def test_a_run_begins_at_once_when_the_one_before_it_is_cancelled(services):
+    """Whoever was asked for it has looked already, and would look again much later."""
+    street = services.dataset()
+    put(street, "a")
+    before = street.request({"min_visible_pixels": 10**6})
+    run_id = street.request({"min_visible_pixels": 10**5})
+    assert not carry_out(services.context, run_job(run_id))
+
+    with services.context.database.write() as session:
+        cancel(services.context, session, RUNS, before)
+
+    assert street.wait(run_id).state == "done"
+
+
+def test_progress_is_seen_while_the_last_transaction_is_open(services):
+    street = services.dataset()
+    put(street, "a")
+    run_id = street.request({"min_visible_pixels": 10**6})
+    seen = []
+
+    class Watched(ColumnCache):
+        def load(self, session, dataset_id, measurement_id) -> DatasetColumns:
+            services.context.engine.report(run_job(run_id), 1)
+            with services.context.database.read() as elsewhere:
+                run = RunRepository(elsewhere).with_id(run_id)
+                seen.append(described_run(services.context, elsewhere, run))
+            return super().load(session, dataset_id, measurement_id)
+
+    carry_out(
+        replace(services.context, owned={ColumnCache: Watched()}), run_job(run_id)
+    )
+
+    assert {(run.state, run.done) for run in seen} == {("running", 1)}
+    assert services.context.engine.reported(run_job(run_id)) == 0
+
+
+@pytest.mark.parametrize("kind", ["segmentation", "ignore_mask"])
+def test_a_stored_image_that_is_no_image_any_more_leaves_its_frame_unmeasured(
+    services, kind
+):
+    """Once, less of an image was looked at before it was stored."""
+    street = services.dataset()
+    mask = {"ignore_mask": scene.segmentation()} if kind == "ignore_mask" else {}
+    put(street, "good")
+    files = {"image": scene.image(), "segmentation": scene.segmentation(), **mask}
+    street.put("bad", scene.annotation(), **files)
+    content = b"\x89PNG once, " + kind.encode()
+    digest = hashlib.sha256(content).hexdigest()
+    services.context.storage.put({digest: content})
+    with services.context.database.write() as session:
+        session.add(
+            Blob(sha256=digest, size_bytes=len(content), media_type="image/png")
+        )
+        session.flush()
+        rows = (
+            select(FrameFile)
+            .join(Frame)
+            .where(Frame.key == "bad", FrameFile.kind == kind)
+        )
+        for row in session.scalars(rows):
+            row.sha256 = digest
+
+    run = street.run({"profile": "carlasimu"})
+
+    assert run.state == "done"
+    assert sorted(street.reasons().values()) == sorted(
+        [KEPT, UNSEEN, *[UNMEASURED] * 2]
+    )
+    with services.context.database.read() as session:
+        (problem,) = session.scalars(
+            select(Problem).where(Problem.dataset_id == street.id)
+        )
+    assert (problem.key, problem.error["code"]) == ("bad", "bad_image")
+    assert problem.error["errors"][0]["pointer"] == f"/{kind}"

@@ -1,0 +1,234 @@
+"""What every store of blobs does: the same for a folder and for a bucket of S3."""
+
+from __future__ import annotations
+
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+from app.errors import DamagedFile, TryLater
+from app.storage import BlobStore, FolderStorage, sha256_of
+from app.storage.base import PIECE, Drafts
+from app.storage.s3 import S3Storage
+from tests.support.s3_server import TestBucket
+
+CONTENT = b"an image"
+DIGEST = sha256_of(CONTENT)
+OTHER = b"a segmentation"
+LARGE = random.Random(7).randbytes(2 * PIECE + 12_345)
+
+
+class Store:
+    """A store, and how its files are damaged past it."""
+
+    def __init__(self, folder: Path, bucket: TestBucket | None) -> None:
+        self._bucket, self._blobs = bucket, folder / "blobs"
+        self.store: BlobStore = FolderStorage(self._blobs)
+        if bucket is not None:
+            # It believes nothing of what it has put itself.
+            self.store = S3Storage(bucket.place(trust_s=0), self._blobs)
+        self.store.prepare()
+
+    def overwrite(self, digest: str, content: bytes) -> None:
+        if self._bucket:
+            self._bucket.overwrite(digest, content)
+        else:
+            (self._blobs / digest[:2] / digest).write_bytes(content)
+
+    def lose(self, digest: str) -> None:
+        if self._bucket:
+            self._bucket.delete(digest)
+        else:
+            (self._blobs / digest[:2] / digest).unlink()
+
+
+@pytest.fixture(params=["folder", "s3"])
+def place(request, tmp_path):
+    bucket = None
+    if request.param == "s3":
+        bucket = request.getfixturevalue("s3").bucket()
+    opened = Store(tmp_path / "data", bucket)
+    yield opened
+    opened.store.close()
+
+
+@pytest.fixture
+def store(place):
+    return place.store
+
+
+def names(store):
+    return {file.digest: file.size_bytes for file in store.files()}
+
+
+def test_what_was_put_is_read_again(store):
+    store.put({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
+
+    assert (store.read(DIGEST), store.read(sha256_of(OTHER))) == (CONTENT, OTHER)
+    assert names(store) == {DIGEST: len(CONTENT), sha256_of(OTHER): len(OTHER)}
+
+
+def test_nothing_that_is_put_twice_is_there_twice(store):
+    for _ in range(2):
+        store.put({DIGEST: CONTENT})
+
+    assert names(store) == {DIGEST: len(CONTENT)}
+
+
+def test_a_file_was_stored_now(store):
+    begun = time.time()
+    store.put({DIGEST: CONTENT})
+
+    (found,) = store.files()
+
+    assert begun - 2 <= found.modified_at <= time.time() + 2
+
+
+def test_drafts_are_there_once_they_are_settled(store):
+    drafts = [store.draft({sha256_of(data): data}) for data in (CONTENT, OTHER)]
+    store.settle(drafts)
+
+    assert store.read(DIGEST) == CONTENT
+    assert len(names(store)) == 2
+
+
+def test_discarded_drafts_are_in_nobodys_way(store):
+    store.discard([store.draft({DIGEST: CONTENT})])
+    store.put({DIGEST: CONTENT})
+
+    assert store.read(DIGEST) == CONTENT
+
+
+def test_many_drafts_at_once_are_all_stored(store):
+    contents = [f"image {number}".encode() for number in range(100)]
+
+    store.settle([store.draft({sha256_of(data): data}) for data in contents])
+
+    assert set(names(store)) == {sha256_of(data) for data in contents}
+
+
+@pytest.mark.parametrize("damage", [b"", b"an imagf", b"an image!"])
+def test_damage_is_found_when_a_blob_is_read(place, damage):
+    place.store.put({DIGEST: CONTENT})
+    place.overwrite(DIGEST, damage)
+
+    with pytest.raises(DamagedFile, match="is not what was stored"):
+        place.store.read(DIGEST)
+    with pytest.raises(DamagedFile):
+        place.store.intact(DIGEST, size_bytes=len(CONTENT))
+
+
+def test_a_blob_that_is_gone_is_told_of(place):
+    place.store.put({DIGEST: CONTENT})
+    place.lose(DIGEST)
+
+    for ask in (place.store.whole, place.store.intact):
+        with pytest.raises(DamagedFile, match="is missing"):
+            ask(DIGEST, size_bytes=len(CONTENT))
+    with pytest.raises(DamagedFile, match="is missing"):
+        place.store.read(DIGEST)
+
+
+def test_a_blob_of_another_size_is_not_given_out(place):
+    place.store.put({DIGEST: CONTENT})
+    place.overwrite(DIGEST, b"an")
+
+    with pytest.raises(DamagedFile, match="has 2 of 8 bytes"):
+        place.store.whole(DIGEST, size_bytes=len(CONTENT))
+
+
+def test_a_blob_that_was_damaged_is_put_again(place):
+    place.store.put({DIGEST: CONTENT})
+    place.overwrite(DIGEST, b"half")
+
+    place.store.mend({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
+
+    assert place.store.read(DIGEST) == CONTENT
+    assert place.store.read(sha256_of(OTHER)) == OTHER
+
+
+@pytest.mark.parametrize(
+    ("first", "end"),
+    [(0, None), (0, 1), (7, 7), (PIECE - 1, PIECE + 1), (len(LARGE) - 5, len(LARGE))],
+)
+def test_parts_of_a_large_blob_are_read_piece_by_piece(store, first, end):
+    name = sha256_of(LARGE)
+    store.put({name: LARGE})
+
+    blob = store.intact(name, size_bytes=len(LARGE))
+    pieces = list(blob.pieces(first, end))
+
+    assert b"".join(pieces) == LARGE[first:end]
+    assert all(len(piece) <= PIECE for piece in pieces)
+
+
+def test_a_small_blob_is_read_in_parts_too(store):
+    store.put({DIGEST: CONTENT})
+
+    for ask in (store.whole, store.intact):
+        blob = ask(DIGEST, size_bytes=len(CONTENT))
+        assert (blob.size_bytes, blob.digest()) == (len(CONTENT), DIGEST)
+        assert b"".join(blob.pieces(3, 5)) == CONTENT[3:5]
+
+
+def test_a_blob_is_never_taken_when_it_was_put_since(store):
+    store.put({DIGEST: CONTENT})
+    (found,) = store.files()
+
+    kept = store.remove([DIGEST], unused_since=found.modified_at - 1)
+    store.put({DIGEST: CONTENT})
+
+    assert kept == {}
+    store.require([DIGEST])
+    assert store.remove([DIGEST], unused_since=time.time() - 5) == {}
+
+
+def test_what_was_taken_is_gone_and_asked_for_again(store):
+    store.put({DIGEST: CONTENT, sha256_of(OTHER): OTHER})
+
+    missing = sha256_of(b"never there")
+    removed = store.remove([DIGEST, missing], unused_since=float("inf"))
+
+    assert removed == {DIGEST: len(CONTENT)}
+    assert set(names(store)) == {sha256_of(OTHER)}
+    store.require([sha256_of(OTHER)])
+    with pytest.raises(TryLater, match="send the frame again"):
+        store.require([sha256_of(OTHER), DIGEST])
+
+
+@pytest.mark.parametrize("content", [CONTENT, LARGE], ids=["small", "in parts"])
+def test_a_finished_file_is_adopted_under_its_digest(store, content):
+    file = store.temporary_folder() / "export.zip"
+    file.write_bytes(content)
+
+    name = store.adopt(file)
+
+    assert name == sha256_of(content)
+    assert (store.read(name), file.exists()) == (content, False)
+
+
+def test_a_half_written_export_is_left_over_and_no_file(store):
+    (store.temporary_folder() / "export-3").mkdir()
+
+    assert [path.name for path, _ in store.leftovers()] == ["export-3"]
+    assert names(store) == {}
+
+
+def test_checking_leaves_no_blob(store):
+    for _ in range(2):
+        store.check()
+
+    assert names(store) == {}
+
+
+def test_no_other_name_becomes_a_place(store):
+    for name in ("../../etc/passwd", "A" * 64, "", "0" * 63):
+        with pytest.raises(ValueError, match="not a SHA-256 digest"):
+            store.read(name)
+
+
+def test_drafts_of_another_store_are_refused(store):
+    with pytest.raises(TypeError, match="another store"):
+        store.settle([Drafts()])

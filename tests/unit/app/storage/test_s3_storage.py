@@ -1,0 +1,150 @@
+"""What a bucket does beside what every store does: trusting, waiting, keeping quiet."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeout
+
+import pytest
+
+from app.errors import StorageAway, TryLater
+from app.storage import sha256_of
+from app.storage.s3 import S3Storage
+from tests.support.s3_server import answering, gate
+
+CONTENT = b"an image"
+DIGEST = sha256_of(CONTENT)
+HOUR_S = 3600
+
+
+@pytest.fixture
+def open_bucket(tmp_path):
+    """Stores of buckets, each closed at the end."""
+    opened = []
+
+    def opening(place):
+        opened.append(S3Storage(place, tmp_path / "blobs"))
+        return opened[-1]
+
+    yield opening
+    for store in opened:
+        store.close()
+
+
+def test_what_was_made_just_now_is_not_asked_for(s3, open_bucket):
+    """Whoever asks holds the only turn of a writer."""
+    bucket = s3.bucket()
+    with gate(bucket.url) as way:
+        store = open_bucket(bucket.behind(way.url).place(timeout_s=1.0))
+        store.put({DIGEST: CONTENT})
+        way.shut()
+
+        store.require([DIGEST])
+        with pytest.raises(StorageAway):
+            store.require([DIGEST, sha256_of(b"another")])
+
+
+def test_what_was_there_before_is_asked_for_each_time(s3, open_bucket):
+    """Somebody may have looked at it, and be about to take it away."""
+    bucket = s3.bucket()
+    open_bucket(bucket.place()).put({DIGEST: CONTENT})
+    store = open_bucket(bucket.place())
+    store.put({DIGEST: CONTENT})
+    store.require([DIGEST])
+
+    bucket.delete(DIGEST)
+
+    with pytest.raises(TryLater, match="send the frame again"):
+        store.require([DIGEST])
+
+
+def test_what_is_young_is_not_taken_away_whatever_the_grace(s3, open_bucket):
+    bucket = s3.bucket()
+    store = open_bucket(bucket.place())
+    old, young = b"old", b"young"
+    with s3.at_another_time(-2 * HOUR_S):
+        store.put({sha256_of(old): old})
+    store.put({sha256_of(young): young})
+
+    digests = [sha256_of(old), sha256_of(young)]
+    removed = store.remove(digests, unused_since=time.time() + HOUR_S)
+
+    assert removed == {sha256_of(old): len(old)}
+    store.require([sha256_of(young)])
+
+
+def test_an_old_blob_that_is_put_again_is_young(s3, open_bucket):
+    store = open_bucket(s3.bucket().place())
+    with s3.at_another_time(-2 * HOUR_S):
+        store.put({DIGEST: CONTENT})
+
+    store.put({DIGEST: CONTENT})
+
+    assert store.remove([DIGEST], unused_since=time.time() + HOUR_S) == {}
+
+
+@pytest.mark.parametrize(
+    "status", [pytest.param(500, marks=pytest.mark.long), 503, 403, 404, 400]
+)
+def test_whatever_a_server_refuses_is_said_to_be_away(open_bucket, s3, status):
+    """Nobody who asks can mend it, and nobody learns what the server said."""
+    with answering(lambda _: (status, "<Code>Quoted</Code> secret")) as url:
+        store = open_bucket(s3.bucket().behind(url).place(timeout_s=0.5))
+        for ask in (
+            store.check,
+            store.prepare,
+            lambda: store.put({DIGEST: CONTENT}),
+            lambda: store.read(DIGEST),
+            lambda: list(store.files()),
+            lambda: store.whole(DIGEST, size_bytes=8),
+        ):
+            with pytest.raises(StorageAway) as away:
+                ask()
+            assert "secret" not in repr(away.value) + str(away.value.__cause__)
+            assert away.value.reason.isidentifier()
+
+
+def test_a_server_that_fails_now_and_then_is_asked_again(open_bucket, s3):
+    asked = []
+
+    def answer(_):
+        asked.append(1)
+        return (503, "<Code>SlowDown</Code>") if len(asked) < 3 else (200, "")
+
+    with answering(answer) as url:
+        store = open_bucket(s3.bucket().behind(url).place(timeout_s=5.0))
+        store.put({DIGEST: CONTENT})
+
+    assert len(asked) == 3
+
+
+def test_a_silent_server_is_waited_for_no_longer_than_was_said(open_bucket, s3):
+    bucket = s3.bucket()
+    with gate(bucket.url) as way:
+        store = open_bucket(bucket.behind(way.url).place(timeout_s=0.5))
+        way.hold()
+        begun = time.monotonic()
+
+        with pytest.raises(StorageAway):
+            store.put({DIGEST: CONTENT})
+
+    assert time.monotonic() - begun < 5
+
+
+def test_what_is_held_for_a_silent_server_is_bounded(open_bucket, s3):
+    """Sixteen are on their way; who has more waits before they are held as well."""
+    bucket = s3.bucket()
+    blobs = {sha256_of(data): data for data in (b"%d" % each for each in range(16))}
+    with gate(bucket.url) as way, ThreadPoolExecutor(1) as one:
+        store = open_bucket(bucket.behind(way.url).place())
+        way.hold()
+
+        sixteen = store.draft(blobs)
+        waiting = one.submit(store.draft, {DIGEST: CONTENT})
+        with pytest.raises(FutureTimeout):
+            waiting.result(0.3)
+        way.flow()
+        store.settle([sixteen, waiting.result()])
+
+        assert store.read(DIGEST) == CONTENT

@@ -1,0 +1,74 @@
+"""Every expected error has an exit code and a sentence; only a bug has a traceback."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from filter_core.errors import LayoutError
+from unghost.capture.simulator import ScenarioError, SimulatorAway
+from unghost.cli.program import error_lines, exit_code
+from unghost.cli.screen import Refused
+from unghost.client import errors
+from unghost.client.discovery import BadServerUrl, ForeignServer
+
+REQUEST = httpx.Request("GET", "http://127.0.0.1:8000/api/v1/datasets?limit=1")
+PROBLEM = {
+    "code": "bad_annotation",
+    "detail": "two faults",
+    "request_id": "r1",
+    "errors": [{"pointer": "/boxes/0", "code": "x", "detail": "is wrong"}],
+}
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        pytest.param(errors.NotFound(404, PROBLEM), 1, id="refused by the server"),
+        pytest.param(LayoutError("no layout"), 1, id="refused by the library"),
+        pytest.param(errors.RunFailed("run 1 is failed"), 1, id="work that failed"),
+        pytest.param(Refused("no"), 1, id="refused by the command"),
+        pytest.param(FileNotFoundError("a"), 1, id="a file that is not there"),
+        pytest.param(ForeignServer("x"), 1, id="a token kept from another's server"),
+        pytest.param(BadServerUrl("x"), 2, id="a wrong address"),
+        pytest.param(httpx.ConnectError("no", request=REQUEST), 69, id="no answer"),
+        pytest.param(errors.Unavailable(503, PROBLEM), 69, id="no answer for now"),
+        pytest.param(SimulatorAway("no"), 69, id="no simulator"),
+        pytest.param(ScenarioError("no"), 1, id="a wrong scenario"),
+        pytest.param(KeyError("x"), None, id="a bug"),
+    ],
+)
+def test_each_error_has_its_code(error, code):
+    assert exit_code(error) == code
+
+
+def test_no_answer_names_the_server_and_what_to_do():
+    lines = list(error_lines(httpx.ConnectError("refused", request=REQUEST)))
+
+    assert lines[0] == "no answer from http://127.0.0.1:8000: refused"
+    assert "unghost serve" in lines[1]
+
+
+def test_a_refusal_lists_every_fault():
+    lines = list(error_lines(errors.Invalid(422, PROBLEM)))
+
+    assert lines == ["two faults (bad_annotation)", "  /boxes/0: is wrong"]
+
+
+def test_faults_that_are_not_listed_are_counted():
+    problem = {**PROBLEM, "more_errors": 2400}
+
+    assert list(error_lines(errors.Invalid(422, problem)))[-1] == "  and 2400 more"
+
+
+def test_a_single_fault_is_not_said_twice():
+    fault = {"pointer": "/name", "code": "x", "detail": "expected a text"}
+    problem = {**PROBLEM, "detail": "/name: expected a text", "errors": [fault]}
+
+    assert list(error_lines(errors.Invalid(422, problem))) == [
+        "/name: expected a text (bad_annotation)"
+    ]
+
+
+def test_a_fault_of_the_server_names_the_request():
+    assert "r1" in list(error_lines(errors.ServerFault(500, PROBLEM)))[-1]

@@ -1,0 +1,153 @@
+"""Options take the words of the library, which is loaded only to work with it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from typing import get_args
+
+import pytest
+from typer.testing import CliRunner
+
+from filter_core.config.filter import FilterConfig
+from filter_core.config.keys import AllowedWords, keys_of
+from filter_core.evaluation.comparison import COMPARED
+from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
+from tests.support.imports import HEAVY
+from unghost.cli.program import app
+from unghost.cli.sources import SegmentationReading, SourceOptions
+from unghost.client.discovery import BadServerUrl
+from unghost.wire.words import Role
+
+
+def run(*words):
+    return CliRunner().invoke(app, words, env={"COLUMNS": "300"})
+
+
+def allowed(key):
+    words = keys_of(FilterConfig)[key].allowed
+    assert isinstance(words, AllowedWords)
+    return words.words
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "words"),
+    [
+        (["filter", "."], "--palette", allowed("palette")),
+        (["convert", "."], "--encoding", allowed("encoding")),
+        (["push", "."], "--channel-order", allowed("channel_order")),
+        (["filter", "."], "--lossy-segmentation", allowed("lossy_segmentation")),
+        (["evaluate", "."], "--channel", COMPARED),
+        (["token", "create", "ada"], "--role", get_args(Role)),
+    ],
+)
+def test_an_option_takes_the_words_of_the_table_that_owns_them(command, option, words):
+    shown = run(*command, "--help")
+    refused = run(*command, option, "nonsense")
+
+    assert "|".join(words) in shown.output
+    assert refused.exit_code == 2
+    assert option in refused.output
+    assert re.findall(r"'(.*?)'", refused.output.partition("is not one of")[2]) == [
+        *words
+    ]
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("filter", LAYOUTS),
+        ("push", LAYOUTS),
+        ("convert", LAYOUTS),
+        ("convert", EXPORT_FORMATS),
+        ("export", EXPORT_FORMATS),
+    ],
+)
+def test_help_lists_every_layout_and_format(command, words):
+    listed = f"{', '.join(words[:-1])} or {words[-1]}."
+
+    # Without white space: lines end anywhere, also inside of a longer name.
+    help_text = run(command, "--help").output
+    assert "".join(listed.split()) in "".join(help_text.split())
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--help",
+        *(f"{name} --help" for name in ("stats", "filter", "push", "export")),
+        *(f"{name} --help" for name in ("convert", "evaluate", "token create")),
+        "export street --format yolo --output a.zip",
+    ],
+)
+def test_a_command_that_measures_nothing_starts_without_the_library(words, tmp_path):
+    program = (
+        "import sys; from typer.testing import CliRunner; "
+        "from unghost.cli.program import app; "
+        f"CliRunner().invoke(app, {words.split()}); print(*sys.modules)"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", program],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        # Nobody answers there.
+        env={"HOME": str(tmp_path), "UNGHOST_SERVER": "http://127.0.0.1:1"},
+    )
+
+    # Typer itself reads arguments with pydantic.
+    assert set(answer.stdout.split()).isdisjoint({*HEAVY} - {"pydantic"})
+
+
+def test_only_what_was_given_is_passed_on():
+    given = SegmentationReading(palette="carla-0.9.14", lossy_segmentation=None)
+
+    assert given.reading == {"palette": "carla-0.9.14"}
+
+
+def test_class_names_are_separated_by_commas():
+    assert SourceOptions(classes="car, traffic light").class_list == (
+        "car",
+        "traffic light",
+    )
+    assert SourceOptions().class_list is None
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stats", "town", "--server", "ftp://a", "--token", "--help"),
+        ("config", "show", "--token", "--help", "--server", "ftp://a", "town"),
+        ("stats", "--server", "ftp://a", "--", "--help"),
+    ],
+)
+def test_help_as_the_value_of_an_option_or_argument_is_that_value(words):
+    result = run(*words)
+
+    assert "Usage:" not in result.output
+    assert isinstance(result.exception, BadServerUrl)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stats", "--help"),
+        ("stats", "town", "--token", "secret", "--help"),
+        ("config", "show", "--help"),
+        ("config", "--help"),
+        ("--help", "stats"),
+    ],
+)
+def test_help_is_shown_to_whoever_asks_for_it(words):
+    result = run(*words)
+
+    assert result.output.startswith("Usage:")
+    assert result.exit_code == 0
+
+
+def test_an_option_that_there_is_not_is_told_also_to_who_asks_for_help():
+    result = run("stats", "--nonsense", "--help")
+
+    assert (result.exit_code, "--nonsense" in result.output) == (2, True)

@@ -1,0 +1,83 @@
+"""A call is described once; the client's methods are what it says."""
+
+from __future__ import annotations
+
+import inspect
+
+import pytest
+
+from tests.support.answers import DATASET
+from tests.support.scripted_server import json_reply
+from unghost import Client, UnexpectedAnswer
+
+METHODS = [name for name in dir(Client) if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_each_method_says_what_it_does_and_what_it_returns(name):
+    method = getattr(Client, name)
+    result = str(inspect.signature(method).return_annotation)
+
+    assert inspect.isfunction(method)
+    assert method.__name__ == name
+    assert inspect.getdoc(method)
+    assert not result.startswith(("Call[", "Listing["))
+
+
+def test_a_description_sends_nothing(scripted, client):
+    client.boxes("town")
+
+    assert scripted.asked == []
+
+
+def test_parameters_are_written_as_the_api_reads_them(scripted, client):
+    scripted.answer(json_reply({"items": []}), json_reply({"items": []}))
+
+    list(client.boxes("town", cursor="here", limit=2))
+    list(client.boxes("town", class_name="car", toss_up=True, reason=None, id=["a", 1]))
+
+    first, asked = scripted.asked
+    assert first.path == "/api/v1/boxes?limit=2&dataset=town&cursor=here"
+    assert asked.path == (
+        "/api/v1/boxes?limit=500&dataset=town&class=car&toss_up=true&id=a&id=1"
+    )
+
+
+def test_a_page_is_asked_for_when_the_one_before_it_was_read(scripted, client):
+    a, b, c = [{**DATASET, "name": name} for name in "abc"]
+    page = {"items": [a, b], "next_cursor": "after b"}
+    scripted.answer(json_reply(page), json_reply({"items": [c]}))
+
+    datasets = client.datasets()
+    first = [next(datasets).name, next(datasets).name]
+    asked = len(scripted.asked)
+
+    assert (first, asked) == (["a", "b"], 1)
+    assert [dataset.name for dataset in datasets] == ["c"]
+    assert scripted.asked[1].path == "/api/v1/datasets?limit=500&cursor=after+b"
+
+
+@pytest.mark.parametrize(
+    ("ask", "answer"),
+    [
+        pytest.param(lambda c: c.version(), {}, id="a key is missing"),
+        pytest.param(lambda c: c.count_boxes("a"), {"total": None}, id="no number"),
+        pytest.param(lambda c: c.select_boxes("a"), {"total": 1}, id="no snapshot"),
+        pytest.param(lambda c: next(c.datasets()), {"items": ["a"]}, id="no object"),
+        pytest.param(
+            lambda c: next(c.audit()),
+            {
+                "items": [
+                    {"id": 1, "actor": "a", "action": "b", "subject": "c"}
+                    | {"created_at": "yesterday"}
+                ]
+            },
+            id="no time",
+        ),
+    ],
+)
+def test_an_answer_that_cannot_be_read_is_unexpected(scripted, client, ask, answer):
+    scripted.answer(json_reply(answer))
+
+    with pytest.raises(UnexpectedAnswer, match=f"the answer of {scripted.url}/"):
+        ask(client)

@@ -1,0 +1,114 @@
+"""A download appears whole or not at all, and goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from datetime import datetime, timezone
+
+import httpx
+import pytest
+
+from tests.support.scripted_server import QUICK, Reply
+from unghost import DamagedDownload, Export
+from unghost.client.call import PATIENCE
+
+CONTENT = bytes(range(256)) * 40
+EXPORT = Export(
+    id=5,
+    dataset="town",
+    format="yolo",
+    options={},
+    state="done",
+    total=9,
+    done=9,
+    sha256=hashlib.sha256(CONTENT).hexdigest(),
+    size_bytes=len(CONTENT),
+    counts=None,
+    error=None,
+    created_by="ada",
+    created_at=datetime(2026, 1, 1, tzinfo=timezone.utc),
+    finished_at=None,
+    download=None,
+)
+
+
+def rest(start: int) -> Reply:
+    span = f"bytes {start}-{len(CONTENT) - 1}/{len(CONTENT)}"
+    return Reply(206, CONTENT[start:], {"Content-Range": span})
+
+
+def test_the_file_is_written_and_nothing_else(scripted, client, tmp_path):
+    scripted.answer(Reply(body=CONTENT))
+    seen = []
+
+    client.download(
+        EXPORT, tmp_path / "out" / "x.zip", progress=lambda *at: seen.append(at)
+    )
+
+    assert (tmp_path / "out" / "x.zip").read_bytes() == CONTENT
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["x.zip"]
+    assert seen[-1] == (len(CONTENT), len(CONTENT))
+    assert scripted.asked[0].path == "/api/v1/exports/5/download"
+
+
+def test_a_connection_that_breaks_is_taken_up_again(scripted, client, tmp_path):
+    scripted.answer(Reply(body=CONTENT, hang_up=5000), rest(5000))
+
+    client.download(EXPORT, tmp_path / "x.zip")
+
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+    assert scripted.asked[1].headers["Range"] == "bytes=5000-"
+
+
+def test_bytes_are_a_new_start_and_silence_is_not(scripted, client, tmp_path):
+    starts = range(0, len(CONTENT), 999)
+    scripted.answer(*[replace(rest(start), hang_up=999) for start in starts])
+    client.download(EXPORT, tmp_path / "x.zip")
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+
+    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * 9)
+    with pytest.raises(httpx.RemoteProtocolError):
+        client.download(EXPORT, tmp_path / "y.zip")
+    assert scripted.replies
+
+
+def test_a_server_that_starts_anew_meanwhile_is_waited_for(scripted, client, tmp_path):
+    away = Reply(503, b"{}", {"Retry-After": "0"})
+    scripted.answer(Reply(body=CONTENT, hang_up=5000), away, away, rest(5000))
+
+    client.download(EXPORT, tmp_path / "x.zip")
+
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+
+
+def test_a_later_download_takes_up_what_is_there(scripted, client, tmp_path):
+    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * PATIENCE * QUICK.attempts)
+    with pytest.raises(httpx.RemoteProtocolError):
+        client.download(EXPORT, tmp_path / "x.zip")
+    (part,) = tmp_path.iterdir()
+    part.write_bytes(CONTENT[:7000])
+
+    scripted.answer(rest(7000))
+    client.download(EXPORT, tmp_path / "x.zip")
+
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+
+
+def test_a_server_that_sends_all_again_is_understood(scripted, client, tmp_path):
+    scripted.answer(Reply(body=CONTENT, hang_up=5000), Reply(body=CONTENT))
+
+    client.download(EXPORT, tmp_path / "x.zip")
+
+    assert (tmp_path / "x.zip").read_bytes() == CONTENT
+
+
+def test_other_bytes_than_promised_never_become_the_file(scripted, client, tmp_path):
+    (tmp_path / "x.zip").write_bytes(b"the one before")
+    scripted.answer(Reply(body=CONTENT[::-1]))
+
+    with pytest.raises(DamagedDownload, match=r"x\.zip: got SHA-256"):
+        client.download(EXPORT, tmp_path / "x.zip")
+
+    assert (tmp_path / "x.zip").read_bytes() == b"the one before"
+    assert len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,225 @@
+"""A token that was found is shown to no other user's program on the server's port."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from unghost import Client, RetryPolicy
+from unghost.client.call import Call, nothing
+from unghost.client.discovery import ForeignServer, find_server
+from unghost.client.duplex import Duplex
+from unghost.client.transport import Transport
+from unghost.wire.note import note_path
+
+OWNER = 1000
+NOBODY = 65534
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux" or os.geteuid() != 0,
+    reason="needs Linux, and root to start programs of other users",
+)
+# Tells its port, then the Authorization header of each request, one a line.
+LISTENER = """
+import http.server, socket, sys
+class Handler(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        print(self.headers.get("Authorization"), flush=True)
+        self.send_response(200)
+        self.send_header("Content-Length", "2")
+        self.end_headers()
+        self.wfile.write(b"{}")
+    def log_message(self, *_):
+        pass
+class Server(http.server.HTTPServer):
+    address_family = getattr(socket, sys.argv[2])
+server = Server((sys.argv[1], int(sys.argv[3])), Handler)
+print(server.server_port, flush=True)
+server.serve_forever()
+"""
+
+
+@dataclass(frozen=True)
+class Listener:
+    process: subprocess.Popen[str]
+    port: int
+
+    def heard(self) -> list[str]:
+        """What it was shown, until now; ends it."""
+        self.process.kill()
+        assert self.process.stdout is not None
+        heard = self.process.stdout.read().split("\n")[:-1]
+        self.process.wait()
+        return heard
+
+
+Listen = Callable[..., Listener]
+
+
+@pytest.fixture
+def listen() -> Iterator[Listen]:
+    """Starts a listener of a user on a free port."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(uid: int, host: str = "127.0.0.1", port: int = 0) -> Listener:
+        family = "AF_INET6" if ":" in host else "AF_INET"
+        process = subprocess.Popen(
+            ["/usr/bin/env", "python3", "-c", LISTENER, host, family, str(port)],
+            user=uid,
+            cwd="/",
+            # The interpreter of the tests may lie where others may not look.
+            env={"PATH": "/usr/local/bin:/usr/bin:/bin"},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        assert process.stdout is not None
+        return Listener(process, int(process.stdout.readline()))
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+@pytest.fixture
+def token_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The token of a server of OWNER; no other is to be found."""
+    for name in ("UNGHOST_TOKEN", "UNGHOST_DATA", "UNGHOST_SERVER", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "data" / "token"
+    file.parent.mkdir()
+    file.write_text("secret\n")
+    os.chown(file, OWNER, OWNER)
+    return file
+
+
+def noted(url: str, token_file: Path) -> None:
+    note = note_path(url, os.environ)
+    note.parent.mkdir(parents=True)
+    note.write_text(json.dumps({"url": url, "token_file": str(token_file), "pid": 1}))
+    os.chown(note, OWNER, OWNER)
+
+
+def connected(url: str, token: str | None = None) -> closing[Transport]:
+    """What a client of this server sends its calls by."""
+    retry = RetryPolicy(attempts=1)
+    return closing(Transport(find_server(url, token), timeout=60, retry=retry))
+
+
+def ask(url: str, token: str | None = None) -> None:
+    with connected(url, token) as transport:
+        transport.send(Call("GET", "/", nothing))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0", "::"])
+def test_a_found_token_is_not_sent_to_another_users_listener(token_file, listen, host):
+    other = listen(NOBODY, host)
+    url = f"http://127.0.0.1:{other.port}"
+    noted(url, token_file)
+
+    with pytest.raises(ForeignServer) as refused:
+        ask(url)
+
+    said = str(refused.value)
+    assert f"user {NOBODY} listens at {url}" in said
+    assert f"{token_file} belongs to user {OWNER}" in said
+    assert "UNGHOST_TOKEN" in said
+    assert other.heard() == []
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_localhost_is_every_address_that_it_may_become(token_file, listen, host):
+    other = listen(NOBODY, host)
+    url = f"http://localhost:{other.port}"
+    noted(url, token_file)
+
+    with pytest.raises(ForeignServer):
+        ask(url)
+
+    assert other.heard() == []
+
+
+@pytest.mark.parametrize("folder", ["chosen by UNGHOST_DATA", "unghost-data"])
+def test_it_does_not_matter_where_the_token_was_found(
+    token_file, listen, monkeypatch, folder
+):
+    token_file.parent.rename(token_file.parent.parent / folder)
+    if folder != "unghost-data":
+        monkeypatch.setenv("UNGHOST_DATA", folder)
+    other = listen(NOBODY)
+
+    with pytest.raises(ForeignServer):
+        ask(f"http://127.0.0.1:{other.port}")
+
+    assert other.heard() == []
+
+
+@pytest.mark.parametrize("uid", [OWNER, 0], ids=["its owner", "root"])
+def test_a_found_token_is_sent_to_a_listener_of(token_file, listen, uid):
+    own = listen(uid)
+    url = f"http://127.0.0.1:{own.port}"
+    noted(url, token_file)
+
+    ask(url)
+
+    assert own.heard() == ["Bearer secret"]
+
+
+def test_a_token_that_was_given_is_sent_as_before(token_file, listen, monkeypatch):
+    other = listen(NOBODY)
+    url = f"http://127.0.0.1:{other.port}"
+    noted(url, token_file)
+
+    ask(url, "given")
+    monkeypatch.setenv("UNGHOST_TOKEN", "of the environment")
+    ask(url)
+
+    assert other.heard() == ["Bearer given", "Bearer of the environment"]
+
+
+def test_where_nobody_listens_the_token_is_found(token_file, listen):
+    gone = listen(NOBODY)
+    gone.heard()
+    url = f"http://127.0.0.1:{gone.port}"
+    noted(url, token_file)
+
+    with Client(url) as client:
+        assert client.token == "secret"
+
+
+def test_a_listener_at_another_address_is_no_matter(token_file, listen):
+    other = listen(NOBODY, "127.0.0.2")
+    url = f"http://127.0.0.1:{other.port}"
+    noted(url, token_file)
+
+    with Client(url) as client:
+        assert client.token == "secret"
+
+
+def test_a_client_that_goes_on_looks_again_when_it_connects(token_file, listen):
+    own = listen(OWNER)
+    url = f"http://127.0.0.1:{own.port}"
+    noted(url, token_file)
+
+    with connected(url) as transport:
+        transport.send(Call("GET", "/", nothing))
+        assert own.heard() == ["Bearer secret"]
+        other = listen(NOBODY, port=own.port)
+        with pytest.raises(ForeignServer):
+            transport.send(Call("GET", "/", nothing))
+        with pytest.raises(ForeignServer):
+            Duplex(transport.endpoint("/")).begin("text/plain", 1)
+
+    assert other.heard() == []

@@ -1,0 +1,129 @@
+"""Calls are repeated when that is safe and may help, and not otherwise."""
+
+from __future__ import annotations
+
+import time
+from datetime import datetime, timezone
+
+import httpx
+import pytest
+
+from tests.support.scripted_server import QUICK, Reply, json_reply, problem
+from unghost import Client, RetryPolicy, Unavailable
+from unghost.client.errors import retry_after_s
+
+RUN = {"id": 1, "dataset": "town", "kind": "decide", "state": "queued", "config": ""}
+RUN |= {"activate": False, "total": 9, "done": 0, "changed": 0, "created_by": "ada"}
+RUN |= {"created_at": "2026-01-01T00:00:00Z"}
+
+
+def test_an_answer_that_is_busy_is_asked_again(scripted, client):
+    scripted.answer(problem(503, "database_busy"), json_reply({"version": "1"}))
+
+    assert client.version().version == "1"
+
+
+def test_a_lost_answer_is_asked_again(scripted, client):
+    lost = Reply(body=b'{"version": "1"}', hang_up=4)
+    scripted.answer(lost, json_reply({"version": "1"}))
+
+    assert client.version().version == "1"
+
+
+def test_retries_are_bounded_and_the_last_answer_is_raised(scripted, client):
+    scripted.answer(*[problem(503, "database_busy")] * QUICK.attempts)
+
+    with pytest.raises(Unavailable, match="it is database_busy"):
+        client.version()
+    assert len(scripted.asked) == QUICK.attempts
+
+
+def test_a_post_is_repeated_under_the_same_idempotency_key(scripted, client):
+    scripted.answer(problem(503, "database_busy"), json_reply(RUN, 202))
+
+    client.start_run("town", {}, activate=False)
+
+    keys = [asked.headers["Idempotency-Key"] for asked in scripted.asked]
+    assert len(keys) == 2
+    assert len(set(keys)) == 1
+
+
+def test_two_posts_have_two_idempotency_keys(scripted, client):
+    scripted.answer(json_reply(RUN, 202), json_reply(RUN, 202))
+
+    client.start_run("town", {})
+    client.start_run("town", {})
+
+    assert len({asked.headers["Idempotency-Key"] for asked in scripted.asked}) == 2
+
+
+def test_a_refusal_is_not_asked_again(scripted, client):
+    scripted.answer(problem(500, "internal"))
+
+    with pytest.raises(Exception, match="it is internal"):
+        client.version()
+    assert len(scripted.asked) == 1
+
+
+def test_the_wait_that_the_server_asks_for_is_kept(scripted):
+    scripted.answer(
+        Reply(503, b"{}", {"Retry-After": "1"}), json_reply({"version": "1"})
+    )
+    started = time.monotonic()
+
+    with Client(scripted.url, retry=RetryPolicy(base_s=0.001)) as client:
+        client.version()
+
+    assert time.monotonic() - started >= 1
+
+
+def test_no_server_is_the_transports_own_error(closed_port):
+    with (
+        Client(f"http://127.0.0.1:{closed_port}", retry=QUICK) as client,
+        pytest.raises(httpx.ConnectError),
+    ):
+        client.version()
+
+
+def test_readiness_is_asked_once(scripted, client):
+    scripted.answer(problem(503, "not_ready"))
+
+    assert client.ready() is False
+    assert len(scripted.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        pytest.param("7", 7.0, id="seconds"),
+        pytest.param("Thu, 01 Jan 2026 00:00:30 GMT", 30.0, id="date"),
+        pytest.param("Wed, 31 Dec 2025 00:00:00 GMT", 0.0, id="date that has passed"),
+        pytest.param("soon", None, id="not readable"),
+        pytest.param(None, None, id="absent"),
+    ],
+)
+def test_retry_after_is_read_in_both_forms(header, seconds):
+    now = datetime(2026, 1, 1, tzinfo=timezone.utc)
+
+    assert retry_after_s(header, now) == seconds
+
+
+def test_delays_grow_are_jittered_and_capped():
+    policy = RetryPolicy(base_s=1.0, longest_s=4.0)
+
+    delays = {attempt: _delays(policy, attempt) for attempt in (1, 3, 9)}
+
+    assert max(delays[1]) <= 1.0 < max(delays[3]) <= 4.0
+    assert max(delays[9]) <= 4.0
+    assert len(set(delays[9])) > 100
+
+
+def test_what_the_server_asks_for_is_the_least_and_is_capped():
+    policy = RetryPolicy(base_s=1.0, longest_s=20.0)
+
+    assert 5.0 <= policy.delay_s(1, 5.0) <= 6.0
+    assert policy.delay_s(1, 3600.0) == 20.0
+
+
+def _delays(policy: RetryPolicy, attempt: int) -> list[float]:
+    return [policy.delay_s(attempt) for _ in range(200)]

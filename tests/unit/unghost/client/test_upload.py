@@ -1,0 +1,237 @@
+"""Many frames travel in batches; each one's fate is known, whatever breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.support.batch_server import BatchServer, Turn
+from tests.support.scripted_server import QUICK
+from unghost import (
+    Client,
+    Conflict,
+    NotSent,
+    OutgoingFrame,
+    Sent,
+    Unauthorized,
+    UnexpectedAnswer,
+)
+
+BOX = {"class": "car", "xyxy": [0, 0, 1, 1]}
+
+
+@pytest.fixture
+def batches() -> Iterator[BatchServer]:
+    server = BatchServer()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def client(batches: BatchServer) -> Iterator[Client]:
+    with Client(batches.url, "secret", retry=QUICK) as client:
+        yield client
+
+
+def outgoing(key: str, **files: bytes) -> OutgoingFrame:
+    return OutgoingFrame(key, {"boxes": [BOX]}, files)
+
+
+def many(count: int) -> list[OutgoingFrame]:
+    return [outgoing(f"{number}") for number in range(count)]
+
+
+def words(outcomes) -> dict[str, str]:
+    return {outcome.key: outcome.word for outcome in outcomes}
+
+
+def test_a_frame_travels_with_its_files(batches, client, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"pixels" * 200_000)
+    files = {"image": tmp_path / "a.png", "depth": b"metres"}
+    frame = OutgoingFrame("a b/ü?#%2F", {"map": "ü", "boxes": [BOX]}, files)
+
+    (outcome,) = client.push("town", [frame], replace=True)
+
+    assert isinstance(outcome, Sent)
+    assert (outcome.word, outcome.counts.rejected) == ("stored", 2)
+    (taken,) = batches.taken
+    assert (taken.key, taken.annotation) == ("a b/ü?#%2F", dict(frame.annotation))
+    assert taken.files == {"image": b"pixels" * 200_000, "depth": b"metres"}
+    path, head = batches.heads[0]
+    assert path == "/api/v1/datasets/town/batches?replace=true"
+    assert head["authorization"] == "Bearer secret"
+
+
+def test_a_frame_with_the_same_content_is_not_sent(batches, client, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"pixels")
+    frame = OutgoingFrame("a", {"boxes": [BOX]}, {"image": tmp_path / "a.png"})
+    batches.known["a"] = frame.digest()
+
+    assert words(client.push("town", [frame])) == {"a": "already_there"}
+    assert batches.taken == []
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        pytest.param(outgoing("a", image=b"j"), id="as many other bytes"),
+        pytest.param(outgoing("a", depth=b"i"), id="another kind of file"),
+        pytest.param(
+            OutgoingFrame("a", {"boxes": [{**BOX, "id": "7"}]}, {"image": b"i"}),
+            id="another box",
+        ),
+    ],
+)
+def test_a_frame_with_other_content_is_sent(batches, client, changed):
+    batches.known["a"] = outgoing("a", image=b"i").digest()
+
+    assert words(client.push("town", [changed])) == {"a": "stored"}
+
+
+def test_a_cut_connection_costs_only_what_was_not_answered(batches, client):
+    batches.turns = [Turn(lines=4), Turn(lines=3), Turn()]
+
+    outcomes = list(client.push("town", many(12)))
+
+    assert words(outcomes) == {frame.key: "stored" for frame in many(12)}
+    assert batches.keys == [frame.key for frame in many(12)]
+
+
+def test_answers_are_a_new_start_and_silence_is_not(batches, client):
+    batches.turns = [Turn(lines=1)] * 9
+    assert len(list(client.push("town", many(9)))) == 9
+
+    batches.turns = [Turn(lines=0)] * 2 * QUICK.attempts
+    with pytest.raises(httpx.TransportError):
+        list(client.push("town", many(9)))
+    assert batches.turns == []
+
+
+def test_a_busy_server_is_asked_again(batches, client):
+    batches.turns = [Turn(refusal=(503, "busy", {"Retry-After": "0"}))]
+
+    assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
+
+
+def test_a_server_without_batches_gets_one_request_per_frame(batches, client):
+    batches.turns = [Turn(refusal=(404, "not_found", {}))] * 2
+
+    outcomes = list(client.push("town", [outgoing("a b"), outgoing("c")]))
+
+    assert words(outcomes) == {"a b": "stored", "c": "stored"}
+    assert batches.put == [
+        "/api/v1/datasets/town/frames/a%20b",
+        "/api/v1/datasets/town/frames/c",
+    ]
+
+
+def test_a_proxy_would_hold_answers_back(batches, client, monkeypatch):
+    monkeypatch.setenv("http_proxy", batches.url)
+    with Client("http://far.example", "secret", retry=QUICK) as far:
+        list(far.push("town", [outgoing("a")]))
+
+    assert batches.put == ["http://far.example/api/v1/datasets/town/frames/a"]
+    assert batches.heads == []
+
+
+def test_what_concerns_every_frame_stops(batches, client):
+    batches.turns = [Turn(refusal=(401, "unauthorised", {}))]
+
+    with pytest.raises(Unauthorized):
+        list(client.push("town", many(3)))
+    assert batches.taken == []
+
+
+def test_a_batch_that_ends_with_a_problem_raises_it(batches, client):
+    batches.turns = [Turn(end={"problem": {"status": 409, "code": "odd"}})]
+
+    with pytest.raises(Conflict):
+        list(client.push("town", many(1)))
+
+
+@pytest.mark.parametrize("decisions", [None, {}, "many"])
+def test_a_line_that_cannot_be_read_is_no_answer_of_the_service(
+    batches, client, decisions
+):
+    batches.turns = [Turn(decisions=decisions)]
+
+    with pytest.raises(UnexpectedAnswer, match="has a line that cannot be read"):
+        list(client.push("town", many(1)))
+
+
+def test_what_concerns_one_frame_does_not_stop_the_others(batches, client, tmp_path):
+    missing = OutgoingFrame("b", {"boxes": []}, {"image": tmp_path / "b.png"})
+    folder = OutgoingFrame("d", {"boxes": []}, {"image": tmp_path})
+    unreadable = NotSent("e", ValueError("line 3"))
+
+    outcomes = client.push(
+        "town",
+        [outgoing("a"), missing, outgoing("\udcff"), outgoing("c"), folder, unreadable],
+    )
+
+    assert words(outcomes) == {
+        "a": "stored",
+        "b": "refused",
+        "\udcff": "refused",
+        "c": "stored",
+        "d": "refused",
+        "e": "refused",
+    }
+
+
+def test_a_file_that_shrinks_under_way_costs_its_frame_alone(batches, client, tmp_path):
+    image = tmp_path / "a.png"
+    image.write_bytes(b"pixels")
+
+    def frames() -> Iterator[OutgoingFrame]:
+        yield from many(240)
+        yield OutgoingFrame("a", {"boxes": []}, {"image": image})
+        yield from (outgoing(f"after {number}") for number in range(9))
+        # 250 frames were looked at; the last fifty wait for their batch to be full.
+        image.write_bytes(b"pix")
+        yield outgoing("last")
+
+    outcomes = words(client.push("town", frames()))
+
+    assert outcomes.pop("a") == "refused"
+    assert set(outcomes.values()) == {"stored"}
+    # The others of its batch were sent again, so some of them twice.
+    assert set(batches.keys) == set(outcomes)
+
+
+def test_frames_are_taken_no_faster_than_they_are_sent(batches, client):
+    taken = 0
+
+    def frames() -> Iterator[OutgoingFrame]:
+        nonlocal taken
+        for frame in many(20_000):
+            taken += 1
+            yield frame
+
+    sending = client.push("town", frames(), connections=1)
+    next(sending)
+    after_one = taken
+    sending.close()
+
+    assert after_one <= 1000
+    assert len(batches.taken) < 2000
+
+
+def test_nothing_is_asked_for_more_keys_than_a_request_may_have(batches, client):
+    list(client.push("town", many(600)))
+
+    assert sum(map(len, batches.asked_about)) == 600
+    assert max(map(len, batches.asked_about)) <= 1000
+
+
+def test_a_server_may_start_anew_while_it_is_asked_what_it_has(batches, client):
+    batches.unheard = 2 * QUICK.attempts - 1
+
+    assert words(client.push("town", many(2))) == {"0": "stored", "1": "stored"}
+
+
+def test_a_file_that_no_frame_has_is_a_mistake_of_the_caller(client):
+    with pytest.raises(TypeError, match="'seg' is not a file of a frame"):
+        client.put_frame("town", "a", {"boxes": []}, seg=b"")

@@ -1,0 +1,81 @@
+"""What waiting for a server's work says when the server goes away."""
+
+from __future__ import annotations
+
+import json
+from contextlib import contextmanager
+
+import httpx
+import pytest
+
+from tests.support.scripted_server import QUICK, Reply, json_reply, problem
+from unghost import Client, Export, Run
+from unghost.cli.export import wait_for_export
+from unghost.cli.runs import wait_for_run
+from unghost.cli.screen import Screen
+from unghost.client.call import PATIENCE
+
+JOB = {"dataset": "town", "total": 9, "created_at": "2026-01-01T00:00:00Z"}
+EXPORT = {**JOB, "id": 4, "state": "done", "done": 9, "format": "yolo", "options": {}}
+RUN = {**JOB, "id": 21, "state": "running", "done": 3, "kind": "decide"}
+RUN |= {"config": "", "activate": False, "changed": 0, "created_by": "ada"}
+
+
+class Impatient(Screen):
+    """Of somebody who presses Ctrl-C when the first progress is shown."""
+
+    @contextmanager
+    def progress(self, *_):
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        yield interrupt
+
+
+def test_a_run_whose_server_is_away_goes_on_and_can_be_followed(closed_port, capsys):
+    address = f"http://127.0.0.1:{closed_port}"
+
+    with (
+        Client(address, "secret", retry=QUICK) as client,
+        pytest.raises(httpx.ConnectError),
+    ):
+        wait_for_run(client, Run.read(RUN), Screen())
+
+    said = capsys.readouterr().err
+    assert "run 21 goes on with the server: `unghost wait 21` follows it" in said
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (json_reply({**EXPORT, "state": "cancelled"}), "was cancelled; the same"),
+        (problem(409, "export_over"), "was over already, and the same"),
+        (problem(403, "forbidden"), "goes on at the server, and the same"),
+    ],
+)
+def test_an_interrupted_export_is_ended_and_says_so(scripted, client, answer, words):
+    told = json.dumps({**EXPORT, "state": "running"})
+    events = f"event: progress\nid: 1\ndata: {told}\n\n"
+    scripted.answer(Reply(body=events.encode()), answer)
+
+    with pytest.raises(KeyboardInterrupt, match=f"export 4 {words} command makes it"):
+        wait_for_export(client, Export.read(EXPORT), Impatient())
+
+    assert scripted.asked[-1].path == "/api/v1/exports/4/cancel"
+
+
+def test_who_waits_outlasts_a_server_that_is_started_anew(scripted, client):
+    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
+    done = {**RUN, "state": "done", "done": 9}
+    scripted.answer(json_reply(RUN), *silence, json_reply(done))
+
+    run = client.wait(21, timeout_s=60)
+
+    assert (run.state, scripted.replies) == ("done", [])
+
+
+def test_who_waits_for_an_export_outlasts_it_too(scripted, client):
+    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK.attempts - 1)
+    scripted.answer(*silence, json_reply(EXPORT))
+
+    assert client.wait_for_export(4, timeout_s=60).state == "done"

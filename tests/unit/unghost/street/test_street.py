@@ -1,0 +1,238 @@
+"""The rendered frames: consistent with each other and with the truth they come with."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from io import BytesIO
+
+import numpy as np
+import pytest
+
+from filter_core.geometry.camera import Camera
+from filter_core.pipeline import filter_frame
+from filter_core.segmentation.palettes import palette_of
+from tests.support.decoded_frame import DecodedFrame
+from tests.support.geometry_oracle import box3d_vertices
+from unghost.street.sensors import GHOST_KINDS
+from unghost.street.street import StreetScene
+from unghost.street.towns import STYLES, build_town
+
+# A dozen rendered frames take a minute or two; tests/packaging tries the demo itself.
+pytestmark = pytest.mark.long
+
+TRAFFIC_CLASSES = {
+    "car", "truck", "van", "bus", "motorcycle", "bicycle", "walker", "traffic_light",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def raw_frame():
+    """The drive's first frame from another scene, its segmentation as raw tags."""
+    return StreetScene(0, raw=True).render_frame(0)
+
+
+def test_same_seed_gives_the_same_bytes(drive, raw_frame):
+    first, again = vars(drive[0].frame), vars(raw_frame)
+
+    differing = [name for name in first if first[name] != again[name]]
+
+    assert differing == ["segmentation_png"]
+
+
+def test_raw_segmentation_has_the_tags_in_red(drive, raw_frame):
+    raw = DecodedFrame(raw_frame).segmentation
+
+    assert np.array_equal(raw[..., 0], drive[0].instances[0])
+    assert not raw[..., 1:].any()
+
+
+def test_another_seed_gives_another_street(drive):
+    other = StreetScene(1).render_frame(0)
+
+    assert other.image_png != drive[0].frame.image_png
+    assert other.annotation["boxes"] != drive[0].frame.annotation["boxes"]
+
+
+def test_towns_take_turns(drive):
+    keys = [decoded.frame.key for decoded in drive[:4]]
+
+    assert keys == ["town-a/000000", "town-b/000000", "town-c/000000", "town-a/000001"]
+
+
+def test_every_image_is_as_large_as_the_camera_says(drive):
+    for decoded in drive:
+        camera = decoded.frame.annotation["camera"]
+        assert decoded.image.shape == (camera["height"], camera["width"], 3)
+        assert decoded.segmentation.shape == decoded.image.shape
+
+
+def test_segmentation_and_instances_carry_the_same_tags(drive):
+    palette = palette_of("carla-0.9.14")
+    for decoded in drive:
+        tags, _ = decoded.instances
+        assert np.array_equal(palette.decode(decoded.segmentation), tags)
+
+
+def test_depth_is_finite_and_the_sky_is_a_kilometre_away(drive):
+    sky = palette_of("carla-0.9.14").tag_of("Sky")
+    for decoded in drive:
+        is_sky = decoded.instances[0] == sky
+        assert np.all(decoded.depth[is_sky] == pytest.approx(1000.0, abs=1e-4))
+        assert decoded.depth[~is_sky].min() >= 0.1
+        assert decoded.depth[~is_sky].max() < 1000.0
+
+
+def test_truth_is_what_a_recount_of_the_instance_image_gives(drive):
+    for decoded in drive:
+        recount = [len(decoded.own_pixels(line)[0]) for line in decoded.frame.truth]
+        assert recount == [line["visible_pixels"] for line in decoded.frame.truth]
+
+
+def test_boxes_name_their_instances(drive):
+    for decoded in drive:
+        named = [box["instance_id"] for box in decoded.frame.annotation["boxes"]]
+        assert named == [line["instance"] for line in decoded.frame.truth]
+
+
+def test_fewer_actors_leave_the_houses_and_many_of_the_boxes_away():
+    full, thin = (build_town(STYLES[1], 0, share) for share in (1.0, 0.2))
+
+    boxes = [sum(thing.has_box for thing in town.things) for town in (full, thin)]
+    scenery = [
+        [thing.instance for thing in town.things if not thing.has_box]
+        for town in (full, thin)
+    ]
+
+    assert 0.1 < boxes[1] / boxes[0] < 0.3
+    assert scenery[0] == scenery[1]
+
+
+def test_truth_has_one_line_per_box_and_a_kind_for_each_ghost(drive):
+    for decoded in drive:
+        truth = decoded.frame.truth
+        assert [line["id"] for line in truth] == [
+            box["id"] for box in decoded.frame.annotation["boxes"]
+        ]
+        for line in truth:
+            assert line["visible"] == (line["visible_pixels"] > 0)
+            assert (line["ghost"] is None) == line["visible"]
+
+
+def test_every_kind_of_ghost_occurs(drive):
+    kinds = {line["ghost"] for decoded in drive for line in decoded.frame.truth}
+
+    assert kinds == {None, *GHOST_KINDS}
+
+
+def test_every_class_occurs_seen_and_unseen(drive):
+    seen: set[str] = set()
+    unseen: set[str] = set()
+    for decoded in drive:
+        for line in decoded.frame.truth:
+            (seen if line["visible"] else unseen).add(line["class"])
+
+    assert seen == TRAFFIC_CLASSES
+    assert unseen == TRAFFIC_CLASSES
+
+
+def test_boxes_come_in_3d_and_in_every_fourth_frame_of_a_town_as_naive_rectangles(
+    drive,
+):
+    forms = {
+        decoded.frame.key: {
+            "xyxy" if "xyxy" in box else "box3d"
+            for box in decoded.frame.annotation["boxes"]
+        }
+        for decoded in drive
+    }
+
+    assert forms["town-a/000000"] == {"box3d"}
+    assert forms["town-a/000003"] == {"xyxy"}
+
+
+def test_tight_visible_boxes_are_filled_as_in_real_recordings(drive):
+    fill: dict[str, list[float]] = defaultdict(list)
+    for decoded in drive:
+        for line, box in zip(decoded.frame.truth, decoded.geometry.xyxy, strict=True):
+            own = decoded.own_pixels(line)
+            if len(own[0]) > 150 and not np.isnan(box).any():
+                share = _fill_if_unhidden(
+                    own, box, whole=line["class"] == "traffic_light"
+                )
+                fill[line["class"]] += share
+    medians = {name: float(np.median(shares)) for name, shares in fill.items()}
+
+    assert 0.65 < medians["car"] < 0.85
+    assert 0.40 < medians["walker"] < 0.70
+    assert 0.02 < medians["traffic_light"] < 0.14
+
+
+def _fill_if_unhidden(own, box, *, whole):
+    """The filled share of the tight rectangle, or of the `whole` box.
+
+    Only of things whose pixels reach almost all sides of their box; the upright of a
+    traffic light does not count, so that its tags end above the ground.
+    """
+    rows, columns = own
+    tight = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+    size = np.tile(box[2:] - box[:2], 2)
+    gaps = np.abs(tight - box) / size
+    if gaps[:3].max() > 0.22 or gaps[3] > (0.4 if whole else 0.12):
+        return []
+    width, height = size[:2] if whole else tight[2:] - tight[:2]
+    return [len(rows) / (width * height)]
+
+
+def test_pixels_of_a_thing_lie_inside_its_3d_box(drive):
+    for decoded in drive:
+        camera = Camera.from_fov(
+            1280, 720, 90, decoded.frame.annotation["camera"]["transform"]
+        )
+        for line, box in zip(
+            decoded.frame.truth, decoded.frame.annotation["boxes"], strict=True
+        ):
+            if "box3d" in box and line["visible"]:
+                own = decoded.pixels_of(line["instance"])
+                assert _outside_m(decoded, camera, own, box["box3d"]) < 0.05, line
+
+
+def _outside_m(decoded, camera, own, box3d):
+    """How far the farthest of some pixels lies outside a box, metres."""
+    row, column = own
+    depth = decoded.depth[row, column]
+    right = (column + 0.5 - 640) / 640 * depth
+    up = (360 - row - 0.5) / 640 * depth
+    local = np.stack([depth, right, up, np.ones_like(depth)], axis=1)
+    world = (local @ np.linalg.inv(camera.world_to_camera).T)[:, :3]
+    corners = box3d_vertices(**box3d)
+    worst = 0.0
+    for end in (1, 2, 4):
+        axis = corners[end] - corners[0]
+        length = np.linalg.norm(axis)
+        along = (world - corners[0]) @ (axis / length)
+        worst = max(worst, -along.min(), along.max() - length)
+    return worst
+
+
+def test_lidar_points_name_the_actors_whose_pixels_they_hit(drive):
+    for decoded in drive[:3]:
+        points = np.load(BytesIO(decoded.frame.lidar_npy))
+        visible = {int(line["id"]) for line in decoded.frame.truth if line["visible"]}
+        boxed = {int(line["id"]) for line in decoded.frame.truth}
+
+        assert len(points) > 5_000
+        assert set(points["ObjIdx"].tolist()) & boxed <= visible
+        assert np.all((points["CosAngle"] >= 0) & (points["CosAngle"] <= 1.001))
+
+
+def test_the_filter_reads_the_frames_and_finds_most_ghosts(drive):
+    found, ghosts = 0, 0
+    for decoded in drive[:3]:
+        frame = decoded.frame
+        decisions = filter_frame(frame.annotation, frame.segmentation_png).decisions
+        for decision, line in zip(decisions, frame.truth, strict=True):
+            if not line["visible"]:
+                ghosts += 1
+                found += decision["verdict"] == "rejected"
+
+    assert found / ghosts > 0.6

@@ -1,0 +1,117 @@
+"""Results are read from JSON that an older or newer server wrote."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import pytest
+from pydantic import ValidationError
+
+from tests.support.answers import COUNTS, DATASET
+from unghost import Dataset, Decision, Frame, HistoryEntry
+from unghost.wire import MissingKey
+
+DECISION = {
+    "id": "217",
+    "box_id": 7,
+    "frame": "a",
+    "frame_id": 1,
+    "class": "car",
+    "config": "c0ffee",
+    "run": 1,
+    "effective_verdict": "kept",
+    "verdict": "rejected",
+    "reason": "below_threshold",
+    "hidden_by": [{"tag": 9, "name": "Vegetation", "percent": 71.0}],
+    "review": {"verdict": "keep", "revision": 2, "reviewer": "ada", "comment": None},
+    "edges": None,
+}
+FRAME = {
+    "id": 1,
+    "key": "a",
+    "dataset": "town",
+    "created_at": "2026-01-01T00:00:00Z",
+    "counts": COUNTS,
+}
+FILE = {"url": "/x", "sha256": "ab", "media_type": "image/png", "size_bytes": 9}
+
+
+def test_nested_objects_become_typed_values():
+    decision = Decision.read(DECISION)
+
+    assert decision.class_name == "car"
+    assert decision.hidden_by[0].name == "Vegetation"
+    assert decision.review is not None
+    assert decision.review.revision == 2
+    assert decision.edges is None
+
+
+def test_mappings_of_objects_become_mappings_of_typed_values():
+    frame = Frame.read({**FRAME, "files": {"image": FILE}})
+
+    assert frame.files["image"].sha256 == "ab"
+
+
+def test_unknown_keys_are_no_error_and_are_kept_in_raw():
+    dataset = Dataset.read({**DATASET, "colour_of_the_sky": "blue"})
+
+    assert dataset.name == "town"
+    assert dataset.raw["colour_of_the_sky"] == "blue"
+
+
+def test_null_means_the_default():
+    decision = Decision.read({**DECISION, "hidden_by": None, "revision": None})
+
+    assert decision.hidden_by == ()
+    assert decision.revision == 0
+
+
+def test_a_key_that_must_be_there_is_named():
+    with pytest.raises(MissingKey, match="Dataset lacks 'name'"):
+        Dataset.read({})
+
+
+def test_times_are_aware():
+    dataset = Dataset.read(DATASET)
+
+    assert dataset.created_at == datetime(2026, 1, 1, tzinfo=timezone.utc)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("2026-01-01T00:00:00Z", 0),
+        ("2026-01-01t00:00:00z", 0),
+        ("2026-01-01T00:00:00.5Z", 0.5),
+        ("2026-01-01T02:00:00.123456789+02:00", 0.123456),
+    ],
+)
+def test_a_frame_was_captured_when_its_sender_says(text, seconds):
+    frame = Frame.read({**FRAME, "captured_at": text})
+
+    midnight = datetime(2026, 1, 1, tzinfo=timezone.utc)
+    assert frame.captured_at == midnight + timedelta(seconds=seconds)
+    assert frame.captured_text == text
+
+
+@pytest.mark.parametrize("text", [None, "2026-W01-4T00:00Z", "long ago"])
+def test_a_frame_is_read_whatever_its_sender_says(text):
+    frame = Frame.read({**FRAME, "captured_at": text})
+
+    assert (frame.captured_at, frame.captured_text) == (None, text)
+
+
+def test_results_are_frozen_and_equal_by_value():
+    first, second = Decision.read(DECISION), Decision.read({**DECISION, "new": 1})
+
+    assert first == second
+    with pytest.raises(ValidationError, match="frozen"):
+        del first.verdict
+
+
+def test_a_decision_whose_numbers_are_gone_has_a_place_in_a_history():
+    raw = {"kind": "decision", "at": "2026-01-01T00:00:00Z", "run": 3, "verdict": None}
+
+    entry = HistoryEntry.read(raw)
+
+    assert (entry.run, entry.verdict) == (3, None)
