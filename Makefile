@@ -70,8 +70,7 @@ unit: $(DEVELOPMENT) ## The quick tests: no server, no browser
 test-long: $(DEVELOPMENT) ## Kill, fuzz and compare with a model for hours; docs/reliability.md has the figures
 	$(PYTEST) -m long $(ARGS)
 	PROPERTY_EXAMPLES=100 $(LONG) tests/property $(ARGS)
-	FAILPOINTS=all GARBAGE_ROUNDS=100 $(LONG) tests/api/durability $(ARGS)
-	KILL_ROUNDS=50 $(LONG) tests/api/test_kills.py tests/api/test_push_kills.py tests/api/test_shutdown.py $(ARGS)
+	FAILPOINTS=all GARBAGE_ROUNDS=100 KILL_ROUNDS=50 $(LONG) tests/durability $(ARGS)
 	KILL_ROUNDS=200 $(LONG) tests/hostile/test_kill_oracle.py $(ARGS)
 	MACHINE_RUNS=500 $(LONG) tests/hostile/test_state_machine.py $(ARGS)
 	OPENAPI_EXAMPLES=100 $(LONG) tests/hostile/test_openapi.py $(ARGS)
