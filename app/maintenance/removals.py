@@ -115,7 +115,14 @@ log = logging.getLogger(__name__)
 def remove_deleted(
     database: Database, reserve: Reserve, stop: Callable[[], bool]
 ) -> None:
-    """Take away all rows of datasets that were deleted, until told to stop."""
+    """Take away all rows of datasets that were deleted, until told to stop.
+
+    On a full disk SQLite's log is written to its place before and after each portion,
+    so that it needs no more room. A reader can prevent that; the log then fills the
+    disk, and the portion fails. The next call tries to fold the log first.
+    """
+    if not reserve.path.exists():
+        database.fold_log()
     with database.read() as session:
         waiting = RemovalRepository(session).waiting()
     for dataset_id in waiting:

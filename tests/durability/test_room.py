@@ -6,11 +6,13 @@ import json
 from contextlib import contextmanager, suppress
 
 import pytest
+from sqlalchemy import text
 
 from app.storage.room import RESERVE
 from benchmarks.million import Wanted, make
 from tests.support.archives import frame, packed
 from tests.support.data_folders import blobs, count, served
+from tests.support.databases import database_of
 from tests.support.mounts import small_disk
 from tests.support.services import running_services
 from tests.support.waiting import until
@@ -20,6 +22,7 @@ pytestmark = pytest.mark.sqlite_files("its database shares the small disk")
 DISK_MIB, MIN_FREE_MIB = 128, 16
 NAME = "large"
 MIB = 1024**2
+WAITS = "deleted datasets are not removed yet"
 SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
 
@@ -92,6 +95,17 @@ def test_on_a_full_disk_datasets_are_deleted_and_garbage_is_collected(data, ungh
     assert collected.code == 0, collected.err
     assert json.loads(collected.out)["files"] == 2
     assert left == []
+
+
+def test_deleting_on_a_full_disk_goes_on_once_no_reader_holds_the_log(data):
+    with served(data, **SETTINGS) as (server, api):
+        until((data / RESERVE).exists)
+        with filled(data, 0):
+            with database_of(data) as reader:
+                reader.execute(text("SELECT 1 FROM datasets"))
+                api.remove(NAME)
+                until(lambda: WAITS in server.log.read_text("utf-8"))
+            until(lambda: count(data, "datasets") == 0)
 
 
 def test_the_reserve_is_kept_from_who_deletes_nothing_or_needs_no_room(data):
